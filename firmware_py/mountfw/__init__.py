@@ -1,0 +1,6 @@
+"""mountfw: the firmware of a motorised mirror mount, for MicroPython boards.
+
+Read app.py first: it is the loop. docs/architecture.md tells who may import whom.
+"""
+
+__version__ = "0.1.0"
