@@ -1,0 +1,357 @@
+"""One axis: timed pulses, runs, frames and their bounds. Imports bridge, endstop, errors, ticks.
+
+A move is started by steps(), run() or frame() and carried on by service(), which never waits.
+Every accepted move ends exactly once, through _finish(), with one of the reasons of errors.py.
+All driving goes through _drive(), which alone knows the switches and the stops that are about
+to be parsed. Times are microseconds of a clock that wraps (ticks.py); positions are millisteps.
+
+The clock is asked right beside the pin writes, so that an on-time is what the pin had.
+"""
+
+from mountfw import errors
+from mountfw.ticks import add, diff
+
+_IDLE = 0
+_PULSE = 1  # driving, one step
+_REST = 2  # between two steps
+_RUN = 3  # driving until told otherwise
+
+NEVER_US = 1 << 29  # "no deadline"
+
+MAX_STEPS = 1_000_000  # of position either way; millisteps then still fit a small integer
+_FINISH_PULSE_US = 250_000  # a soft stop lets a pulse end that has less than this to go
+_REST_US = 1_000  # least rest after a pulse
+
+
+class Axis:
+    """Axis number (1 or 2) on a bridge, with its two EndStops named for the electrical direction.
+
+    ticks_us is the clock. error_queue takes this axis's errors.
+    """
+
+    def __init__(self, number, bridge, positive_stop, negative_stop, error_queue, ticks_us):
+        self.number = number
+        self.bridge = bridge
+        self.positive_stop = positive_stop
+        self.negative_stop = negative_stop
+        self._errors = error_queue
+        self._ticks_us = ticks_us
+
+        # settings; the names stand in controller.py's table of parameters
+        self.pulse_us = 200_000
+        self.step_duty = 255
+        self.run_duty = 255
+        self.velocity = 200  # hundredths of a step per second
+        self.inverted = 0
+        self.run_limit_ms = 10_000
+        self.move_limit_ms = 120_000
+        self.checking = 0  # bit 0: end-stops ignored
+
+        # where it is
+        self.position = 0  # millisteps, whole pulses and what runs have added
+        self.certainty = errors.UNKNOWN
+        self.target = 0  # steps
+        self.defined = 0  # steps: what the last define() said
+        self.last_relative = 0  # steps
+
+        # how the last move ended
+        self.reason = errors.NONE_YET
+        self.ended_steps = 0
+        self.ended_on_us = 0
+
+        # the move under way
+        self.held = False  # a stop was received but not yet parsed: nothing may start
+        self._state = _IDLE
+        self._direction = 0
+        self._duty = 0
+        self._steps_left = 0
+        self._steps_done = 0
+        self._on_us = 0
+        self._stopping = False
+        self._period_us = 0
+        self._limit_us = 0
+        self._on_at = 0  # when the pulse began
+        self._counted_at = 0  # up to when a run is counted
+        self._part = 0  # of a step, microseconds times duty
+        self._resting = False  # after a move's last pulse, until _next_at
+        self._next_at = 0
+
+    # ---- what it is doing
+
+    def moving(self):
+        """True from a move's acceptance to its last pulse's end."""
+        return self._state != _IDLE
+
+    def driving(self):
+        """True while the motor has drive."""
+        return self._state == _PULSE or self._state == _RUN
+
+    def direction(self):
+        """-1, 0 or 1: where the move under way goes."""
+        return self._direction if self._state != _IDLE else 0
+
+    def position_now(self):
+        """Millisteps, with the part of a step that a run has covered so far."""
+        if self._state == _RUN:
+            return self.position + self._direction * self._part_millisteps()
+        return self.position
+
+    def limits(self):
+        """Bit 0: positive end-stop active, bit 1: negative, bit 2: home. Switches not fitted say 0."""
+        bits = (1 if self.positive_stop.active() else 0) | (2 if self.negative_stop.active() else 0)
+        if self.inverted:  # the switches stay with the electrical direction; their names swap
+            bits = (bits & 1) << 1 | bits >> 1
+        return bits
+
+    # ---- starting
+
+    def steps(self, n):
+        """Move by n steps: n pulses, each with its rest. False if refused (an error says why)."""
+        if self._refused_moving():
+            return False
+        target = self.whole_steps() + n
+        if not -MAX_STEPS <= target <= MAX_STEPS or abs(n) > self.move_limit_ms * 1000 // self.pulse_us:
+            self.error(errors.AXIS_OUT_OF_RANGE)
+            return False
+        self.last_relative = n
+        self.target = target
+        self._steps_left = abs(n)
+        self._begin(n, self.step_duty)
+        self._period_us = max(100_000_000 // self.velocity, self.pulse_us + _REST_US)
+        if n == 0:
+            self._finish(errors.DONE)
+        elif self._resting:
+            self._state = _REST
+        else:
+            self._pulse()
+        return True
+
+    def to(self, steps):
+        """Move to a position, by the nearest whole number of pulses. False if refused."""
+        if not -MAX_STEPS <= steps <= MAX_STEPS:
+            self.error(errors.AXIS_OUT_OF_RANGE)
+            return False
+        part = self.position % 1000
+        n = steps - self.position // 1000
+        if part > 500 or (part == 500 and n <= 0):  # halves go away from zero
+            n -= 1
+        if not self.steps(n):
+            return False
+        self.target = steps
+        return True
+
+    def run(self, direction):
+        """Run in direction 1 or -1 until stopped, at most run_limit_ms. False if refused."""
+        if self._refused_moving():
+            return False
+        self._begin(direction, self.run_duty)
+        self._run(False)
+        return True
+
+    def frame(self, speed):
+        """Obey a frame: drive at speed, -255 ... 255; 0 is off. Takes over from any move."""
+        if speed == 0:
+            self.end(errors.SUPERSEDED)
+            return
+        same_way = self.driving() and (speed > 0) == (self._direction > 0)
+        if self._state != _IDLE:
+            self._close(errors.SUPERSEDED)  # the drive stays on, the new one may go the same way
+        self._begin(speed, abs(speed))
+        self._run(same_way)
+
+    # ---- ending
+
+    def end(self, reason):
+        """End the move now, if there is one."""
+        if self._state != _IDLE:
+            self._finish(reason)
+
+    def stop_soon(self):
+        """End the move; a pulse that is nearly over is finished first."""
+        if self._state == _PULSE:
+            left_us = self.pulse_us - diff(self._ticks_us(), self._on_at)
+            if left_us < _FINISH_PULSE_US:
+                self._stopping = True
+                return
+        self.end(errors.STOPPED)
+
+    # ---- carrying on
+
+    def service(self, now_us):
+        """Do what is due. Returns the microseconds to the next deadline, or NEVER_US."""
+        state = self._state
+        if state == _PULSE:
+            left_us = self.pulse_us - diff(now_us, self._on_at)
+            if left_us <= 0:
+                return self._pulse_over()
+            return NEVER_US if self._at_stop() else left_us
+        if state == _RUN:
+            self._count(now_us)
+            left_us = self._limit_us - self._on_us
+            out = not -MAX_STEPS * 1000 < self.position < MAX_STEPS * 1000
+            if out or left_us <= 0:
+                self._finish(errors.RUN_LIMIT)
+                self.error(errors.AXIS_OUT_OF_RANGE if out else errors.AXIS_RUN_LIMIT)
+                return NEVER_US
+            return NEVER_US if self._at_stop() else left_us
+        if state == _REST:
+            left_us = diff(self._next_at, now_us)
+            if left_us <= 0:
+                self._pulse()
+                return self.pulse_us
+            return left_us
+        if self._resting:
+            left_us = diff(self._next_at, now_us)
+            self._resting = left_us > 0
+        return NEVER_US
+
+    # ---- settings that need more than storing
+
+    def define(self, steps):
+        """Call the present position `steps`."""
+        self.position = steps * 1000
+        self.target = steps
+        self.defined = steps
+        self.certainty = errors.COUNTED
+
+    def step_changed(self):
+        """A step is no longer what was counted: a position other than 0 becomes an estimate."""
+        if self.position:
+            self._estimate()
+
+    def invert(self, inverted):
+        """Swap the axis's direction (0 or 1). The spot has not moved: the position changes sign."""
+        if inverted != self.inverted:
+            self.inverted = inverted
+            self.position = -self.position
+            self.target = -self.target
+
+    def whole_steps(self):
+        """The position rounded to steps, halves away from zero."""
+        p = self.position_now()
+        return (p + 500) // 1000 if p >= 0 else -((500 - p) // 1000)
+
+    def error(self, number):
+        """Queue error `number` of this axis."""
+        self._errors.push(self.number * 100 + number)
+
+    # ---- inside
+
+    def _refused_moving(self):
+        if self._state == _IDLE:
+            return False
+        self.error(errors.AXIS_MOVING)
+        return True
+
+    def _begin(self, direction, duty):
+        """A move is accepted: from here on it must reach _finish() or _close()."""
+        self._direction = 1 if direction > 0 else -1
+        self._duty = duty
+        self._steps_done = 0
+        self._on_us = 0
+        self._part = 0
+        self._stopping = False
+
+    def _drive(self):
+        """The one setter. False, with the move ended, if it must not drive."""
+        if self.held:
+            self._finish(errors.ABORTED)
+            return False
+        if self._at_stop():
+            return False
+        self.bridge.drive(-self._direction * self._duty if self.inverted else self._direction * self._duty)
+        return True
+
+    def _at_stop(self):
+        """True, with the move ended and its error queued, if a switch forbids this direction."""
+        positive = self.positive_stop
+        negative = self.negative_stop
+        if self.checking & 1 or not (positive.fitted or negative.fitted):
+            return False
+        forward = (self._direction > 0) != bool(self.inverted)
+        ahead = positive if forward else negative
+        if not ahead.active():
+            return False
+        behind = negative if forward else positive
+        both = behind.active()
+        self._finish(errors.FAULT if both else errors.END_STOP)
+        if both:
+            self.error(errors.AXIS_BOTH_STOPS)
+        else:
+            self.error(errors.AXIS_POSITIVE_STOP if self._direction > 0 else errors.AXIS_NEGATIVE_STOP)
+        return True
+
+    def _pulse(self):
+        self._resting = False
+        if self._drive():
+            self._on_at = self._ticks_us()
+            self._state = _PULSE
+
+    def _pulse_over(self):
+        self.bridge.off()
+        on_us = diff(self._ticks_us(), self._on_at)
+        self._on_us += on_us
+        self._steps_done += 1
+        self._steps_left -= 1
+        self.position += self._direction * 1000
+        self._next_at = add(self._on_at, self._period_us)
+        self._resting = True
+        self._state = _REST
+        if self._steps_left == 0:
+            self._finish(errors.DONE)
+        elif self._stopping:
+            self._finish(errors.STOPPED)
+        else:
+            return diff(self._next_at, self._ticks_us())
+        return NEVER_US
+
+    def _run(self, same_way):
+        self._resting = False
+        self._limit_us = self.run_limit_ms * 1000
+        if self._drive():
+            if not same_way:
+                self._counted_at = self._ticks_us()
+            self._state = _RUN
+
+    def _count(self, now_us):
+        """Add what a run has driven up to now_us, as steps: on-time / pulse_us x duty / step_duty."""
+        d = diff(now_us, self._counted_at)
+        self._counted_at = now_us
+        self._on_us += d
+        part = self._part + d * self._duty
+        step = self.pulse_us * self.step_duty
+        whole = part // step
+        self._part = part - whole * step
+        self._steps_done += whole
+        self.position += self._direction * whole * 1000
+        self._estimate()
+
+    def _part_millisteps(self):
+        step = self.pulse_us * self.step_duty
+        if step < 1_000_000:
+            return self._part * 1000 // step
+        return self._part // (step // 1000)  # the product would not fit a small integer
+
+    def _estimate(self):
+        if self.certainty != errors.UNKNOWN:
+            self.certainty = errors.ESTIMATED
+
+    def _finish(self, reason):
+        """Off, and the move is over."""
+        self.bridge.off()
+        self._close(reason)
+
+    def _close(self, reason):
+        """The move is over: count what was not counted, and remember how it ended."""
+        if self._state == _PULSE:  # cut short
+            self._counted_at = self._on_at
+            self._next_at = add(self._on_at, self._period_us)
+            self._resting = True
+        if self.driving():
+            self._count(self._ticks_us())
+        self.position += self._direction * self._part_millisteps()
+        self._part = 0
+        self.reason = reason
+        self.ended_steps = self._direction * self._steps_done
+        self.ended_on_us = self._on_us
+        self._state = _IDLE

@@ -1,0 +1,25 @@
+"""Raspberry Pi Pico and Pico W with an SN754410, L293D or TB6612 (docs/bring-up.md has the wiring).
+
+To fit another board, copy this file under the name that the firmware asks for and change it.
+"""
+
+NAME = b"Raspberry Pi Pico"
+
+# "enable": one enable a motor, which carries the duty, and two legs.
+# "two-pwm": two inputs a motor (DRV8833), `pos` and `neg`; `en` is then None.
+BRIDGE = "enable"
+
+# Axis 1 is motor 1, up and down; axis 2 is motor 2, right and left. `pos` is the leg that is
+# high for a positive number. stop_pos and stop_neg are end-stop inputs, or None. GP0 and GP1
+# are left for a UART.
+AXIS_1 = {"en": 2, "pos": 3, "neg": 4, "stop_pos": 10, "stop_neg": 11}
+AXIS_2 = {"en": 5, "pos": 6, "neg": 7, "stop_pos": 12, "stop_neg": 13}
+
+# Lower gives more torque at a low duty, higher a later whine; a new duty shows after at most one
+# period. 4 kHz keeps that within 250 us and the period far above the bridge's switching times.
+PWM_HZ = 4000
+
+# Between the legs' change and the enable. The SN754410 switches within about 1 us.
+DEAD_TIME_US = 20
+
+LED = "LED"

@@ -1,0 +1,88 @@
+"""H-bridge drivers. They take objects, not pins; the port makes those.
+
+A bridge has three verbs. cut() takes the drive away in one go and touches nothing else;
+off() does that and leaves every input in its defined state; drive(duty) drives at
+-255 ... 255, never 0, positive meaning the `pos` leg high.
+
+An output object has high(), low() and, where its duty can be set, level(duty_u16). low() is
+a pin level, never a PWM of duty zero: the PWM hardware keeps the old duty to the end of its
+period. For the same reason full duty is a pin level too.
+"""
+
+_FULL = 255
+_U16 = 257  # 255 * 257 = 65535
+
+
+def _set_duty(output, duty):
+    if duty == _FULL:
+        output.high()
+    else:
+        output.level(duty * _U16)
+
+
+class EnableBridge:
+    """One enable that carries the duty, two direction legs: SN754410, L293D, TB6612.
+
+    pause_us is the port's busy wait. It is called for dead_time_us between the legs' change and
+    the enable, whenever the direction is not the one that the bridge already had.
+    """
+
+    def __init__(self, enable, pos, neg, dead_time_us, pause_us):
+        self._enable = enable
+        self._pos = pos
+        self._neg = neg
+        self._dead_time_us = dead_time_us
+        self._pause_us = pause_us
+        self._direction = 0
+        self.cut = enable.low
+
+    def off(self):
+        """No drive, coasting; both legs low."""
+        self._enable.low()
+        self._direction = 0
+        self._pos.low()
+        self._neg.low()
+
+    def drive(self, duty):
+        """Drive at duty, -255 ... 255 but not 0."""
+        direction = 1 if duty > 0 else -1
+        if direction != self._direction:
+            self.off()  # the enable drops before a leg changes
+            if direction > 0:
+                self._pos.high()
+            else:
+                self._neg.high()
+            self._direction = direction
+            self._pause_us(self._dead_time_us)
+        _set_duty(self._enable, duty * direction)
+
+
+class TwoPwmBridge:
+    """Two inputs, each of which may carry the duty: DRV8833, DRV8871. Both low is coasting."""
+
+    def __init__(self, pos, neg, dead_time_us, pause_us):
+        self._pos = pos
+        self._neg = neg
+        self._dead_time_us = dead_time_us
+        self._pause_us = pause_us
+        self._direction = 0
+
+    def cut(self):
+        """No drive."""
+        self._pos.low()
+        self._neg.low()
+
+    def off(self):
+        """No drive, coasting."""
+        self._pos.low()
+        self._neg.low()
+        self._direction = 0
+
+    def drive(self, duty):
+        """Drive at duty, -255 ... 255 but not 0."""
+        direction = 1 if duty > 0 else -1
+        if direction != self._direction:
+            self.off()
+            self._direction = direction
+            self._pause_us(self._dead_time_us)
+        _set_duty(self._pos if direction > 0 else self._neg, duty * direction)

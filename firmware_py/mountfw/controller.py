@@ -1,0 +1,432 @@
+"""The two axes behind one set of commands. Imports axis, command, errors.
+
+The app hands messages in: frame(), line(), stop_all(), malformed(). Answers go to a Replies,
+errors to an ErrorQueue. The tables at the end of __init__ are the command set: each command
+says whether it needs an axis, what sets it and what answers its query.
+"""
+
+from mountfw import __version__, errors
+from mountfw.axis import MAX_STEPS, NEVER_US
+from mountfw.command import MINUS, NOTHING, NUMBER, PLUS, QUERY, key
+from mountfw.ticks import diff
+
+_CONNECTED = 2  # axes this mount has
+_DIALECT_AXES = 4  # axes the dialect knows; those above _CONNECTED answer as not connected
+
+# one axis's stored settings: attribute, least, most, whether it is refused while the axis moves
+_PARAMETERS = {
+    key(b"XP"): ("pulse_us", 200, 2_000_000, True),
+    key(b"XD"): ("step_duty", 1, 255, False),
+    key(b"XV"): ("run_duty", 1, 255, False),
+    key(b"XI"): ("inverted", 0, 1, True),
+    key(b"XM"): ("run_limit_ms", 1, 400_000, False),
+    key(b"XT"): ("move_limit_ms", 1, 400_000, False),
+    key(b"ZH"): ("checking", 0, 1, False),
+}
+_XP = key(b"XP")
+_XD = key(b"XD")
+_XI = key(b"XI")
+_MD = key(b"MD")
+_VERSION = __version__.encode()
+
+
+class Controller:
+    """Axes 1 and 2. replies and error_queue are shared with the app and the axes.
+
+    board and unique_id (bytes) go into the identity; boot_id (0 ... 2**30-1) differs from boot
+    to boot; ticks_ms is a millisecond clock that wraps at 2**30.
+    """
+
+    def __init__(self, axis1, axis2, replies, error_queue, board, unique_id, boot_id, ticks_ms):
+        self.axes = (axis1, axis2)
+        self.errors = error_queue
+        self._axis1 = axis1
+        self._axis2 = axis2
+        self._cut1 = axis1.bridge.cut
+        self._cut2 = axis2.bridge.cut
+        self._replies = replies
+        self._identity = b"mirrormount," + board + b"," + unique_id + b"," + _VERSION
+        self._boot_id = boot_id
+        self._ticks_ms = ticks_ms
+        self._booted_ms = ticks_ms()
+        self._keep_alive_ms = 0
+        self._heard_at = 0
+        self._answers = 0  # of the line in hand
+        self._line = None
+        # (needs an axis, set, query); set(axis, line) and query(axis) of the axis, or of None
+        self._commands = {
+            key(b"*IDN"): (False, None, self._ask_identity),
+            key(b"VE"): (False, None, self._ask_version),
+            key(b"PR"): (True, self._set_relative, self._ask_relative),
+            key(b"PA"): (True, self._set_absolute, self._ask_target),
+            key(b"TP"): (True, None, self._ask_position),
+            key(b"MD"): (True, None, self._ask_done),
+            key(b"MV"): (True, self._set_run, self._ask_direction),
+            key(b"ST"): (False, self._set_stop, None),
+            key(b"AB"): (False, self._set_abort, None),
+            key(b"DH"): (True, self._set_home, self._ask_home),
+            key(b"VA"): (True, self._set_velocity, self._ask_velocity),
+            key(b"TE"): (False, None, self._ask_error),
+            key(b"TB"): (False, None, self._ask_error_text),
+            key(b"PH"): (False, None, self._ask_limits),
+            key(b"XL"): (True, self._set_fitted, self._ask_fitted),
+            key(b"XK"): (False, self._set_keep_alive, self._ask_keep_alive),
+            key(b"XS"): (False, None, self._ask_status),
+            key(b"XE"): (True, None, self._ask_ended),
+        }
+        for name in _PARAMETERS:
+            self._commands[name] = (True, self._set_parameter, self._ask_parameter)
+
+    # ---- what the app hands in
+
+    def off_all(self):
+        """Both drives off: straight-line pin writes, nothing else before the last enable is low."""
+        self._cut1()
+        self._cut2()
+        self._axis1.bridge.off()
+        self._axis2.bridge.off()
+
+    def stop_all(self, reason):
+        """Both drives off and every move ended."""
+        self.off_all()
+        self._axis1.end(reason)
+        self._axis2.end(reason)
+
+    def shutdown(self, reason=errors.FAULT):
+        """Leave everything off. May be called again if it was interrupted; the first reason stays."""
+        self.stop_all(reason)
+        self._keep_alive_ms = 0
+
+    def hold(self, held):
+        """While a stop was received but not yet parsed, nothing that comes before it may drive."""
+        self._axis1.held = held
+        self._axis2.held = held
+
+    def malformed(self, code):
+        """A message could not be understood. It may have been a stop, so it stops."""
+        self.stop_all(errors.STOPPED)
+        self.errors.push(code)
+
+    def frame(self, frame):
+        """Obey a frame and echo it as the paper's sketch does."""
+        if frame.m1 == 0 and frame.m2 == 0:
+            self.stop_all(errors.STOPPED)
+        elif frame.m1 == 0:  # what goes off goes first
+            self._axis1.frame(0)
+            self._axis2.frame(frame.m2)
+        else:
+            self._axis2.frame(frame.m2)
+            self._axis1.frame(frame.m1)
+        r = self._replies
+        r.begin()
+        r.text(frame.text)
+        r.text(b"\r\n")
+        self._echo(frame.m1)
+        self._echo(frame.m2)
+        self._echo(abs(frame.m1))
+        self._echo(abs(frame.m2))
+        r.commit()  # best effort: nobody is told if it did not fit
+
+    def line(self, line):
+        """Execute a good line, command by command; answer its queries in one line."""
+        self._line = line
+        self._answers = 0
+        line.rewind()
+        while line.next_command():
+            self._execute(line)
+        if self._answers:
+            self._replies.text(b"\r\n")
+            if not self._replies.commit():
+                self.errors.push(errors.ANSWER_DROPPED)
+
+    def heard(self, now_us):
+        """A byte has arrived: whoever sent it is alive."""
+        self._heard_at = now_us
+
+    def service(self, now_us):
+        """Carry the moves on. Returns the microseconds to the next deadline."""
+        a = self._axis1.service(now_us)
+        b = self._axis2.service(now_us)
+        return a if a < b else b
+
+    def silence(self, now_us):
+        """Nothing waits to be read: is the keep-alive over? Returns the microseconds it has left."""
+        if not self._keep_alive_ms:
+            return NEVER_US
+        left_us = self._keep_alive_ms * 1000 - diff(now_us, self._heard_at)
+        if left_us > 0:
+            return left_us
+        self._keep_alive_ms = 0  # a dead client's keep-alive does not cut the next one
+        if self.moving():
+            self.stop_all(errors.KEEP_ALIVE)
+            self.errors.push(errors.KEEP_ALIVE_LOST)
+        return NEVER_US
+
+    def moving(self):
+        """True while any axis moves."""
+        return self._axis1.moving() or self._axis2.moving()
+
+    def driving(self):
+        """True while any motor has drive."""
+        return self._axis1.driving() or self._axis2.driving()
+
+    def watching(self):
+        """True while a polled end-stop matters, so that the loop must not sleep."""
+        return self.driving() and (self._fitted(self._axis1) != 0 or self._fitted(self._axis2) != 0)
+
+    # ---- one command
+
+    def _execute(self, line):
+        entry = self._commands.get(line.name)
+        if entry is None:
+            self.errors.push(errors.NO_SUCH_COMMAND)
+            return
+        action = entry[2] if line.kind == QUERY else entry[1]
+        if action is None:
+            self.errors.push(errors.NO_SUCH_COMMAND)
+            return
+        axis = None
+        if entry[0] or (line.axis >= 0 and line.kind != QUERY):
+            if line.axis < 0:
+                self.errors.push(errors.AXIS_MISSING)
+                return
+            if not 1 <= line.axis <= _DIALECT_AXES:
+                self.errors.push(errors.NO_SUCH_AXIS)
+                return
+            if line.axis > _CONNECTED:
+                self._not_connected(line)
+                return
+            axis = self.axes[line.axis - 1]
+        if line.kind == QUERY:
+            self._next_answer()
+            action(axis)
+        else:
+            action(axis, line)
+
+    def _not_connected(self, line):
+        if line.kind == QUERY:
+            self._next_answer()
+            self._replies.number(1 if line.name == _MD else 0)
+        else:
+            self.errors.push(line.axis * 100 + errors.AXIS_NOT_CONNECTED)
+
+    def _next_answer(self):
+        r = self._replies
+        if self._answers:
+            r.text(b"; ")
+        else:
+            r.begin()
+            for i in range(self._line.address_length):
+                r.put(self._line.text[i])
+        self._answers += 1
+
+    def _number(self, line):
+        """True if the command carries a number; else its error is queued."""
+        if line.kind == NUMBER:
+            return True
+        self.errors.push(errors.VALUE_MISSING if line.kind == NOTHING else errors.OUT_OF_RANGE)
+        return False
+
+    def _integer(self, line, least, most):
+        """True if the command carries a whole number within least ... most."""
+        if not self._number(line):
+            return False
+        if line.millionths == 0 and least <= line.rounded() <= most:
+            return True
+        self.errors.push(errors.OUT_OF_RANGE)
+        return False
+
+    def _refused(self, axis):
+        if axis.moving():
+            axis.error(errors.AXIS_MOVING)
+            return True
+        return False
+
+    def _echo(self, n):
+        self._replies.number(n)
+        self._replies.text(b"\r\n")
+
+    # ---- motion
+
+    def _set_relative(self, axis, line):
+        if self._number(line):
+            axis.steps(line.rounded())
+
+    def _set_absolute(self, axis, line):
+        if self._number(line):
+            axis.to(line.rounded())
+
+    def _set_run(self, axis, line):
+        if line.kind == PLUS or line.kind == MINUS:
+            axis.run(-1 if line.kind == MINUS else 1)
+        else:
+            self.errors.push(errors.VALUE_MISSING if line.kind == NOTHING else errors.OUT_OF_RANGE)
+
+    def _set_stop(self, axis, line):
+        if line.kind != NOTHING:  # stopped all the same: a damaged stop must stop
+            self.errors.push(errors.OUT_OF_RANGE)
+        if axis is None:
+            self._axis1.stop_soon()
+            self._axis2.stop_soon()
+        else:
+            axis.stop_soon()
+
+    def _set_abort(self, axis, line):
+        if line.kind != NOTHING:
+            self.errors.push(errors.OUT_OF_RANGE)
+        self.stop_all(errors.ABORTED)
+
+    def _ask_relative(self, axis):
+        self._replies.number(axis.last_relative)
+
+    def _ask_target(self, axis):
+        self._replies.number(axis.target)
+
+    def _ask_position(self, axis):
+        self._replies.number(axis.whole_steps())
+
+    def _ask_done(self, axis):
+        self._replies.number(0 if axis.moving() else 1)
+
+    def _ask_direction(self, axis):
+        d = axis.direction()
+        self._replies.text(b"+" if d > 0 else b"-" if d else b"0")
+
+    # ---- settings
+
+    def _set_parameter(self, axis, line):
+        name = line.name
+        attribute, least, most, refused_moving = _PARAMETERS[name]
+        if not self._integer(line, least, most):
+            return
+        if refused_moving and self._refused(axis):
+            return
+        n = line.rounded()
+        if name == _XI:
+            axis.invert(n)
+            return
+        if (name == _XP or name == _XD) and getattr(axis, attribute) != n:
+            axis.step_changed()
+        setattr(axis, attribute, n)
+
+    def _ask_parameter(self, axis):
+        self._replies.number(getattr(axis, _PARAMETERS[self._line.name][0]))
+
+    def _set_home(self, axis, line):
+        if line.kind != NOTHING and not self._number(line):
+            return
+        if self._refused(axis):
+            return
+        n = line.rounded()
+        if -MAX_STEPS <= n <= MAX_STEPS:
+            axis.define(n)
+        else:
+            axis.error(errors.AXIS_OUT_OF_RANGE)
+
+    def _ask_home(self, axis):
+        self._replies.number(axis.defined)
+
+    def _set_velocity(self, axis, line):
+        if not self._number(line):
+            return
+        n = line.hundredths()
+        if n < 1:
+            self.errors.push(errors.OUT_OF_RANGE)
+        elif n > 100_000_000 // (axis.pulse_us + 1000):
+            axis.error(errors.AXIS_TOO_FAST)
+        else:
+            axis.velocity = n
+
+    def _ask_velocity(self, axis):
+        r = self._replies
+        r.number(axis.velocity // 100)
+        part = axis.velocity % 100
+        if part:
+            r.put(0x2E)
+            r.number(part // 10)
+            if part % 10:
+                r.number(part % 10)
+
+    def _fitted(self, axis):
+        return (1 if axis.positive_stop.fitted else 0) | (2 if axis.negative_stop.fitted else 0)
+
+    def _set_fitted(self, axis, line):
+        if not self._integer(line, 0, 7) or self._refused(axis):
+            return
+        n = line.rounded()
+        positive = axis.positive_stop
+        negative = axis.negative_stop
+        if n & 4 or (n & 1 and not positive.can_fit()) or (n & 2 and not negative.can_fit()):
+            axis.error(errors.AXIS_NOT_FITTED)
+            return
+        positive.fitted = bool(n & 1)
+        negative.fitted = bool(n & 2)
+
+    def _ask_fitted(self, axis):
+        self._replies.number(self._fitted(axis))
+
+    def _set_keep_alive(self, _axis, line):
+        if self._integer(line, 0, 60_000):
+            self._keep_alive_ms = line.rounded()
+
+    def _ask_keep_alive(self, _axis):
+        self._replies.number(self._keep_alive_ms)
+
+    # ---- what it knows
+
+    def _ask_identity(self, _axis):
+        self._replies.text(self._identity)
+
+    def _ask_version(self, _axis):
+        self._replies.text(b"MM2 mirrormount ")
+        self._replies.text(_VERSION)
+
+    def _ask_error(self, _axis):
+        self._replies.number(self.errors.pop())
+
+    def _ask_error_text(self, _axis):
+        code = self.errors.pop()
+        r = self._replies
+        r.number(code)
+        r.text(b", ")
+        if code >= 100:
+            r.text(b"AXIS ")
+            r.number(code // 100)
+            r.put(0x20)
+        r.text(errors.message(code))
+
+    def _ask_limits(self, _axis):
+        self._replies.number(self._axis1.limits() | self._axis2.limits() << 3)
+
+    def _ask_status(self, _axis):
+        r = self._replies
+        r.number(self._boot_id)
+        r.put(0x2C)
+        r.number((self._ticks_ms() - self._booted_ms) & 0x3FFFFFFF)
+        r.put(0x2C)
+        r.number(self.errors.waiting)
+        self._status_of(self._axis1)
+        self._status_of(self._axis2)
+
+    def _status_of(self, axis):
+        r = self._replies
+        r.put(0x7C)
+        r.number(axis.position_now())
+        r.put(0x2C)
+        r.number(1 if axis.moving() else 0)
+        r.put(0x2C)
+        r.number(axis.direction())
+        r.put(0x2C)
+        r.number(axis.limits())
+        r.put(0x2C)
+        r.number(axis.reason)
+        r.put(0x2C)
+        r.number(axis.certainty)
+
+    def _ask_ended(self, axis):
+        r = self._replies
+        r.number(axis.reason)
+        r.put(0x2C)
+        r.number(axis.ended_steps)
+        r.put(0x2C)
+        r.number(axis.ended_on_us)

@@ -1,0 +1,16 @@
+"""What MicroPython runs at power-up: motors off, the firmware, motors off whatever happened."""
+
+from mountfw import port_micropython as port
+
+board = port.find_board()
+if board:
+    try:
+        port.motors_off(board)
+        from mountfw.app import build
+
+        build(port, board).run()
+    except KeyboardInterrupt:
+        pass
+    finally:
+        port.leave(board)
+    print("mountfw has stopped, motors are off. Ctrl-D starts it again.")

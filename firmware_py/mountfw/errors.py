@@ -1,0 +1,107 @@
+"""Numbered errors, the queue that holds them, and the reasons why moves end. Pure.
+
+The numbers are the wire's (docs/errors.md tells cause and remedy of each). An error of one
+axis is 100 times the axis plus its number here.
+"""
+
+NO_SUCH_COMMAND = 6
+OUT_OF_RANGE = 7
+NO_SUCH_AXIS = 9
+AXIS_MISSING = 37
+VALUE_MISSING = 38
+MALFORMED = 60
+LINE_TOO_LONG = 61
+KEEP_ALIVE_LOST = 62
+INTERNAL_FAULT = 64
+ANSWER_DROPPED = 65
+
+# of one axis
+AXIS_OUT_OF_RANGE = 1
+AXIS_POSITIVE_STOP = 4
+AXIS_NEGATIVE_STOP = 5
+AXIS_NOT_CONNECTED = 8
+AXIS_TOO_FAST = 10
+AXIS_MOVING = 14
+AXIS_NOT_FITTED = 35
+AXIS_RUN_LIMIT = 40
+AXIS_BOTH_STOPS = 42
+
+MESSAGES = {
+    0: b"NO ERROR DETECTED",
+    6: b"COMMAND DOES NOT EXIST",
+    7: b"PARAMETER OUT OF RANGE",
+    9: b"AXIS NUMBER OUT OF RANGE",
+    37: b"AXIS NUMBER MISSING",
+    38: b"COMMAND PARAMETER MISSING",
+    60: b"MALFORMED INPUT, MOTORS STOPPED",
+    61: b"LINE TOO LONG, MOTORS STOPPED",
+    62: b"KEEP-ALIVE LOST, MOTORS STOPPED",
+    64: b"INTERNAL FAULT, MOTORS STOPPED",
+    65: b"AN ANSWER WAS DROPPED",
+}
+
+AXIS_MESSAGES = {
+    1: b"OUT OF RANGE",
+    4: b"POSITIVE END-STOP REACHED",
+    5: b"NEGATIVE END-STOP REACHED",
+    8: b"MOTOR NOT CONNECTED",
+    10: b"VELOCITY TOO HIGH",
+    14: b"MOTION IN PROGRESS",
+    35: b"NOT FITTED ON THIS BOARD",
+    40: b"RUN LIMIT REACHED",
+    42: b"BOTH END-STOPS ACTIVE",
+}
+
+# why a move ended
+NONE_YET = 0
+DONE = 1
+STOPPED = 2
+ABORTED = 3
+END_STOP = 4
+RUN_LIMIT = 6
+KEEP_ALIVE = 7
+SUPERSEDED = 8
+FAULT = 9
+
+# what a position is worth
+UNKNOWN = 0
+COUNTED = 1
+ESTIMATED = 3
+
+
+class ErrorQueue:
+    """The ten oldest errors that nobody has read yet."""
+
+    def __init__(self):
+        self._codes = [0] * 10
+        self._first = 0
+        self.waiting = 0
+        self._dropping = False  # a 65 waits to be read: one is enough
+
+    def push(self, code):
+        """Queue error code, unless ten older ones wait."""
+        if code == ANSWER_DROPPED:
+            if self._dropping:
+                return
+            self._dropping = self.waiting < 10
+        if self.waiting < 10:
+            self._codes[(self._first + self.waiting) % 10] = code
+            self.waiting += 1
+
+    def pop(self):
+        """The oldest error's code, taken from the queue; 0 if there is none."""
+        if not self.waiting:
+            return 0
+        code = self._codes[self._first]
+        self._first = (self._first + 1) % 10
+        self.waiting -= 1
+        if code == ANSWER_DROPPED:
+            self._dropping = False
+        return code
+
+
+def message(code):
+    """What error code says (bytes), without the axis."""
+    if code < 100:
+        return MESSAGES[code]
+    return AXIS_MESSAGES[code % 100]

@@ -1,0 +1,202 @@
+"""A board for tests of the firmware core, in one process and in virtual time.
+
+Runs under CPython and under MicroPython: plain asserts, no pytest. The port below has the verbs
+of port_micropython.py; its clock wraps at 2**30 and starts half a second before it, each verb
+costs about what it costs on a board, and an idle wait jumps to the next byte that was scheduled.
+"""
+
+from mountfw import app
+from mountfw.boards import pico
+
+WRAP = 1 << 30
+START_US = WRAP - 500_000
+
+
+class Board:
+    """The Pico's board file, copied, so that a test may change it."""
+
+    def __init__(self, like=pico):
+        self.NAME = like.NAME
+        self.BRIDGE = like.BRIDGE
+        self.AXIS_1 = like.AXIS_1
+        self.AXIS_2 = like.AXIS_2
+        self.PWM_HZ = like.PWM_HZ
+        self.DEAD_TIME_US = like.DEAD_TIME_US
+        self.LED = like.LED
+
+
+class Port:
+    """Virtual time, scheduled input, recorded pins."""
+
+    def __init__(self):
+        self.us = START_US  # absolute; the firmware sees it modulo 2**30
+        self.inbox = []  # (absolute us, byte), in order
+        self.sent = bytearray()
+        self.reading = True  # does the host collect what is sent?
+        self.pins = {}
+        self.edges = []  # (us since start, pin, duty 0 ... 65535)
+        self.switches = {}  # pin: 0 or 1; what is not here is pulled up
+        self.lit = None
+        self.shown = []  # (us since start, LED on?)
+
+    def ticks_us(self):
+        self.us += 3
+        return self.us & (WRAP - 1)
+
+    def ticks_ms(self):
+        self.us += 3
+        return (self.us // 1000) & (WRAP - 1)
+
+    def any(self, wait_ms):
+        self.us += 5
+        if self.inbox and self.inbox[0][0] <= self.us:
+            return True
+        until = self.us + wait_ms * 1000
+        if self.inbox and self.inbox[0][0] <= until:
+            self.us = self.inbox[0][0]
+            return True
+        self.us = until
+        return False
+
+    def read(self):
+        self.us += 10
+        return self.inbox.pop(0)[1]
+
+    def writable(self):
+        self.us += 5
+        return self.reading
+
+    def write(self, c):
+        assert self.reading, "wrote to a host that does not read: this would block"
+        self.us += 10
+        self.sent.append(c)
+
+    def led(self, on):
+        self.lit = on
+        self.shown.append((self.us - START_US, on))
+
+    def pause_us(self, us):
+        self.us += us
+
+    def unique_id(self):
+        return b"0123456789abcdef"
+
+    def boot_id(self):
+        return 4711
+
+    def Output(self, number, pwm_hz=0):
+        return Output(self, number, pwm_hz)
+
+    def reader(self, number):
+        if number is None:
+            return None
+
+        def read():
+            self.us += 1
+            return self.switches.get(number, 1)
+
+        return read
+
+
+class Output:
+    def __init__(self, port, number, pwm_hz):
+        self._port = port
+        self._number = number
+        self._pwm_hz = pwm_hz
+        self._set(0)
+
+    def _set(self, duty):
+        port = self._port
+        port.us += 2
+        if port.pins.get(self._number) != duty:
+            port.pins[self._number] = duty
+            port.edges.append((port.us - START_US, self._number, duty))
+
+    def low(self):
+        self._set(0)
+
+    def high(self):
+        self._set(65535)
+
+    def level(self, duty_u16):
+        assert self._pwm_hz, "this output has no PWM"
+        assert 0 <= duty_u16 <= 65535
+        self._set(duty_u16)
+
+
+class Rig:
+    """An app on such a port. send() now or later, run(), then look."""
+
+    def __init__(self, board=None):
+        self.board = board or Board()
+        self.port = Port()
+        self.app = app.build(self.port, self.board)
+        self.controller = self.app.controller
+        self.axis1, self.axis2 = self.controller.axes
+
+    def now(self):
+        """Microseconds since the start."""
+        return self.port.us - START_US
+
+    def send(self, data, after_us=0, gap_us=0):
+        """Schedule bytes: the first after_us from now, gap_us between two."""
+        t = self.port.us + after_us
+        for c in data:
+            self.port.inbox.append((t, c))
+            t += gap_us
+
+    def run(self, us):
+        """Let the loop run for us microseconds (and to the end of the pass)."""
+        until = self.port.us + us
+        while self.port.us < until:
+            self.app.step()
+
+    def settle(self):
+        """Let the loop take in all that was sent, and answer."""
+        while self.port.inbox:
+            self.app.step()
+        self.run(20_000)
+
+    def ask(self, data):
+        """Send, settle, and return what came back since."""
+        start = len(self.port.sent)
+        self.send(data)
+        self.settle()
+        return bytes(self.port.sent[start:])
+
+    def drives(self):
+        """What the motors get, as the frame's two signed numbers, read from the pins."""
+        return (self._drive(self.board.AXIS_1), self._drive(self.board.AXIS_2))
+
+    def _drive(self, pins):
+        level = self.port.pins
+        pos = level[pins["pos"]]
+        neg = level[pins["neg"]]
+        if pins["en"] is None:
+            return (pos - neg) // 257
+        if (pos == 0) == (neg == 0):
+            assert level[pins["en"]] == 0, "enabled with both legs alike"
+            return 0
+        return level[pins["en"]] // 257 * (1 if pos else -1)
+
+    def on_times(self, pin):
+        """How long pin was not low, each time, in microseconds."""
+        times = []
+        since = None
+        for us, number, duty in self.port.edges:
+            if number == pin:
+                if duty and since is None:
+                    since = us
+                elif not duty and since is not None:
+                    times.append(us - since)
+                    since = None
+        return times
+
+    def errors(self):
+        """The queued errors' codes, taken from the queue over the wire."""
+        codes = []
+        while True:
+            code = int(self.ask(b"TE?\n"))
+            if code == 0:
+                return codes
+            codes.append(code)
