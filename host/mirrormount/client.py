@@ -1,0 +1,383 @@
+"""Mount and its two axes: what a program says to a mirror mount.
+
+    with Mount.open() as mount:      # stops on the way out, whatever happens
+        mount.x.step(5)              # five steps to the right; returns when they are done
+        mount.y.jog(-0.3)            # downwards at 30 %, until told otherwise
+        mount.stop()
+
+Every line that starts a motion sets the board's keep-alive, and the client feeds it while the
+motion lasts: a client that dies stops the mount. Positions are in steps of the axis.
+"""
+
+import contextlib
+import logging
+import threading
+import time
+from dataclasses import dataclass
+from typing import Self
+
+from mountfw import errors as wire
+from mountfw.frame import encode
+
+from mirrormount.errors import (
+    AtPrompt,
+    BadValue,
+    BoardError,
+    ConnectionLost,
+    FirmwareMissing,
+    MountError,
+    MoveEnded,
+    NoAnswer,
+    NotAMount,
+)
+from mirrormount.link import Link, find_one, open_port
+
+KEEP_ALIVE_MS = 500
+_FEED_S = 0.1
+_POLL_S = 0.05
+_ANSWER_S = 1.0
+_SLACK_S = 2.0  # on top of what a move must take, before it is called stuck
+
+_log = logging.getLogger("mirrormount")
+
+CERTAINTY = {0: "unknown", 1: "counted", 2: "homed", 3: "estimated"}
+
+
+@dataclass(frozen=True)
+class AxisStatus:
+    """What the board knows of one axis. position in steps; limits bit 0 positive, 1 negative, 2 home."""
+
+    position: float
+    moving: bool
+    direction: int
+    limits: int
+    reason: int
+    certainty: str
+
+
+@dataclass(frozen=True)
+class Status:
+    """What the board knows of itself."""
+
+    boot_id: int
+    uptime_s: float
+    errors_waiting: int
+    x: AxisStatus
+    y: AxisStatus
+
+    @property
+    def moving(self) -> bool:
+        """True while either axis moves."""
+        return self.x.moving or self.y.moving
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a move ended: the board's reason number, steps made (signed), time under drive in seconds."""
+
+    reason: int
+    steps: int
+    on_time_s: float
+
+
+class Mount:
+    """An open mount. Use open(); close() it, or let `with` do so.
+
+    x is the horizontal axis and y the vertical one; x_axis tells which the board calls 1 and 2.
+    """
+
+    def __init__(self, link: Link, *, x_axis: int = 2) -> None:
+        if x_axis not in (1, 2):
+            raise BadValue(f"x_axis is 1 or 2, not {x_axis!r}")
+        self.link = link
+        self.identity = _identify(link)
+        self.x = Axis(self, "x", x_axis)
+        self.y = Axis(self, "y", 3 - x_axis)
+        self._feeder: threading.Thread | None = None
+        self._feeding = threading.Event()
+        self._lost: MountError | None = None
+        self._boot_id: int | None = None
+        self.take_errors()  # those of whoever was here before
+        self.status()
+
+    @classmethod
+    def open(cls, address: str | None = None, *, x_axis: int = 2) -> Self:
+        """Open a mount: the one that is plugged in, or a port, socket://HOST:PORT or virtual://.
+
+        Without an address only boards with a known USB id are considered, so that nothing is
+        ever written to another instrument. What may be moving on the board is stopped.
+
+        Raises CannotOpen, BadAddress, or NotAMount if something else answers.
+        """
+        link = Link(open_port(find_one() if address is None else address))
+        try:
+            return cls(link, x_axis=x_axis)
+        except BaseException:
+            link.close()
+            raise
+
+    def close(self) -> None:
+        """Close the port. Does not stop: the board's keep-alive will."""
+        self._feeding.clear()
+        if self._feeder and self._feeder is not threading.current_thread():
+            self._feeder.join()
+        self.link.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        try:
+            # a stop that fails must not hide what brought us here; the keep-alive stands behind it
+            with contextlib.suppress(MountError) if kind else contextlib.nullcontext():
+                self.stop()
+        finally:
+            self.close()
+
+    def stop(self) -> None:
+        """Both motors off, at once; returns when the board has said so.
+
+        Sent without waiting for any other thread's exchange. Raises ConnectionLost, NoAnswer.
+        """
+        self.link.port.write(b"!\n")
+        self._feeding.clear()
+        with self.link.lock:
+            self.link.drain(0.02)
+            if self.status().moving:
+                raise NoAnswer("the board still moves after a stop: cut the motors' supply")
+
+    def drive(self, m1: int, m2: int) -> None:
+        """Drive motor 1 (vertical) and motor 2 (horizontal) at -255 ... 255, 0 is off.
+
+        Both change together; what moved before is superseded. The board's run limit (10 s unless
+        set otherwise) ends it, and so does the death of this program. Raises BadValue.
+        """
+        frame = encode(whole_number(m1, 255, "m1"), whole_number(m2, 255, "m2"))
+        self._check_lost()
+        with self.link.lock:
+            line = self.link.ask(b"XK%d\n%s\nXS?\n" % (KEEP_ALIVE_MS, frame), _ANSWER_S)
+            if line == frame.decode():
+                for _ in range(4):
+                    self.link.read_line(_ANSWER_S)
+                line = self.link.read_line(_ANSWER_S)
+            status = self._parse_status(line)
+        if status.moving:
+            self._feed()
+        self._raise_errors(status)
+
+    def status(self) -> Status:
+        """Ask the board. Raises NoAnswer, ConnectionLost (also if the board has restarted since)."""
+        return self._parse_status(self.ask("XS?"))
+
+    def take_errors(self) -> list[str]:
+        """The board's queued errors, oldest first, taken from its queue: "62, KEEP-ALIVE LOST" …"""
+        errors = []
+        while not (line := self.ask("TB?")).startswith("0,"):
+            errors.append(line)
+            if len(errors) > 20:
+                raise NotAMount(f"the error queue does not end: {line!r}")
+        return errors
+
+    def sleep(self, seconds: float) -> None:
+        """Let time pass (the board's own, on a virtual board in lockstep) with the motion kept alive."""
+        end = self.link.monotonic() + seconds
+        while (left := end - self.link.monotonic()) > 0:
+            if self.link.lockstep and self._feeding.is_set():
+                self.status()
+            self._check_lost()
+            self.link.sleep(min(left, _FEED_S))
+
+    # ---- for the axes
+
+    def ask(self, query: str) -> str:
+        """One line to the board, one line back."""
+        return self.link.ask(query.encode() + b"\n", _ANSWER_S)
+
+    def start(self, command: str) -> None:
+        """Send a command that starts a motion, with its keep-alive. Raises BoardError if refused."""
+        self._check_lost()
+        with self.link.lock:
+            if self.status().errors_waiting:
+                for error in self.take_errors():
+                    _log.warning("the board reports %s", error)
+            answer = self.ask(f"XK{KEEP_ALIVE_MS};{command};TB?")
+            if not answer.startswith("0,"):
+                self.take_errors()
+                raise _board_error(answer)
+
+    def feed_in_background(self) -> None:
+        """Keep the motion that was just started alive until it ends."""
+        self._feed()
+
+    def _feed(self) -> None:
+        self._feeding.set()
+        if self.link.lockstep or (self._feeder and self._feeder.is_alive()):
+            return
+        self._feeder = threading.Thread(target=self._feed_until_done, name="keep-alive", daemon=True)
+        self._feeder.start()
+
+    def _feed_until_done(self) -> None:
+        try:
+            while self._feeding.is_set() and self.status().moving:
+                time.sleep(_FEED_S)
+        except MountError as e:
+            self._lost = e
+        self._feeding.clear()
+
+    def _check_lost(self) -> None:
+        lost, self._lost = self._lost, None
+        if lost:
+            raise lost
+
+    def _raise_errors(self, status: Status) -> None:
+        if status.errors_waiting:
+            errors = self.take_errors()
+            raise _board_error(errors[0])
+
+    def _parse_status(self, line: str) -> Status:
+        try:
+            head, *axes = (tuple(int(n) for n in part.split(",")) for part in line.split("|"))
+            boot_id, uptime_ms, errors_waiting = head
+            by_number = [
+                AxisStatus(position / 1000, bool(moving), direction, limits, reason, CERTAINTY[certainty])
+                for position, moving, direction, limits, reason, certainty in axes
+            ]
+            status = Status(
+                boot_id,
+                uptime_ms / 1000,
+                errors_waiting,
+                by_number[self.x.number - 1],
+                by_number[self.y.number - 1],
+            )
+        except (ValueError, KeyError, IndexError) as e:
+            raise NotAMount(f"not a mount's status: {line[:80]!r}") from e
+        if self._boot_id is None:
+            self._boot_id = boot_id
+        elif boot_id != self._boot_id:
+            self._boot_id = boot_id
+            raise ConnectionLost("the board has restarted: what was moving has stopped, positions start anew")
+        return status
+
+
+class Axis:
+    """One axis of a Mount: x (right positive) or y (up positive)."""
+
+    def __init__(self, mount: Mount, name: str, number: int) -> None:
+        self._mount = mount
+        self.name = name
+        self.number = number
+        self._deadline = 0.0
+        self._wanted: int | None = None
+
+    @property
+    def position(self) -> float:
+        """Where the board counts this axis to be, in steps; status() says how certain that is."""
+        return self.status().position
+
+    def status(self) -> AxisStatus:
+        """What the board knows of this axis."""
+        return getattr(self._mount.status(), self.name)
+
+    def step(self, n: int, *, wait: bool = True) -> None:
+        """Move by n steps. With wait, returns when they are done, else at once.
+
+        Raises BadValue, BoardError if refused, MoveEnded if an end-stop, a limit or somebody else
+        ended it, ConnectionLost, NoAnswer.
+        """
+        n = whole_number(n, 1_000_000, "steps")
+        self._move("PR", n, n, wait)
+
+    def move_to(self, steps: int, *, wait: bool = True) -> None:
+        """Move to the position `steps`, by the nearest whole number of steps. Raises as step() does."""
+        steps = whole_number(steps, 1_000_000, "position")
+        self._move("PA", steps, round(steps - self.position), wait)
+
+    def jog(self, speed: float) -> None:
+        """Run at speed, -1 ... 1 of full duty and not 0, until stop(), a limit, or this program's end."""
+        if isinstance(speed, bool) or not isinstance(speed, int | float) or not 0 < abs(speed) <= 1:
+            raise BadValue(f"a jog's speed is a number within -1 … 1 and not 0, not {speed!r}")
+        duty = max(1, round(abs(speed) * 255))
+        a, mount = self.number, self._mount
+        run_duty, limit_ms = mount.ask(f"{a}XV?;{a}XM?").split("; ")
+        sign = "+" if speed > 0 else "-"
+        # a running jog gives way; the stored run duty is put back in the same line
+        mount.start(f"{a}ST;{a}XV{duty};{a}MV{sign};{a}XV{run_duty}")
+        self._wanted = None
+        self._deadline = mount.link.monotonic() + int(limit_ms) / 1000 + _SLACK_S
+        mount.feed_in_background()
+
+    def stop(self) -> None:
+        """End this axis's move soon: a step that is nearly done is finished. mount.stop() is for hurry."""
+        self._mount.ask(f"{self.number}ST;{self.number}MD?")
+        self.wait()
+
+    def wait(self) -> Ended:
+        """Wait for the end of this axis's move and tell how it ended.
+
+        Raises NoAnswer (and stops) if it takes longer than it can, ConnectionLost.
+        """
+        mount = self._mount
+        while self.status().moving:
+            mount._check_lost()
+            if self._deadline and mount.link.monotonic() > self._deadline:
+                mount.stop()
+                raise NoAnswer(f"{self.name}: still moving when it should have ended; stopped")
+            mount.link.sleep(_POLL_S)
+        answer = mount.ask(f"{self.number}XE?")
+        try:
+            reason, steps, on_us = (int(n) for n in answer.split(","))
+        except ValueError as e:
+            raise NotAMount(f"not how a move ended: {answer[:80]!r}") from e
+        return Ended(reason, steps, on_us * 1e-6)
+
+    def _move(self, mnemonic: str, value: int, n: int, wait: bool) -> None:
+        a, mount = self.number, self._mount
+        pulse_us, velocity = mount.ask(f"{a}XP?;{a}VA?").split("; ")
+        period_s = max(1 / float(velocity), int(pulse_us) * 1e-6 + 1e-3)
+        mount.start(f"{a}{mnemonic}{value}")
+        self._wanted = n
+        self._deadline = mount.link.monotonic() + (abs(n) + 1) * period_s + _SLACK_S
+        if not wait:
+            mount.feed_in_background()
+            return
+        ended = self.wait()
+        if ended.reason != wire.DONE:
+            raise MoveEnded(self.name, ended.reason, ended.steps, n, mount.take_errors())
+
+
+def whole_number(value: object, most: int, what: str) -> int:
+    """value as an int within -most ... most. Raises BadValue; nothing is rounded or clamped."""
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise BadValue(f"{what} is a whole number, not {value!r}")
+    if abs(value) > most:
+        raise BadValue(f"{what} is within -{most} … {most}, not {value}")
+    return value
+
+
+def _identify(link: Link) -> str:
+    """Stop whatever moves, throw away what is old, and ask who is there."""
+    link.write(b"!\n")
+    link.drain(0.1)
+    link.write(b"*IDN?\n")
+    try:
+        answer = link.read_line(_ANSWER_S)
+    except NoAnswer as e:
+        answer = link.drain(0.05).decode("ascii", "replace")
+        if not answer:
+            raise NotAMount("nothing answers: not a mount, or its firmware hangs") from e
+    rest = link.drain(0.05).decode("ascii", "replace")
+    if answer.startswith("mirrormount,") and not rest:
+        return answer
+    if ">>>" in answer + rest:
+        link.write(b"\r\x03\r")
+        link.drain(0.1)
+        link.write(b"import mountfw\r")
+        if "ImportError" in link.drain(0.3).decode("ascii", "replace"):
+            raise FirmwareMissing("MicroPython answers, but mountfw is not on this board: deploy it first")
+        raise AtPrompt("the board is at its Python prompt: press Ctrl-D there, or reset it, to start mountfw")
+    raise NotAMount(f"this is not a mount; it answered {(answer + rest)[:60]!r}")
+
+
+def _board_error(line: str) -> BoardError:
+    code, _, text = line.partition(",")
+    return BoardError(int(code), text.strip())

@@ -1,0 +1,103 @@
+"""What can go wrong, as one tree. Each message is one line; docs/errors.md has cause and remedy."""
+
+from mountfw import errors as wire
+
+
+class MountError(Exception):
+    """Whatever this package raises on purpose."""
+
+
+class BadAddress(MountError):
+    """The port's address cannot be understood."""
+
+
+class BadValue(MountError, ValueError):
+    """A value that no mount could take; nothing was sent."""
+
+
+class NotSupported(MountError):
+    """The firmware at the other end cannot do this."""
+
+
+class CannotOpen(MountError):
+    """The port could not be opened."""
+
+
+class NoBoardFound(CannotOpen):
+    """No board with a known USB id is plugged in."""
+
+
+class SeveralBoardsFound(CannotOpen):
+    """More than one is: it takes a name."""
+
+
+class PortAbsent(CannotOpen):
+    """There is no such port."""
+
+
+class PortBusy(CannotOpen):
+    """Another program has the port."""
+
+
+class PermissionDenied(CannotOpen):
+    """This user may not open the port."""
+
+
+class NotAMount(MountError):
+    """What answers at the port is not this firmware."""
+
+
+class AtPrompt(NotAMount):
+    """MicroPython answers, with mountfw on board but not running."""
+
+
+class FirmwareMissing(NotAMount):
+    """MicroPython answers, without mountfw."""
+
+
+class ConnectionLost(MountError):
+    """The port has gone. The board's keep-alive stops what was moving."""
+
+
+class NoAnswer(MountError):
+    """The board did not answer in time."""
+
+
+class BoardError(MountError):
+    """The board refused, or reports an error of its own. code is its number (docs/errors.md)."""
+
+    def __init__(self, code: int, text: str) -> None:
+        super().__init__(f"the board says {code}: {text.lower()}")
+        self.code = code
+
+
+REASONS = {
+    wire.NONE_YET: "none yet",
+    wire.DONE: "done",
+    wire.STOPPED: "stopped",
+    wire.ABORTED: "aborted",
+    wire.END_STOP: "end-stop reached",
+    5: "soft limit reached",
+    wire.RUN_LIMIT: "run limit reached",
+    wire.KEEP_ALIVE: "keep-alive lost",
+    wire.SUPERSEDED: "superseded by another command",
+    wire.FAULT: "fault",
+    10: "emergency stop",
+    11: "closed loop failed",
+    12: "homing failed",
+}
+
+
+class MoveEnded(MountError):
+    """A move ended before it was done. reason is the board's number, steps what was made of it."""
+
+    def __init__(self, axis: str, reason: int, steps: int, wanted: int | None, errors: list[str]) -> None:
+        of = f" of {wanted}" if wanted is not None else ""
+        because = f" ({'; '.join(errors)})" if errors else ""
+        super().__init__(f"{axis}: {REASONS.get(reason, reason)} after {steps}{of} steps{because}")
+        self.reason = reason
+        self.steps = steps
+
+
+class DemoFailed(MountError):
+    """The demo's figures are not the paper's."""

@@ -1,0 +1,217 @@
+"""Finds and opens the port to a board, and turns it into lines. Knows no commands.
+
+Addresses: a serial port (/dev/ttyACM0, COM4, a pty), socket://HOST:PORT, or virtual://.
+"""
+
+import errno
+import os
+import sys
+import threading
+import time
+from typing import Protocol
+
+import serial
+from serial.tools import list_ports
+
+from mirrormount.errors import (
+    BadAddress,
+    CannotOpen,
+    ConnectionLost,
+    NoAnswer,
+    NoBoardFound,
+    PermissionDenied,
+    PortAbsent,
+    PortBusy,
+    SeveralBoardsFound,
+)
+
+# USB ids (vendor, product) that are certainly a MicroPython board. Nothing else is ever written
+# to unasked: an unknown port may be somebody's instrument.
+KNOWN_IDS = {(0x2E8A, 0x0005): "MicroPython on RP2040/RP2350"}
+
+_TICK_S = 0.02  # a serial read returns at least this often
+_WRITE_S = 2.0
+
+
+class Port(Protocol):
+    """What an open address gives. lockstep: its time passes only in read() and sleep()."""
+
+    lockstep: bool
+
+    def read(self, timeout_s: float) -> bytes: ...
+
+    def write(self, data: bytes) -> None: ...
+
+    def close(self) -> None: ...
+
+
+def find() -> list[tuple[str, str]]:
+    """The serial ports that a mount may be at: (device, description)."""
+    return [
+        (port.device, KNOWN_IDS[port.vid, port.pid])
+        for port in sorted(list_ports.comports(), key=lambda p: p.device)
+        if (port.vid, port.pid) in KNOWN_IDS
+    ]
+
+
+def find_one() -> str:
+    """The one port that a mount may be at. Raises NoBoardFound or SeveralBoardsFound."""
+    found = [device for device, _ in find()]
+    if not found:
+        raise NoBoardFound("no board found: plug one in, name its port, or use --port virtual://")
+    if len(found) > 1:
+        raise SeveralBoardsFound(f"several boards found, name one with --port: {', '.join(found)}")
+    return found[0]
+
+
+def open_port(address: str, *, baud: int = 115200) -> Port:
+    """Open an address. Raises BadAddress, or a CannotOpen that says what is in the way."""
+    if not address.strip():
+        raise BadAddress("the port's name is empty: leave it out, or give one (see: mirrormount ports)")
+    if address.startswith("virtual://"):
+        from mirrormount.virtual.board import open_virtual
+
+        return open_virtual(address)
+    return SerialPort(address, baud)
+
+
+class SerialPort:
+    """A port that pyserial opens."""
+
+    lockstep = False
+
+    def __init__(self, address: str, baud: int) -> None:
+        try:
+            self._serial = serial.serial_for_url(address, baudrate=baud, timeout=_TICK_S, do_not_open=True)
+            if "://" not in address:
+                self._serial.exclusive = True if os.name == "posix" else None
+                self._serial.write_timeout = _WRITE_S
+            self._serial.open()
+        except ValueError as e:
+            raise BadAddress(f"{address}: not a port's address") from e
+        except (OSError, serial.SerialException) as e:
+            raise _why_not(address, e) from e
+
+    def read(self, timeout_s: float) -> bytes:
+        """Bytes that are there, or come within timeout_s; may be none. Raises ConnectionLost."""
+        end = time.monotonic() + timeout_s
+        try:
+            while True:
+                data = self._serial.read(1)
+                if data:
+                    return data + self._serial.read(self._serial.in_waiting or 0)
+                if time.monotonic() >= end:
+                    return b""
+        except (OSError, serial.SerialException, TypeError) as e:  # TypeError: closed in another thread
+            raise ConnectionLost(f"{self._serial.port} has gone") from e
+
+    def write(self, data: bytes) -> None:
+        """Send bytes. Raises ConnectionLost."""
+        try:
+            self._serial.write(data)
+        except (OSError, serial.SerialException) as e:
+            raise ConnectionLost(f"{self._serial.port} has gone, or takes nothing") from e
+
+    def close(self) -> None:
+        """Close the port."""
+        self._serial.close()
+
+
+class Link:
+    """Lines over a port. One caller at a time: hold `lock` for an exchange."""
+
+    def __init__(self, port: Port) -> None:
+        self.port = port
+        self.lock = threading.RLock()
+        self._buffer = bytearray()
+        self._stale = False  # an answer that came too late may still arrive
+
+    @property
+    def lockstep(self) -> bool:
+        """True if time passes only while somebody waits."""
+        return self.port.lockstep
+
+    def monotonic(self) -> float:
+        """The clock that time-outs are counted by, in seconds."""
+        return self.port.monotonic() if self.lockstep else time.monotonic()  # type: ignore[attr-defined]
+
+    def sleep(self, seconds: float) -> None:
+        """Let time pass."""
+        if self.lockstep:
+            self.port.sleep(seconds)  # type: ignore[attr-defined]
+        else:
+            time.sleep(seconds)
+
+    def write(self, data: bytes) -> None:
+        """Send bytes. Raises ConnectionLost."""
+        with self.lock:
+            self.port.write(data)
+
+    def ask(self, data: bytes, timeout_s: float) -> str:
+        """Send, and return the next line. Raises NoAnswer, ConnectionLost."""
+        with self.lock:
+            if self._stale:
+                self.drain(0.1)
+            self.port.write(data)
+            return self.read_line(timeout_s)
+
+    def read_line(self, timeout_s: float) -> str:
+        """The next line, without its end. Raises NoAnswer, ConnectionLost."""
+        end = self.monotonic() + timeout_s
+        while b"\n" not in self._buffer:
+            left = end - self.monotonic()
+            if left <= 0:
+                self._stale = True
+                raise NoAnswer(f"no answer within {timeout_s:g} s")
+            self._buffer += self.port.read(min(left, 0.1))
+        line, _, rest = bytes(self._buffer).partition(b"\n")
+        self._buffer[:] = rest
+        return line.decode("ascii", "replace").strip("\r")
+
+    def drain(self, quiet_s: float, longest_s: float = 2.0) -> bytes:
+        """Take in all there is, until quiet_s without a byte (at most longest_s). Returns it."""
+        taken = bytes(self._buffer)
+        self._buffer.clear()
+        end = self.monotonic() + longest_s
+        while self.monotonic() < end:
+            data = self.port.read(quiet_s)
+            if not data:
+                break
+            taken += data
+        self._stale = False
+        return taken
+
+    def close(self) -> None:
+        """Close the port."""
+        self.port.close()
+
+
+def _why_not(address: str, e: BaseException) -> CannotOpen:
+    number = _errno(e)
+    if number in (errno.EACCES, errno.EPERM) and sys.platform != "win32":
+        return PermissionDenied(
+            f"{address}: permission denied; on Linux: sudo usermod -aG dialout $USER, log in again"
+            " (or the udev file of docs/bring-up.md)"
+        )
+    if number in (errno.EBUSY, errno.EAGAIN, errno.EWOULDBLOCK):
+        return PortBusy(f"{address}: another program has this port open")
+    if number == errno.ECONNREFUSED:
+        return PortAbsent(f"{address}: nothing listens there")
+    if number == errno.ENOENT:
+        return PortAbsent(f"{address}: there is no such port (see: mirrormount ports)")
+    if number is None and sys.platform == "win32":  # pyserial keeps no number there
+        if any(port.device.upper() == address.upper() for port in list_ports.comports()):
+            return PortBusy(f"{address}: another program has this port open")
+        return PortAbsent(f"{address}: there is no such port (see: mirrormount ports)")
+    detail = os.strerror(number) if number else "not a serial port"
+    return CannotOpen(f"{address}: cannot be opened: {detail}")
+
+
+def _errno(e: BaseException | None) -> int | None:
+    """The system's error number of e or of what it came from."""
+    while e is not None:
+        number = getattr(e, "errno", None)
+        if number:
+            return number
+        e = e.__cause__ or e.__context__
+    return None

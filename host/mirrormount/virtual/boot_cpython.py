@@ -1,0 +1,105 @@
+"""Boots the firmware on CPython: a child process of World, never imported by the host.
+
+usage: python -I -S boot_cpython.py FIRMWARE_DIR MACHINE_NAME START_US
+
+The seam is this process's stdin and stdout. After Ctrl-C, or when the firmware has ended, there is
+as much of a prompt as a host needs to tell where it is: `>>> `, and Ctrl-D to start again.
+FIRMWARE_DIR is the folder that holds `mountfw`; one without it makes a board without firmware.
+"""
+
+import importlib.util
+import os
+import signal
+import sys
+import types
+
+FIRMWARE_DIR, MACHINE_NAME, START_US = sys.argv[1], sys.argv[2], int(sys.argv[3])
+FAKES = os.path.join(os.path.dirname(os.path.abspath(__file__)), "fakes")
+
+
+class _Exactly:
+    """readinto() that fills the buffer, or says 0 at the end."""
+
+    def __init__(self, stream):
+        self.readinto = stream.readinto  # a buffered reader's fills it unless the stream ends
+
+
+def _install():
+    """Put the fake hardware where the firmware will import it from. Returns the seam module."""
+    if hasattr(signal, "SIGINT"):
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C in a terminal is the host's
+    mp = types.ModuleType("micropython")
+    mp.const = mp.native = mp.viper = lambda x: x
+    mp.heap_lock = mp.heap_unlock = lambda: 0
+    sys.modules["micropython"] = mp
+    sys.path[:0] = [FAKES, FIRMWARE_DIR]
+    import _seam
+
+    rd, wr = sys.stdin.buffer, open(os.dup(1), "wb", buffering=0)  # noqa: SIM115 (lives as long as the process)
+    _seam.seam = _seam.Seam(_Exactly(rd), wr, START_US)
+    mp.kbd_intr = lambda c: setattr(_seam.seam, "interrupt_char", c)
+    for name in ("time", "select", "machine"):  # time is built in: no path can shadow it
+        spec = importlib.util.spec_from_file_location(name, os.path.join(FAKES, name + ".py"))
+        sys.modules[name] = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(sys.modules[name])
+    import _console
+
+    sys.stdin, sys.stdout = _console.stdin, _console.stdout
+    sys.implementation._machine = MACHINE_NAME
+    return _seam
+
+
+def _run_main():
+    path = os.path.join(FIRMWARE_DIR, "mountfw", "entry", "main.py")
+    for name in [n for n in sys.modules if n.split(".")[0] == "mountfw"]:
+        del sys.modules[name]
+    if os.path.exists(path):
+        with open(path, encoding="utf-8") as f:
+            code = compile(f.read(), "main.py", "exec")
+        exec(code, {"__name__": "__main__"})
+
+
+def _prompt():
+    """Until Ctrl-D: echo, and know nothing but `import mountfw`."""
+    line = ""
+    print("MicroPython (virtual board); %s\n>>> " % MACHINE_NAME, end="")
+    while True:
+        try:
+            c = chr(_console_in())
+            if c == "\x04" and not line:
+                print("\nMPY: soft reboot")
+                return
+            if c == "\x03":
+                line = ""
+                print("\n>>> ", end="")
+            elif c in "\r\n":
+                print("\n" + _say(line.strip()) + ">>> ", end="")
+                line = ""
+            elif c.isprintable():
+                line += c
+                print(c, end="")
+        except KeyboardInterrupt:
+            line = ""
+            print("\n>>> ", end="")
+
+
+def _say(line):
+    if line == "import mountfw":
+        found = os.path.isdir(os.path.join(FIRMWARE_DIR, "mountfw"))
+        return "" if found else "ImportError: no module named 'mountfw'\n"
+    return "SyntaxError: invalid syntax\n" if line else ""
+
+
+def _console_in():
+    byte = bytearray(1)
+    sys.stdin.buffer.readinto(byte)
+    return byte[0]
+
+
+_install()
+while True:
+    try:
+        _run_main()
+    except KeyboardInterrupt:
+        pass
+    _prompt()

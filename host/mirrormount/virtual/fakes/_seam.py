@@ -1,0 +1,126 @@
+"""The board's side of the one seam to the world: time, pins and bytes. Runs on CPython and MicroPython.
+
+Fixed 16-byte records "<BBHIQ": kind, a, b, dt, t.
+    to the world    E pin a has duty b at t      T byte a was sent at t
+                    S at t the firmware waits, until t + dt unless something happens, b bytes unread: then it blocks
+    from the world  R byte a was received        P pin a has level b
+                    W the host collects (a = 1) or not (0)
+                    G go on: it is t, and you may run to t + dt before you ask again
+Time is absolute microseconds here; the wrap at 2**30 is applied where the firmware reads a clock.
+"""
+
+import struct
+
+import micropython
+
+WRAP_MASK = (1 << 30) - 1
+RECORD = "<BBHIQ"
+RECORD_SIZE = 16
+EDGE, SENT, WAIT = 69, 84, 83
+RECEIVED, PIN, COLLECTS, GO = 82, 80, 87, 71
+_NO_CHAR = -1
+
+
+class Seam:
+    """rd.readinto() must fill a record; wr.write() must take one. t0 is the time at power-up."""
+
+    def __init__(self, rd, wr, t0):
+        self._rd = rd
+        self._wr = wr
+        self.t = t0
+        self._grant = t0  # may run to here without asking
+        self._out = bytearray(RECORD_SIZE)
+        self._in = bytearray(RECORD_SIZE)
+        self._rx = bytearray(1024)
+        self._head = 0
+        self._tail = 0
+        self.collects = True
+        self.levels = {}  # of input pins that something drives
+        self.interrupt_char = 3
+        self._interrupted = False
+        self.locks = 0  # how deep the firmware has locked the heap
+
+    def tick(self, us):
+        """Something that costs us microseconds was done."""
+        self.t += us
+        if self.t >= self._grant:
+            self.wait(self.t)
+
+    def wait(self, until):
+        """Let the world go on; back at `until`, or earlier when something has happened."""
+        locks = self._unlock()
+        try:
+            self._send(WAIT, 0, (self._head - self._tail) % len(self._rx), until - self.t)
+            while self._take_record():
+                pass
+        finally:
+            self._lock(locks)
+        if self._interrupted:
+            self._interrupted = False
+            raise KeyboardInterrupt
+
+    def edge(self, pin, duty):
+        """Pin `pin` has duty 0 ... 65535 from now on."""
+        self._record(EDGE, pin, duty)
+
+    def sent(self, c):
+        """Byte c goes to the host."""
+        self._record(SENT, c, 0)
+
+    def received(self):
+        """True if a byte waits."""
+        return self._head != self._tail
+
+    def take(self):
+        """The byte that waits; blocks until there is one."""
+        while self._head == self._tail:
+            self.wait(self.t + 1_000_000)
+        c = self._rx[self._tail]
+        self._tail = (self._tail + 1) % len(self._rx)
+        return c
+
+    def _record(self, kind, a, b):
+        locks = self._unlock()
+        try:
+            self._send(kind, a, b, 0)
+        finally:
+            self._lock(locks)
+
+    def _send(self, kind, a, b, dt):
+        struct.pack_into(RECORD, self._out, 0, kind, a, b, dt, self.t)
+        self._wr.write(self._out)
+
+    def _take_record(self):
+        if not self._rd.readinto(self._in):
+            raise SystemExit(0)  # the world is gone: power off
+        kind, a, b, dt, t = struct.unpack(RECORD, self._in)
+        if kind == GO:
+            self.t = t
+            self._grant = t + dt
+            return False
+        if kind == RECEIVED:
+            if a == self.interrupt_char:
+                self._interrupted = True
+            else:
+                self._rx[self._head] = a
+                self._head = (self._head + 1) % len(self._rx)
+        elif kind == PIN:
+            self.levels[a] = b
+        elif kind == COLLECTS:
+            self.collects = bool(a)
+        return True
+
+    # the fakes may allocate, the firmware under heap_lock may not
+
+    def _unlock(self):
+        locks = self.locks
+        for _ in range(locks):
+            micropython.heap_unlock()
+        return locks
+
+    def _lock(self, locks):
+        for _ in range(locks):
+            micropython.heap_lock()
+
+
+seam = None  # set by the boot script before anything else of the board is imported

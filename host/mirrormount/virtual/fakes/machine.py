@@ -1,0 +1,91 @@
+"""machine on the virtual board: pins and PWM of an RP2040. Every write is checked for range."""
+
+import _seam
+
+_LED = 25
+_NAMED = {"LED": _LED}
+
+
+def unique_id():
+    return b"\xe6\x61\x64\x08\x43\x2f\x5a\x21"
+
+
+class Pin:
+    """One GPIO. What it shows follows from its function: the output register, or the PWM behind it."""
+
+    IN = 0
+    OUT = 1
+    OPEN_DRAIN = 2
+    ALT = 3
+    PULL_UP = 1
+    PULL_DOWN = 2
+    ALT_PWM = 4
+
+    _gpio = {}  # number: [mode, output level, PWM duty, shown duty, pull]
+
+    def __init__(self, id, mode=-1, pull=-1, *, value=None, alt=-1):
+        number = id.number if isinstance(id, Pin) else _NAMED.get(id, id)
+        if not isinstance(number, int) or not 0 <= number <= 29:
+            raise ValueError("invalid pin")
+        self.number = number
+        Pin._gpio.setdefault(number, [Pin.IN, 0, 0, 0, 0])
+        if mode != -1:
+            self.init(mode, pull, value=value, alt=alt)
+
+    def init(self, mode=-1, pull=-1, *, value=None, alt=-1):
+        _seam.seam.tick(5)
+        gpio = Pin._gpio[self.number]
+        if mode not in (Pin.IN, Pin.OUT, Pin.ALT):
+            raise ValueError("the virtual board has no pin mode %r" % (mode,))
+        if mode == Pin.ALT and alt != Pin.ALT_PWM:
+            raise ValueError("invalid pin af: %r" % (alt,))
+        if value is not None:
+            gpio[1] = _level(value)
+        gpio[0] = mode
+        gpio[4] = pull
+        self._show()
+
+    def value(self, level=None):
+        s = _seam.seam
+        s.tick(1)
+        gpio = Pin._gpio[self.number]
+        if level is not None:
+            gpio[1] = _level(level)
+            self._show()
+            return None
+        if gpio[0] != Pin.IN:
+            return 1 if gpio[3] else 0
+        return s.levels.get(self.number, 1 if gpio[4] == Pin.PULL_UP else 0)
+
+    def _show(self):
+        gpio = Pin._gpio[self.number]
+        shown = {Pin.OUT: gpio[1] * 65535, Pin.ALT: gpio[2]}.get(gpio[0], 0)
+        if shown != gpio[3]:
+            gpio[3] = shown
+            _seam.seam.edge(self.number, shown)
+
+
+def _level(value):
+    if value not in (0, 1):
+        raise ValueError("a pin's level is 0 or 1, not %r" % (value,))
+    return int(value)
+
+
+class PWM:
+    """The PWM behind a pin. Making one gives the pin the PWM function, as on the RP2040."""
+
+    def __init__(self, pin, freq=0, *, duty_u16=-1):
+        self._pin = pin
+        if not 8 <= freq <= 62_500_000:
+            raise ValueError("freq out of range")
+        if duty_u16 != -1:
+            self.duty_u16(duty_u16)
+        pin.init(Pin.ALT, alt=Pin.ALT_PWM)
+
+    def duty_u16(self, duty):
+        _seam.seam.tick(5)
+        if not 0 <= duty <= 65535:
+            raise ValueError("duty_u16 must be 0 to 65535, not %r" % (duty,))
+        Pin._gpio[self._pin.number][2] = duty
+        if Pin._gpio[self._pin.number][0] == Pin.ALT:
+            self._pin._show()

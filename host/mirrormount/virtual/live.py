@@ -1,0 +1,247 @@
+"""The virtual board in real time, for hosts on a pty, on loopback TCP, or in this process.
+
+One client at a time: whoever comes while another is served is told so in one line. A client that
+does not read makes the board's output wait, and what it left unread is there for the next one,
+as on a USB port.
+"""
+
+import contextlib
+import os
+import select
+import socket
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Protocol
+
+from mirrormount.virtual.world import World
+
+_QUANTUM_US = 1000  # a busy firmware never leads the wall's clock by more
+_BUFFER = 512  # bytes that a board takes in before its host has to wait
+_UNREAD = 512  # bytes of output that wait in the board before it says that nobody collects
+_HANGUP_S = 0.02  # how often to look whether somebody has opened the pty
+
+
+class Port(Protocol):
+    """A place where a client may be."""
+
+    @property
+    def address(self) -> str: ...
+
+    def watched(self) -> list[int]:
+        """File descriptors that may have news."""
+        ...
+
+    def take(self, most: int) -> bytes:
+        """What the client sent; must not block."""
+        ...
+
+    def give(self, data: bytes) -> int:
+        """Hand bytes to the client; says how many it took. Must not block."""
+        ...
+
+    def connected(self) -> bool: ...
+
+    def refuse(self, line: bytes) -> None:
+        """Another port has the client: say the line to whoever comes here."""
+        ...
+
+    def close(self) -> None: ...
+
+
+class PtyPort:
+    """A pseudo-terminal, under a symlink if one is asked for. POSIX only."""
+
+    def __init__(self, link: Path | None = None) -> None:
+        import pty
+        import tty
+
+        self._master, slave = pty.openpty()
+        tty.setraw(slave)
+        name = os.ttyname(slave)
+        os.close(slave)
+        os.set_blocking(self._master, False)
+        self._poll = select.poll()
+        self._poll.register(self._master, select.POLLIN)
+        self._link = link
+        if link:
+            with contextlib.suppress(FileNotFoundError):
+                if link.is_symlink():
+                    link.unlink()
+            link.symlink_to(name)
+        self.address = str(link or name)
+
+    def watched(self) -> list[int]:
+        return [self._master] if self.connected() else []
+
+    def connected(self) -> bool:
+        # whoever wrote and left at once still counts: it may have been a stop
+        return all(event & select.POLLIN or not event & select.POLLHUP for _, event in self._poll.poll(0))
+
+    def take(self, most: int) -> bytes:
+        try:
+            return os.read(self._master, most)
+        except OSError:  # nothing waits, or the client has just left
+            return b""
+
+    def give(self, data: bytes) -> int:
+        try:
+            return os.write(self._master, data)
+        except OSError:
+            return 0
+
+    def refuse(self, line: bytes) -> None:
+        pass  # a pty cannot refuse; it is simply not read
+
+    def close(self) -> None:
+        if self._link and self._link.is_symlink():
+            self._link.unlink()
+        os.close(self._master)
+
+
+class TcpPort:
+    """A listening socket on the loopback interface."""
+
+    def __init__(self, port: int) -> None:
+        self._server = socket.create_server(("127.0.0.1", port))
+        self._server.setblocking(False)
+        self._client: socket.socket | None = None
+        self.address = f"socket://127.0.0.1:{self._server.getsockname()[1]}"
+
+    def watched(self) -> list[int]:
+        self._accept()
+        return [s.fileno() for s in (self._server, self._client) if s]
+
+    def connected(self) -> bool:
+        return self._client is not None
+
+    def take(self, most: int) -> bytes:
+        if not self._client:
+            return b""
+        try:
+            data = self._client.recv(most)
+        except BlockingIOError:
+            return b""
+        except OSError:
+            data = b""
+        if not data:
+            self._client.close()
+            self._client = None
+        return data
+
+    def give(self, data: bytes) -> int:
+        if not self._client:
+            return 0
+        try:
+            return self._client.send(data)
+        except OSError:
+            return 0
+
+    def refuse(self, line: bytes) -> None:
+        client, self._client = self._client, None
+        if client:
+            _send_off(client, line)
+
+    def close(self) -> None:
+        if self._client:
+            self._client.close()
+        self._server.close()
+
+    def _accept(self) -> None:
+        with contextlib.suppress(BlockingIOError):
+            client, _ = self._server.accept()
+            client.setblocking(False)
+            client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            if self._client:
+                _send_off(client, _TAKEN)
+            else:
+                self._client = client
+
+
+class PairPort:
+    """One end of a socket pair whose other end is in this process."""
+
+    def __init__(self, end: socket.socket) -> None:
+        self._end = end
+        end.setblocking(False)
+        self.address = "virtual://"
+
+    def watched(self) -> list[int]:
+        return [self._end.fileno()]
+
+    def connected(self) -> bool:
+        return True
+
+    def take(self, most: int) -> bytes:
+        try:
+            return self._end.recv(most)
+        except OSError:
+            return b""
+
+    def give(self, data: bytes) -> int:
+        try:
+            return self._end.send(data)
+        except OSError:
+            return 0
+
+    def refuse(self, line: bytes) -> None:
+        pass
+
+    def close(self) -> None:
+        self._end.close()
+
+
+_TAKEN = b"mirrormount: this board has a client already\r\n"
+
+
+def _send_off(client: socket.socket, line: bytes) -> None:
+    with contextlib.suppress(OSError):
+        client.send(line)
+    client.close()
+
+
+def serve(world: World, ports: Sequence[Port], stopped: Callable[[], bool]) -> None:
+    """Let the board live in real time on these ports until stopped() says so.
+
+    Raises BoardGone when the firmware's process has ended.
+    """
+    unread = bytearray()
+    world.on_sent = unread.append
+    start_us, start_s = world.now_us, time.monotonic()
+    client: Port | None = None
+
+    def wall_us() -> int:
+        return start_us + int((time.monotonic() - start_s) * 1e6)
+
+    while not stopped():
+        wants_us = world.next_event_us(world.next_wait())
+        now_us = world.now_us
+        client = _choose(ports, client)
+        if client and unread:
+            del unread[: client.give(bytes(unread))]
+        room = _BUFFER - world.waiting_in
+        wait_s = max(0.0, (now_us + wants_us - wall_us()) * 1e-6)
+        watched = [fd for port in ports for fd in port.watched()] if room > 0 else []
+        _wait(watched, min(wait_s, _HANGUP_S) if client is None or unread else wait_s)
+        client = _choose(ports, client)
+        data = client.take(room) if client and room > 0 else b""
+        t = max(now_us, min(now_us + wants_us, wall_us()))
+        world.collects(len(unread) < _UNREAD)
+        world.go(t, max(0, wall_us() - t) + _QUANTUM_US, data)
+
+
+def _choose(ports: Sequence[Port], client: Port | None) -> Port | None:
+    """The port whose client is served: the present one while it is there, else the next to come."""
+    if client is None or not client.connected():
+        client = next((port for port in ports if port.connected()), None)
+    for port in ports:
+        if port is not client and port.connected():
+            port.refuse(_TAKEN)
+    return client
+
+
+def _wait(watched: list[int], seconds: float) -> None:
+    if watched:
+        select.select(watched, [], [], seconds)
+    else:
+        time.sleep(seconds)

@@ -1,0 +1,141 @@
+"""The world round the virtual board: it starts the firmware's process and owns the clock.
+
+The firmware runs in a child (boot_cpython.py) and blocks whenever its granted time is over. World
+hears from it (next_wait), carries its pin edges to the bench, and lets it go on (go). What decides
+how long is not here: stepped.py runs as fast as it goes, live.py keeps to the wall's time.
+"""
+
+import importlib.resources
+import json
+import struct
+import subprocess
+import sys
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import IO
+
+from mirrormount.virtual.bench import Bench
+from mirrormount.virtual.wiring import DRIVES, SWITCHES
+
+# the seam's records; virtual/fakes/_seam.py is the other side and explains them
+_RECORD = struct.Struct("<BBHIQ")
+_EDGE, _SENT, _WAIT = b"ETS"
+_RECEIVED, _PIN, _COLLECTS, _GO = b"RPWG"
+
+# half a second before the firmware's 30-bit clock wraps: every board lives through a wrap early
+START_US = (1 << 30) - 500_000
+MACHINE_NAME = "Raspberry Pi Pico with RP2040"
+
+
+class BoardGone(Exception):
+    """The firmware's process has ended."""
+
+
+class World:
+    """A virtual board and its bench.
+
+    firmware: the folder that holds `mountfw` (default: the installed one). edges: a text file that
+    gets one JSON object per pin edge. on_sent is called with each byte that the board sends.
+    """
+
+    def __init__(
+        self,
+        bench: Bench | None = None,
+        *,
+        firmware: Path | None = None,
+        machine_name: str = MACHINE_NAME,
+        edges: IO[str] | None = None,
+    ) -> None:
+        self.bench = bench or Bench()
+        self.bench.advance(START_US)
+        self.edges: list[tuple[int, str, int]] = []  # the last ones: (us since power-up, pin, duty)
+        self.on_sent: Callable[[int], None] = lambda _c: None
+        self._edges_file = edges
+        self._sent_levels: dict[str, int] = {}
+        self._collects = True
+        package = firmware or Path(str(importlib.resources.files("mountfw"))).parent
+        boot = Path(__file__).parent / "boot_cpython.py"
+        self._child = subprocess.Popen(
+            [sys.executable, "-I", "-S", str(boot), str(package), machine_name, str(START_US)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+        )
+        self.now_us = START_US
+        self.waiting_in = 0  # bytes that the board has received and not read
+
+    @property
+    def us(self) -> int:
+        """Microseconds since power-up."""
+        return self.now_us - START_US
+
+    def next_wait(self) -> int:
+        """Hear the firmware until it blocks at now_us. Returns how far it wants to go on unasked.
+
+        Raises BoardGone when its process has ended.
+        """
+        while True:
+            record = self._child.stdout.read(_RECORD.size)
+            if len(record) < _RECORD.size:
+                raise BoardGone
+            kind, a, b, dt, t = _RECORD.unpack(record)
+            if kind == _WAIT:
+                self.now_us = t
+                self.waiting_in = b
+                self.bench.advance(t)
+                return dt
+            if kind == _SENT:
+                self.on_sent(a)
+            elif kind == _EDGE and a in DRIVES:
+                self._edge(t, DRIVES[a], b)
+
+    def go(self, t_us: int, grant_us: int, received: Iterable[int] = ()) -> None:
+        """Let the firmware go on at t_us (>= now_us) for at most grant_us, with bytes received."""
+        out = bytearray()
+        self.bench.advance(t_us)
+        for number, name in SWITCHES.items():
+            level = self.bench.switch_levels().get(name, 1)  # not connected: pulled up
+            if level != self._sent_levels.get(name, 1):
+                self._sent_levels[name] = level
+                out += _RECORD.pack(_PIN, number, level, 0, 0)
+            elif name not in self._sent_levels:
+                self._sent_levels[name] = level
+        for c in received:
+            out += _RECORD.pack(_RECEIVED, c, 0, 0, 0)
+        self.now_us = t_us
+        switch_us = self.bench.next_switch_us(grant_us) if grant_us else None
+        if switch_us is not None:
+            grant_us = min(grant_us, switch_us - t_us)
+        out += _RECORD.pack(_GO, 0, 0, grant_us, t_us)
+        try:
+            self._child.stdin.write(out)
+            self._child.stdin.flush()
+        except OSError as e:
+            raise BoardGone from e
+
+    def next_event_us(self, horizon_us: int) -> int:
+        """Microseconds from now, at most horizon_us, in which nothing outside the firmware happens."""
+        at = self.bench.next_switch_us(horizon_us)
+        return horizon_us if at is None else at - self.now_us
+
+    def collects(self, ready: bool) -> None:
+        """Whether the host takes what the board sends. Told to the firmware with the next go()."""
+        if ready != self._collects:
+            self._collects = ready
+            self._child.stdin.write(_RECORD.pack(_COLLECTS, int(ready), 0, 0, 0))
+
+    def close(self) -> None:
+        """Power off."""
+        self._child.kill()
+        self._child.communicate()
+        if self._edges_file:
+            self._edges_file.close()
+            self._edges_file = None
+
+    def _edge(self, t: int, pin: str, duty: int) -> None:
+        self.bench.edge(t, pin, duty)
+        self.edges.append((t - START_US, pin, duty))
+        if self._edges_file:
+            carries_duty = pin.endswith("_en") or self.bench.two_pwm
+            what = {"duty": duty} if carries_duty else {"level": duty // 65535}
+            self._edges_file.write(json.dumps({"t_us": t - START_US, "pin": pin} | what) + "\n")
+            self._edges_file.flush()
