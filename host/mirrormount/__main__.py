@@ -1,0 +1,8 @@
+"""`python -m mirrormount` is `mirrormount`."""
+
+import sys
+
+from mirrormount.cli import main
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,220 @@
+"""The shell command `mirrormount`: a table of subcommands, each a thin call of the client.
+
+Errors are one line on stderr and exit status 1; wrong usage is 2; Ctrl-C stops the motors and
+is 130. Anything heavy is imported inside the subcommand that needs it.
+"""
+
+import argparse
+import os
+import sys
+from pathlib import Path
+
+from mirrormount import __version__
+from mirrormount.errors import REASONS, BadValue, MountError
+
+_LIMITS = {0: "-", 1: "positive", 2: "negative", 3: "both"}
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the command line. Returns the exit status."""
+    args = _parser().parse_args(argv)
+    try:
+        return args.run(args) or 0
+    except MountError as e:
+        print(f"mirrormount: {e}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("mirrormount: stopped", file=sys.stderr)
+        return 130
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # else Python complains at exit
+        return 1
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="mirrormount", description="Drive a motorised mirror mount.", epilog="AXIS is x (right +) or y (up +)."
+    )
+    parser.add_argument("--version", action="version", version=f"mirrormount {__version__}")
+    at = argparse.ArgumentParser(add_help=False)
+    at.add_argument(
+        "--port",
+        default=os.environ.get("MIRRORMOUNT_PORT"),
+        help="serial port, socket://HOST:PORT or virtual:// (default: $MIRRORMOUNT_PORT, else the board that is plugged in)",
+    )
+    at.add_argument("--sketch", action="store_true", help="the port is an Arduino that runs the paper's sketch")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+
+    def add(name: str, run, what: str, *, port: bool = True) -> argparse.ArgumentParser:
+        sub = commands.add_parser(name, help=what, description=what, parents=[at] if port else [])
+        sub.set_defaults(run=run)
+        return sub
+
+    add("ports", do_ports, "list the ports that a mount may be at", port=False)
+    add("status", do_status, "show what the board knows")
+    sub = add("step", do_step, "move by N steps (may be negative)")
+    sub.add_argument("axis", choices=("x", "y"))
+    sub.add_argument("n", metavar="N")
+    sub = add("move", do_move, "move to a position, in steps")
+    sub.add_argument("axis", choices=("x", "y"))
+    sub.add_argument("position", metavar="STEPS")
+    sub = add("jog", do_jog, "run at SPEED (-1 ... 1) until Ctrl-C, or for S seconds")
+    sub.add_argument("axis", choices=("x", "y"))
+    sub.add_argument("speed", metavar="SPEED")
+    sub.add_argument("--seconds", metavar="S")
+    sub = add("drive", do_drive, "drive motor 1 at M1 and motor 2 at M2 (-255 ... 255) until Ctrl-C, or for S seconds")
+    sub.add_argument("m1", metavar="M1")
+    sub.add_argument("m2", metavar="M2")
+    sub.add_argument("--seconds", metavar="S")
+    add("stop", do_stop, "both motors off, now")
+    sub = add("virtual", do_virtual, "serve a virtual board until Ctrl-C", port=False)
+    sub.add_argument("--machine", choices=("cpython",), default="cpython", help="what runs the firmware")
+    sub.add_argument("--link", type=Path, metavar="PATH", help="make PATH a symlink to the board's pty")
+    sub.add_argument("--tcp", metavar="PORT", help="listen on this loopback port (0: any that is free)")
+    sub.add_argument("--edges", type=Path, metavar="FILE", help="write every pin edge to FILE, one JSON object a line")
+    sub.add_argument("--bench", choices=("paper", "switches"), default="paper")
+    sub.add_argument("--board", choices=("pico", "pico_drv8833"), default="pico")
+    sub.add_argument("--speed", choices=("1", "max"), default="1", help="max is for virtual://?speed=max only")
+    sub = add("demo", do_demo, "the paper's square on a virtual board, measured and drawn", port=False)
+    sub.add_argument("--output", type=Path, default=Path("square.png"), metavar="FILE", help="the picture")
+    sub.add_argument("--port", default="virtual://?speed=max", help="a virtual:// address with other options")
+    return parser
+
+
+def _open(args: argparse.Namespace):
+    if args.sketch:
+        from mirrormount.sketch import SketchMount
+
+        if args.port is None:
+            raise BadValue("an Arduino's port must be named: --port PORT --sketch")
+        return SketchMount.open(args.port)
+    from mirrormount.client import Mount
+
+    return Mount.open(args.port)
+
+
+def _whole(text: str, what: str) -> int:
+    try:
+        return int(text)
+    except ValueError:
+        raise BadValue(f"{what} is a whole number, not {text!r}") from None
+
+
+def _number(text: str, what: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        raise BadValue(f"{what} is a number, not {text!r}") from None
+    if not abs(value) < 1e6:
+        raise BadValue(f"{what} is out of range: {text}")
+    return value
+
+
+def do_ports(_args: argparse.Namespace) -> None:
+    """List boards with known USB ids."""
+    from mirrormount.link import find
+
+    found = find()
+    for device, what in found:
+        print(f"{device}  {what}")
+    if not found:
+        print("no board found; a virtual one is always there: --port virtual://")
+
+
+def do_status(args: argparse.Namespace) -> None:
+    """Print identity, axes and errors."""
+    with _open(args) as mount:
+        status = mount.status()
+        print(mount.identity)
+        for name in ("x", "y"):
+            axis = getattr(status, name)
+            print(
+                f"{name}: {axis.position:+.3f} steps ({axis.certainty}),"
+                f" {'moving' if axis.moving else 'at rest'}, last move: {REASONS.get(axis.reason, axis.reason)},"
+                f" end-stops: {_LIMITS[axis.limits & 3]}"
+            )
+        for error in mount.take_errors():
+            print(f"error {error}")
+
+
+def do_step(args: argparse.Namespace) -> None:
+    """Move by steps."""
+    n = _whole(args.n, "N")
+    with _open(args) as mount:
+        axis = getattr(mount, args.axis)
+        axis.step(n)
+        if not args.sketch:
+            print(f"{args.axis}: {axis.position:+.3f} steps")
+
+
+def do_move(args: argparse.Namespace) -> None:
+    """Move to a position."""
+    position = _whole(args.position, "STEPS")
+    with _open(args) as mount:
+        axis = getattr(mount, args.axis)
+        axis.move_to(position)
+        print(f"{args.axis}: {axis.position:+.3f} steps")
+
+
+def do_jog(args: argparse.Namespace) -> None:
+    """Run until Ctrl-C."""
+    speed = _number(args.speed, "SPEED")
+    seconds = _seconds(args)
+    with _open(args) as mount:
+        getattr(mount, args.axis).jog(speed)
+        _until_done(mount, seconds, args)
+
+
+def do_drive(args: argparse.Namespace) -> None:
+    """Drive both motors until Ctrl-C."""
+    m1, m2 = _whole(args.m1, "M1"), _whole(args.m2, "M2")
+    seconds = _seconds(args)
+    with _open(args) as mount:
+        mount.drive(m1, m2)
+        _until_done(mount, seconds, args)
+
+
+def _seconds(args: argparse.Namespace) -> float | None:
+    if args.seconds is None:
+        return None
+    seconds = _number(args.seconds, "--seconds")
+    if seconds <= 0:
+        raise BadValue("--seconds must be more than 0")
+    return seconds
+
+
+def _until_done(mount, seconds: float | None, args: argparse.Namespace) -> None:
+    """Let the motion go on for seconds, or until it ends by itself, or Ctrl-C (which stops it)."""
+    if args.sketch:
+        if seconds is None:
+            raise BadValue("with --sketch give --seconds: nothing else would stop the motor")
+        mount.sleep(seconds)
+        return
+    end = None if seconds is None else mount.link.monotonic() + seconds
+    while end is None or (left := end - mount.link.monotonic()) > 0:
+        mount.sleep(0.1 if end is None else min(0.1, left))
+        status = mount.status()
+        if not status.moving:
+            errors = mount.take_errors()
+            raise MountError("the motion ended by itself: " + ("; ".join(errors) or REASONS[status.x.reason]))
+
+
+def do_stop(args: argparse.Namespace) -> None:
+    """Stop; opening a mount already does, and says so if it could not."""
+    with _open(args):
+        pass
+    print("stopped")
+
+
+def do_virtual(args: argparse.Namespace) -> None:
+    """Serve a virtual board."""
+    from mirrormount.virtual.command import run
+
+    run(args)
+
+
+def do_demo(args: argparse.Namespace) -> None:
+    """Run the demo."""
+    from mirrormount.demo import run
+
+    run(args.port, args.output)

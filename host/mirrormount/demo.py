@@ -1,0 +1,173 @@
+"""`mirrormount demo`: the paper's test on a virtual board. A square of 20 steps, seen on the screen.
+
+Everything in the table is measured from centroids of pictures of the spot, and the spot is where
+the pins that the firmware drove have put it. If the figures are not the paper's, the demo fails.
+"""
+
+import math
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from mirrormount.client import Mount
+from mirrormount.errors import BadValue, DemoFailed
+from mirrormount.virtual.bench import (
+    BACKLASH_X_MRAD,
+    BACKLASH_Y_MRAD,
+    SCREEN_MM,
+    STEP_X_MRAD,
+    STEP_Y_MRAD,
+)
+from mirrormount.virtual.screen import View
+
+STEPS = 20  # the paper, Fig. 5
+_APPROACH = 3  # steps that take up the backlash before the square begins, right and down
+_STEP_TOLERANCE = 0.05
+_BACKLASH_TOLERANCE = 0.15
+_LEGS = (("x", STEPS, "right"), ("y", -STEPS, "down"), ("x", -STEPS, "left"), ("y", STEPS, "up"))
+
+VIEW = View(-15, 90, -100, 15)  # mm on the screen: the whole square with some room
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the table: what, measured and the paper's (mrad), relative tolerance."""
+
+    what: str
+    measured: float
+    paper: float
+    tolerance: float
+
+    @property
+    def good(self) -> bool:
+        """True if the measurement agrees with the paper within the tolerance."""
+        return abs(self.measured - self.paper) <= self.tolerance * self.paper
+
+
+def run(address: str, output: Path) -> None:
+    """Make the square, print the table, draw the picture. Raises DemoFailed if the table is off."""
+    if not address.startswith("virtual://"):
+        raise BadValue("the demo looks at a virtual board's screen: its port is a virtual:// address")
+    print(f"A virtual board runs the firmware; the square is {STEPS} steps right, down, left, up.")
+    with Mount.open(address) as mount:
+        corners, trail, pictures = square(mount, progress=_progress)
+        seconds = mount.link.port.world.us * 1e-6  # type: ignore[attr-defined]
+    rows = table(corners)
+    print_table(rows)
+    draw(corners, trail, pictures, rows, output)
+    print(f"{seconds:.0f} s of the mount's time. The picture is in {output.resolve()}")
+    bad = [row.what for row in rows if not row.good]
+    if bad:
+        raise DemoFailed(f"not what the paper measured: {', '.join(bad)}")
+
+
+def square(mount: Mount, progress=lambda text: None):
+    """Drive the square. Returns the five corners and the trail as centroids in mm, and the five pictures."""
+    world = mount.link.port.world  # type: ignore[attr-defined]
+    noise = np.random.default_rng(7)
+
+    def look() -> tuple[tuple[float, float], np.ndarray]:
+        picture = VIEW.picture(world.bench.spot_mm(), noise)
+        spot = VIEW.centroid(picture)
+        if spot is None:
+            raise DemoFailed("no spot on the screen")
+        return spot, picture
+
+    mount.x.step(_APPROACH)
+    mount.y.step(-_APPROACH)
+    spot, picture = look()
+    corners, trail, pictures = [spot], [spot], [picture]
+    for axis, steps, way in _LEGS:
+        for i in range(abs(steps)):
+            getattr(mount, axis).step(1 if steps > 0 else -1)
+            trail.append(look()[0])
+            progress(f"{way}: {i + 1}/{abs(steps)} steps")
+        spot, picture = look()
+        corners.append(spot)
+        pictures.append(picture)
+    progress("")
+    return corners, trail, pictures
+
+
+def table(corners: list[tuple[float, float]]) -> list[Row]:
+    """What the paper reports, from the five corners (mm): start, right, down, left, up."""
+    (x1, y1), (x2, y2), (x3, y3), (_x4, _y4), (x5, y5) = (
+        tuple(math.atan2(c, SCREEN_MM) * 1e3 for c in corner) for corner in corners
+    )
+    # signed along the way each leg must go: a swapped motor makes it negative
+    return [
+        Row("step, horizontal", (x2 - x1) / STEPS, STEP_X_MRAD, _STEP_TOLERANCE),
+        Row("step, vertical", (y2 - y3) / STEPS, STEP_Y_MRAD, _STEP_TOLERANCE),
+        Row("backlash, horizontal", x5 - x1, BACKLASH_X_MRAD, _BACKLASH_TOLERANCE),
+        Row("backlash, vertical", y1 - y5, BACKLASH_Y_MRAD, _BACKLASH_TOLERANCE),
+        Row(
+            "closure error",
+            math.hypot(x5 - x1, y5 - y1),
+            math.hypot(BACKLASH_X_MRAD, BACKLASH_Y_MRAD),
+            _BACKLASH_TOLERANCE,
+        ),
+    ]
+
+
+def print_table(rows: list[Row]) -> None:
+    """The table, in mrad of beam angle."""
+    print(f"{'measured from the spot':24}{'here':>12}{'paper':>12}{'within':>9}")
+    for row in rows:
+        verdict = "ok" if row.good else "NOT OK"
+        print(
+            f"{row.what:24}{row.measured:7.3f} mrad{row.paper:7.2f} mrad{row.tolerance:8.0%}  {verdict}",
+        )
+    print("(the paper's closure error is its two backlashes, taken together)")
+
+
+def draw(corners, trail, pictures, rows: list[Row], output: Path) -> None:
+    """Like the paper's Fig. 5: the pictures of the corners laid over each other, centroids in red."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot as plt
+
+    overlay = np.max(np.stack(pictures), axis=0)
+    figure, (ax, zoom) = plt.subplots(
+        1, 2, figsize=(11, 5.4), layout="constrained", gridspec_kw={"width_ratios": (1.25, 1)}
+    )
+    extent = (VIEW.left, VIEW.right, VIEW.bottom, VIEW.top)
+    for a in (ax, zoom):
+        a.imshow(overlay, cmap="gray", extent=extent, vmin=0, vmax=255)
+        a.set_xlabel("right on the screen (mm)")
+        a.set_ylabel("up on the screen (mm)")
+    x, y = np.array(trail).T
+    ax.plot(x, y, color="tab:orange", lw=0.8, alpha=0.8)
+    places = {0: (14, 12), 1: (-12, 12), 2: (-12, -14), 3: (12, -14), 4: (14, -12)}
+    for number, (cx, cy) in enumerate(corners):
+        for a in (ax, zoom):
+            a.plot(cx, cy, "+", color="red", ms=12, mew=1.6)
+        ax.annotate(
+            f"{number + 1}", (cx, cy), places[number], textcoords="offset points", color="white", ha="center", va="center"
+        )
+    (x1, y1), (x5, y5) = corners[0], corners[4]
+    side = 12
+    zoom.set_xlim((x1 + x5) / 2 - side, (x1 + x5) / 2 + side)
+    zoom.set_ylim((y1 + y5) / 2 - side, (y1 + y5) / 2 + side)
+    arrow = {"arrowstyle": "<->", "color": "cyan", "lw": 1.4}
+    zoom.annotate("", (x1, y5), (x5, y5), arrowprops=arrow)
+    zoom.annotate("", (x1, y5), (x1, y1), arrowprops=arrow)
+    style = {"color": "cyan", "textcoords": "offset points", "fontsize": 10}
+    zoom.annotate(f"{rows[2].measured:.2f} mrad", ((x1 + x5) / 2, y5), (0, -16), ha="center", **style)
+    zoom.annotate(f"{rows[3].measured:.2f} mrad", (x1, (y1 + y5) / 2), (-6, 0), ha="right", va="center", **style)
+    zoom.annotate("1: start", (x1, y1), (8, 8), textcoords="offset points", color="white")
+    zoom.annotate("5: end", (x5, y5), (8, 8), textcoords="offset points", color="white")
+    ax.set_title(f"{STEPS} steps right, down, left, up: {rows[0].measured:.2f} and {rows[1].measured:.2f} mrad a step")
+    zoom.set_title("the gap that backlash leaves")
+    output.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(output, dpi=120)
+    plt.close(figure)
+
+
+def _progress(text: str) -> None:
+    if sys.stdout.isatty():
+        print(f"\r\x1b[K{text}", end="", flush=True)
+    elif text.startswith(("right: 20", "down: 20", "left: 20", "up: 20")):
+        print(text, flush=True)

@@ -1,0 +1,62 @@
+"""`mirrormount virtual`: a virtual board for any client, until Ctrl-C or SIGTERM."""
+
+import argparse
+import os
+import signal
+import sys
+from types import FrameType
+
+from mirrormount.errors import BadAddress, BadValue, MountError
+from mirrormount.virtual.board import make_world
+from mirrormount.virtual.live import Port, PtyPort, TcpPort, serve
+from mirrormount.virtual.world import BoardGone
+
+
+def run(args: argparse.Namespace) -> None:
+    """Serve until told to end. Raises BadAddress, BadValue, MountError."""
+    if args.speed == "max":
+        raise BadValue("a live host needs its own pace: --speed max is for virtual://?speed=max, in one process")
+    signal.signal(signal.SIGTERM, _end)
+    ports = _ports(args)
+    try:
+        world = make_world(args.bench, args.board, edges=args.edges)
+        try:
+            print("ready " + " ".join(port.address for port in ports), flush=True)
+            serve(world, ports, lambda: False)
+        except BoardGone:
+            raise MountError("the virtual board's firmware has ended unexpectedly") from None
+        except (KeyboardInterrupt, SystemExit):
+            pass
+        finally:
+            world.close()
+    finally:
+        for port in ports:
+            port.close()
+
+
+def _ports(args: argparse.Namespace) -> list[Port]:
+    ports: list[Port] = []
+    tcp = args.tcp
+    if tcp is None and args.link is None and os.name != "posix":
+        tcp = "0"
+    if tcp is not None:
+        if not tcp.isdecimal() or int(tcp) > 65535:
+            raise BadValue(f"--tcp is a port number, 0 to 65535, not {tcp!r}")
+        try:
+            ports.append(TcpPort(int(tcp)))
+        except OSError as e:
+            raise BadAddress(f"cannot listen on 127.0.0.1:{tcp}: {os.strerror(e.errno or 0)}") from e
+    if args.link is not None or not ports:
+        if os.name != "posix":
+            raise BadValue("this system has no pseudo-terminals: use --tcp")
+        if args.link is not None and args.link.exists() and not args.link.is_symlink():
+            raise BadAddress(f"{args.link} exists and is not a symlink: not touched")
+        try:
+            ports.append(PtyPort(args.link))
+        except OSError as e:
+            raise BadAddress(f"cannot make {args.link}: {os.strerror(e.errno or 0)}") from e
+    return ports
+
+
+def _end(_signal: int, _frame: FrameType | None) -> None:
+    sys.exit(0)
