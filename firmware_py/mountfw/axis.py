@@ -72,7 +72,8 @@ class Axis:
         self._limit_us = 0
         self._on_at = 0  # when the pulse began
         self._counted_at = 0  # up to when a run is counted
-        self._part = 0  # of a step, microseconds times duty
+        self._step = 1  # what makes a step, microseconds times duty
+        self._part = 0  # of a step, likewise
         self._resting = False  # after a move's last pulse, until _next_at
         self._next_at = 0
 
@@ -249,6 +250,7 @@ class Axis:
         self._duty = duty
         self._steps_done = 0
         self._on_us = 0
+        self._step = self.pulse_us * self.step_duty
         self._part = 0
         self._stopping = False
 
@@ -319,18 +321,16 @@ class Axis:
         self._counted_at = now_us
         self._on_us += d
         part = self._part + d * self._duty
-        step = self.pulse_us * self.step_duty
-        whole = part // step
-        self._part = part - whole * step
+        whole = part // self._step
+        self._part = part - whole * self._step
         self._steps_done += whole
         self.position += self._direction * whole * 1000
         self._estimate()
 
     def _part_millisteps(self):
-        step = self.pulse_us * self.step_duty
-        if step < 1_000_000:
-            return self._part * 1000 // step
-        return self._part // (step // 1000)  # the product would not fit a small integer
+        if self._step < 1_000_000:
+            return self._part * 1000 // self._step
+        return self._part // (self._step // 1000)  # the product would not fit a small integer
 
     def _estimate(self):
         if self.certainty != errors.UNKNOWN:

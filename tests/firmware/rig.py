@@ -8,6 +8,17 @@ costs about what it costs on a board, and an idle wait jumps to the next byte th
 from mountfw import app
 from mountfw.boards import pico
 
+try:
+    from micropython import heap_lock, heap_unlock
+except ImportError:  # CPython
+
+    def heap_lock():
+        pass
+
+    def heap_unlock():
+        pass
+
+
 WRAP = 1 << 30
 START_US = WRAP - 500_000
 
@@ -30,9 +41,12 @@ class Port:
 
     def __init__(self):
         self.us = START_US  # absolute; the firmware sees it modulo 2**30
+        self.horizon_us = START_US  # a wait ends here, so that a test gets its turn
         self.inbox = []  # (absolute us, byte), in order
+        self.taken = 0  # of these
         self.sent = bytearray()
         self.reading = True  # does the host collect what is sent?
+        self.locked = False  # does the heap have to be unlocked for our own notes?
         self.pins = {}
         self.edges = []  # (us since start, pin, duty 0 ... 65535)
         self.switches = {}  # pin: 0 or 1; what is not here is pulled up
@@ -49,18 +63,25 @@ class Port:
 
     def any(self, wait_ms):
         self.us += 5
-        if self.inbox and self.inbox[0][0] <= self.us:
+        at = self.next_us()
+        if at <= self.us:
             return True
-        until = self.us + wait_ms * 1000
-        if self.inbox and self.inbox[0][0] <= until:
-            self.us = self.inbox[0][0]
+        until = min(self.us + wait_ms * 1000, max(self.us, self.horizon_us))
+        if at <= until:
+            self.us = at
             return True
         self.us = until
         return False
 
     def read(self):
         self.us += 10
-        return self.inbox.pop(0)[1]
+        c = self.inbox[self.taken][1]
+        self.taken += 1
+        return c
+
+    def next_us(self):
+        """When the next byte is there; never, if none was sent."""
+        return self.inbox[self.taken][0] if self.taken < len(self.inbox) else 1 << 60
 
     def writable(self):
         self.us += 5
@@ -69,11 +90,23 @@ class Port:
     def write(self, c):
         assert self.reading, "wrote to a host that does not read: this would block"
         self.us += 10
+        self.unlock()
         self.sent.append(c)
+        self.lock()
 
     def led(self, on):
         self.lit = on
+        self.unlock()
         self.shown.append((self.us - START_US, on))
+        self.lock()
+
+    def unlock(self):
+        if self.locked:
+            heap_unlock()
+
+    def lock(self):
+        if self.locked:
+            heap_lock()
 
     def pause_us(self, us):
         self.us += us
@@ -109,8 +142,10 @@ class Output:
         port = self._port
         port.us += 2
         if port.pins.get(self._number) != duty:
+            port.unlock()
             port.pins[self._number] = duty
             port.edges.append((port.us - START_US, self._number, duty))
+            port.lock()
 
     def low(self):
         self._set(0)
@@ -148,14 +183,33 @@ class Rig:
     def run(self, us):
         """Let the loop run for us microseconds (and to the end of the pass)."""
         until = self.port.us + us
+        self.port.horizon_us = until
         while self.port.us < until:
+            self.step()
+
+    def step(self):
+        """One pass of the loop; under heap_lock if port.locked."""
+        if not self.port.locked:
             self.app.step()
+            return
+        heap_lock()
+        try:
+            self.app.step()
+        finally:
+            heap_unlock()
 
     def settle(self):
         """Let the loop take in all that was sent, and answer."""
-        while self.port.inbox:
-            self.app.step()
+        self.take_in()
         self.run(20_000)
+
+    def take_in(self):
+        """Let the loop run until it has read the last byte that was sent."""
+        self.port.horizon_us = self.port.us + 10_000_000
+        while self.port.taken < len(self.port.inbox):
+            self.step()
+        self.port.inbox.clear()
+        self.port.taken = 0
 
     def ask(self, data):
         """Send, settle, and return what came back since."""
