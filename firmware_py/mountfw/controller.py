@@ -295,19 +295,16 @@ class Controller:
     # ---- settings
 
     def _set_parameter(self, axis, line):
-        name = line.name
-        attribute, least, most, refused_moving = _PARAMETERS[name]
-        if not self._integer(line, least, most):
-            return
-        if refused_moving and self._refused(axis):
+        entry = _PARAMETERS[line.name]
+        if not self._integer(line, entry[1], entry[2]) or (entry[3] and self._refused(axis)):
             return
         n = line.rounded()
-        if name == _XI:
+        if line.name == _XI:
             axis.invert(n)
             return
-        if (name == _XP or name == _XD) and getattr(axis, attribute) != n:
+        if (line.name == _XP or line.name == _XD) and getattr(axis, entry[0]) != n:
             axis.step_changed()
-        setattr(axis, attribute, n)
+        setattr(axis, entry[0], n)
 
     def _ask_parameter(self, axis):
         self._replies.number(getattr(axis, _PARAMETERS[self._line.name][0]))

@@ -99,13 +99,13 @@ class Link:
         stopped = self._count_zeros(c)
         if c < 0x20 and (c == 1 or c == 2 or c == 4 or c == 5 or c == 0x18):
             return NEED_BYTES  # mpremote, knocking
+        message = NEED_BYTES
         if state == _SKIPPING:
             if c == 10 or c == 13:
                 self._state = _BOUNDARY
-            return ZEROS if stopped else NEED_BYTES
-        if state == _BOUNDARY:
-            return self._first_byte(c)
-        if state == _IN_FRAME:
+        elif state == _BOUNDARY:
+            message = self._first_byte(c)
+        elif state == _IN_FRAME:
             message = self._in_frame(c)
         else:
             message = self._in_line(c)

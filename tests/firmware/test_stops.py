@@ -117,6 +117,15 @@ def test_a_burst_after_a_stop_is_obeyed():
     assert rig.drives() == (100, 100)
 
 
+def test_an_eighth_zero_that_begins_a_frame_stops_and_lets_the_frame_be_obeyed():
+    rig = Rig()
+    rig.ask(b"1MV+\n")
+    rig.ask(b"+0000000" + b"0")
+    assert rig.axis1.reason == 2
+    rig.ask(b"2550000")
+    assert rig.drives() == (255, 0)
+
+
 def test_how_a_stopped_move_ended_is_told():
     for stop, reason in ((b"!\n", 3), (ZEROS, 2), (b"AB\n", 3), (b"ST\n", 2), (b"#\n", 2), (b"1ST\n", 2)):
         rig = Rig()

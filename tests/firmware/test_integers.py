@@ -1,0 +1,120 @@
+"""No integer of the loop leaves the small integers of a 32-bit MicroPython, -2**30 … 2**30-1.
+
+Beyond that arithmetic allocates. A 64-bit VM cannot see it, so a tracer on CPython looks at every
+local, every attribute and every value returned, after every line of the core.
+"""
+
+import sys
+from pathlib import Path
+from types import FrameType
+
+import mountfw
+from test_memory import SESSION
+from rig import Rig  # isort: skip
+
+LIMIT = 1 << 30
+CORE = str(Path(mountfw.__file__).parent)
+
+
+class Watch:
+    """A trace function that notes the first integer out of range, and how much it has seen."""
+
+    def __init__(self) -> None:
+        self.bad: list[str] = []
+        self.lines = 0
+
+    def check(self, frame: FrameType, name: str, value: object) -> None:
+        if type(value) is int and not -LIMIT <= value < LIMIT:
+            self.bad.append(f"{frame.f_code.co_qualname}, line {frame.f_lineno}: {name} = {value}")
+
+    def __call__(self, frame: FrameType, event: str, arg: object):
+        if not frame.f_code.co_filename.startswith(CORE):
+            return None
+        self.lines += 1
+        for name, value in frame.f_locals.items():
+            self.check(frame, name, value)
+        this = frame.f_locals.get("self")
+        for name, value in vars(this).items() if this is not None else ():
+            self.check(frame, f"self.{name}", value)
+        if event == "return":
+            self.check(frame, "returned", arg)
+        return self
+
+
+def watched(action) -> Watch:
+    watch = Watch()
+    sys.settrace(watch)
+    try:
+        action()
+    finally:
+        sys.settrace(None)
+    return watch
+
+
+def test_integers_stay_small_in_a_session_of_everything_over_a_wrap_of_the_clock():
+    rig = Rig()
+
+    def session():
+        for data in SESSION:
+            rig.send(data)
+            rig.settle()
+            rig.run(100_000)
+
+    watch = watched(session)
+    assert watch.lines > 10_000
+    assert watch.bad == []
+
+
+def test_integers_stay_small_at_the_extremes_of_every_setting():
+    extremes = (
+        b"1XP2000000;1XD255;1XV255;1XM400000;1XT400000;1DH999999.5;XK60000\n",
+        b"1XP200;1XD1;1XV255;1XM400000;1XT400000;1DH-1000000;XK60000\n",
+        b"1XP2000000;1XD255;1XV1;1VA0.01;1DH0\n",
+    )
+    for settings in extremes:
+        for motion in (b"1MV+\n", b"1MV-\n", b"1PR1\n", b"1PA1000000\n", b"02550255"):
+            rig = Rig()
+            rig.ask(settings)
+
+            def move(rig=rig, motion=motion):
+                rig.send(motion)
+                rig.settle()
+                rig.run(2_100_000)
+                rig.send(b"1XE?;XS?\n!")
+                rig.settle()
+
+            watch = watched(move)
+            assert watch.bad == [], (settings, motion)
+
+
+def test_the_pure_clock_arithmetic_is_right_across_the_wrap_and_stays_small():
+    # the functions that CPython uses; a board has MicroPython's own
+    from mountfw import ticks
+
+    times = (0, 1, 2, (1 << 29) - 1, 1 << 29, LIMIT - 2, LIMIT - 1)
+
+    def all_pairs():
+        for a in times:
+            for d in (0, 1, 1000, (1 << 29) - 1):
+                later = ticks.add(a, d)
+                assert later == (a + d) % LIMIT
+                assert ticks.diff(later, a) == d
+                assert ticks.diff(a, later) == -d
+
+    assert watched(all_pairs).bad == []
+
+
+def test_hot_functions_keep_few_locals():
+    # a MicroPython frame of more than about 11 words of state comes from the heap, and heap_lock
+    # does not see it (docs/architecture.md)
+    from mountfw import app, axis, bridge, command, controller, endstop, frame, link
+
+    many = [
+        f"{name}.{method.__qualname__}: {method.__code__.co_nlocals}"
+        for module in (app, axis, bridge, command, controller, endstop, frame, link)
+        for name, thing in vars(module).items()
+        if isinstance(thing, type) and thing.__module__ == module.__name__
+        for method in vars(thing).values()
+        if hasattr(method, "__code__") and method.__name__ != "__init__" and method.__code__.co_nlocals > 8
+    ]
+    assert many == []

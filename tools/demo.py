@@ -1,0 +1,31 @@
+"""Show mirrormount at work, with nothing but Python on the machine: python tools/demo.py
+
+Makes .venv, installs mirrormount and its plots there, and runs `mirrormount demo` on the virtual board.
+Arguments are passed on to `mirrormount demo`; the exit status is its own.
+"""
+
+from __future__ import annotations
+
+import sys
+
+import _bootstrap as bootstrap
+
+WANTED = bootstrap.Wanted(
+    purpose="demo",
+    pip_arguments=[["-e", ".[plot]"]],
+    files=["pyproject.toml", "firmware_py/mountfw/__init__.py"],
+    modules=["serial", "numpy", "matplotlib"],
+)
+
+
+def main(arguments: list[str]) -> int:
+    """Prepare .venv, then run the demo; without a screen, so that plots go to files."""
+    bootstrap.ensure_python(__file__, arguments)
+    bootstrap.prepare(bootstrap.ROOT, WANTED, steps=3)
+    bootstrap.say("[3/3] running the demo …")
+    python = str(bootstrap.venv_python(bootstrap.ROOT / ".venv"))
+    return bootstrap.show([python, "-m", "mirrormount", "demo", *arguments], MPLBACKEND="Agg")
+
+
+if __name__ == "__main__":
+    sys.exit(bootstrap.guarded(main))
