@@ -29,6 +29,7 @@ from mirrormount.errors import (
     MoveEnded,
     NoAnswer,
     NotAMount,
+    PortBusy,
 )
 from mirrormount.link import Link, find_one, open_port
 
@@ -37,6 +38,8 @@ _FEED_S = 0.1
 _POLL_S = 0.05
 _ANSWER_S = 1.0
 _SLACK_S = 2.0  # on top of what a move must take, before it is called stuck
+
+_TAKEN = "mirrormount: this board has a client already"  # what a served board says to a second client
 
 _log = logging.getLogger("mirrormount")
 
@@ -365,6 +368,8 @@ def _identify(link: Link) -> str:
         answer = link.drain(0.05).decode("ascii", "replace")
         if not answer:
             raise NotAMount("nothing answers: not a mount, or its firmware hangs") from e
+    if answer == _TAKEN:
+        raise PortBusy("another program drives this board")
     rest = link.drain(0.05).decode("ascii", "replace")
     if answer.startswith("mirrormount,") and not rest:
         return answer

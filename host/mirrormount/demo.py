@@ -28,7 +28,7 @@ _STEP_TOLERANCE = 0.05
 _BACKLASH_TOLERANCE = 0.15
 _LEGS = (("x", STEPS, "right"), ("y", -STEPS, "down"), ("x", -STEPS, "left"), ("y", STEPS, "up"))
 
-VIEW = View(-15, 90, -100, 15)  # mm on the screen: the whole square with some room
+VIEW = View(-100, 100, -100, 100, pixel=0.4)  # mm: the square fits whichever way a swapped wire turns it
 
 
 @dataclass(frozen=True)
@@ -155,10 +155,14 @@ def draw(corners, trail, pictures, rows: list[Row], output: Path) -> None:
     zoom.annotate("", (x1, y5), (x5, y5), arrowprops=arrow)
     zoom.annotate("", (x1, y5), (x1, y1), arrowprops=arrow)
     style = {"color": "cyan", "textcoords": "offset points", "fontsize": 10}
+    style["bbox"] = {"boxstyle": "round,pad=0.2", "fc": "black", "ec": "none", "alpha": 0.6}
     zoom.annotate(f"{rows[2].measured:.2f} mrad", ((x1 + x5) / 2, y5), (0, -16), ha="center", **style)
     zoom.annotate(f"{rows[3].measured:.2f} mrad", (x1, (y1 + y5) / 2), (-6, 0), ha="right", va="center", **style)
-    zoom.annotate("1: start", (x1, y1), (8, 8), textcoords="offset points", color="white")
-    zoom.annotate("5: end", (x5, y5), (8, 8), textcoords="offset points", color="white")
+    zoom.annotate("1: start", (x1, y1), (0, 62), textcoords="offset points", color="white", ha="center")
+    zoom.annotate("5: end", (x5, y5), (0, -72), textcoords="offset points", color="white", ha="center")
+    x, y = np.array(corners).T
+    ax.set_xlim(x.min() - 12, x.max() + 12)
+    ax.set_ylim(y.min() - 12, y.max() + 12)
     ax.set_title(f"{STEPS} steps right, down, left, up: {rows[0].measured:.2f} and {rows[1].measured:.2f} mrad a step")
     zoom.set_title("the gap that backlash leaves")
     output.parent.mkdir(parents=True, exist_ok=True)

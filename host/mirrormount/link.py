@@ -5,6 +5,8 @@ Addresses: a serial port (/dev/ttyACM0, COM4, a pty), socket://HOST:PORT, or vir
 
 import errno
 import os
+import select
+import socket
 import sys
 import threading
 import time
@@ -72,6 +74,8 @@ def open_port(address: str, *, baud: int = 115200) -> Port:
         from mirrormount.virtual.board import open_virtual
 
         return open_virtual(address)
+    if address.startswith("socket://"):
+        return _connect(address)
     return SerialPort(address, baud)
 
 
@@ -85,7 +89,7 @@ class SerialPort:
             self._serial = serial.serial_for_url(address, baudrate=baud, timeout=_TICK_S, do_not_open=True)
             if "://" not in address:
                 self._serial.exclusive = True if os.name == "posix" else None
-                self._serial.write_timeout = _WRITE_S
+            self._serial.write_timeout = _WRITE_S
             self._serial.open()
         except ValueError as e:
             raise BadAddress(f"{address}: not a port's address") from e
@@ -115,6 +119,53 @@ class SerialPort:
     def close(self) -> None:
         """Close the port."""
         self._serial.close()
+
+
+class SocketPort:
+    """A port that is a connected socket."""
+
+    lockstep = False
+
+    def __init__(self, connection: socket.socket, name: str) -> None:
+        self._connection = connection
+        self._name = name
+
+    def read(self, timeout_s: float) -> bytes:
+        """Bytes that are there, or come within timeout_s; may be none. Raises ConnectionLost."""
+        try:
+            if not select.select([self._connection], [], [], timeout_s)[0]:
+                return b""
+            data = self._connection.recv(4096)
+        except (OSError, ValueError) as e:  # ValueError: closed in another thread
+            raise ConnectionLost(f"{self._name} has gone") from e
+        if not data:
+            raise ConnectionLost(f"{self._name} has gone")
+        return data
+
+    def write(self, data: bytes) -> None:
+        """Send bytes. Raises ConnectionLost."""
+        try:
+            self._connection.settimeout(_WRITE_S)
+            self._connection.sendall(data)
+        except OSError as e:
+            raise ConnectionLost(f"{self._name} has gone, or takes nothing") from e
+
+    def close(self) -> None:
+        """Close the connection."""
+        self._connection.close()
+
+
+def _connect(address: str) -> SocketPort:
+    # not pyserial's socket://: it reads a byte at a time and drops what came before a hang-up
+    host, _, number = address.removeprefix("socket://").rstrip("/").rpartition(":")
+    if not host or not number.isdecimal() or int(number) > 65535:
+        raise BadAddress(f"{address}: a socket's address is socket://HOST:PORT")
+    try:
+        connection = socket.create_connection((host.strip("[]"), int(number)), timeout=_WRITE_S)
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    except OSError as e:
+        raise _why_not(address, e) from e
+    return SocketPort(connection, address)
 
 
 class Link:
@@ -163,7 +214,7 @@ class Link:
             if left <= 0:
                 self._stale = True
                 raise NoAnswer(f"no answer within {timeout_s:g} s")
-            self._buffer += self.port.read(min(left, 0.1))
+            self._buffer += self.port.read(left)
         line, _, rest = bytes(self._buffer).partition(b"\n")
         self._buffer[:] = rest
         return line.decode("ascii", "replace").strip("\r")
@@ -174,7 +225,12 @@ class Link:
         self._buffer.clear()
         end = self.monotonic() + longest_s
         while self.monotonic() < end:
-            data = self.port.read(quiet_s)
+            try:
+                data = self.port.read(quiet_s)
+            except ConnectionLost:
+                if taken:  # its last words; the next call will say that it has gone
+                    return taken
+                raise
             if not data:
                 break
             taken += data

@@ -3,13 +3,9 @@
 import os
 import random
 from concurrent.futures import ProcessPoolExecutor
-from pathlib import Path
-import sys
 
-sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parent.parent / "firmware")]
-
-from model import parse  # noqa: E402
-from rig import Rig  # noqa: E402
+from model import parse
+from rig import Rig
 
 SESSIONS = 100_000
 PIECES = (

@@ -70,8 +70,9 @@ class Drivetrain:
 
     def _driven(self, dt: float, target: float) -> None:
         fade = math.exp(-dt / SPIN_UP_S)
-        self._turn(target * dt + (self.rev_s - target) * SPIN_UP_S * (1 - fade))
-        self.rev_s = target + (self.rev_s - target) * fade
+        excess = self.rev_s - target
+        self.rev_s = target + excess * fade
+        self._turn(target * dt + excess * SPIN_UP_S * (1 - fade))
 
     def _coasting(self, dt: float) -> None:
         way, speed = math.copysign(1.0, self.rev_s), abs(self.rev_s)
@@ -79,8 +80,8 @@ class Drivetrain:
         rest = COAST_S * math.log(1 + speed / floor)
         t = min(dt, rest)
         fade = math.exp(-t / COAST_S)
-        self._turn(way * ((speed + floor) * COAST_S * (1 - fade) - floor * t))
         self.rev_s = 0.0 if t == rest else way * ((speed + floor) * fade - floor)
+        self._turn(way * ((speed + floor) * COAST_S * (1 - fade) - floor * t))
 
     def _turn(self, rev: float) -> None:
         self.shaft_rev += rev

@@ -11,6 +11,7 @@ from pathlib import Path
 from urllib.parse import parse_qsl
 
 from mirrormount.errors import BadAddress, ConnectionLost
+from mirrormount.link import SocketPort
 from mirrormount.virtual.bench import Bench
 from mirrormount.virtual.live import PairPort, serve
 from mirrormount.virtual.stepped import Stepped
@@ -56,14 +57,13 @@ def open_virtual(url: str) -> "LivePort | SteppedPort":
     return SteppedPort(world) if speed == "max" else LivePort(world)
 
 
-class LivePort:
+class LivePort(SocketPort):
     """A virtual board in a thread, in real time."""
 
-    lockstep = False
-
     def __init__(self, world: World) -> None:
+        ours, theirs = socket.socketpair()
+        super().__init__(ours, "the virtual board")
         self.world = world
-        self._ours, theirs = socket.socketpair()
         self._stopping = threading.Event()
         self._thread = threading.Thread(
             target=self._live, args=(PairPort(theirs),), name="virtual board", daemon=True
@@ -78,31 +78,10 @@ class LivePort:
         finally:
             port.close()
 
-    def read(self, timeout_s: float) -> bytes:
-        """Bytes that are there, or come within timeout_s; may be none."""
-        self._ours.settimeout(timeout_s or 1e-6)
-        try:
-            data = self._ours.recv(4096)
-        except TimeoutError:
-            return b""
-        except OSError as e:
-            raise ConnectionLost("the virtual board is gone") from e
-        if not data:
-            raise ConnectionLost("the virtual board is gone")
-        return data
-
-    def write(self, data: bytes) -> None:
-        """Send bytes."""
-        try:
-            self._ours.settimeout(2)
-            self._ours.sendall(data)
-        except OSError as e:
-            raise ConnectionLost("the virtual board is gone") from e
-
     def close(self) -> None:
         """Power off."""
         self._stopping.set()
-        self._ours.close()
+        super().close()
         self._thread.join(5)
         self.world.close()
 

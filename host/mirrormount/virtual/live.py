@@ -20,6 +20,7 @@ _QUANTUM_US = 1000  # a busy firmware never leads the wall's clock by more
 _BUFFER = 512  # bytes that a board takes in before its host has to wait
 _UNREAD = 512  # bytes of output that wait in the board before it says that nobody collects
 _HANGUP_S = 0.02  # how often to look whether somebody has opened the pty
+_GRACE_S = 0.2  # how long a newcomer waits for the client before him to be gone
 
 
 class Port(Protocol):
@@ -100,17 +101,24 @@ class PtyPort:
 
 
 class TcpPort:
-    """A listening socket on the loopback interface."""
+    """A listening socket on the loopback interface.
+
+    A newcomer waits a moment before he is turned away: the client before him may just have gone
+    without our having seen it.
+    """
 
     def __init__(self, port: int) -> None:
         self._server = socket.create_server(("127.0.0.1", port))
         self._server.setblocking(False)
         self._client: socket.socket | None = None
+        self._newcomer: socket.socket | None = None
+        self._since = 0.0
+        self._leaving: list[socket.socket] = []  # told to go; they close, so that they can read why
         self.address = f"socket://127.0.0.1:{self._server.getsockname()[1]}"
 
     def watched(self) -> list[int]:
         self._accept()
-        return [s.fileno() for s in (self._server, self._client) if s]
+        return [s.fileno() for s in (None if self._newcomer else self._server, self._client) if s]
 
     def connected(self) -> bool:
         return self._client is not None
@@ -140,22 +148,35 @@ class TcpPort:
     def refuse(self, line: bytes) -> None:
         client, self._client = self._client, None
         if client:
-            _send_off(client, line)
+            self._send_off(client, line)
 
     def close(self) -> None:
-        if self._client:
-            self._client.close()
+        for s in (self._client, self._newcomer, *self._leaving):
+            if s:
+                s.close()
         self._server.close()
 
     def _accept(self) -> None:
-        with contextlib.suppress(BlockingIOError):
-            client, _ = self._server.accept()
-            client.setblocking(False)
-            client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            if self._client:
-                _send_off(client, _TAKEN)
-            else:
-                self._client = client
+        if not self._newcomer:
+            with contextlib.suppress(BlockingIOError):
+                self._newcomer, _ = self._server.accept()
+                self._newcomer.setblocking(False)
+                self._newcomer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                self._since = time.monotonic()
+        if self._newcomer and not self._client:
+            self._client, self._newcomer = self._newcomer, None
+        elif self._newcomer and time.monotonic() - self._since > _GRACE_S:
+            self._send_off(self._newcomer, _TAKEN)
+            self._newcomer = None
+        for s in [s for s in self._leaving if _has_left(s)]:
+            s.close()
+            self._leaving.remove(s)
+
+    def _send_off(self, client: socket.socket, line: bytes) -> None:
+        with contextlib.suppress(OSError):
+            client.send(line)
+            client.shutdown(socket.SHUT_WR)
+        self._leaving.append(client)
 
 
 class PairPort:
@@ -194,10 +215,13 @@ class PairPort:
 _TAKEN = b"mirrormount: this board has a client already\r\n"
 
 
-def _send_off(client: socket.socket, line: bytes) -> None:
-    with contextlib.suppress(OSError):
-        client.send(line)
-    client.close()
+def _has_left(client: socket.socket) -> bool:
+    try:
+        return not client.recv(4096)
+    except BlockingIOError:
+        return False
+    except OSError:
+        return True
 
 
 def serve(world: World, ports: Sequence[Port], stopped: Callable[[], bool]) -> None:

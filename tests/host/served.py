@@ -1,0 +1,80 @@
+"""Boards for the tests of the host: served by `mirrormount virtual` in a process of their own."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+PATIENCE_S = 20.0  # how long a wait may last before it is a failure; never a measurement
+
+
+def wait_for(condition: Callable[[], object], what: str) -> object:
+    """Wait for an event of another process. Fails when it does not come at all."""
+    end = time.monotonic() + PATIENCE_S
+    while not (result := condition()):
+        if time.monotonic() > end:
+            pytest.fail(f"waited in vain for {what}")
+        time.sleep(0.005)
+    return result
+
+
+class ServedBoard:
+    """A `mirrormount virtual` process with a pty and a TCP port, and the edges that it wrote."""
+
+    def __init__(self, folder: Path, *options: str) -> None:
+        self.link = folder / "mount"
+        self.edges_file = folder / "edges.jsonl"
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "mirrormount", "virtual", "--link", str(self.link), "--tcp", "0"]
+            + ["--edges", str(self.edges_file), *options],
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        ready = self.process.stdout.readline().split()
+        assert ready[0] == "ready", ready
+        self.tcp = next(word for word in ready if word.startswith("socket://"))
+
+    def edges(self) -> list[dict]:
+        """Every whole line that the board has written so far."""
+        text = self.edges_file.read_text() if self.edges_file.exists() else ""
+        return [json.loads(line) for line in text[: text.rfind("\n") + 1].splitlines()]
+
+    def enables(self) -> dict[str, int]:
+        """The present duty of both enables."""
+        return {"m1_en": 0, "m2_en": 0} | {e["pin"]: e["duty"] for e in self.edges() if e["pin"].endswith("_en")}
+
+    def driving(self) -> bool:
+        return any(self.enables().values())
+
+    def off_after_us(self, pin: str) -> int:
+        """How long the enable's last on-time was, in the board's own time."""
+        edges = [e for e in self.edges() if e["pin"] == pin]
+        assert edges[-1]["duty"] == 0
+        return edges[-1]["t_us"] - edges[-2]["t_us"]
+
+    def kill(self) -> None:
+        self.process.kill()
+        self.process.wait()
+
+    def end(self, with_signal: int = signal.SIGTERM) -> int:
+        self.process.send_signal(with_signal)
+        return self.process.wait(PATIENCE_S)
+
+
+def run_cli(*args: str) -> subprocess.CompletedProcess:
+    """`mirrormount …` as a shell would run it."""
+    environment = {k: v for k, v in os.environ.items() if k != "MIRRORMOUNT_PORT"}
+    return subprocess.run(
+        [sys.executable, "-m", "mirrormount", *args],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        env=environment,
+        stdin=subprocess.DEVNULL,
+    )

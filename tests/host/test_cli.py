@@ -1,0 +1,143 @@
+"""The shell command: each wrong input is one clear line and status 1, and nothing moves."""
+
+import signal
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import pytest
+from served import run_cli, wait_for
+
+import mirrormount.link
+from mirrormount import cli
+
+VIRTUAL = ("--port", "virtual://?speed=max")
+
+
+def one_line(run: subprocess.CompletedProcess) -> str:
+    assert run.returncode == 1, (run.stdout, run.stderr)
+    assert run.stderr.startswith("mirrormount: ")
+    assert run.stderr.count("\n") == 1, run.stderr
+    return run.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("drive", "fast", "0"), "M1 is a whole number, not 'fast'"),
+        (("drive", "256", "0"), "within -255"),
+        (("step", "x", "1.5"), "N is a whole number"),
+        (("move", "y", "far"), "STEPS is a whole number"),
+        (("jog", "x", "nan"), "out of range"),
+        (("jog", "x", "2"), "within -1"),
+        (("jog", "x", "0.5", "--seconds", "-1"), "more than 0"),
+        (("step", "x", "5", "--port", ""), "empty"),
+        (("status", "--port", "/dev/does-not-exist"), "no such port"),
+        (("status", "--port", "socket://127.0.0.1:9"), "nothing listens"),
+        (("status", "--port", "virtual://?bench=moon"), "no bench"),
+        (("status", "--port", "gopher://x"), "not a port's address"),
+        (("status", "--sketch"), "must be named"),
+        (("demo", "--port", "/dev/ttyACM0"), "virtual"),
+    ],
+)
+def test_wrong_input_is_one_line(words, says):
+    arguments = words if "--port" in words or "--sketch" in words else (*words, *VIRTUAL)
+    assert says in one_line(run_cli(*arguments))
+
+
+def test_what_works_prints_what_happened():
+    run = run_cli("step", "x", "3", *VIRTUAL)
+    assert (run.returncode, run.stdout) == (0, "x: +3.000 steps\n")
+    run = run_cli("status", *VIRTUAL)
+    assert run.stdout.startswith("mirrormount,Raspberry Pi Pico,") and "unknown" in run.stdout
+    assert run_cli("stop", *VIRTUAL).stdout == "stopped\n"
+    assert run_cli("drive", "100", "-100", "--seconds", "0.2", *VIRTUAL).returncode == 0
+    assert run_cli("jog", "y", "-0.5", "--seconds", "0.2", *VIRTUAL).returncode == 0
+
+
+def test_a_jog_that_ends_by_itself_is_not_called_a_success():
+    assert "run limit" in one_line(run_cli("jog", "y", "1", *VIRTUAL)).lower()
+
+
+def test_no_board_is_one_line(monkeypatch, capsys):
+    monkeypatch.setattr(mirrormount.link.list_ports, "comports", lambda: [])
+    monkeypatch.delenv("MIRRORMOUNT_PORT", raising=False)
+    assert cli.main(["status"]) == 1
+    assert "no board found" in capsys.readouterr().err
+
+
+def port(device: str, vid: int | None, pid: int | None) -> SimpleNamespace:
+    return SimpleNamespace(device=device, vid=vid, pid=pid)
+
+
+def test_two_boards_are_named_and_neither_is_opened(monkeypatch, capsys):
+    ports = [port("/dev/ttyACM1", 0x2E8A, 5), port("/dev/ttyACM0", 0x2E8A, 5)]
+    monkeypatch.setattr(mirrormount.link.list_ports, "comports", lambda: ports)
+    monkeypatch.setattr(mirrormount.link, "SerialPort", None)  # opening anything would fail loudly
+    monkeypatch.delenv("MIRRORMOUNT_PORT", raising=False)
+    assert cli.main(["stop"]) == 1
+    assert "/dev/ttyACM0, /dev/ttyACM1" in capsys.readouterr().err
+
+
+def test_other_instruments_are_not_considered(monkeypatch):
+    ports = [port("/dev/ttyUSB0", 0x0403, 0x6001), port("/dev/ttyS0", None, None), port("/dev/ttyACM3", 0x2341, 0x43)]
+    monkeypatch.setattr(mirrormount.link.list_ports, "comports", lambda: ports)
+    assert mirrormount.link.find() == []
+
+
+def test_a_busy_port_is_one_line(board):
+    from mirrormount import Mount
+
+    with Mount.open(str(board.link)) as mount:
+        mount.x.jog(0.2)
+        assert "another program" in one_line(run_cli("stop", "--port", str(board.link)))
+
+
+def test_ctrl_c_stops_the_motion_and_is_one_line(board):
+    jog = subprocess.Popen(
+        [sys.executable, "-m", "mirrormount", "jog", "x", "0.5", "--port", str(board.link)],
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    wait_for(board.driving, "the motor to run")
+    jog.send_signal(signal.SIGINT)
+    _, err = jog.communicate(timeout=20)
+    assert jog.returncode == 130
+    assert err == "mirrormount: stopped\n"
+    assert not board.driving()
+
+
+def test_stop_stops_what_another_client_left_running(board):
+    with open(board.link, "wb", buffering=0) as raw:
+        raw.write(b"1XM60000;1MV+\n")
+    wait_for(board.driving, "the motor to run")
+    assert run_cli("stop", "--port", str(board.link)).stdout == "stopped\n"
+    assert not board.driving()
+
+
+def test_a_port_that_closes_in_mid_move_is_one_line(board):
+    jog = subprocess.Popen(
+        [sys.executable, "-m", "mirrormount", "jog", "x", "0.5", "--port", str(board.link)],
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    wait_for(board.driving, "the motor to run")
+    board.kill()
+    _, err = jog.communicate(timeout=20)
+    assert jog.returncode == 1
+    assert err.startswith("mirrormount: ") and err.count("\n") == 1, err
+
+
+def test_the_port_may_come_from_the_environment(board, monkeypatch, capsys):
+    monkeypatch.setenv("MIRRORMOUNT_PORT", board.tcp)
+    assert cli.main(["step", "y", "1"]) == 0
+    assert capsys.readouterr().out == "y: +1.000 steps\n"
+
+
+def test_stopping_imports_nothing_heavy():
+    code = (
+        "import sys; from mirrormount import cli; import mirrormount.client, mirrormount.link;"
+        "print([m for m in ('numpy', 'matplotlib', 'mirrormount.virtual') if m in sys.modules])"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout == "[]\n"

@@ -1,0 +1,212 @@
+"""Mount and Axis on a virtual board in lockstep: what a program asks for is what the pins do."""
+
+import pytest
+
+from mirrormount import Mount, errors
+from mirrormount.client import Ended
+
+
+@pytest.fixture
+def mount():
+    with Mount.open("virtual://?speed=max") as mount:
+        yield mount
+
+
+def pulses(mount: Mount, pin: str) -> list[int]:
+    """On-times of a pin so far, in microseconds."""
+    edges = [(t, duty) for t, p, duty in mount.link.port.world.edges if p == pin]
+    return [off - on for (on, duty), (off, _) in zip(edges, edges[1:], strict=False) if duty]
+
+
+def test_steps_are_pulses_on_the_axis_own_pins(mount):
+    mount.x.step(3)
+    mount.y.step(-2)
+    assert [round(us, -3) for us in pulses(mount, "m2_en")] == [200_000] * 3
+    assert [round(us, -3) for us in pulses(mount, "m2_pos")] == [200_000] * 3
+    assert [round(us, -3) for us in pulses(mount, "m1_neg")] == [200_000] * 2
+    assert (mount.x.position, mount.y.position) == (3, -2)
+
+
+def test_right_and_up_are_positive(mount):
+    mount.x.step(5)
+    mount.y.step(5)
+    right, up = mount.link.port.world.bench.spot_mm()
+    assert right > 5 and up > 5
+
+
+def test_the_axes_can_be_wired_the_other_way_round():
+    with Mount.open("virtual://?speed=max") as mount:
+        assert (mount.x.number, mount.y.number) == (2, 1)
+    with Mount(__import__("mirrormount.link").link.Link(_port()), x_axis=1) as mount:
+        mount.x.step(1)
+        assert pulses(mount, "m1_en") and not pulses(mount, "m2_en")
+
+
+def _port():
+    from mirrormount.link import open_port
+
+    return open_port("virtual://?speed=max")
+
+
+def test_move_to_goes_to_a_position_and_back(mount):
+    mount.x.move_to(4)
+    mount.x.move_to(-1)
+    assert mount.x.position == -1
+    assert len(pulses(mount, "m2_pos")) == 4
+    assert len(pulses(mount, "m2_neg")) == 5
+
+
+def test_a_jog_runs_at_its_duty_until_stopped_and_leaves_the_stored_duty_alone(mount):
+    mount.y.jog(-0.4)
+    mount.sleep(0.7)
+    mount.stop()
+    assert mount.y.wait().reason == 3
+    duties = [duty for _, pin, duty in mount.link.port.world.edges if pin == "m1_en" and duty]
+    assert duties == [102 * 257]
+    assert mount.ask("1XV?") == "255"
+
+
+def test_a_jog_may_follow_a_jog(mount):
+    mount.x.jog(0.5)
+    mount.sleep(0.2)
+    mount.x.jog(-1)
+    mount.sleep(0.2)
+    assert mount.x.status().direction == -1
+
+
+def test_drive_takes_the_wires_order_and_both_motors(mount):
+    mount.drive(255, -100)
+    mount.sleep(0.1)
+    edges = {(pin, duty) for _, pin, duty in mount.link.port.world.edges}
+    assert {("m1_en", 65535), ("m1_pos", 65535), ("m2_en", 100 * 257), ("m2_neg", 65535)} <= edges
+    mount.drive(0, 0)
+    assert not mount.status().moving
+
+
+def test_leaving_the_block_stops():
+    with Mount.open("virtual://?speed=max") as mount:
+        world = mount.link.port.world
+        mount.x.jog(1)
+    assert world.edges[-2][1:] == ("m2_en", 0)
+
+
+def test_an_exception_in_the_block_stops_and_comes_through():
+    with pytest.raises(ZeroDivisionError), Mount.open("virtual://?speed=max") as mount:
+        world = mount.link.port.world
+        mount.x.jog(1)
+        _ = 1 / 0
+    assert world.edges[-2][1:] == ("m2_en", 0)
+
+
+def test_a_soft_stop_of_one_axis_leaves_the_other(mount):
+    mount.x.jog(1)
+    mount.y.jog(1)
+    mount.sleep(0.1)
+    mount.x.stop()
+    assert not mount.status().x.moving
+    assert mount.status().y.moving
+
+
+def test_wait_tells_how_the_move_ended(mount):
+    mount.x.step(2, wait=False)
+    assert mount.status().x.moving
+    ended = mount.x.wait()
+    assert isinstance(ended, Ended)
+    assert (ended.reason, ended.steps) == (1, 2)
+    assert ended.on_time_s == pytest.approx(0.4, abs=1e-3)
+
+
+@pytest.mark.parametrize("steps", ["5", 1.5, True, None, 1_000_001])
+def test_a_step_count_that_is_none_is_refused_before_anything_is_sent(mount, steps):
+    before = len(mount.link.port.world.edges)
+    with pytest.raises(errors.BadValue):
+        mount.x.step(steps)
+    assert len(mount.link.port.world.edges) == before
+
+
+@pytest.mark.parametrize("speed", [0, 1.01, -2, "fast", True, float("nan")])
+def test_a_jog_speed_that_is_none_is_refused(mount, speed):
+    with pytest.raises(errors.BadValue):
+        mount.x.jog(speed)
+    assert not mount.status().moving
+
+
+@pytest.mark.parametrize("speeds", [(256, 0), (0, -256), (0.5, 0), ("255", 0)])
+def test_a_drive_outside_its_range_is_refused(mount, speeds):
+    with pytest.raises(errors.BadValue):
+        mount.drive(*speeds)
+    assert not mount.status().moving
+
+
+def test_what_the_board_refuses_is_one_error_with_its_number(mount):
+    mount.x.jog(1)
+    with pytest.raises(errors.BoardError) as refusal:
+        mount.x.step(601)
+    assert refusal.value.code == 214
+    mount.stop()
+    with pytest.raises(errors.BoardError) as refusal:
+        mount.x.step(601)
+    assert refusal.value.code == 201
+    assert "\n" not in str(refusal.value)
+
+
+def test_an_old_error_is_not_taken_for_a_refusal(mount):
+    mount.ask("AT;XK?")
+    mount.x.step(1)
+    assert mount.x.position == 1
+
+
+def test_a_move_that_somebody_else_ends_is_not_called_done(mount):
+    mount.link.port.world.bench.has_switches = True
+    mount.ask("2XL3;XK?")
+    mount.link.port.world.bench.horizontal.screw_rev = 1.47
+    mount.link.port.world.bench.horizontal.shaft_rev = 1.47
+    with pytest.raises(errors.MoveEnded, match=r"end-stop .*of 20 steps .*204") as ended:
+        mount.x.step(20)
+    assert ended.value.reason == 4
+    assert not mount.status().moving
+    mount.x.step(-2)  # the way out is open
+
+
+def test_keep_alive_is_fed_while_a_program_sleeps(mount):
+    mount.x.jog(1)
+    mount.sleep(3)
+    assert mount.status().x.moving
+
+
+def test_a_program_that_falls_silent_stops_the_mount(mount):
+    mount.x.jog(1)
+    mount.link.sleep(3)  # passes time without feeding
+    status = mount.status()
+    assert not status.moving
+    assert status.x.reason == 7
+    assert [e.split(",")[0] for e in mount.take_errors()] == ["62"]
+
+
+def test_a_board_that_restarts_is_noticed(mount):
+    mount.status()
+    mount._boot_id ^= 1  # as if the next answer came from another boot
+    with pytest.raises(errors.ConnectionLost, match="restarted"):
+        mount.x.step(1)
+
+
+def test_the_real_time_board_is_fed_by_itself_while_the_program_does_something_else():
+    with Mount.open("virtual://") as mount:
+        mount.ask("2XM1500;XK?")
+        mount.x.jog(1)
+        mount._feeder.join(20)  # ends when the motion does: at the run limit, not at the keep-alive
+        assert mount.x.wait().reason == 6
+
+
+def test_a_drv8833_board_moves_the_spot_too():
+    with Mount.open("virtual://?speed=max&board=pico_drv8833") as mount:
+        mount.x.step(5)
+        assert mount.link.port.world.bench.spot_mm()[0] > 5
+
+
+@pytest.mark.parametrize(
+    "address", ["virtual://?speed=2", "virtual://?bench=none", "virtual://?board=uno", "virtual://?x=1", "virtual://?seed=a"]
+)
+def test_a_virtual_address_with_an_unknown_option_is_refused(address):
+    with pytest.raises(errors.BadAddress):
+        Mount.open(address)

@@ -1,0 +1,83 @@
+"""The demo measures, and can be wrong: each of four faults changes its table and fails it."""
+
+import pytest
+
+from mirrormount import demo
+from mirrormount.client import Mount
+from mirrormount.errors import BadValue, DemoFailed
+from mirrormount.virtual.wiring import DRIVES
+
+
+def measure(prepare=lambda mount: None) -> dict[str, demo.Row]:
+    with Mount.open("virtual://?speed=max") as mount:
+        prepare(mount)
+        corners, _, _ = demo.square(mount)
+    return {row.what: row for row in demo.table(corners)}
+
+
+def bad(rows: dict[str, demo.Row]) -> set[str]:
+    return {what for what, row in rows.items() if not row.good}
+
+
+def bench(mount: Mount):
+    return mount.link.port.world.bench
+
+
+def test_the_square_has_the_papers_figures():
+    rows = measure()
+    assert bad(rows) == set()
+    assert rows["step, horizontal"].measured == pytest.approx(0.43, rel=0.05)
+    assert rows["step, vertical"].measured == pytest.approx(0.47, rel=0.05)
+    assert rows["backlash, horizontal"].measured == pytest.approx(0.64, rel=0.15)
+    assert rows["backlash, vertical"].measured == pytest.approx(0.70, rel=0.15)
+
+
+def test_a_pulse_ten_percent_long_fails_it():
+    rows = measure(lambda mount: mount.ask("1XP220000;2XP220000;XK?"))
+    assert {"step, horizontal", "step, vertical"} <= bad(rows)
+
+
+def test_swapped_legs_fail_it(monkeypatch):
+    monkeypatch.setitem(DRIVES, 6, "m2_neg")
+    monkeypatch.setitem(DRIVES, 7, "m2_pos")
+    rows = measure()
+    assert rows["step, horizontal"].measured < 0
+    assert "step, horizontal" in bad(rows)
+
+
+def test_another_gap_fails_it():
+    def widen(mount: Mount) -> None:
+        bench(mount).horizontal.gap_rev *= 1.3
+
+    assert {"backlash, horizontal"} <= bad(measure(widen))
+
+
+def test_another_screw_fails_it():
+    def coarsen(mount: Mount) -> None:
+        bench(mount).vertical.pitch_mm = 0.35
+
+    assert {"step, vertical"} <= bad(measure(coarsen))
+
+
+def test_a_bad_table_is_an_error_after_the_picture_was_drawn(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(demo, "STEP_X_MRAD", 0.5)
+    output = tmp_path / "square.png"
+    with pytest.raises(DemoFailed, match="step, horizontal"):
+        demo.run("virtual://?speed=max", output)
+    assert output.read_bytes().startswith(b"\x89PNG")
+    assert "NOT OK" in capsys.readouterr().out
+
+
+def test_the_demo_runs_on_a_virtual_board_only():
+    with pytest.raises(BadValue):
+        demo.run("/dev/ttyACM0", None)
+
+
+def test_a_spot_is_found_to_a_fraction_of_a_pixel_and_darkness_is_not_a_spot():
+    import numpy as np
+
+    noise = np.random.default_rng(3)
+    picture = demo.VIEW.picture((12.34, -56.78), noise)
+    x, y = demo.VIEW.centroid(picture)
+    assert (x, y) == pytest.approx((12.34, -56.78), abs=0.02)
+    assert demo.VIEW.centroid(demo.VIEW.picture((1000, 1000), noise)) is None

@@ -1,0 +1,219 @@
+"""A served board and clients in processes of their own: what dies, freezes or floods stops nothing but itself."""
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+
+import pytest
+from served import run_cli, wait_for
+
+from mirrormount import Mount, errors
+
+KEEP_ALIVE_US = 500_000
+
+
+def client(code: str, address: str) -> subprocess.Popen:
+    """A Python process that has an open mount `m`, and says "moving" on its stdout when asked to."""
+    program = f"from mirrormount import Mount\nm = Mount.open({address!r})\n{code}\nprint('moving', flush=True)\ninput()\n"
+    process = subprocess.Popen(
+        [sys.executable, "-c", program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    assert process.stdout.readline() == "moving\n"
+    return process
+
+
+def finish(process: subprocess.Popen) -> None:
+    process.kill()
+    process.communicate()
+
+
+def test_it_says_where_it_is_and_ends_cleanly_on_both_signals(serve):
+    for number in (signal.SIGTERM, signal.SIGINT):
+        board = serve()
+        assert os.path.islink(board.link)
+        assert board.end(number) == 0
+        assert not os.path.lexists(board.link)
+
+
+def test_the_edges_file_has_the_documented_form(board):
+    with Mount.open(str(board.link)) as mount:
+        mount.y.step(-1)
+    edges = board.edges()
+    assert [(e["pin"], e.get("duty", e.get("level"))) for e in edges[:4]] == [
+        ("m1_neg", 1),
+        ("m1_en", 65535),
+        ("m1_en", 0),
+        ("m1_neg", 0),
+    ]
+    assert all(set(e) == {"t_us", "pin", "duty" if e["pin"].endswith("_en") else "level"} for e in edges)
+
+
+def test_legs_of_a_two_pwm_bridge_are_written_with_their_duty(serve):
+    board = serve("--board", "pico_drv8833")
+    with Mount.open(str(board.link)) as mount:
+        mount.y.step(1)
+    assert [(e["pin"], e["duty"]) for e in board.edges()] == [("m1_pos", 65535), ("m1_pos", 0)]
+
+
+@pytest.mark.parametrize("how", ["link", "tcp"])
+def test_a_client_killed_in_mid_jog_stops_the_mount_within_the_keep_alive(board, how):
+    process = client("m.x.jog(1)", str(getattr(board, how)))
+    wait_for(board.driving, "the motor to run")
+    process.send_signal(signal.SIGKILL)
+    wait_for(lambda: not board.driving(), "the keep-alive to stop it")
+    finish(process)
+    with Mount.open(str(getattr(board, how))) as mount:
+        assert mount.status().x.reason == 7
+
+
+def test_a_frozen_client_stops_the_mount_within_the_keep_alive(board):
+    process = client("m.x.jog(1)", board.tcp)
+    wait_for(board.driving, "the motor to run")
+    process.send_signal(signal.SIGSTOP)
+    wait_for(lambda: not board.driving(), "the keep-alive to stop it")
+    finish(process)
+
+
+def test_the_keep_alive_counts_from_the_last_byte_of_the_dead_client(board):
+    # no feeder here: one line starts the motion, then silence, so the on-time is the keep-alive
+    with socket.create_connection(("127.0.0.1", int(board.tcp.rsplit(":", 1)[1]))) as raw:
+        raw.sendall(b"XK500;2MV+\n")
+        wait_for(board.driving, "the motor to run")
+        wait_for(lambda: not board.driving(), "the keep-alive to stop it")
+    assert abs(board.off_after_us("m2_en") - KEEP_ALIVE_US) < 5_000
+
+
+def test_a_frame_client_killed_stops_at_the_run_limit(board):
+    with socket.create_connection(("127.0.0.1", int(board.tcp.rsplit(":", 1)[1]))) as raw:
+        raw.sendall(b"1XM700\n02550000")
+        wait_for(board.driving, "the motor to run")
+    wait_for(lambda: not board.driving(), "the run limit to stop it")
+    assert abs(board.off_after_us("m1_en") - 700_000) < 5_000
+
+
+def test_a_dead_clients_keep_alive_does_not_cut_the_next_client(board):
+    finish(client("m.x.step(1)", board.tcp))
+    with Mount.open(board.tcp) as mount:
+        mount.ask("1XM1500;XK?")
+        mount.y.jog(1)
+        assert mount.y.wait().reason == 6
+    assert abs(board.off_after_us("m1_en") - 1_500_000) < 5_000
+
+
+@pytest.mark.parametrize("how", ["link", "tcp"])
+def test_a_host_that_never_reads_ten_thousand_frames_then_a_stop(board, how):
+    if how == "link":
+        fd = os.open(board.link, os.O_RDWR | os.O_NOCTTY)
+        send, close = (lambda data: os.write(fd, data)), (lambda: os.close(fd))
+    else:
+        raw = socket.create_connection(("127.0.0.1", int(board.tcp.rsplit(":", 1)[1])))
+        send, close = raw.send, raw.close
+    flood = b"02550255" * 10_000 + b"!"
+    while flood:
+        flood = flood[send(flood) :]
+    wait_for(lambda: len(board.edges()) >= 8 and not board.driving(), "the stop")
+    # nothing comes after it: the stop was the last thing, and it was obeyed
+    with_stop = board.edges()
+    close()
+    with Mount.open(str(getattr(board, how))) as mount:
+        assert not mount.status().moving
+    assert board.edges() == with_stop
+
+
+def test_whoever_writes_a_stop_and_leaves_at_once_is_heard(board):
+    with open(board.link, "wb", buffering=0) as port:
+        port.write(b"1XM60000\n02550255")
+    wait_for(lambda: all(board.enables().values()), "the motors to run")
+    with open(board.link, "wb", buffering=0) as port:
+        port.write(b"!")
+    wait_for(lambda: not board.driving(), "the stop")
+
+
+def test_a_second_tcp_client_is_told_and_turned_away(board):
+    with Mount.open(board.tcp) as mount:
+        with pytest.raises(errors.PortBusy, match="another"):
+            Mount.open(board.tcp)
+        assert not mount.status().moving
+
+
+def test_a_second_program_on_the_pty_is_told_that_it_is_busy(board):
+    with Mount.open(str(board.link)), pytest.raises(errors.PortBusy):
+        Mount.open(str(board.link))
+
+
+def test_a_board_that_goes_in_mid_move_is_one_clear_error(board):
+    with pytest.raises(errors.ConnectionLost) as lost, Mount.open(str(board.link)) as mount:  # noqa: PT012
+        mount.x.jog(1)
+        wait_for(board.driving, "the motor to run")
+        board.kill()
+        mount.x.wait()
+    assert "\n" not in str(lost.value)
+
+
+def test_ctrl_c_from_a_terminal_turns_the_motors_off_and_gives_the_prompt(board):
+    with socket.create_connection(("127.0.0.1", int(board.tcp.rsplit(":", 1)[1]))) as raw:
+        raw.sendall(b"02550255")
+        wait_for(lambda: all(board.enables().values()), "the motors to run")
+        raw.sendall(b"\x03")
+        wait_for(lambda: not board.driving(), "the motors to stop")
+        seen = b""
+        while b">>> " not in seen:
+            seen += raw.recv(4096)
+    with pytest.raises(errors.AtPrompt, match="Ctrl-D"):
+        Mount.open(board.tcp)
+
+
+def test_ctrl_d_at_the_prompt_starts_the_firmware_again(board):
+    with socket.create_connection(("127.0.0.1", int(board.tcp.rsplit(":", 1)[1]))) as raw:
+        raw.sendall(b"\x03")
+        seen = b""
+        while b">>> " not in seen:
+            seen += raw.recv(4096)
+        raw.sendall(b"\x04")
+        while b"soft reboot" not in seen:
+            seen += raw.recv(4096)
+    with Mount.open(board.tcp) as mount:
+        mount.x.step(1)
+        assert mount.x.position == 1
+
+
+def test_what_a_dead_client_left_unread_does_not_confuse_the_next(board):
+    with socket.create_connection(("127.0.0.1", int(board.tcp.rsplit(":", 1)[1]))) as raw:
+        raw.sendall(b"*IDN?\n" * 50 + b"02550255" * 20)
+        wait_for(board.driving, "the motors to run")
+    with Mount.open(board.tcp) as mount:
+        assert mount.identity.startswith("mirrormount,")
+        assert not mount.status().moving
+
+
+def test_options_that_cannot_be_are_one_line(serve, tmp_path):
+    (tmp_path / "file").write_text("mine")
+    for options in (
+        ["--tcp", "70000"],
+        ["--tcp", "x"],
+        ["--link", str(tmp_path / "file")],
+        ["--link", str(tmp_path / "none" / "mount")],
+        ["--tcp", "0", "--edges", str(tmp_path / "none" / "edges")],
+        ["--tcp", "0", "--speed", "max"],
+    ):
+        run = run_cli("virtual", *options)
+        assert run.returncode == 1, options
+        assert run.stderr.startswith("mirrormount: ") and run.stderr.count("\n") == 1, run.stderr
+    assert (tmp_path / "file").read_text() == "mine"
+
+
+def test_a_port_in_use_is_one_line(board):
+    port = board.tcp.rsplit(":", 1)[1]
+    run = run_cli("virtual", "--tcp", port)
+    assert run.returncode == 1
+    assert run.stderr.count("\n") == 1 and port in run.stderr
+
+
+def test_every_edge_is_a_json_object_on_a_line_of_its_own(board):
+    with Mount.open(str(board.link)) as mount:
+        mount.drive(100, -100)
+    for line in board.edges_file.read_text().splitlines():
+        assert isinstance(json.loads(line), dict)
