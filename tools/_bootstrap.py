@@ -163,9 +163,7 @@ def version_of(command: Command, run: Run = run) -> Tuple[int, ...]:
     return tuple(map(int, words)) if status == 0 and all(word.isdigit() for word in words) else ()
 
 
-def find_python(
-    commands: Iterable[Command], version: Callable[[Command], Tuple[int, ...]]
-) -> Optional[Command]:
+def find_python(commands: Iterable[Command], version: Callable[[Command], Tuple[int, ...]]) -> Optional[Command]:
     """The first command that starts a Python this project can use."""
     return next((command for command in commands if version(command) >= OLDEST), None)
 
@@ -230,9 +228,7 @@ def ensure_venv(venv: Path, run: Run, may_install: bool = False) -> str:
     """
     version, trouble = look_at(venv, run)
     if version and tuple(map(int, version.split(".")))[:2] < OLDEST:
-        raise Stop(
-            f".venv holds Python {version}; 3.11 is needed: delete or rename .venv and run this again."
-        )
+        raise Stop(f".venv holds Python {version}; 3.11 is needed: delete or rename .venv and run this again.")
     if version:
         own = (venv / MADE).exists()
         say("      .venv is there" if own else "      .venv was not made by this script, but works: using it")
@@ -264,9 +260,7 @@ def create_venv(venv: Path, run: Run, may_install: bool, which: Which = shutil.w
             raise Stop(f"This Python cannot make virtual environments yet. Run: sudo apt install {package}")
     status, output = run(command)
     if status:
-        raise failure(
-            "Making .venv", output, "Is the disk full? If not, delete the folder .venv and run this again."
-        )
+        raise failure("Making .venv", output, "Is the disk full? If not, delete the folder .venv and run this again.")
 
 
 def apt_install(packages: Sequence[str], run: Run, which: Which = shutil.which) -> None:

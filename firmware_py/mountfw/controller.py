@@ -7,7 +7,7 @@ says whether it needs an axis, what sets it and what answers its query.
 
 from mountfw import __version__, errors
 from mountfw.axis import MAX_STEPS, NEVER_US
-from mountfw.command import MINUS, NOTHING, NUMBER, PLUS, QUERY, key
+from mountfw.command import MINUS, NOTHING, NUMBER, PLUS, QUERY, Line, key
 from mountfw.ticks import diff
 
 _CONNECTED = 2  # axes this mount has
@@ -52,7 +52,7 @@ class Controller:
         self._keep_alive_ms = 0
         self._heard_at = 0
         self._answers = 0  # of the line in hand
-        self._line = None
+        self._line = Line()  # the line in hand
         # (needs an axis, set, query); set(axis, line) and query(axis) of the axis, or of None
         self._commands = {
             key(b"*IDN"): (False, None, self._ask_identity),

@@ -13,9 +13,9 @@ import machine
 import micropython
 from machine import PWM, Pin
 
-ticks_us = time.ticks_us
-ticks_ms = time.ticks_ms
-pause_us = time.sleep_us
+ticks_us = time.ticks_us  # pyright: ignore[reportAttributeAccessIssue]
+ticks_ms = time.ticks_ms  # pyright: ignore[reportAttributeAccessIssue]
+pause_us = time.sleep_us  # pyright: ignore[reportAttributeAccessIssue]
 
 _CTRL_C = 3
 
@@ -23,9 +23,9 @@ _in = select.poll()
 _in.register(sys.stdin, select.POLLIN)
 _out = select.poll()
 _out.register(sys.stdout, select.POLLOUT)
-_ipoll_in = _in.ipoll
-_ipoll_out = _out.ipoll
-_readinto = sys.stdin.buffer.readinto
+_ipoll_in = _in.ipoll  # pyright: ignore[reportAttributeAccessIssue]
+_ipoll_out = _out.ipoll  # pyright: ignore[reportAttributeAccessIssue]
+_readinto = sys.stdin.buffer.readinto  # pyright: ignore[reportAttributeAccessIssue]
 _write = sys.stdout.buffer.write
 _byte_in = bytearray(1)
 _byte_out = bytearray(1)
@@ -67,7 +67,6 @@ class Output:
 
     def __init__(self, number, pwm_hz=0):
         self._pin = Pin(number, Pin.OUT, value=0)
-        self._pwm = None
         if pwm_hz:
             self._pwm = PWM(self._pin, freq=pwm_hz, duty_u16=0)
             self.low()

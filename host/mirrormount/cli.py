@@ -5,12 +5,15 @@ is 130. Anything heavy is imported inside the subcommand that needs it.
 """
 
 import argparse
+import math
 import os
 import sys
+import threading
 from pathlib import Path
 
-from mirrormount import __version__
+from mirrormount import Mount, __version__
 from mirrormount.errors import REASONS, BadValue, MountError
+from mirrormount.sketch import LIMITS, SketchMount
 
 _LIMITS = {0: "-", 1: "positive", 2: "negative", 3: "both"}
 
@@ -33,14 +36,16 @@ def main(argv: list[str] | None = None) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="mirrormount", description="Drive a motorised mirror mount.", epilog="AXIS is x (right +) or y (up +)."
+        prog="mirrormount",
+        description="Drive a motorised mirror mount.",
+        epilog="AXIS is x (right +) or y (up +).",
     )
     parser.add_argument("--version", action="version", version=f"mirrormount {__version__}")
     at = argparse.ArgumentParser(add_help=False)
     at.add_argument(
         "--port",
         default=os.environ.get("MIRRORMOUNT_PORT"),
-        help="serial port, socket://HOST:PORT or virtual:// (default: $MIRRORMOUNT_PORT, else the board that is plugged in)",
+        help="serial port, socket://HOST:PORT or virtual:// (default: $MIRRORMOUNT_PORT, else the one board there is)",
     )
     at.add_argument("--sketch", action="store_true", help="the port is an Arduino that runs the paper's sketch")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
@@ -62,7 +67,11 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument("axis", choices=("x", "y"))
     sub.add_argument("speed", metavar="SPEED")
     sub.add_argument("--seconds", metavar="S")
-    sub = add("drive", do_drive, "drive motor 1 at M1 and motor 2 at M2 (-255 ... 255) until Ctrl-C, or for S seconds")
+    sub = add(
+        "drive",
+        do_drive,
+        "drive motor 1 at M1 and motor 2 at M2 (-255 ... 255) until Ctrl-C, or for S seconds",
+    )
     sub.add_argument("m1", metavar="M1")
     sub.add_argument("m2", metavar="M2")
     sub.add_argument("--seconds", metavar="S")
@@ -83,13 +92,9 @@ def _parser() -> argparse.ArgumentParser:
 
 def _open(args: argparse.Namespace):
     if args.sketch:
-        from mirrormount.sketch import SketchMount
-
         if args.port is None:
             raise BadValue("an Arduino's port must be named: --port PORT --sketch")
         return SketchMount.open(args.port)
-    from mirrormount.client import Mount
-
     return Mount.open(args.port)
 
 
@@ -124,6 +129,9 @@ def do_ports(_args: argparse.Namespace) -> None:
 def do_status(args: argparse.Namespace) -> None:
     """Print identity, axes and errors."""
     with _open(args) as mount:
+        if isinstance(mount, SketchMount):
+            print(LIMITS)
+            return
         status = mount.status()
         print(mount.identity)
         for name in ("x", "y"):
@@ -143,7 +151,9 @@ def do_step(args: argparse.Namespace) -> None:
     with _open(args) as mount:
         axis = getattr(mount, args.axis)
         axis.step(n)
-        if not args.sketch:
+        if isinstance(mount, SketchMount):
+            print(f"{args.axis}: {n} steps sent ({LIMITS})")
+        else:
             print(f"{args.axis}: {axis.position:+.3f} steps")
 
 
@@ -162,7 +172,7 @@ def do_jog(args: argparse.Namespace) -> None:
     seconds = _seconds(args)
     with _open(args) as mount:
         getattr(mount, args.axis).jog(speed)
-        _until_done(mount, seconds, args)
+        _until_done(mount, seconds)
 
 
 def do_drive(args: argparse.Namespace) -> None:
@@ -171,7 +181,7 @@ def do_drive(args: argparse.Namespace) -> None:
     seconds = _seconds(args)
     with _open(args) as mount:
         mount.drive(m1, m2)
-        _until_done(mount, seconds, args)
+        _until_done(mount, seconds)
 
 
 def _seconds(args: argparse.Namespace) -> float | None:
@@ -183,16 +193,14 @@ def _seconds(args: argparse.Namespace) -> float | None:
     return seconds
 
 
-def _until_done(mount, seconds: float | None, args: argparse.Namespace) -> None:
+def _until_done(mount: Mount | SketchMount, seconds: float | None) -> None:
     """Let the motion go on for seconds, or until it ends by itself, or Ctrl-C (which stops it)."""
-    if args.sketch:
-        if seconds is None:
-            raise BadValue("with --sketch give --seconds: nothing else would stop the motor")
-        mount.sleep(seconds)
+    if isinstance(mount, SketchMount):
+        mount.sleep(threading.TIMEOUT_MAX if seconds is None else seconds)
         return
-    end = None if seconds is None else mount.link.monotonic() + seconds
-    while end is None or (left := end - mount.link.monotonic()) > 0:
-        mount.sleep(0.1 if end is None else min(0.1, left))
+    end = math.inf if seconds is None else mount.link.monotonic() + seconds
+    while (left := end - mount.link.monotonic()) > 0:
+        mount.sleep(min(0.1, left))
         status = mount.status()
         if not status.moving:
             errors = mount.take_errors()

@@ -16,9 +16,6 @@ import time
 from dataclasses import dataclass
 from typing import Self
 
-from mountfw import errors as wire
-from mountfw.frame import encode
-
 from mirrormount.errors import (
     AtPrompt,
     BadValue,
@@ -32,6 +29,8 @@ from mirrormount.errors import (
     PortBusy,
 )
 from mirrormount.link import Link, find_one, open_port
+from mountfw import errors as wire
+from mountfw.frame import encode
 
 KEEP_ALIVE_MS = 500
 _FEED_S = 0.1

@@ -93,7 +93,7 @@ def square(mount: Mount, progress=lambda text: None):
 
 def table(corners: list[tuple[float, float]]) -> list[Row]:
     """What the paper reports, from the five corners (mm): start, right, down, left, up."""
-    (x1, y1), (x2, y2), (x3, y3), (_x4, _y4), (x5, y5) = (
+    (x1, y1), (x2, y2), (_x3, y3), (_x4, _y4), (x5, y5) = (
         tuple(math.atan2(c, SCREEN_MM) * 1e3 for c in corner) for corner in corners
     )
     # signed along the way each leg must go: a swapped motor makes it negative
@@ -145,7 +145,13 @@ def draw(corners, trail, pictures, rows: list[Row], output: Path) -> None:
         for a in (ax, zoom):
             a.plot(cx, cy, "+", color="red", ms=12, mew=1.6)
         ax.annotate(
-            f"{number + 1}", (cx, cy), places[number], textcoords="offset points", color="white", ha="center", va="center"
+            f"{number + 1}",
+            (cx, cy),
+            places[number],
+            textcoords="offset points",
+            color="white",
+            ha="center",
+            va="center",
         )
     (x1, y1), (x5, y5) = corners[0], corners[4]
     side = 12

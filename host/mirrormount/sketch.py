@@ -7,11 +7,10 @@ are spaced, each is confirmed by its echo, and a stop is sent until it was obeye
 
 from typing import Self
 
-from mountfw.frame import encode
-
 from mirrormount.client import whole_number
 from mirrormount.errors import ConnectionLost, MountError, NoAnswer, NotAMount, NotSupported
 from mirrormount.link import Link, open_port
+from mountfw.frame import encode
 
 LIMITS = (
     "the paper's sketch: a step is timed by this computer (about 0.2 s, +-2 ms), positions are unknown,"

@@ -8,8 +8,10 @@ import sys
 from pathlib import Path
 from types import FrameType
 
-import mountfw
 from test_memory import SESSION
+
+import mountfw
+
 from rig import Rig  # isort: skip
 
 LIMIT = 1 << 30

@@ -1,7 +1,8 @@
 """Pulses, runs, limits, end-stops, keep-alive. Runs under CPython and MicroPython."""
 
-from mountfw.boards import pico_drv8833
 from rig import Board, Rig
+
+from mountfw.boards import pico_drv8833
 
 
 def edges_of(rig, pins):
@@ -120,7 +121,14 @@ def test_whole_steps_after_a_reset_of_the_count_are_counted():
 
 
 def test_absolute_moves_from_a_fraction_make_the_nearest_whole_number_of_pulses():
-    for millisteps, target, pulses in ((1400, 3, 2), (1500, 3, 2), (1600, 3, 1), (-1500, 0, 2), (-400, 0, 0), (500, 0, -1)):
+    for millisteps, target, pulses in (
+        (1400, 3, 2),
+        (1500, 3, 2),
+        (1600, 3, 1),
+        (-1500, 0, 2),
+        (-400, 0, 0),
+        (500, 0, -1),
+    ):
         rig = Rig()
         rig.axis1.position = millisteps
         rig.ask(b"1PA%d\n" % target)
@@ -227,7 +235,11 @@ def test_switches_that_are_not_fitted_are_not_read():
 
 
 def test_an_end_stop_ends_the_move_into_it_and_is_told():
-    for move, pin, error, bit in ((b"1MV+\n", 10, 104, 1), (b"1PR-5\n", 11, 105, 2), (b"02550000", 10, 104, 1)):
+    for move, pin, error, bit in (
+        (b"1MV+\n", 10, 104, 1),
+        (b"1PR-5\n", 11, 105, 2),
+        (b"02550000", 10, 104, 1),
+    ):
         rig = with_switches()
         rig.ask(move)
         rig.run(50_000)

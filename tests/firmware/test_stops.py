@@ -91,7 +91,13 @@ def test_a_stop_at_a_boundary_leaves_the_next_message_intact():
 
 
 def test_the_tail_of_a_cut_message_is_never_obeyed():
-    for head, tail in ((b"0255", b"0255"), (b"1P", b"R5\n"), (b"1PR5;", b"2MV+\n"), (b"#", b"02550255"), (b"0255", b"2MV+\n")):
+    for head, tail in (
+        (b"0255", b"0255"),
+        (b"1P", b"R5\n"),
+        (b"1PR5;", b"2MV+\n"),
+        (b"#", b"02550255"),
+        (b"0255", b"2MV+\n"),
+    ):
         rig = Rig()
         rig.ask(head + b"!" + tail)
         rig.run(100_000)

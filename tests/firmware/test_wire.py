@@ -153,7 +153,14 @@ def test_a_command_that_cannot_be_done_stops_nothing_and_the_rest_goes_on():
 
 
 def test_spaces_case_and_decimals_of_the_dialect():
-    for text in (b"1PA3\n", b"1 PA 3\r\n", b"1pa3.000000\n", b"0>1PA+3\n", b"05> 1 PA 3 \n", b"1>1PA3;1TP?\n"):
+    for text in (
+        b"1PA3\n",
+        b"1 PA 3\r\n",
+        b"1pa3.000000\n",
+        b"0>1PA+3\n",
+        b"05> 1 PA 3 \n",
+        b"1>1PA3;1TP?\n",
+    ):
         rig = Rig()
         rig.ask(text)
         assert rig.drives() == (255, 0), text
@@ -212,7 +219,10 @@ def test_a_host_that_never_reads_loses_echoes_whole_and_nothing_else():
     rig.run(100_000)
     lines = bytes(rig.port.sent).split(b"\r\n")
     assert len(lines) % 5 == 1  # whole echoes only
-    assert lines[-6:] in ([b"02550100", b"255", b"100", b"255", b"100", b""], [b"00500050", b"50", b"50", b"50", b"50", b""])
+    assert lines[-6:] in (
+        [b"02550100", b"255", b"100", b"255", b"100", b""],
+        [b"00500050", b"50", b"50", b"50", b"50", b""],
+    )
     assert rig.errors() == []
 
 

@@ -132,4 +132,9 @@ def test_every_pair_of_legal_messages_glued_does_what_it_does_apart():
             glued, apart = outcome(first, second, 0), outcome(first, second, 400)
             assert glued[:2] == apart[:2], (first, second)
             # millisteps; the first message acts for half a millisecond longer when apart
-            assert all(abs(a - b) <= 20 for a, b in zip(glued[2], apart[2], strict=True)), (first, second, glued, apart)
+            assert all(abs(a - b) <= 20 for a, b in zip(glued[2], apart[2], strict=True)), (
+                first,
+                second,
+                glued,
+                apart,
+            )

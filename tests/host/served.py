@@ -30,9 +30,9 @@ class ServedBoard:
     def __init__(self, folder: Path, *options: str) -> None:
         self.link = folder / "mount"
         self.edges_file = folder / "edges.jsonl"
+        where = ["--link", self.link, "--tcp", "0", "--edges", self.edges_file]
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "mirrormount", "virtual", "--link", str(self.link), "--tcp", "0"]
-            + ["--edges", str(self.edges_file), *options],
+            [sys.executable, "-m", "mirrormount", "virtual", *where, *options],
             stdout=subprocess.PIPE,
             text=True,
         )

@@ -94,7 +94,15 @@ def test_a_motor_spins_up_and_coasts():
 
 def test_motion_does_not_depend_on_how_finely_it_is_looked_at():
     whole, parts = Drivetrain(lever_mm=30), Drivetrain(lever_mm=30)
-    for drive, seconds in ((1.0, 0.2), (None, 0.05), (-1.0, 0.3), (0.0, 0.1), (1.0, 0.05), (-0.3, 0.2), (None, 0.2)):
+    for drive, seconds in (
+        (1.0, 0.2),
+        (None, 0.05),
+        (-1.0, 0.3),
+        (0.0, 0.1),
+        (1.0, 0.05),
+        (-0.3, 0.2),
+        (None, 0.2),
+    ):
         whole.advance(seconds, drive)
         for _ in range(100):
             parts.advance(seconds / 100, drive)

@@ -60,7 +60,7 @@ def test_a_jog_that_ends_by_itself_is_not_called_a_success():
 
 
 def test_no_board_is_one_line(monkeypatch, capsys):
-    monkeypatch.setattr(mirrormount.link.list_ports, "comports", lambda: [])
+    monkeypatch.setattr(mirrormount.link.list_ports, "comports", list)
     monkeypatch.delenv("MIRRORMOUNT_PORT", raising=False)
     assert cli.main(["status"]) == 1
     assert "no board found" in capsys.readouterr().err
@@ -80,7 +80,11 @@ def test_two_boards_are_named_and_neither_is_opened(monkeypatch, capsys):
 
 
 def test_other_instruments_are_not_considered(monkeypatch):
-    ports = [port("/dev/ttyUSB0", 0x0403, 0x6001), port("/dev/ttyS0", None, None), port("/dev/ttyACM3", 0x2341, 0x43)]
+    ports = [
+        port("/dev/ttyUSB0", 0x0403, 0x6001),
+        port("/dev/ttyS0", None, None),
+        port("/dev/ttyACM3", 0x2341, 0x43),
+    ]
     monkeypatch.setattr(mirrormount.link.list_ports, "comports", lambda: ports)
     assert mirrormount.link.find() == []
 

@@ -1,5 +1,7 @@
 """Mount and Axis on a virtual board in lockstep: what a program asks for is what the pins do."""
 
+from itertools import pairwise
+
 import pytest
 
 from mirrormount import Mount, errors
@@ -15,7 +17,7 @@ def mount():
 def pulses(mount: Mount, pin: str) -> list[int]:
     """On-times of a pin so far, in microseconds."""
     edges = [(t, duty) for t, p, duty in mount.link.port.world.edges if p == pin]
-    return [off - on for (on, duty), (off, _) in zip(edges, edges[1:], strict=False) if duty]
+    return [off - on for (on, duty), (off, _) in pairwise(edges) if duty]
 
 
 def test_steps_are_pulses_on_the_axis_own_pins(mount):
@@ -91,7 +93,7 @@ def test_leaving_the_block_stops():
 
 
 def test_an_exception_in_the_block_stops_and_comes_through():
-    with pytest.raises(ZeroDivisionError), Mount.open("virtual://?speed=max") as mount:
+    with pytest.raises(ZeroDivisionError), Mount.open("virtual://?speed=max") as mount:  # noqa: PT012
         world = mount.link.port.world
         mount.x.jog(1)
         _ = 1 / 0
@@ -205,7 +207,14 @@ def test_a_drv8833_board_moves_the_spot_too():
 
 
 @pytest.mark.parametrize(
-    "address", ["virtual://?speed=2", "virtual://?bench=none", "virtual://?board=uno", "virtual://?x=1", "virtual://?seed=a"]
+    "address",
+    [
+        "virtual://?speed=2",
+        "virtual://?bench=none",
+        "virtual://?board=uno",
+        "virtual://?x=1",
+        "virtual://?seed=a",
+    ],
 )
 def test_a_virtual_address_with_an_unknown_option_is_refused(address):
     with pytest.raises(errors.BadAddress):

@@ -17,7 +17,13 @@ KEEP_ALIVE_US = 500_000
 
 def client(code: str, address: str) -> subprocess.Popen:
     """A Python process that has an open mount `m`, and says "moving" on its stdout when asked to."""
-    program = f"from mirrormount import Mount\nm = Mount.open({address!r})\n{code}\nprint('moving', flush=True)\ninput()\n"
+    program = f"""
+from mirrormount import Mount
+m = Mount.open({address!r})
+{code}
+print('moving', flush=True)
+input()
+"""
     process = subprocess.Popen(
         [sys.executable, "-c", program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     )

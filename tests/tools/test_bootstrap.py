@@ -135,9 +135,7 @@ def test_old_python_starts_over_with_the_newer_one(monkeypatch):
     monkeypatch.setattr(bootstrap.os, "name", "posix")
     monkeypatch.setattr(bootstrap.os, "execv", lambda path, command: started.append((path, command)))
     bootstrap.ensure_python("/clone/tools/demo.py", ["--fast"])
-    assert started == [
-        ("/bin/python3.12", ["/bin/python3.12", os.path.abspath("/clone/tools/demo.py"), "--fast"])
-    ]
+    assert started == [("/bin/python3.12", ["/bin/python3.12", os.path.abspath("/clone/tools/demo.py"), "--fast"])]
 
 
 @pytest.mark.parametrize("system", ["Debian", "Ubuntu", "Fedora", "macOS", "Windows"])

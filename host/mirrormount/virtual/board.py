@@ -1,8 +1,8 @@
 """Opens virtual boards: what `virtual://` stands for, in this process and on every system.
 
-    virtual://                      in real time, as a real board would behave
-    virtual://?speed=max            in lockstep with the caller: fast, exact, the same every time
-    …&bench=paper|switches  &board=pico|pico_drv8833  &seed=N  &edges=FILE
+virtual://                      in real time, as a real board would behave
+virtual://?speed=max            in lockstep with the caller: fast, exact, the same every time
+…&bench=paper|switches  &board=pico|pico_drv8833  &seed=N  &edges=FILE
 """
 
 import socket
@@ -22,7 +22,11 @@ BOARDS = {"pico": "Raspberry Pi Pico with RP2040", "pico_drv8833": "pico_drv8833
 
 
 def make_world(
-    bench: str = "paper", board: str = "pico", seed: int = 1, edges: Path | None = None, firmware: Path | None = None
+    bench: str = "paper",
+    board: str = "pico",
+    seed: int = 1,
+    edges: Path | None = None,
+    firmware: Path | None = None,
 ) -> World:
     """A virtual board that has just been switched on. Raises BadAddress for a bench or board it has not."""
     if bench not in BENCHES:
@@ -65,9 +69,7 @@ class LivePort(SocketPort):
         super().__init__(ours, "the virtual board")
         self.world = world
         self._stopping = threading.Event()
-        self._thread = threading.Thread(
-            target=self._live, args=(PairPort(theirs),), name="virtual board", daemon=True
-        )
+        self._thread = threading.Thread(target=self._live, args=(PairPort(theirs),), name="virtual board", daemon=True)
         self._thread.start()
 
     def _live(self, port: PairPort) -> None:

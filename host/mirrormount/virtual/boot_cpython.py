@@ -7,6 +7,7 @@ as much of a prompt as a host needs to tell where it is: `>>> `, and Ctrl-D to s
 FIRMWARE_DIR is the folder that holds `mountfw`; one without it makes a board without firmware.
 """
 
+import contextlib
 import importlib.util
 import os
 import signal
@@ -62,7 +63,7 @@ def _run_main():
 def _prompt():
     """Until Ctrl-D: echo, and know nothing but `import mountfw`."""
     line = ""
-    print("MicroPython (virtual board); %s\n>>> " % MACHINE_NAME, end="")
+    print(f"MicroPython (virtual board); {MACHINE_NAME}\n>>> ", end="")
     while True:
         try:
             c = chr(_console_in())
@@ -98,8 +99,6 @@ def _console_in():
 
 _install()
 while True:
-    try:
+    with contextlib.suppress(KeyboardInterrupt):
         _run_main()
-    except KeyboardInterrupt:
-        pass
     _prompt()

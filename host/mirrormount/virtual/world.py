@@ -60,6 +60,8 @@ class World:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
         )
+        assert self._child.stdin and self._child.stdout
+        self._to_child, self._from_child = self._child.stdin, self._child.stdout
         self.now_us = START_US
         self.waiting_in = 0  # bytes that the board has received and not read
 
@@ -74,7 +76,7 @@ class World:
         Raises BoardGone when its process has ended.
         """
         while True:
-            record = self._child.stdout.read(_RECORD.size)
+            record = self._from_child.read(_RECORD.size)
             if len(record) < _RECORD.size:
                 raise BoardGone
             kind, a, b, dt, t = _RECORD.unpack(record)
@@ -107,8 +109,8 @@ class World:
             grant_us = min(grant_us, switch_us - t_us)
         out += _RECORD.pack(_GO, 0, 0, grant_us, t_us)
         try:
-            self._child.stdin.write(out)
-            self._child.stdin.flush()
+            self._to_child.write(out)
+            self._to_child.flush()
         except OSError as e:
             raise BoardGone from e
 
@@ -121,7 +123,7 @@ class World:
         """Whether the host takes what the board sends. Told to the firmware with the next go()."""
         if ready != self._collects:
             self._collects = ready
-            self._child.stdin.write(_RECORD.pack(_COLLECTS, int(ready), 0, 0, 0))
+            self._to_child.write(_RECORD.pack(_COLLECTS, int(ready), 0, 0, 0))
 
     def close(self) -> None:
         """Power off."""

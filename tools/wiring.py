@@ -1,0 +1,199 @@
+"""Draw the wiring of docs/bring-up.md, docs/images/wiring.svg and .png: python tools/wiring.py
+
+Needs schemdraw and matplotlib (in tests/requirements.txt); the same versions write the same bytes.
+"""
+
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+
+matplotlib.use("Agg")
+matplotlib.rcParams.update({"svg.hashsalt": "mirrormount", "svg.fonttype": "path"})
+
+import schemdraw  # noqa: E402  (it looks at the backend that was just chosen)
+from schemdraw import elements as elm  # noqa: E402
+
+Place = tuple[float, float]
+IMAGES = Path(__file__).resolve().parent.parent / "docs" / "images"
+BLACK, GREY, RED, ORANGE, BLUE, GREEN = "black", "#555555", "#b00020", "#b35900", "#0b5394", "#1b6b2f"
+SMALL, NORMAL, LARGE = 11, 13, 16
+LABEL_OFFSET = (-0.1, -0.1)  # schemdraw puts a label that stands alone this far off
+
+# Name, colour, height on the page, Pico pin and its number, bridge input and its number. The signals run
+# straight across; the enables are outermost, so that their pull-downs cross nothing.
+SIGNALS = (
+    ("m1_en", BLUE, 10.5, "GP2", 4, "1,2EN", 1),
+    ("m1_pos", BLUE, 9.0, "GP3", 5, "2A", 7),
+    ("m1_neg", BLUE, 7.5, "GP4", 6, "1A", 2),
+    ("m2_pos", GREEN, 6.0, "GP6", 9, "4A", 15),
+    ("m2_neg", GREEN, 4.5, "GP7", 10, "3A", 10),
+    ("m2_en", GREEN, 3.0, "GP5", 7, "3,4EN", 9),
+)
+# Name, what it does, colour, then the output at either end: name, number, height
+MOTORS = (
+    ("motor 1\nup / down", BLUE, ("2Y", 6, 10.5), ("1Y", 3, 7.5)),
+    ("motor 2\nright / left", GREEN, ("4Y", 14, 6.0), ("3Y", 11, 3.0)),
+)
+# Name, colour, height, Pico pin and its number
+SWITCHES = (
+    ("m1_sw_pos", BLUE, 10.5, "GP10", 14),
+    ("m1_sw_neg", BLUE, 8.5, "GP11", 15),
+    ("m2_sw_pos", GREEN, 6.0, "GP12", 16),
+    ("m2_sw_neg", GREEN, 4.0, "GP13", 17),
+)
+GROUNDS = (4, 5, 12, 13)  # of the bridge
+NOTES = """
+•  Blue: motor 1, up and down. Green: motor 2, right and left. Signal names are the firmware's;
+    “pos” is the leg that is high for a positive number.
+•  R1 and R2 keep the motors off while the board starts or is flashed: 10 kΩ; on a Pico 2, at most 8.2 kΩ.
+•  C1 and C2 stand next to the bridge, between pin 8 and its ground pins.
+•  USB feeds the Pico and pin 16; the motor supply feeds pin 8 and nothing else.
+    The two share only the ground. No GP pin may see more than 3.3 V.
+"""
+
+RAIL, BOTTOM, GND_3, SUPPLY = 0.0, 1.7, 12.5, 14.5  # heights: ground, boxes, the Pico's GND 3, both supplies
+PICO, PICO_RIGHT, PICO_TOP = 6.0, 10.5, 15.5
+BRIDGE, BRIDGE_RIGHT, BRIDGE_TOP = 18.5, 23.5, 12.5
+PULL_DOWN, MOTOR, SMALL_CAPACITOR, BULK_CAPACITOR, SOURCE = 16.0, 26.0, 30.0, 32.0, 36.5  # places across
+NOTES_AT, PINOUT = (0.0, -2.2), (29.0, -1.8)
+
+
+def main() -> None:
+    """Draw, and write both files."""
+    with schemdraw.Drawing(show=False, canvas="matplotlib") as d:
+        d.config(fontsize=NORMAL, lw=1.8, margin=0.5, bgcolor="white")
+        for part in (supply, pico, bridge, signals, motors, switches, legend):
+            part(d)
+    drawn: Any = d.draw(show=False)
+    figure = drawn.getfig()
+    figure.savefig(IMAGES / "wiring.svg", metadata={"Date": None, "Creator": None})
+    figure.savefig(IMAGES / "wiring.png", dpi=100, metadata={"Software": None})
+
+
+def wire(d, *places: Place, color: str = BLACK, dot: bool = False) -> None:
+    """A wire through some places; with a dot where it ends on another wire."""
+    for a, b in pairwise(places):
+        d += elm.Line().at(a).to(b).color(color)
+    if dot:
+        d += elm.Dot().at(places[-1]).color(color)
+
+
+def write(d, at: Place, words: str, size: int = NORMAL, color: str = BLACK, align: str = "center") -> None:
+    """Words; their middle is at that height."""
+    style: dict[str, Any] = {"fontsize": size, "color": color, "halign": align, "valign": "center"}
+    d += elm.Label().at(at).theta(0).label(words, loc="center", ofst=LABEL_OFFSET, **style)
+
+
+def box(d, left: float, right: float, bottom: float, top: float, fill: str) -> None:
+    """The outline of a part."""
+    d += elm.Rect(corner1=(0, 0), corner2=(right - left, top - bottom), fill=fill).at((left, bottom)).theta(0)
+
+
+def pin(d, at: Place, side: str, name: str, number: int) -> None:
+    """A pin on one side of a box: its name inside, its number outside."""
+    x, y = at
+    dx, dy = {"left": (-1, 0), "right": (1, 0), "top": (0, 1), "bottom": (0, -1)}[side]
+    write(d, (x - 0.2 * dx, y - 0.35 * dy), name, align=side if dx else "center")
+    number_at = (x + 0.15 * dx, y + 0.25) if dx else (x + 0.15, y + 0.35 * dy)
+    write(d, number_at, str(number), SMALL, GREY, align="right" if side == "left" else "left")
+
+
+def pico(d) -> None:
+    """The Pico, with its 5 V to the bridge's logic and its ground."""
+    box(d, PICO, PICO_RIGHT, BOTTOM, PICO_TOP, "#eaf3e6")
+    middle = (PICO + PICO_RIGHT) / 2
+    box(d, middle - 0.7, middle + 0.7, PICO_TOP, PICO_TOP + 0.5, "#dddddd")
+    write(d, (middle, PICO_TOP + 0.9), "USB, to the computer")
+    write(d, (middle - 0.6, 13.0), "Raspberry Pi\nPico or\nPico W", LARGE)
+    pin(d, (PICO_RIGHT, SUPPLY), "right", "VBUS", 40)
+    pin(d, (PICO_RIGHT, GND_3), "right", "GND", 3)
+    pin(d, (middle, BOTTOM), "bottom", "GND", 38)
+    wire(d, (middle, BOTTOM), (middle, RAIL), dot=True)
+    wire(d, (PICO_RIGHT, SUPPLY), (BRIDGE + 1.4, SUPPLY), (BRIDGE + 1.4, BRIDGE_TOP), color=RED)
+    write(d, (14, SUPPLY + 0.35), "5 V from USB, for the bridge's logic", SMALL, RED)
+
+
+def bridge(d) -> None:
+    """The SN754410's outline, supplies and grounds."""
+    box(d, BRIDGE, BRIDGE_RIGHT, BOTTOM, BRIDGE_TOP, "#f1ecf8")
+    write(d, ((BRIDGE + BRIDGE_RIGHT) / 2, 6.9), "SN754410", LARGE)
+    pin(d, (BRIDGE + 1.4, BRIDGE_TOP), "top", "VCC1", 16)
+    pin(d, (BRIDGE_RIGHT - 1.4, BRIDGE_TOP), "top", "VCC2", 8)
+    for i, number in enumerate(GROUNDS):
+        x = BRIDGE + 0.7 + 1.2 * i
+        pin(d, (x, BOTTOM), "bottom", "GND", number)
+        wire(d, (x, BOTTOM), (x, RAIL), dot=True)
+
+
+def signals(d) -> None:
+    """Six wires from the Pico to the bridge; the enables have pull-downs."""
+    for name, color, y, pico_pin, pico_number, bridge_pin, bridge_number in SIGNALS:
+        pin(d, (PICO_RIGHT, y), "right", pico_pin, pico_number)
+        pin(d, (BRIDGE, y), "left", bridge_pin, bridge_number)
+        wire(d, (PICO_RIGHT, y), (BRIDGE, y), color=color)
+        write(d, (13.2, y + 0.32), name, NORMAL, color)
+    wire(d, (PICO_RIGHT, GND_3), (PULL_DOWN, GND_3))
+    for name, y, to_ground in (("R1", SIGNALS[0][2], GND_3), ("R2", SIGNALS[-1][2], RAIL)):
+        d += elm.Resistor().at((PULL_DOWN, y)).to((PULL_DOWN, to_ground)).idot()
+        write(d, (PULL_DOWN - 0.4, (y + to_ground) / 2), name + "\n10 kΩ", align="right")
+    d += elm.Dot().at((PULL_DOWN, RAIL))
+
+
+def motors(d) -> None:
+    """The motors between the bridge's outputs."""
+    for words, color, upper, lower in MOTORS:
+        for name, number, y in (upper, lower):
+            pin(d, (BRIDGE_RIGHT, y), "right", name, number)
+            wire(d, (BRIDGE_RIGHT, y), (MOTOR, y), color=color)
+        d += elm.Motor().at((MOTOR, upper[2])).to((MOTOR, lower[2])).color(color)
+        write(d, (MOTOR, (upper[2] + lower[2]) / 2), "M", NORMAL, color)
+        write(d, (MOTOR + 0.8, (upper[2] + lower[2]) / 2), words, NORMAL, color, align="left")
+
+
+def switches(d) -> None:
+    """Normally closed switches from the Pico's inputs to ground."""
+    for name, color, y, pico_pin, number in SWITCHES:
+        pin(d, (PICO, y), "left", pico_pin, number)
+        d += elm.Button(nc=True).at((0, y)).to((PICO, y)).color(color)
+        write(d, (1.5, y + 0.35), name, NORMAL, color)
+        d += elm.Dot().at((0, y))
+    wire(d, (0, SWITCHES[0][2]), (0, RAIL))
+    words = "End-stop switches (optional),\nnormally closed;\npull-ups are in the Pico"
+    write(d, (2.6, 12.2), words, SMALL, GREY)
+
+
+def supply(d) -> None:
+    """The ground that all share; the motors' own supply, its switch, the capacitors next to the bridge."""
+    d += elm.Line().at((0, RAIL)).to((SOURCE, RAIL)).linewidth(3.5)
+    d += elm.Ground().at((PULL_DOWN - 2.5, RAIL)).theta(0)
+    write(d, (PULL_DOWN - 3.2, RAIL - 0.55), "common ground", align="right")
+    x = BRIDGE_RIGHT - 1.4
+    wire(d, (x, BRIDGE_TOP), (x, SUPPLY), (BULK_CAPACITOR, SUPPLY), color=ORANGE)
+    d += elm.Switch().at((BULK_CAPACITOR, SUPPLY)).to((SOURCE, SUPPLY)).color(ORANGE)
+    write(d, ((BULK_CAPACITOR + SOURCE) / 2, SUPPLY + 0.9), "motor power", NORMAL, ORANGE)
+    d += elm.Capacitor().at((SMALL_CAPACITOR, SUPPLY)).to((SMALL_CAPACITOR, RAIL)).dot().idot()
+    d += elm.Capacitor(polar=True).at((BULK_CAPACITOR, SUPPLY)).to((BULK_CAPACITOR, RAIL)).dot().idot()
+    write(d, (SMALL_CAPACITOR - 0.5, 8.2), "C1\n100 nF", align="right")
+    write(d, (BULK_CAPACITOR + 0.5, 8.2), "C2\n100 µF", align="left")
+    d += elm.Battery().at((SOURCE, SUPPLY)).to((SOURCE, RAIL))
+    write(d, (SOURCE - 0.6, 7.25), "+\n\n\n-")
+    write(d, (SOURCE - 0.7, 5.3), "motor supply\nabout 6 V DC\nnot the USB 5 V", align="right")
+
+
+def legend(d) -> None:
+    """The bridge's package from above, to count pins by; and what lines cannot say."""
+    left, top = PINOUT
+    names = {8: "VCC2", 16: "VCC1"} | dict.fromkeys(GROUNDS, "GND")
+    names |= {number: name for *_, name, number in SIGNALS}
+    names |= {number: name for motor in MOTORS for name, number, _ in motor[2:]}
+    sizes: dict[str, Any] = {"width": 5, "spacing": 0.3, "pinw": 0.5, "fontsize": NORMAL, "pfontsize": SMALL}
+    d += elm.IcDIP(names=[names[i] for i in range(1, 17)], pins=16, **sizes).at((left, top - 7)).theta(0)
+    write(d, (left + 2.5, top + 0.6), "SN754410 from above")
+    for i, words in enumerate(NOTES.strip().splitlines()):
+        write(d, (NOTES_AT[0], NOTES_AT[1] - 0.7 * i), words, align="left")
+
+
+if __name__ == "__main__":
+    main()
