@@ -1,0 +1,202 @@
+"""What else may answer at a port: a prompt, a board without firmware, the paper's sketch, an instrument."""
+
+import socket
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from mirrormount import Mount, errors
+from mirrormount.link import Link
+from mirrormount.sketch import SketchMount
+from mirrormount.virtual.stepped import Stepped
+from mirrormount.virtual.world import World
+
+
+@contextmanager
+def answering(answer: Callable[[bytes], bytes]) -> Iterator[str]:
+    """A TCP server that answers each thing it hears; yields its address."""
+    server = socket.create_server(("127.0.0.1", 0))
+
+    def run() -> None:
+        client, _ = server.accept()
+        with client:
+            while data := client.recv(4096):
+                client.sendall(answer(data))
+
+    thread = threading.Thread(target=run, daemon=True)
+    thread.start()
+    try:
+        yield f"socket://127.0.0.1:{server.getsockname()[1]}"
+    finally:
+        thread.join(10)
+        server.close()
+
+
+def test_silence_is_not_a_mount():
+    with answering(lambda data: b"") as address, pytest.raises(errors.NotAMount, match="nothing answers"):
+        Mount.open(address)
+
+
+def test_another_instrument_is_not_a_mount():
+    with answering(lambda data: b"KEITHLEY 2000\r\n") as address, pytest.raises(errors.NotAMount, match="KEITHLEY"):
+        Mount.open(address)
+
+
+def test_a_flood_that_never_ends_is_not_waited_for():
+    with answering(lambda data: b"x" * 100_000) as address, pytest.raises(errors.NotAMount):
+        Mount.open(address)
+
+
+class Board:
+    """A virtual board in lockstep, started by hand, as a port."""
+
+    lockstep = True
+
+    def __init__(self, **options) -> None:
+        self.world = World(**options)
+        self.stepped = Stepped(self.world)
+
+    def monotonic(self) -> float:
+        return self.world.now_us * 1e-6
+
+    def sleep(self, seconds: float) -> None:
+        self.stepped.run(round(seconds * 1e6))
+
+    def read(self, timeout_s: float) -> bytes:
+        self.stepped.run(round(timeout_s * 1e6), lambda: bool(self.stepped.received))
+        data = bytes(self.stepped.received)
+        self.stepped.received.clear()
+        return data
+
+    def write(self, data: bytes) -> None:
+        self.stepped.send(data)
+
+    def close(self) -> None:
+        self.world.close()
+
+
+def test_micropython_without_the_firmware_says_so(tmp_path: Path):
+    link = Link(Board(firmware=tmp_path))
+    with pytest.raises(errors.FirmwareMissing, match="deploy"):
+        Mount(link)
+    link.close()
+
+
+def test_a_board_at_its_prompt_says_so():
+    board = Board()
+    board.write(b"\x03")
+    with pytest.raises(errors.AtPrompt, match="Ctrl-D"):
+        Mount(Link(board))
+    board.close()
+
+
+def test_a_board_without_a_board_file_names_the_file_to_write():
+    board = Board(machine_name="Weact F411 with STM32F411CE")
+    said = board.read(2.0)
+    while b">>> " not in said:
+        said += board.read(2.0)
+    assert b"no board file for 'Weact F411': write mountfw/boards/weact_f411.py" in said
+    board.close()
+
+
+@pytest.mark.parametrize("at_us", [1, 777, 100_000, 199_990])
+def test_ctrl_c_twice_in_a_pulse_leaves_the_motors_off(at_us):
+    board = Board()
+    board.write(b"1PR5;2MV-\n")
+    board.stepped.run(50_000 + at_us)
+    assert board.world.bench.drive("m2") == -1
+    board.write(b"\x03\x03")
+    board.stepped.run(5_000)
+    assert board.world.bench.drive("m1") is None
+    assert board.world.bench.drive("m2") is None
+    board.close()
+
+
+class Sketch:
+    """The paper's sketch as measured (docs/protocol.md): deaf for 143 ms after a frame, and to what
+    arrives within 32 ms of another only as one string, of which it obeys the first 8 characters."""
+
+    lockstep = True
+
+    def __init__(self) -> None:
+        self.us = 0
+        self.heard: list[tuple[int, bytes]] = []
+        self.obeyed: list[tuple[int, bytes]] = []  # (us, frame)
+        self.out: list[tuple[int, bytes]] = []
+
+    def monotonic(self) -> float:
+        return self.us * 1e-6
+
+    def sleep(self, seconds: float) -> None:
+        self.us += round(seconds * 1e6)
+        while self.heard and self.us - self.heard[0][0] >= 34_600:
+            start = self.heard[0][0]
+            text = b"".join(data for at, data in self.heard if at - start <= 32_000)
+            self.heard = [(max(at, start + 143_000), data) for at, data in self.heard if at - start > 32_000]
+            n1, n2 = int(text[:4] or 0), int(text[4:8] or 0)
+            self.obeyed.append((start + 34_600, text[:8]))
+            echo = b"".join(b"%s\r\n" % x for x in (text, b"%d" % n1, b"%d" % n2, b"%d" % abs(n1), b"%d" % abs(n2)))
+            self.out.append((start + 90_000, echo))
+
+    def read(self, timeout_s: float) -> bytes:
+        end = self.us + round(timeout_s * 1e6)
+        while self.us < end:
+            self.sleep(0.001)
+            if self.out and self.out[0][0] <= self.us:
+                return self.out.pop(0)[1]
+        return b""
+
+    def write(self, data: bytes) -> None:
+        self.heard.append((self.us, data))
+
+    def close(self) -> None:
+        pass
+
+
+def test_the_papers_sketch_loses_nothing_that_is_sent_to_it():
+    sketch = Sketch()
+    mount = SketchMount(Link(sketch))
+    assert sketch.us >= 2_000_000  # it waited for the Arduino's reset
+    mount.x.step(3)
+    mount.y.step(-1)
+    frames = [frame for _, frame in sketch.obeyed]
+    start = frames.index(b"00000255")
+    assert frames[start:] == [b"00000255", b"00000000"] * 3 + [b"-2550000", b"00000000"]
+
+
+def test_steps_on_the_sketch_last_about_as_long_as_the_papers():
+    sketch = Sketch()
+    SketchMount(Link(sketch)).x.step(5)
+    lengths = [off - on for (on, frame), (off, _) in pairwise(sketch.obeyed) if frame == b"00000255"]
+    assert all(abs(us - 200_000) < 5_000 for us in lengths), lengths
+
+
+def test_a_stop_reaches_the_sketch_even_right_after_another_frame():
+    sketch = Sketch()
+    mount = SketchMount(Link(sketch))
+    mount.link.write(b"02550000")  # another client's frame, unconfirmed
+    mount.stop()
+    assert sketch.obeyed[-1][1] == b"00000000"
+
+
+def test_what_the_sketch_cannot_do_is_told_and_not_invented():
+    mount = SketchMount(Link(Sketch()))
+    for question in (lambda: mount.x.position, lambda: mount.x.move_to(3), mount.status):
+        with pytest.raises(errors.NotSupported, match="sketch"):
+            question()
+
+
+def test_leaving_the_block_stops_the_sketch():
+    sketch = Sketch()
+    with SketchMount(Link(sketch)) as mount:
+        mount.drive(255, 0)
+    assert sketch.obeyed[-1][1] == b"00000000"
+
+
+def test_an_arduino_that_does_not_answer_is_not_called_stopped():
+    with answering(lambda data: b"") as address, pytest.raises(errors.NotAMount, match="sketch"):
+        SketchMount.open(address)

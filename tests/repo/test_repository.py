@@ -1,0 +1,124 @@
+"""Facts about the files of this repository."""
+
+import ast
+import json
+import re
+from pathlib import Path
+
+import pytest
+from mountfw import errors as wire
+from mountfw.boards import pico, pico_drv8833
+
+from mirrormount import errors as host
+from mirrormount.virtual.wiring import DRIVES, SWITCHES
+
+ROOT = Path(__file__).parent.parent.parent
+FIRMWARE = ROOT / "firmware_py" / "mountfw"
+HOST = ROOT / "host" / "mirrormount"
+
+# who may import whom inside mountfw: docs/architecture.md
+PURE = {"frame", "command", "errors", "ticks", "link"}
+ALLOWED = {
+    **dict.fromkeys(PURE, set()),
+    "bridge": set(),
+    "endstop": set(),
+    "axis": {"bridge", "endstop", "errors", "ticks"},
+    "controller": {"axis", "command", "errors", "ticks", "settings"},
+    "app": {"axis", "bridge", "command", "controller", "endstop", "errors", "frame", "link", "ticks"},
+}
+PLATFORM = {"machine", "board", "pwmio", "digitalio", "usb_cdc", "supervisor", "microcontroller", "rp2", "esp32"}
+
+
+def imported(path: Path) -> set[str]:
+    """Every module that a file names in an import, those inside functions included."""
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            module = node.module or ""
+            names |= {f"{module}.{alias.name}" for alias in node.names} | {module}
+    return names
+
+
+@pytest.mark.parametrize("name", sorted(ALLOWED))
+def test_the_core_imports_what_the_architecture_allows(name):
+    ours = {n.split(".")[1] for n in imported(FIRMWARE / f"{name}.py") if n.startswith("mountfw.")} - {"__version__"}
+    assert ours <= ALLOWED[name]
+
+
+def test_only_the_ports_name_a_platform():
+    for path in FIRMWARE.rglob("*.py"):
+        if not path.name.startswith("port_"):
+            assert not {n.split(".")[0] for n in imported(path)} & PLATFORM, path
+
+
+def test_the_host_takes_only_the_wire_from_the_firmware():
+    allowed = {"mountfw", "mountfw.__version__", "mountfw.errors", "mountfw.frame", "mountfw.frame.encode"}
+    for path in HOST.rglob("*.py"):
+        if "fakes" not in path.parts:
+            assert {n for n in imported(path) if n.split(".")[0] == "mountfw"} <= allowed, path
+
+
+def test_the_bench_imports_nothing_of_the_firmware():
+    for name in ("bench", "wiring", "screen"):
+        assert not {n for n in imported(HOST / "virtual" / f"{name}.py") if n.startswith("mountfw")}
+
+
+def test_package_json_lists_exactly_what_goes_to_a_board():
+    package = json.loads((FIRMWARE / "package.json").read_text())
+    library = {p.relative_to(FIRMWARE).as_posix() for p in FIRMWARE.rglob("*.py") if p.parent.name != "entry"}
+    assert {tuple(pair) for pair in package["urls"]} == {(f"mountfw/{f}", f) for f in library} | {
+        ("main.py", "entry/main.py")
+    }
+    assert package["version"] == __import__("mountfw").__version__
+
+
+def test_the_bench_is_wired_as_the_board_files_say():
+    for board in (pico, pico_drv8833):
+        for axis, pins in ((1, board.AXIS_1), (2, board.AXIS_2)):
+            for name in ("en", "pos", "neg"):
+                assert pins[name] is None or DRIVES[pins[name]] == f"m{axis}_{name}"
+            for name in ("pos", "neg"):
+                assert SWITCHES[pins[f"stop_{name}"]] == f"m{axis}_sw_{name}"
+
+
+def documented(heading: str) -> dict[str, list[str]]:
+    """The rows of the tables under a heading of docs/errors.md: first cell to the others."""
+    text = (ROOT / "docs" / "errors.md").read_text()
+    section = text.split(f"## {heading}\n")[1].split("\n## ")[0]
+    rows = [[c.strip() for c in line.strip("|").split("|")] for line in section.splitlines() if line.startswith("|")]
+    return {row[0].strip("`"): row[1:] for row in rows if not set(row[0]) <= {"-", ":", " "}}
+
+
+def test_every_numbered_error_is_documented_with_cause_and_remedy():
+    rows = documented("Numbered errors of the board")
+    numbers = {str(n) for n in wire.MESSAGES if n} | {f"n{n:02d}" for n in wire.AXIS_MESSAGES}
+    assert {n for n in rows if re.fullmatch(r"n?\d+", n)} == numbers
+    for number, (message, cause, remedy) in ((n, r) for n, r in rows.items() if n in numbers):
+        code = int(number.strip("n"))
+        assert message.encode() == (wire.AXIS_MESSAGES if number[0] == "n" else wire.MESSAGES)[code]
+        assert cause and remedy
+
+
+def test_every_error_of_the_host_is_documented_with_cause_and_remedy():
+    rows = documented("Errors of the host")
+    kinds = {
+        name
+        for name, kind in vars(host).items()
+        if isinstance(kind, type) and issubclass(kind, host.MountError) and kind not in (host.MountError, host.CannotOpen)
+    }
+    assert set(rows) - {"error"} == kinds
+    assert all(cause and remedy for cause, remedy in (r for n, r in rows.items() if n in kinds))
+
+
+def test_every_reason_is_documented():
+    rows = documented("Reasons why a move ended")
+    assert {n: r[0] for n, r in rows.items() if n.isdecimal()} == {str(n): t for n, t in host.REASONS.items()}
+
+
+def test_relative_links_of_the_documents_lead_somewhere():
+    for path in [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]:
+        for target in re.findall(r"\]\(([^)#]+)[^)]*\)", path.read_text()):
+            if "://" not in target:
+                assert (path.parent / target).exists(), f"{path.name}: {target}"
