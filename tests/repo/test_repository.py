@@ -106,7 +106,9 @@ def test_every_error_of_the_host_is_documented_with_cause_and_remedy():
     kinds = {
         name
         for name, kind in vars(host).items()
-        if isinstance(kind, type) and issubclass(kind, host.MountError) and kind not in (host.MountError, host.CannotOpen)
+        if isinstance(kind, type)
+        and issubclass(kind, host.MountError)
+        and kind not in (host.MountError, host.CannotOpen)
     }
     assert set(rows) - {"error"} == kinds
     assert all(cause and remedy for cause, remedy in (r for n, r in rows.items() if n in kinds))
