@@ -6,11 +6,11 @@ import re
 from pathlib import Path
 
 import pytest
-from mountfw import errors as wire
-from mountfw.boards import pico, pico_drv8833
 
 from mirrormount import errors as host
 from mirrormount.virtual.wiring import DRIVES, SWITCHES
+from mountfw import errors as wire
+from mountfw.boards import pico, pico_drv8833
 
 ROOT = Path(__file__).parent.parent.parent
 FIRMWARE = ROOT / "firmware_py" / "mountfw"
@@ -19,7 +19,7 @@ HOST = ROOT / "host" / "mirrormount"
 # who may import whom inside mountfw: docs/architecture.md
 PURE = {"frame", "command", "errors", "ticks", "link"}
 ALLOWED = {
-    **dict.fromkeys(PURE, set()),
+    **{name: set() for name in PURE},
     "bridge": set(),
     "endstop": set(),
     "axis": {"bridge", "endstop", "errors", "ticks"},
