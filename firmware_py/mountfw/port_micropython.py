@@ -107,19 +107,24 @@ def boot_id():
 
 
 def find_board():
-    """The board file of this board. None, after a line that names the file to write, if there is none."""
+    """The board file: boards/this.py if there is one, else that of this board by its name.
+
+    None, after a line that names the file to write, if there is none.
+    """
     global _led
     machine_name = getattr(sys.implementation, "_machine", "unknown board").split(" with ")[0]
     name = "".join([c.lower() if c.isalpha() or c.isdigit() else "_" for c in machine_name])
     if name in ("raspberry_pi_pico", "raspberry_pi_pico_w"):
         name = "pico"
-    try:
-        board = getattr(__import__("mountfw.boards." + name).boards, name)
-    except ImportError:
-        print("mountfw: no board file for '%s': write mountfw/boards/%s.py (copy pico.py)" % (machine_name, name))
-        return None
-    _led = Pin(board.LED, Pin.OUT, value=0)
-    return board
+    for candidate in ("this", name):
+        try:
+            board = getattr(__import__("mountfw.boards." + candidate).boards, candidate)
+        except ImportError:
+            continue
+        _led = Pin(board.LED, Pin.OUT, value=0)
+        return board
+    print("mountfw: no board file for '%s': write mountfw/boards/%s.py (copy pico.py)" % (machine_name, name))
+    return None
 
 
 def motors_off(board):

@@ -1,5 +1,6 @@
 """What else may answer at a port: a prompt, a board without firmware, the paper's sketch, an instrument."""
 
+import shutil
 import socket
 import threading
 from collections.abc import Callable, Iterator
@@ -200,3 +201,16 @@ def test_leaving_the_block_stops_the_sketch():
 def test_an_arduino_that_does_not_answer_is_not_called_stopped():
     with answering(lambda data: b"") as address, pytest.raises(errors.NotAMount, match="sketch"):
         SketchMount.open(address)
+
+
+def test_a_file_called_this_goes_before_the_boards_own(tmp_path: Path):
+    import mountfw
+
+    shutil.copytree(Path(mountfw.__file__).parent, tmp_path / "mountfw", ignore=shutil.ignore_patterns("__pycache__"))
+    boards = tmp_path / "mountfw" / "boards"
+    shutil.copy(boards / "pico_drv8833.py", boards / "this.py")
+    board = Board(firmware=tmp_path)
+    board.write(b"0100-255")
+    board.sleep(0.1)
+    assert {(pin, duty) for _, pin, duty in board.world.edges} == {("m1_pos", 100 * 257), ("m2_neg", 65535)}
+    board.close()

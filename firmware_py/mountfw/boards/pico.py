@@ -1,6 +1,7 @@
 """Raspberry Pi Pico and Pico W with an SN754410, L293D or TB6612 (docs/bring-up.md has the wiring).
 
-To fit another board, copy this file under the name that the firmware asks for and change it.
+To fit another board, copy this file under the name that the firmware asks for and change it. To
+change the wiring of one mount, copy it to this.py on the board: that goes before every other.
 """
 
 NAME = b"Raspberry Pi Pico"
