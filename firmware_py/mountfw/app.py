@@ -33,6 +33,8 @@ class App:
         self._any = port.any
         self._heard_at = 0
         self._sleep_ms = 0
+        self._due = False  # does a deadline of a move lie ahead?
+        self._due_at = 0
         self._lit = False
 
     def run(self):
@@ -57,15 +59,23 @@ class App:
             left_us = 0
         else:
             self._answer()
+        self._due = left_us < NEVER_US
+        if self._due:
+            self._due_at = add(now_us, left_us)
         self._show()
-        self._sleep_ms = self._how_long(left_us if left_us < quiet_us else quiet_us)
+        # after a byte the next pass looks at once, so that a pause is seen from its beginning
+        self._sleep_ms = 0 if heard else self._how_long(left_us if left_us < quiet_us else quiet_us)
 
     def _hear(self, wait_ms):
         """Take in all that waits, stops first. True if there was anything."""
         if not self._any(wait_ms):
             return False
+        watching = self.controller.watching()
         while self._link.room():
             self._take()
+            if watching or (self._due and diff(self._due_at, self._ticks_us()) <= 0):
+                self.controller.service(self._ticks_us())  # a burst must not hold up what is due
+                self._due = False
             if not self._any(0):
                 break
         self._note_heard()

@@ -121,7 +121,8 @@ class Axis:
         self._period_us = max(100_000_000 // self.velocity, self.pulse_us + _REST_US)
         if n == 0:
             self._finish(errors.DONE)
-        elif self._resting:
+        elif self._resting:  # after the pulse before: this move's period counts
+            self._next_at = add(self._on_at, self._period_us)
             self._state = _REST
         else:
             self._pulse()
@@ -189,7 +190,7 @@ class Axis:
         if state == _RUN:
             self._count(now_us)
             left_us = self._limit_us - self._on_us
-            out = not -MAX_STEPS * 1000 < self.position < MAX_STEPS * 1000
+            out = self.position * self._direction >= MAX_STEPS * 1000
             if out or left_us <= 0:
                 self._finish(errors.RUN_LIMIT)
                 self.error(errors.AXIS_OUT_OF_RANGE if out else errors.AXIS_RUN_LIMIT)

@@ -8,11 +8,11 @@ import argparse
 import math
 import os
 import sys
-import threading
 from pathlib import Path
 
 from mirrormount import Mount, __version__
-from mirrormount.errors import REASONS, BadValue, MountError
+from mirrormount.client import Axis
+from mirrormount.errors import REASONS, BadValue, MountError, NotSupported
 from mirrormount.sketch import LIMITS, SketchMount
 
 _LIMITS = {0: "-", 1: "positive", 2: "negative", 3: "both"}
@@ -57,16 +57,18 @@ def _parser() -> argparse.ArgumentParser:
 
     add("ports", do_ports, "list the ports that a mount may be at", port=False)
     add("status", do_status, "show what the board knows")
+    axis_help = "x (right +) or y (up +)"
+    seconds_help = "how long, at most the board's run limit (10 s unless set otherwise)"
     sub = add("step", do_step, "move by N steps (may be negative)")
-    sub.add_argument("axis", choices=("x", "y"))
-    sub.add_argument("n", metavar="N")
+    sub.add_argument("axis", choices=("x", "y"), help=axis_help)
+    sub.add_argument("n", metavar="N", help="steps, a whole number")
     sub = add("move", do_move, "move to a position, in steps")
-    sub.add_argument("axis", choices=("x", "y"))
-    sub.add_argument("position", metavar="STEPS")
-    sub = add("jog", do_jog, "run at SPEED (-1 ... 1) until Ctrl-C, or for S seconds")
-    sub.add_argument("axis", choices=("x", "y"))
-    sub.add_argument("speed", metavar="SPEED")
-    sub.add_argument("--seconds", metavar="S")
+    sub.add_argument("axis", choices=("x", "y"), help=axis_help)
+    sub.add_argument("position", metavar="STEPS", help="a whole number")
+    sub = add("jog", do_jog, "run at SPEED until Ctrl-C, or for S seconds")
+    sub.add_argument("axis", choices=("x", "y"), help=axis_help)
+    sub.add_argument("speed", metavar="SPEED", help="-1 ... 1, of full speed")
+    sub.add_argument("--seconds", metavar="S", help=seconds_help)
     sub = add(
         "drive",
         do_drive,
@@ -74,15 +76,17 @@ def _parser() -> argparse.ArgumentParser:
     )
     sub.add_argument("m1", metavar="M1")
     sub.add_argument("m2", metavar="M2")
-    sub.add_argument("--seconds", metavar="S")
+    sub.add_argument("--seconds", metavar="S", help=seconds_help)
     add("stop", do_stop, "both motors off, now")
+    sub = add("send", do_send, "send one command line of docs/protocol.md, for instance 2XI1 or 2TP?")
+    sub.add_argument("line", metavar="LINE")
     sub = add("virtual", do_virtual, "serve a virtual board until Ctrl-C", port=False)
     sub.add_argument("--machine", choices=("cpython",), default="cpython", help="what runs the firmware")
     sub.add_argument("--link", type=Path, metavar="PATH", help="make PATH a symlink to the board's pty")
     sub.add_argument("--tcp", metavar="PORT", help="listen on this loopback port (0: any that is free)")
     sub.add_argument("--edges", type=Path, metavar="FILE", help="write every pin edge to FILE, one JSON object a line")
-    sub.add_argument("--bench", choices=("paper", "switches"), default="paper")
-    sub.add_argument("--board", choices=("pico", "pico_drv8833"), default="pico")
+    sub.add_argument("--bench", choices=("paper", "switches"), default="paper", help="with or without end-stops")
+    sub.add_argument("--board", choices=("pico", "pico_drv8833"), default="pico", help="which H-bridge")
     sub.add_argument("--speed", choices=("1", "max"), default="1", help="max is for virtual://?speed=max only")
     sub = add("demo", do_demo, "the paper's square on a virtual board, measured and drawn", port=False)
     sub.add_argument("--output", type=Path, default=Path("square.png"), metavar="FILE", help="the picture")
@@ -100,6 +104,8 @@ def _open(args: argparse.Namespace):
 
 def _whole(text: str, what: str) -> int:
     try:
+        if not text.isascii():
+            raise ValueError
         return int(text)
     except ValueError:
         raise BadValue(f"{what} is a whole number, not {text!r}") from None
@@ -171,8 +177,10 @@ def do_jog(args: argparse.Namespace) -> None:
     speed = _number(args.speed, "SPEED")
     seconds = _seconds(args)
     with _open(args) as mount:
-        getattr(mount, args.axis).jog(speed)
-        _until_done(mount, seconds)
+        axis = getattr(mount, args.axis)
+        _check_limit(seconds, [axis])
+        axis.jog(speed)
+        _until_done(mount, seconds, [axis])
 
 
 def do_drive(args: argparse.Namespace) -> None:
@@ -180,8 +188,13 @@ def do_drive(args: argparse.Namespace) -> None:
     m1, m2 = _whole(args.m1, "M1"), _whole(args.m2, "M2")
     seconds = _seconds(args)
     with _open(args) as mount:
+        if m1 == 0 and m2 == 0:
+            mount.stop()
+            return
+        axes = [axis for axis in (mount.x, mount.y) if (m1, m2)[axis.number - 1]]
+        _check_limit(seconds, axes)
         mount.drive(m1, m2)
-        _until_done(mount, seconds)
+        _until_done(mount, seconds, axes)
 
 
 def _seconds(args: argparse.Namespace) -> float | None:
@@ -193,18 +206,28 @@ def _seconds(args: argparse.Namespace) -> float | None:
     return seconds
 
 
-def _until_done(mount: Mount | SketchMount, seconds: float | None) -> None:
+def _check_limit(seconds: float | None, axes: list) -> None:
+    """Refuse a time that the board's own limit would cut."""
+    for axis in axes:
+        if seconds is not None and isinstance(axis, Axis) and seconds > axis.run_limit_s:
+            raise BadValue(f"the board lets {axis.name} run for {axis.run_limit_s:g} s at most (setting XM)")
+
+
+def _until_done(mount: Mount | SketchMount, seconds: float | None, axes: list) -> None:
     """Let the motion go on for seconds, or until it ends by itself, or Ctrl-C (which stops it)."""
     if isinstance(mount, SketchMount):
-        mount.sleep(threading.TIMEOUT_MAX if seconds is None else seconds)
+        while seconds is None:
+            mount.sleep(3600)
+        mount.sleep(seconds)
         return
     end = math.inf if seconds is None else mount.link.monotonic() + seconds
     while (left := end - mount.link.monotonic()) > 0:
         mount.sleep(min(0.1, left))
         status = mount.status()
         if not status.moving:
-            errors = mount.take_errors()
-            raise MountError("the motion ended by itself: " + ("; ".join(errors) or REASONS[status.x.reason]))
+            reasons = [f"{axis.name}: {REASONS[getattr(status, axis.name).reason]}" for axis in axes]
+            raise MountError("the motion ended by itself: " + "; ".join(reasons + mount.take_errors()))
+    print(", ".join(f"{axis.name}: {axis.position:+.3f} steps" for axis in axes))
 
 
 def do_stop(args: argparse.Namespace) -> None:
@@ -212,6 +235,16 @@ def do_stop(args: argparse.Namespace) -> None:
     with _open(args):
         pass
     print("stopped")
+
+
+def do_send(args: argparse.Namespace) -> None:
+    """Send one line; print its answers."""
+    with _open(args) as mount:
+        if isinstance(mount, SketchMount):
+            raise NotSupported(f"no command lines: {LIMITS}")
+        answers = mount.send(args.line)
+        if answers:
+            print(answers)
 
 
 def do_virtual(args: argparse.Namespace) -> None:

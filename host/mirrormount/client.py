@@ -97,9 +97,11 @@ class Mount:
         self.y = Axis(self, "y", 3 - x_axis)
         self._feeder: threading.Thread | None = None
         self._feeding = threading.Event()
+        self._feed_lock = threading.Lock()
+        self._feeds = 0  # motions started: a feeder that ends looks whether one came meanwhile
+        self._stops = 0  # stops asked for: a motion that began before one must not start after it
         self._lost: MountError | None = None
         self._boot_id: int | None = None
-        self.take_errors()  # those of whoever was here before
         self.status()
 
     @classmethod
@@ -111,6 +113,8 @@ class Mount:
 
         Raises CannotOpen, BadAddress, or NotAMount if something else answers.
         """
+        if not isinstance(address, str | None):
+            raise BadValue(f"a port's address is text, not {address!r}")
         link = Link(open_port(find_one() if address is None else address))
         try:
             return cls(link, x_axis=x_axis)
@@ -121,8 +125,9 @@ class Mount:
     def close(self) -> None:
         """Close the port. Does not stop: the board's keep-alive will."""
         self._feeding.clear()
-        if self._feeder and self._feeder is not threading.current_thread():
-            self._feeder.join()
+        feeder = self._feeder
+        if feeder:
+            feeder.join()
         self.link.close()
 
     def __enter__(self) -> Self:
@@ -131,7 +136,8 @@ class Mount:
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         try:
             # a stop that fails must not hide what brought us here; the keep-alive stands behind it
-            with contextlib.suppress(MountError) if kind else contextlib.nullcontext():
+            hidden = kind is not None and kind is not KeyboardInterrupt
+            with contextlib.suppress(MountError) if hidden else contextlib.nullcontext():
                 self.stop()
         finally:
             self.close()
@@ -141,9 +147,11 @@ class Mount:
 
         Sent without waiting for any other thread's exchange. Raises ConnectionLost, NoAnswer.
         """
+        self._stops += 1
         self.link.port.write(b"!\n")
         self._feeding.clear()
         with self.link.lock:
+            self.link.write(b"!\n")  # again: another thread may have been in the middle of starting
             self.link.drain(0.02)
             if self.status().moving:
                 raise NoAnswer("the board still moves after a stop: cut the motors' supply")
@@ -155,8 +163,12 @@ class Mount:
         set otherwise) ends it, and so does the death of this program. Raises BadValue.
         """
         frame = encode(whole_number(m1, 255, "m1"), whole_number(m2, 255, "m2"))
+        stops = self._stops
         self._check_lost()
+        limit_s = max(self.x.run_limit_s, self.y.run_limit_s)
         with self.link.lock:
+            self._take_old_errors()
+            self._check_stops(stops)
             line = self.link.ask(b"XK%d\n%s\nXS?\n" % (KEEP_ALIVE_MS, frame), _ANSWER_S)
             if line == frame.decode():
                 for _ in range(4):
@@ -164,8 +176,12 @@ class Mount:
                 line = self.link.read_line(_ANSWER_S)
             status = self._parse_status(line)
         if status.moving:
+            for axis in (self.x, self.y):
+                axis._deadline = self.link.monotonic() + limit_s + _SLACK_S
             self._feed()
-        self._raise_errors(status)
+        if status.errors_waiting:
+            self.stop()
+            raise _board_error(self.take_errors()[0])
 
     def status(self) -> Status:
         """Ask the board. Raises NoAnswer, ConnectionLost (also if the board has restarted since)."""
@@ -182,6 +198,8 @@ class Mount:
 
     def sleep(self, seconds: float) -> None:
         """Let time pass (the board's own, on a virtual board in lockstep) with the motion kept alive."""
+        if isinstance(seconds, bool) or not isinstance(seconds, int | float) or not seconds >= 0:
+            raise BadValue(f"a time to sleep is a number of seconds, not {seconds!r}")
         end = self.link.monotonic() + seconds
         while (left := end - self.link.monotonic()) > 0:
             if self.link.lockstep and self._feeding.is_set():
@@ -189,52 +207,76 @@ class Mount:
             self._check_lost()
             self.link.sleep(min(left, _FEED_S))
 
+    def ask(self, query: str) -> str:
+        """One command line with a query to the board, its one line of answers back (docs/protocol.md)."""
+        return self.link.ask(query.encode("ascii") + b"\n", _ANSWER_S)
+
+    def send(self, line: str) -> str:
+        """One command line of any kind to the board; returns its answers, "" if it asked nothing.
+
+        Raises BoardError for the first of its commands that cannot be done; errors that waited from
+        before are logged. Raises BadValue if the line is not printable ASCII.
+        """
+        if not (line.isascii() and line.isprintable() and line.strip()):
+            raise BadValue(f"a command line is printable ASCII, not {line!r}")
+        with self.link.lock:
+            self._take_old_errors()
+            *answers, error = self.ask(f"{line};TB?").split("; ")
+            if not error.startswith("0,"):
+                self.take_errors()
+                raise _board_error(error.rpartition(">")[2])
+            return "; ".join(answers)
+
     # ---- for the axes
 
-    def ask(self, query: str) -> str:
-        """One line to the board, one line back."""
-        return self.link.ask(query.encode() + b"\n", _ANSWER_S)
+    def _start(self, command: str, stops: int) -> None:
+        """Send a command that starts a motion, with its keep-alive. Raises BoardError if refused.
 
-    def start(self, command: str) -> None:
-        """Send a command that starts a motion, with its keep-alive. Raises BoardError if refused."""
+        stops is what self._stops was when the caller began: after a stop since then, it does not start.
+        """
         self._check_lost()
         with self.link.lock:
-            if self.status().errors_waiting:
-                for error in self.take_errors():
-                    _log.warning("the board reports %s", error)
-            answer = self.ask(f"XK{KEEP_ALIVE_MS};{command};TB?")
-            if not answer.startswith("0,"):
-                self.take_errors()
-                raise _board_error(answer)
+            self._check_stops(stops)
+            self.send(f"XK{KEEP_ALIVE_MS};{command}")
 
-    def feed_in_background(self) -> None:
-        """Keep the motion that was just started alive until it ends."""
-        self._feed()
+    def _check_stops(self, stops: int) -> None:
+        if stops != self._stops:
+            raise MoveEnded("mount", wire.ABORTED, 0, None, ["stopped before it began"])
+
+    def _take_old_errors(self) -> None:
+        """Those that waited from before must not be taken for a refusal of what comes now."""
+        if self.status().errors_waiting:
+            for error in self.take_errors():
+                _log.warning("the board reports %s", error)
 
     def _feed(self) -> None:
-        self._feeding.set()
-        if self.link.lockstep or (self._feeder and self._feeder.is_alive()):
-            return
-        self._feeder = threading.Thread(target=self._feed_until_done, name="keep-alive", daemon=True)
-        self._feeder.start()
+        """Keep the motion that was just started alive until it ends."""
+        with self._feed_lock:
+            self._feeds += 1
+            self._feeding.set()
+            if self.link.lockstep or self._feeder:
+                return
+            self._feeder = threading.Thread(target=self._feed_until_done, name="keep-alive", daemon=True)
+            self._feeder.start()
 
     def _feed_until_done(self) -> None:
-        try:
-            while self._feeding.is_set() and self.status().moving:
-                time.sleep(_FEED_S)
-        except MountError as e:
-            self._lost = e
-        self._feeding.clear()
+        while True:
+            feeds, moving = self._feeds, False
+            try:
+                moving = self._feeding.is_set() and self.status().moving
+            except MountError as e:
+                self._lost = e
+            with self._feed_lock:
+                if not moving and feeds == self._feeds:
+                    self._feeding.clear()
+                    self._feeder = None
+                    return
+            time.sleep(_FEED_S)
 
     def _check_lost(self) -> None:
         lost, self._lost = self._lost, None
         if lost:
             raise lost
-
-    def _raise_errors(self, status: Status) -> None:
-        if status.errors_waiting:
-            errors = self.take_errors()
-            raise _board_error(errors[0])
 
     def _parse_status(self, line: str) -> Status:
         try:
@@ -294,19 +336,36 @@ class Axis:
         steps = whole_number(steps, 1_000_000, "position")
         self._move("PA", steps, round(steps - self.position), wait)
 
+    def zero(self, steps: int = 0) -> None:
+        """Call the present position `steps`; from here on it is certain as far as it is counted."""
+        self._mount.send(f"{self.number}DH{whole_number(steps, 1_000_000, 'position')}")
+
+    @property
+    def run_limit_s(self) -> float:
+        """How long the board lets one jog or drive run, in seconds (`XM`)."""
+        return int(self._mount.ask(f"{self.number}XM?")) / 1000
+
     def jog(self, speed: float) -> None:
-        """Run at speed, -1 ... 1 of full duty and not 0, until stop(), a limit, or this program's end."""
+        """Run at speed, -1 ... 1 of full duty and not 0, until stop(), a limit, or this program's end.
+
+        The duty comes in steps of 1/255; the nearest is taken.
+        """
         if isinstance(speed, bool) or not isinstance(speed, int | float) or not 0 < abs(speed) <= 1:
             raise BadValue(f"a jog's speed is a number within -1 … 1 and not 0, not {speed!r}")
-        duty = max(1, round(abs(speed) * 255))
+        duty = round(abs(speed) * 255)
+        if duty == 0:
+            raise BadValue(f"a jog's speed comes in steps of 1/255: {speed!r} is none")
         a, mount = self.number, self._mount
+        stops = mount._stops
+        if self.status().moving:  # what is under way gives way
+            self.stop()
         run_duty, limit_ms = mount.ask(f"{a}XV?;{a}XM?").split("; ")
         sign = "+" if speed > 0 else "-"
-        # a running jog gives way; the stored run duty is put back in the same line
-        mount.start(f"{a}ST;{a}XV{duty};{a}MV{sign};{a}XV{run_duty}")
+        # the stored run duty is put back in the same line
+        mount._start(f"{a}XV{duty};{a}MV{sign};{a}XV{run_duty}", stops)
         self._wanted = None
         self._deadline = mount.link.monotonic() + int(limit_ms) / 1000 + _SLACK_S
-        mount.feed_in_background()
+        mount._feed()
 
     def stop(self) -> None:
         """End this axis's move soon: a step that is nearly done is finished. mount.stop() is for hurry."""
@@ -334,13 +393,14 @@ class Axis:
 
     def _move(self, mnemonic: str, value: int, n: int, wait: bool) -> None:
         a, mount = self.number, self._mount
+        stops = mount._stops
         pulse_us, velocity = mount.ask(f"{a}XP?;{a}VA?").split("; ")
         period_s = max(1 / float(velocity), int(pulse_us) * 1e-6 + 1e-3)
-        mount.start(f"{a}{mnemonic}{value}")
+        mount._start(f"{a}{mnemonic}{value}", stops)
         self._wanted = n
         self._deadline = mount.link.monotonic() + (abs(n) + 1) * period_s + _SLACK_S
         if not wait:
-            mount.feed_in_background()
+            mount._feed()
             return
         ended = self.wait()
         if ended.reason != wire.DONE:
@@ -358,11 +418,14 @@ def whole_number(value: object, most: int, what: str) -> int:
 
 def _identify(link: Link) -> str:
     """Stop whatever moves, throw away what is old, and ask who is there."""
-    link.write(b"!\n")
-    link.drain(0.1)
-    link.write(b"*IDN?\n")
     try:
+        link.write(b"!\n")
+        if _TAKEN.encode() in link.drain(0.1):
+            raise PortBusy("another program drives this board")
+        link.write(b"*IDN?\n")
         answer = link.read_line(_ANSWER_S)
+    except ConnectionLost as e:
+        raise NotAMount("it hung up when asked who it is: not a mount") from e
     except NoAnswer as e:
         answer = link.drain(0.05).decode("ascii", "replace")
         if not answer:

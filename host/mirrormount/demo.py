@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from mirrormount.client import Mount
-from mirrormount.errors import BadValue, DemoFailed
+from mirrormount.errors import BadValue, CannotWrite, DemoFailed
 from mirrormount.virtual.bench import (
     BACKLASH_X_MRAD,
     BACKLASH_Y_MRAD,
@@ -50,6 +50,9 @@ def run(address: str, output: Path) -> None:
     """Make the square, print the table, draw the picture. Raises DemoFailed if the table is off."""
     if not address.startswith("virtual://"):
         raise BadValue("the demo looks at a virtual board's screen: its port is a virtual:// address")
+    if "speed=" not in address:
+        address += ("&" if "?" in address else "?") + "speed=max"
+    _check_writable(output)
     print(f"A virtual board runs the firmware; the square is {STEPS} steps right, down, left, up.")
     with Mount.open(address) as mount:
         corners, trail, pictures = square(mount, progress=_progress)
@@ -171,9 +174,18 @@ def draw(corners, trail, pictures, rows: list[Row], output: Path) -> None:
     ax.set_ylim(y.min() - 12, y.max() + 12)
     ax.set_title(f"{STEPS} steps right, down, left, up: {rows[0].measured:.2f} and {rows[1].measured:.2f} mrad a step")
     zoom.set_title("the gap that backlash leaves")
-    output.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(output, dpi=120)
     plt.close(figure)
+
+
+def _check_writable(output: Path) -> None:
+    """Find out before the square, not after it, that the picture cannot be written."""
+    if output.suffix.lower() not in (".png", ".svg", ".pdf"):
+        raise BadValue(f"the picture's name must end in .png, .svg or .pdf, not {str(output)!r}")
+    try:
+        output.open("ab").close()
+    except OSError as e:
+        raise CannotWrite(f"cannot write {output}: {e.strerror}") from e
 
 
 def _progress(text: str) -> None:

@@ -99,5 +99,13 @@ class MoveEnded(MountError):
         self.steps = steps
 
 
+class EmulatorMissing(MountError):
+    """The rp2040 machine cannot be started: something that it is made of is missing."""
+
+
+class CannotWrite(MountError):
+    """A file could not be written."""
+
+
 class DemoFailed(MountError):
     """The demo's figures are not the paper's."""

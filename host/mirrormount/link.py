@@ -163,6 +163,8 @@ def _connect(address: str) -> SocketPort:
     try:
         connection = socket.create_connection((host.strip("[]"), int(number)), timeout=_WRITE_S)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    except UnicodeError as e:
+        raise BadAddress(f"{address}: not a host's name") from e
     except OSError as e:
         raise _why_not(address, e) from e
     return SocketPort(connection, address)
@@ -243,6 +245,10 @@ class Link:
 
 
 def _why_not(address: str, e: BaseException) -> CannotOpen:
+    if isinstance(e, TimeoutError):
+        return PortAbsent(f"{address}: no answer")
+    if isinstance(e, socket.gaierror):
+        return PortAbsent(f"{address}: there is no such host")
     number = _errno(e)
     if number in (errno.EACCES, errno.EPERM) and sys.platform != "win32":
         return PermissionDenied(

@@ -31,6 +31,10 @@ class SketchMount:
         self._free_at = 0.0  # when the sketch listens again
         link.sleep(_RESET_S)
         link.drain(0.1)
+        link.write(b"*IDN?\n")  # to the sketch a frame of zeros
+        link.sleep(_SPACING_S)
+        if b"mirrormount," in link.drain(0.1):
+            raise NotAMount("this board runs mountfw, which can do more: leave --sketch out")
         self.stop()
         self.x = SketchAxis(self, "x", 2)
         self.y = SketchAxis(self, "y", 1)

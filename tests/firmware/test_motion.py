@@ -23,6 +23,26 @@ def test_a_step_is_one_pulse_of_its_length_and_steps_keep_their_period():
     assert (reason, steps) == (b"1", b"4") and abs(int(on_us) - 800_000) < 200
 
 
+def test_a_burst_of_input_does_not_hold_up_the_end_of_a_pulse():
+    for burst in (8, 64, 256, 2000):
+        for before_us in (100, 500, 3_000):
+            rig = Rig()
+            rig.send(b"1PR1\n")
+            rig.send(b"\n" * burst, after_us=200_150 - before_us)
+            rig.take_in()
+            rig.run(10_000)
+            assert abs(rig.on_times(2)[0] - 200_000) < 100, (burst, before_us)
+
+
+def test_a_new_velocity_counts_from_the_next_move_on():
+    rig = Rig()
+    rig.ask(b"1VA0.01;1PR1\n")
+    rig.run(300_000)
+    rig.ask(b"1VA2;1PR1\n")
+    rig.run(500_000)
+    assert len(rig.on_times(2)) == 2
+
+
 def test_pulse_length_duty_and_velocity_are_the_axis_own():
     rig = Rig()
     rig.ask(b"1XP1000;1XD100;1VA50;1PR3;2PR1\n")
@@ -185,6 +205,17 @@ def test_a_run_ends_at_the_edge_of_what_can_be_counted():
     assert rig.errors() == [101]
 
 
+def test_the_way_back_from_the_edge_is_open():
+    rig = Rig()
+    rig.ask(b"1DH1000000;1MV-\n")
+    rig.run(100_000)
+    assert rig.drives() == (-255, 0)
+    rig.ask(b"!1DH-1000000;1MV+\n")
+    rig.run(100_000)
+    assert rig.drives() == (255, 0)
+    assert rig.errors() == []
+
+
 def test_velocity_is_kept_in_hundredths_and_bounded_by_the_pulse():
     rig = Rig()
     assert rig.ask(b"1VA?;1VA0.05;1VA?;1VA2.5;1VA?\n") == b"2; 0.05; 2.5\r\n"
@@ -250,6 +281,17 @@ def test_an_end_stop_ends_the_move_into_it_and_is_told():
         assert rig.ask(b"1XE?\n").split(b",")[0] == b"4"
         assert rig.ask(b"PH?\n") == b"%d\r\n" % bit
         assert rig.errors() == [error]
+
+
+def test_a_burst_of_input_does_not_hold_up_an_end_stop():
+    rig = with_switches()
+    rig.ask(b"1MV+\n")
+    rig.send(b" " * 256)
+    rig.port.switches[10] = 1
+    opened = rig.now()
+    rig.take_in()
+    off = [us for us, pin, duty in rig.port.edges if pin == 2 and not duty][-1]
+    assert off - opened < 200
 
 
 def test_at_an_end_stop_only_the_way_into_it_is_blocked():
@@ -326,6 +368,21 @@ def test_motion_stops_when_the_client_falls_silent_and_says_why():
         assert rig.drives() == (0, 0), motion
         assert rig.errors() == [62]
         assert rig.ask(b"1XE?;XK?\n").split(b",")[0] == b"7"
+
+
+def test_a_short_keep_alive_is_kept_to():
+    rig = Rig()
+    rig.send(b"XK5;1MV+\n")
+    for i in range(1, 10):
+        rig.send(b"\n", after_us=i * 18_000)
+    rig.take_in()
+    assert abs(rig.on_times(2)[0] - 5_000) < 100
+    rig = Rig()
+    rig.send(b"XK20;1MV+\n")
+    for i in range(1, 10):
+        rig.send(b"\n", after_us=i * 18_000)
+    rig.run(9 * 18_000)
+    assert rig.drives() == (255, 0)
 
 
 def test_any_byte_keeps_a_motion_alive():

@@ -77,6 +77,22 @@ def test_a_pause_longer_than_the_gap_refuses_the_frame():
         assert rig.errors() == [60], cut
 
 
+def test_a_byte_that_ends_a_pause_does_not_undo_it():
+    # it comes while the loop sleeps: the pause was there before it
+    for pause_us in (52_000, 55_000, 60_000, 63_000):
+        rig = Rig()
+        rig.ask(b"00000100")
+        rig.send(b"0255")
+        rig.send(b"0000", after_us=pause_us)
+        rig.take_in()
+        assert rig.drives() == (0, 0), pause_us
+        rig.run(FRAME_GAP_US)
+        rig.send(b"0!")
+        rig.send(b"02550000", after_us=pause_us)
+        rig.settle()
+        assert rig.drives() == (255, 0), pause_us
+
+
 def test_a_line_end_inside_a_frame_refuses_it_and_resynchronises_at_once():
     rig = Rig()
     rig.ask(b"0255\n01000000")

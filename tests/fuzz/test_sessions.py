@@ -49,8 +49,7 @@ def play(rig: Rig, data: list[tuple[int, int]]) -> None:
     for c, silence_us in data:
         if silence_us:
             rig.take_in()
-            rig.run(silence_us)
-        rig.send(bytes([c]))
+        rig.send(bytes([c]), after_us=silence_us)  # it comes while the loop sleeps, as in life
     rig.take_in()
     while rig.app._link.unparsed:
         rig.step()

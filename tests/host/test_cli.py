@@ -30,6 +30,10 @@ def one_line(run: subprocess.CompletedProcess) -> str:
         (("move", "y", "far"), "STEPS is a whole number"),
         (("jog", "x", "nan"), "out of range"),
         (("jog", "x", "2"), "within -1"),
+        (("jog", "x", "0.001"), "1/255"),
+        (("jog", "x", "0.5", "--seconds", "11"), "10 s at most"),
+        (("step", "x", "\u0661"), "whole number"),
+        (("status", "--port", "socket://no.such.host.invalid:5"), "no such host"),
         (("jog", "x", "0.5", "--seconds", "-1"), "more than 0"),
         (("step", "x", "5", "--port", ""), "empty"),
         (("status", "--port", "/dev/does-not-exist"), "no such port"),
@@ -57,6 +61,36 @@ def test_what_works_prints_what_happened():
 
 def test_a_jog_that_ends_by_itself_is_not_called_a_success():
     assert "run limit" in one_line(run_cli("jog", "y", "1", *VIRTUAL)).lower()
+
+
+def test_driving_at_nothing_is_off_and_no_error():
+    assert run_cli("drive", "0", "0", *VIRTUAL).returncode == 0
+
+
+def test_a_command_line_can_be_sent_and_its_refusal_is_told():
+    assert run_cli("send", "2XI1;2XI?;VE?", *VIRTUAL).stdout == "1; MM2 mirrormount 0.1.0\n"
+    assert run_cli("send", "1DH3", *VIRTUAL).stdout == ""
+    assert "7: parameter out of range" in one_line(run_cli("send", "1XP5", *VIRTUAL))
+    assert "printable" in one_line(run_cli("send", "1XP5\n", *VIRTUAL))
+
+
+def test_errors_that_wait_are_shown_by_status_and_by_nothing_else_in_silence(board):
+    with open(board.link, "wb", buffering=0) as raw:
+        raw.write(b"\nAT\n")
+    step = run_cli("step", "x", "0", "--port", board.tcp)
+    assert "the board reports 6" in step.stderr
+    with open(board.link, "wb", buffering=0) as raw:
+        raw.write(b"\nAT\n")
+    status = run_cli("status", "--port", board.tcp)
+    assert "error 6, COMMAND DOES NOT EXIST" in status.stdout
+
+
+@pytest.mark.parametrize("name", ["missing/square.png", "folder.png", "square", "square.xyz"])
+def test_a_picture_that_cannot_be_written_is_one_line_before_anything_runs(tmp_path, name):
+    (tmp_path / "folder.png").mkdir()
+    run = run_cli("demo", "--output", str(tmp_path / name))
+    one_line(run)
+    assert run.stdout == ""
 
 
 def test_no_board_is_one_line(monkeypatch, capsys):

@@ -1,5 +1,6 @@
 """Mount and Axis on a virtual board in lockstep: what a program asks for is what the pins do."""
 
+import threading
 from itertools import pairwise
 
 import pytest
@@ -126,6 +127,33 @@ def test_a_step_count_that_is_none_is_refused_before_anything_is_sent(mount, ste
     assert len(mount.link.port.world.edges) == before
 
 
+@pytest.mark.parametrize("address", [5, b"virtual://"])
+def test_an_address_that_is_no_text_is_refused(address):
+    with pytest.raises(errors.BadValue):
+        Mount.open(address)
+
+
+def test_a_closed_mount_says_so():
+    with Mount.open("virtual://?speed=max") as mount:
+        pass
+    with pytest.raises(errors.ConnectionLost):
+        mount.x.step(1)
+
+
+@pytest.mark.parametrize("seconds", ["a", -1, float("nan")])
+def test_a_time_that_is_none_is_refused(mount, seconds):
+    with pytest.raises(errors.BadValue):
+        mount.sleep(seconds)
+
+
+def test_zero_makes_a_position_certain(mount):
+    mount.x.step(2)
+    assert mount.x.status().certainty == "unknown"
+    mount.x.zero()
+    mount.x.step(2)
+    assert (mount.x.position, mount.x.status().certainty) == (2, "counted")
+
+
 @pytest.mark.parametrize("speed", [0, 1.01, -2, "fast", True, float("nan")])
 def test_a_jog_speed_that_is_none_is_refused(mount, speed):
     with pytest.raises(errors.BadValue):
@@ -138,6 +166,79 @@ def test_a_drive_outside_its_range_is_refused(mount, speeds):
     with pytest.raises(errors.BadValue):
         mount.drive(*speeds)
     assert not mount.status().moving
+
+
+def test_a_drive_is_not_refused_for_an_old_error_and_not_left_running_for_a_new_one(mount):
+    mount.send("2XM300")
+    mount.drive(0, 255)
+    mount.link.sleep(0.4)
+    mount.drive(100, 0)  # the run limit that waits to be told is not this drive's
+    assert mount.status().y.moving
+    mount.stop()
+    mount.link.port.world.bench.has_switches = True
+    mount.send("2XL3")
+    mount.link.port.world.bench.horizontal.screw_rev = 2.0
+    mount.link.port.world.bench.horizontal.shaft_rev = 2.0
+    with pytest.raises(errors.BoardError) as refusal:
+        mount.drive(100, 255)
+    assert refusal.value.code == 204
+    assert not mount.status().moving
+
+
+def test_a_drives_end_is_waited_for_with_its_own_time(mount):
+    mount.x.step(1)
+    mount.sleep(6)
+    mount.drive(0, 255)
+    assert mount.x.wait().reason == 6
+
+
+def test_a_jog_takes_over_from_a_step(mount):
+    mount.x.step(3, wait=False)
+    mount.link.sleep(0.05)
+    mount.x.jog(-1)
+    assert mount.x.status().direction == -1
+
+
+def test_a_stop_of_another_thread_is_not_overtaken_by_the_start_of_a_motion():
+    with Mount.open("virtual://") as mount:
+        for trial in range(40):
+            ended: list[BaseException | None] = []
+
+            def step(ended=ended) -> None:
+                try:
+                    mount.x.step(5)
+                    ended.append(None)
+                except errors.MountError as e:
+                    ended.append(e)
+
+            thread = threading.Thread(target=step)
+            thread.start()
+            threading.Event().wait(trial % 8 * 0.0005)  # any moment of the exchange
+            mount.stop()
+            thread.join(20)
+            assert isinstance(ended[0], errors.MoveEnded), ended
+            assert not mount.status().moving
+
+
+def test_a_motion_that_starts_as_the_feeder_ends_is_fed(mount):
+    with Mount.open("virtual://") as mount:
+        status = mount.status
+        ending, started = threading.Event(), threading.Event()
+
+        def held() -> object:
+            answer = status()
+            if threading.current_thread().name == "keep-alive" and not answer.moving and not started.is_set():
+                ending.set()
+                started.wait(20)  # the feeder has seen the end of the first motion
+            return answer
+
+        mount.status = held
+        mount.x.step(1, wait=False)
+        assert ending.wait(20)
+        mount.send("2XM1500")
+        mount.x.jog(1)
+        started.set()
+        assert mount.x.wait().reason == 6
 
 
 def test_what_the_board_refuses_is_one_error_with_its_number(mount):

@@ -204,11 +204,57 @@ def test_options_that_cannot_be_are_one_line(serve, tmp_path):
         ["--link", str(tmp_path / "none" / "mount")],
         ["--tcp", "0", "--edges", str(tmp_path / "none" / "edges")],
         ["--tcp", "0", "--speed", "max"],
+        ["--link", ""],
+        ["--tcp", "0", "--edges", ""],
+        ["--tcp", "0", "--link", str(serve().link)],
     ):
         run = run_cli("virtual", *options)
         assert run.returncode == 1, options
         assert run.stderr.startswith("mirrormount: ") and run.stderr.count("\n") == 1, run.stderr
     assert (tmp_path / "file").read_text() == "mine"
+
+
+def test_one_client_at_a_time_over_both_ports(board):
+    with Mount.open(str(board.link)), pytest.raises(errors.PortBusy):
+        Mount.open(board.tcp)
+    with Mount.open(board.tcp), pytest.raises(errors.PortBusy):
+        Mount.open(str(board.link))
+    with Mount.open(str(board.link)) as mount:
+        mount.x.step(1)
+
+
+def test_what_a_refused_client_wrote_is_not_obeyed_later(board):
+    with Mount.open(board.tcp) as mount:
+        with open(board.link, "wb", buffering=0) as raw:
+            raw.write(b"02550255")
+            mount.sleep(0.1)
+        assert not mount.status().moving
+    assert board.edges() == []
+
+
+def test_switching_the_board_off_turns_the_motors_off_in_the_edges_too(serve):
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        board = serve()
+        with open(board.link, "wb", buffering=0) as raw:
+            raw.write(b"1XM60000\n02550000")
+        wait_for(board.driving, "the motor to run")
+        assert board.end(number) == 0
+        assert not board.driving()
+
+
+def test_edges_that_cannot_be_written_end_the_board_in_one_line(tmp_path):
+    board = subprocess.Popen(
+        [sys.executable, "-m", "mirrormount", "virtual", "--tcp", "0", "--edges", "/dev/full"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    address = board.stdout.readline().split()[1]
+    with socket.create_connection(("127.0.0.1", int(address.rsplit(":", 1)[1]))) as raw:
+        raw.sendall(b"02550000")
+        _, err = board.communicate(timeout=20)
+    assert board.returncode == 1
+    assert err.count("\n") == 1 and "No space left" in err
 
 
 def test_a_port_in_use_is_one_line(board):

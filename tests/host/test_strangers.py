@@ -13,6 +13,7 @@ import pytest
 from mirrormount import Mount, errors
 from mirrormount.link import Link
 from mirrormount.sketch import SketchMount
+from mirrormount.virtual import machines
 from mirrormount.virtual.stepped import Stepped
 from mirrormount.virtual.world import World
 
@@ -52,13 +53,21 @@ def test_a_flood_that_never_ends_is_not_waited_for():
         Mount.open(address)
 
 
+def test_something_that_hangs_up_is_not_a_mount():
+    server = socket.create_server(("127.0.0.1", 0))
+    threading.Thread(target=lambda: server.accept()[0].close(), daemon=True).start()
+    with pytest.raises(errors.NotAMount, match="hung up"):
+        Mount.open(f"socket://127.0.0.1:{server.getsockname()[1]}")
+    server.close()
+
+
 class Board:
     """A virtual board in lockstep, started by hand, as a port."""
 
     lockstep = True
 
     def __init__(self, **options) -> None:
-        self.world = World(**options)
+        self.world = World(machines.cpython(**options))
         self.stepped = Stepped(self.world)
 
     def monotonic(self) -> float:
@@ -96,7 +105,7 @@ def test_a_board_at_its_prompt_says_so():
 
 
 def test_a_board_without_a_board_file_names_the_file_to_write():
-    board = Board(machine_name="Weact F411 with STM32F411CE")
+    board = Board(name="Weact F411 with STM32F411CE")
     said = board.read(2.0)
     while b">>> " not in said:
         said += board.read(2.0)
@@ -138,7 +147,7 @@ class Sketch:
             start = self.heard[0][0]
             text = b"".join(data for at, data in self.heard if at - start <= 32_000)
             self.heard = [(max(at, start + 143_000), data) for at, data in self.heard if at - start > 32_000]
-            n1, n2 = int(text[:4] or 0), int(text[4:8] or 0)
+            n1, n2 = (int(field) if field.lstrip(b"+-").isdigit() else 0 for field in (text[:4], text[4:8]))
             self.obeyed.append((start + 34_600, text[:8]))
             echo = b"".join(b"%s\r\n" % x for x in (text, b"%d" % n1, b"%d" % n2, b"%d" % abs(n1), b"%d" % abs(n2)))
             self.out.append((start + 90_000, echo))
@@ -167,6 +176,11 @@ def test_the_papers_sketch_loses_nothing_that_is_sent_to_it():
     frames = [frame for _, frame in sketch.obeyed]
     start = frames.index(b"00000255")
     assert frames[start:] == [b"00000255", b"00000000"] * 3 + [b"-2550000", b"00000000"]
+
+
+def test_a_board_with_mountfw_is_not_driven_as_a_sketch(board):
+    with pytest.raises(errors.NotAMount, match="leave --sketch out"):
+        SketchMount.open(board.tcp)
 
 
 def test_steps_on_the_sketch_last_about_as_long_as_the_papers():

@@ -5,12 +5,15 @@ from mountfw import port_micropython as port
 board = port.find_board()
 if board:
     try:
-        port.motors_off(board)
-        from mountfw.app import build
+        try:
+            port.motors_off(board)
+            from mountfw.app import build
 
-        build(port, board).run()
+            build(port, board).run()
+        finally:
+            port.leave(board)
     except KeyboardInterrupt:
         pass
     finally:
-        port.leave(board)
+        port.leave(board)  # again: a second Ctrl-C may have kept the first one from starting
     print("mountfw has stopped, motors are off. Ctrl-D starts it again.")

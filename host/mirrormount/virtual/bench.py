@@ -126,6 +126,10 @@ class Bench:
             train = self._train(pin[:2])
             train.pull = 1 + train.noise * float(self._noise.standard_normal())
 
+    def duties(self) -> dict[str, float]:
+        """What every drive pin shows, 0 ... 1."""
+        return self._duty
+
     def drive(self, motor: str) -> float | None:
         """What motor `m1` or `m2` gets: -1 ... 1, 0 short-circuited (brake), None coasting."""
         pos, neg, enable = (self._duty[f"{motor}_{leg}"] for leg in ("pos", "neg", "en"))

@@ -10,15 +10,16 @@ import threading
 from pathlib import Path
 from urllib.parse import parse_qsl
 
-from mirrormount.errors import BadAddress, ConnectionLost
+from mirrormount.errors import BadAddress, ConnectionLost, MountError
 from mirrormount.link import SocketPort
+from mirrormount.virtual import machines
 from mirrormount.virtual.bench import Bench
 from mirrormount.virtual.live import PairPort, serve
 from mirrormount.virtual.stepped import Stepped
 from mirrormount.virtual.world import BoardGone, World
 
 BENCHES = ("paper", "switches")
-BOARDS = {"pico": "Raspberry Pi Pico with RP2040", "pico_drv8833": "pico_drv8833"}
+BOARDS = {"pico": machines.PICO, "pico_drv8833": "pico_drv8833"}
 
 
 def make_world(
@@ -37,12 +38,8 @@ def make_world(
         file = edges.open("w", encoding="utf-8") if edges else None
     except OSError as e:
         raise BadAddress(f"cannot write pin edges to {edges}: {e.strerror}") from e
-    return World(
-        Bench(switches=bench == "switches", two_pwm=board == "pico_drv8833", seed=seed),
-        machine_name=BOARDS[board],
-        edges=file,
-        firmware=firmware,
-    )
+    optics = Bench(switches=bench == "switches", two_pwm=board == "pico_drv8833", seed=seed)
+    return World(machines.cpython(BOARDS[board], firmware), optics, edges=file)
 
 
 def open_virtual(url: str) -> "LivePort | SteppedPort":
@@ -75,8 +72,8 @@ class LivePort(SocketPort):
     def _live(self, port: PairPort) -> None:
         try:
             serve(self.world, [port], self._stopping.is_set)
-        except BoardGone:
-            pass
+        except (BoardGone, MountError):
+            pass  # whoever talks to it sees that it has gone
         finally:
             port.close()
 

@@ -4,6 +4,7 @@ import argparse
 import os
 import signal
 import sys
+from pathlib import Path
 from types import FrameType
 
 from mirrormount.errors import BadAddress, BadValue, MountError
@@ -17,6 +18,11 @@ def run(args: argparse.Namespace) -> None:
     if args.speed == "max":
         raise BadValue("a live host needs its own pace: --speed max is for virtual://?speed=max, in one process")
     signal.signal(signal.SIGTERM, _end)
+    if hasattr(signal, "SIGHUP"):
+        signal.signal(signal.SIGHUP, _end)  # its terminal was closed
+    for name in ("link", "edges"):
+        if getattr(args, name) == Path(""):
+            raise BadAddress(f"--{name} needs a file's name")
     ports = _ports(args)
     try:
         world = make_world(args.bench, args.board, edges=args.edges)
@@ -49,8 +55,9 @@ def _ports(args: argparse.Namespace) -> list[Port]:
     if args.link is not None or not ports:
         if os.name != "posix":
             raise BadValue("this system has no pseudo-terminals: use --tcp")
-        if args.link is not None and args.link.exists() and not args.link.is_symlink():
-            raise BadAddress(f"{args.link} exists and is not a symlink: not touched")
+        if args.link is not None and args.link.exists():
+            what = "is another board's port" if args.link.is_symlink() else "exists and is not a symlink"
+            raise BadAddress(f"{args.link} {what}: not touched")
         try:
             ports.append(PtyPort(args.link))
         except OSError as e:

@@ -59,8 +59,9 @@ class PtyPort:
 
         self._master, slave = pty.openpty()
         tty.setraw(slave)
-        name = os.ttyname(slave)
+        self._name = name = os.ttyname(slave)
         os.close(slave)
+        self._told = False
         os.set_blocking(self._master, False)
         self._poll = select.poll()
         self._poll.register(self._master, select.POLLIN)
@@ -77,7 +78,9 @@ class PtyPort:
 
     def connected(self) -> bool:
         # whoever wrote and left at once still counts: it may have been a stop
-        return all(event & select.POLLIN or not event & select.POLLHUP for _, event in self._poll.poll(0))
+        here = all(event & select.POLLIN or not event & select.POLLHUP for _, event in self._poll.poll(0))
+        self._told = self._told and here
+        return here
 
     def take(self, most: int) -> bytes:
         try:
@@ -92,10 +95,14 @@ class PtyPort:
             return 0
 
     def refuse(self, line: bytes) -> None:
-        pass  # a pty cannot refuse; it is simply not read
+        while self.take(4096):  # or it would be obeyed later
+            pass
+        if not self._told and self.connected():
+            self.give(line)
+            self._told = True
 
     def close(self) -> None:
-        if self._link and self._link.is_symlink():
+        if self._link and self._link.is_symlink() and os.readlink(self._link) == self._name:
             self._link.unlink()
         os.close(self._master)
 
@@ -232,7 +239,7 @@ def serve(world: World, ports: Sequence[Port], stopped: Callable[[], bool]) -> N
     unread = bytearray()
     world.on_sent = unread.append
     start_us, start_s = world.now_us, time.monotonic()
-    client: Port | None = None
+    choice = _Choice(ports)
 
     def wall_us() -> int:
         return start_us + int((time.monotonic() - start_s) * 1e6)
@@ -240,28 +247,41 @@ def serve(world: World, ports: Sequence[Port], stopped: Callable[[], bool]) -> N
     while not stopped():
         wants_us = world.next_event_us(world.next_wait())
         now_us = world.now_us
-        client = _choose(ports, client)
+        client = choice.look()
         if client and unread:
             del unread[: client.give(bytes(unread))]
         room = _BUFFER - world.waiting_in
         wait_s = max(0.0, (now_us + wants_us - wall_us()) * 1e-6)
         watched = [fd for port in ports for fd in port.watched()] if room > 0 else []
         _wait(watched, min(wait_s, _HANGUP_S) if client is None or unread else wait_s)
-        client = _choose(ports, client)
+        client = choice.look()
         data = client.take(room) if client and room > 0 else b""
         t = max(now_us, min(now_us + wants_us, wall_us()))
         world.collects(len(unread) < _UNREAD)
         world.go(t, max(0, wall_us() - t) + _QUANTUM_US, data)
 
 
-def _choose(ports: Sequence[Port], client: Port | None) -> Port | None:
-    """The port whose client is served: the present one while it is there, else the next to come."""
-    if client is None or not client.connected():
-        client = next((port for port in ports if port.connected()), None)
-    for port in ports:
-        if port is not client and port.connected():
-            port.refuse(_TAKEN)
-    return client
+class _Choice:
+    """Which port's client is served: the present one while it is there, else the next to come.
+
+    Whoever comes to another port meanwhile waits a moment, for the present one may just have gone
+    without our having seen it; then he is told.
+    """
+
+    def __init__(self, ports: Sequence[Port]) -> None:
+        self._ports = ports
+        self._waiting: dict[Port, float] = {}
+        self.client: Port | None = None
+
+    def look(self) -> Port | None:
+        if self.client is None or not self.client.connected():
+            self.client = next((port for port in self._ports if port.connected()), None)
+        for port in self._ports:
+            if port is self.client or not port.connected():
+                self._waiting.pop(port, None)
+            elif time.monotonic() - self._waiting.setdefault(port, time.monotonic()) > _GRACE_S:
+                port.refuse(_TAKEN)
+        return self.client
 
 
 def _wait(watched: list[int], seconds: float) -> None:

@@ -1,30 +1,28 @@
 """The world round the virtual board: it starts the firmware's process and owns the clock.
 
-The firmware runs in a child (boot_cpython.py) and blocks whenever its granted time is over. World
+The firmware runs in a child (machines.py tells which) and blocks whenever its granted time is over. World
 hears from it (next_wait), carries its pin edges to the bench, and lets it go on (go). What decides
 how long is not here: stepped.py runs as fast as it goes, live.py keeps to the wall's time.
 """
 
-import importlib.resources
+import contextlib
 import json
 import struct
 import subprocess
-import sys
-from collections.abc import Callable, Iterable
-from pathlib import Path
+from collections.abc import Callable, Iterable, Sequence
 from typing import IO
 
+from mirrormount.errors import CannotOpen, CannotWrite
 from mirrormount.virtual.bench import Bench
 from mirrormount.virtual.wiring import DRIVES, SWITCHES
 
 # the seam's records; virtual/fakes/_seam.py is the other side and explains them
 _RECORD = struct.Struct("<BBHIQ")
-_EDGE, _SENT, _WAIT = b"ETS"
-_RECEIVED, _PIN, _COLLECTS, _GO = b"RPWG"
+_EDGE, _SENT, _WAIT, _USB = b"ETSU"
+_RECEIVED, _PIN, _COLLECTS, _GO, _OPEN, _RESET = b"RPWGDX"
 
 # half a second before the firmware's 30-bit clock wraps: every board lives through a wrap early
 START_US = (1 << 30) - 500_000
-MACHINE_NAME = "Raspberry Pi Pico with RP2040"
 
 
 class BoardGone(Exception):
@@ -34,16 +32,16 @@ class BoardGone(Exception):
 class World:
     """A virtual board and its bench.
 
-    firmware: the folder that holds `mountfw` (default: the installed one). edges: a text file that
-    gets one JSON object per pin edge. on_sent is called with each byte that the board sends.
+    machine: the command line of the child that is the board (see machines.py). edges: a text file
+    that gets one JSON object per pin edge. on_sent is called with each byte that the board sends.
+    usb says whether the board's port is there: a machine that resets itself takes it away meanwhile.
     """
 
     def __init__(
         self,
+        machine: Sequence[str],
         bench: Bench | None = None,
         *,
-        firmware: Path | None = None,
-        machine_name: str = MACHINE_NAME,
         edges: IO[str] | None = None,
     ) -> None:
         self.bench = bench or Bench()
@@ -53,13 +51,12 @@ class World:
         self._edges_file = edges
         self._sent_levels: dict[str, int] = {}
         self._collects = True
-        package = firmware or Path(str(importlib.resources.files("mountfw"))).parent
-        boot = Path(__file__).parent / "boot_cpython.py"
-        self._child = subprocess.Popen(
-            [sys.executable, "-I", "-S", str(boot), str(package), machine_name, str(START_US)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-        )
+        self._opened = True
+        self.usb = True
+        try:
+            self._child = subprocess.Popen(machine, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        except OSError as e:
+            raise CannotOpen(f"the virtual board cannot be started: {machine[0]}: {e.strerror}") from e
         assert self._child.stdin and self._child.stdout
         self._to_child, self._from_child = self._child.stdin, self._child.stdout
         self.now_us = START_US
@@ -87,6 +84,8 @@ class World:
                 return dt
             if kind == _SENT:
                 self.on_sent(a)
+            elif kind == _USB:
+                self.usb = bool(a)
             elif kind == _EDGE and a in DRIVES:
                 self._edge(t, DRIVES[a], b)
 
@@ -111,7 +110,7 @@ class World:
         try:
             self._to_child.write(out)
             self._to_child.flush()
-        except OSError as e:
+        except (OSError, ValueError) as e:  # ValueError: closed by ourselves
             raise BoardGone from e
 
     def next_event_us(self, horizon_us: int) -> int:
@@ -125,13 +124,29 @@ class World:
             self._collects = ready
             self._to_child.write(_RECORD.pack(_COLLECTS, int(ready), 0, 0, 0))
 
+    def opened(self, by_someone: bool) -> None:
+        """Whether a program has the port open (DTR). Told to a machine that has USB, with the next go()."""
+        if by_someone != self._opened:
+            self._opened = by_someone
+            self._to_child.write(_RECORD.pack(_OPEN, int(by_someone), 0, 0, 0))
+
+    def reset(self, *, power: bool) -> None:
+        """Cut the power for a moment, or pulse the reset pin; happens with the next go()."""
+        self._to_child.write(_RECORD.pack(_RESET, 0 if power else 1, 0, 0, 0))
+
     def close(self) -> None:
-        """Power off."""
+        """Power off: what was driven is not driven any more."""
         self._child.kill()
         self._child.communicate()
-        if self._edges_file:
-            self._edges_file.close()
-            self._edges_file = None
+        try:
+            for pin, duty in list(self.bench.duties().items()):
+                if duty:
+                    self._edge(self.now_us, pin, 0)
+        finally:
+            if self._edges_file:
+                with contextlib.suppress(OSError):  # what could not be written was told when it happened
+                    self._edges_file.close()
+                self._edges_file = None
 
     def _edge(self, t: int, pin: str, duty: int) -> None:
         self.bench.edge(t, pin, duty)
@@ -139,5 +154,9 @@ class World:
         if self._edges_file:
             carries_duty = pin.endswith("_en") or self.bench.two_pwm
             what = {"duty": duty} if carries_duty else {"level": duty // 65535}
-            self._edges_file.write(json.dumps({"t_us": t - START_US, "pin": pin} | what) + "\n")
-            self._edges_file.flush()
+            try:
+                self._edges_file.write(json.dumps({"t_us": t - START_US, "pin": pin} | what) + "\n")
+                self._edges_file.flush()
+            except OSError as e:
+                file, self._edges_file = self._edges_file, None
+                raise CannotWrite(f"cannot write pin edges to {file.name}: {e.strerror}") from e

@@ -38,6 +38,7 @@ class Seam:
         self.levels = {}  # of input pins that something drives
         self.interrupt_char = 3
         self._interrupted = False
+        self._off = False  # the world is gone: nothing to talk to any more
         self.locks = 0  # how deep the firmware has locked the heap
 
     def tick(self, us):
@@ -48,6 +49,8 @@ class Seam:
 
     def wait(self, until):
         """Let the world go on; back at `until`, or earlier when something has happened."""
+        if self._off:
+            raise SystemExit(0)
         locks = self._unlock()
         try:
             self._send(WAIT, 0, (self._head - self._tail) % len(self._rx), until - self.t)
@@ -87,12 +90,18 @@ class Seam:
             self._lock(locks)
 
     def _send(self, kind, a, b, dt):
+        if self._off:
+            return
         struct.pack_into(RECORD, self._out, 0, kind, a, b, dt, self.t)
-        self._wr.write(self._out)
+        try:
+            self._wr.write(self._out)
+        except OSError:
+            self._off = True
 
     def _take_record(self):
         if not self._rd.readinto(self._in):
-            raise SystemExit(0)  # the world is gone: power off
+            self._off = True
+            raise SystemExit(0)
         kind, a, b, dt, t = struct.unpack(RECORD, self._in)
         if kind == GO:
             self.t = t

