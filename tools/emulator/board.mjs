@@ -1,0 +1,119 @@
+// A Pico in the emulator: the RP2040 of rp2040js with what it lacks (flash writes, resets, a USB host), its pins,
+// and a run loop in emulated time.
+import { ConsoleLogger, GPIOPinState, LogLevel, RP2040 } from 'rp2040js';
+import { attachFlash, SpiFlash } from './flash.mjs';
+import { CdcHost } from './usb.mjs';
+
+const PINS = 30;
+const ENTRY = 0x10000000; // the image's own second-stage boot loader
+const RESET = { power: 0x100, run: 0x10000, watchdog: 0x100 };
+
+export class Board {
+  // bootrom: Uint32Array. onPin(pin, level), onByte(byte), onUsb(up) tell what happens, at time `us`.
+  constructor(bootrom, onPin, onByte, onUsb) {
+    this.bootrom = bootrom;
+    this.onPin = onPin;
+    this.onByte = onByte;
+    this.onUsb = onUsb;
+    this.flash = new SpiFlash();
+    this.driven = new Array(PINS).fill(null); // by the world: null, 0 or 1
+    this.baseNs = 0; // before the last reset
+    this.mcu = null;
+    this.pending = null; // a reset that was asked for
+    this.collects = true;
+    this.open = true;
+  }
+  get ns() { return this.baseNs + (this.mcu ? this.mcu.clock.nanos : 0); }
+  get us() { return Math.floor(this.ns / 1000); }
+
+  // Start anew: cause is `power`, `run` (the reset pin) or `watchdog`, which keeps the scratch registers.
+  boot(cause, watchdog = null) {
+    if (this.mcu) {
+      this.baseNs += this.mcu.clock.nanos;
+      this.onUsb(false);
+      for (let pin = 0; pin < PINS; pin++) this.onPin(pin, 0); // pins float while it resets: pulled down
+    }
+    const mcu = (this.mcu = new RP2040());
+    mcu.logger = new ConsoleLogger(LogLevel.Error, false);
+    mcu.loadBootrom(this.bootrom);
+    attachFlash(mcu, this.flash, RESET[cause]);
+    this.catchResets(mcu, watchdog);
+    mcu.qspi.forEach((pin, i) => { pin.padValue = 0x5a; if (i > 0) pin.setInputValue(true); }); // BOOTSEL not pressed
+    mcu.gpio.forEach(pin => { pin.padValue = 0x56; pin.lastValue = pin.value; });
+    this.watchPins(mcu);
+    this.host = new CdcHost(mcu.usbCtrl, mcu.clock);
+    this.host.collects = this.collects;
+    this.host.open = this.open;
+    this.host.onData = data => { for (const byte of data) this.onByte(byte); };
+    this.host.onConfigured = () => this.onUsb(true);
+    mcu.core.PC = ENTRY;
+  }
+  catchResets(mcu, watchdog) {
+    const dog = mcu.peripherals[0x40058];
+    if (watchdog) { dog.scratchData.set(watchdog.scratch); dog.reason = watchdog.reason; }
+    dog.onWatchdogTrigger = () => {
+      dog.alarm.enabled = false; // or it fires again at the same instant, for ever
+      this.pending = { cause: 'watchdog', watchdog: { reason: dog.reason, scratch: Uint32Array.from(dog.scratchData) } };
+    };
+    const write = mcu.ppb.writeUint32.bind(mcu.ppb);
+    mcu.ppb.writeUint32 = (offset, value) => { // AIRCR with its key and SYSRESETREQ
+      if (offset === 0xd0c && value >>> 16 === 0x05fa && value & 4) this.pending = { cause: 'run', watchdog: null };
+      else write(offset, value);
+    };
+    mcu.onBreak = code => { throw new Error(`the image hit a breakpoint (${code}) at ${mcu.core.PC.toString(16)}`); };
+  }
+  watchPins(mcu) {
+    const shown = new Array(PINS).fill(0);
+    mcu.gpio.forEach((gpio, i) => {
+      this.level(i);
+      gpio.addListener(state => {
+        const high = state === GPIOPinState.High ? 1 : 0;
+        if (high !== shown[i]) { shown[i] = high; this.onPin(i, high); }
+        this.level(i);
+      });
+    });
+  }
+  level(i) { // what an input reads: the world's drive, else the pin's own output, else its pull
+    const gpio = this.mcu.gpio[i];
+    const own = gpio.outputEnable && !gpio.outputDisable ? gpio.outputValue : null;
+    const value = this.driven[i] ?? own ?? (gpio.pullupEnabled ? 1 : 0);
+    if (Boolean(value) !== gpio.rawInputValue) gpio.setInputValue(Boolean(value));
+  }
+  drivePin(i, value) { this.driven[i] = value; this.level(i); }
+  setCollects(yes) { this.collects = yes; this.host.setCollects(yes); }
+  setOpen(yes) { this.open = yes; this.host.setOpen(yes); }
+
+  // Run until emulated time `ns`. Sleeping (WFI) costs nothing: it jumps to the next alarm.
+  runUntil(ns) {
+    while (this.ns < ns) {
+      if (this.pending) {
+        const { cause, watchdog } = this.pending;
+        this.pending = null;
+        this.boot(cause, watchdog);
+      }
+      this.host.pump();
+      this.slice(ns - this.baseNs);
+    }
+  }
+  slice(end) {
+    const { core, clock } = this.mcu;
+    while (clock.nanos < end && !this.pending) {
+      // an interrupt that is pending but masked ends a WFI, too
+      if (core.waiting && (core.pendingInterrupts & core.enabledInterrupts || core.pendingSystick || core.pendingPendSV)) {
+        core.waiting = false;
+        core.interruptsUpdated = true;
+      }
+      if (core.waiting) {
+        clock.tick(Math.min(clock.nextAlarm ? clock.nanosToNextAlarm : Infinity, end - clock.nanos));
+        continue;
+      }
+      const cycle = 1e9 / this.mcu.clkSys;
+      for (let n = 0; n < 200 && !core.waiting; n++) {
+        const passed = core.executeInstruction() * cycle;
+        const alarm = clock.nextAlarm;
+        if (alarm !== null && alarm.nanos <= clock.nanosCounter + passed) clock.tick(passed);
+        else clock.nanosCounter += passed;
+      }
+    }
+  }
+}

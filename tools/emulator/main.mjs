@@ -1,0 +1,90 @@
+// The rp2040 machine: a real MicroPython image in an emulated RP2040, behind the seam of the virtual board.
+//
+// usage: node main.mjs BOOTROM IMAGE FLASH START_US
+//   BOOTROM  4096 little-endian words        IMAGE  .bin or .uf2, used if FLASH does not exist
+//   FLASH    file that holds the flash's content from run to run, or - for none
+//
+// stdin and stdout carry the 16-byte records of host/mirrormount/virtual/fakes/_seam.py, and these:
+//   from the board  U USB is up (a = 1) or down
+//   to the board    D a program has opened the port (a = 1) or closed it     X reset: a = 0 power, 1 the RUN pin
+import fs from 'node:fs';
+import { Board } from './board.mjs';
+
+const [bootromFile, imageFile, flashFile, startText] = process.argv.slice(2);
+const START_US = Number(startText);
+const RECORD = 16;
+const [EDGE, SENT, WAIT, USB] = Buffer.from('ETSU');
+const [RECEIVED, PIN, COLLECTS, GO, OPEN, RESET] = Buffer.from('RPWGDX');
+
+const out = [];
+function record(kind, a, b, dt) {
+  const r = Buffer.alloc(RECORD);
+  r.writeUInt8(kind, 0);
+  r.writeUInt8(a, 1);
+  r.writeUInt16LE(b, 2);
+  r.writeUInt32LE(dt, 4);
+  r.writeBigUInt64LE(BigInt(START_US + board.us), 8);
+  out.push(r);
+}
+
+function image(file) {
+  const data = fs.readFileSync(file);
+  if (data.readUInt32LE(0) !== 0x0a324655) return [[0, data]];
+  const blocks = [];
+  for (let o = 0; o + 512 <= data.length; o += 512) {
+    const family = data.readUInt32LE(o + 28);
+    if (family !== 0xe48bff56) continue; // not for the RP2040
+    blocks.push([data.readUInt32LE(o + 12) - 0x10000000, data.subarray(o + 32, o + 32 + data.readUInt32LE(o + 16))]);
+  }
+  return blocks;
+}
+
+const bootrom = fs.readFileSync(bootromFile);
+const board = new Board(
+  new Uint32Array(bootrom.buffer, bootrom.byteOffset, bootrom.length / 4),
+  (pin, level) => record(EDGE, pin, level * 65535, 0),
+  byte => record(SENT, byte, 0, 0),
+  up => record(USB, up ? 1 : 0, 0, 0),
+);
+if (flashFile !== '-' && fs.existsSync(flashFile)) board.flash.memory.set(fs.readFileSync(flashFile));
+else for (const [address, data] of image(imageFile)) board.flash.memory.set(data, address);
+board.boot('power');
+
+let saved = 0;
+function save() {
+  if (flashFile === '-' || board.flash.operations === saved) return;
+  saved = board.flash.operations;
+  fs.writeFileSync(flashFile + '.part', board.flash.memory);
+  fs.renameSync(flashFile + '.part', flashFile);
+}
+
+function wait() {
+  record(WAIT, 0, Math.min(board.host.outgoing.length, 65535), 0);
+  process.stdout.write(Buffer.concat(out.splice(0)));
+}
+
+function take(r) {
+  const kind = r.readUInt8(0), a = r.readUInt8(1), b = r.readUInt16LE(2);
+  if (kind === RECEIVED) board.host.send(a);
+  else if (kind === PIN) board.drivePin(a, b);
+  else if (kind === COLLECTS) board.setCollects(a === 1);
+  else if (kind === OPEN) board.setOpen(a === 1);
+  else if (kind === RESET) board.pending = { cause: a === 0 ? 'power' : 'run', watchdog: null };
+  else if (kind === GO) {
+    const until = Number(r.readBigUInt64LE(8)) + r.readUInt32LE(4) - START_US;
+    board.runUntil(until * 1000);
+    save();
+    wait();
+  }
+}
+
+let input = Buffer.alloc(0);
+process.stdin.on('data', data => {
+  input = Buffer.concat([input, data]);
+  let o = 0;
+  for (; o + RECORD <= input.length; o += RECORD) take(input.subarray(o, o + RECORD));
+  input = input.subarray(o);
+});
+process.stdin.on('end', () => { save(); process.exit(0); });
+process.on('SIGINT', () => {}); // Ctrl-C in a terminal is the host's
+wait();
