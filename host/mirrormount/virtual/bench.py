@@ -112,6 +112,7 @@ class Bench:
         self.vertical = Drivetrain(LEVER_Y_MM)
         self.horizontal = Drivetrain(LEVER_X_MM)
         self.has_switches = switches
+        self.broken: set[str] = set()  # switch wires that are cut; set from outside
         self._noise = np.random.default_rng(seed)
         self._duty = dict.fromkeys(DRIVES.values(), 0.0)
         self.two_pwm = two_pwm
@@ -169,7 +170,7 @@ class Bench:
         """The level of every switch input that is connected: 0 closed, 1 open (at the end)."""
         if not self.has_switches:
             return {}
-        return _levels(self.vertical, self.horizontal)
+        return _levels(self.vertical, self.horizontal) | dict.fromkeys(self.broken, 1)
 
     def next_switch_us(self, horizon_us: int) -> int | None:
         """When, within horizon_us from now, a switch changes if no pin does; None if none will."""
@@ -197,7 +198,7 @@ class Bench:
         vertical, horizontal = replace(self.vertical), replace(self.horizontal)
         vertical.advance(us * 1e-6, self.drive("m1"))
         horizontal.advance(us * 1e-6, self.drive("m2"))
-        return _levels(vertical, horizontal)
+        return _levels(vertical, horizontal) | dict.fromkeys(self.broken, 1)
 
 
 def _levels(vertical: Drivetrain, horizontal: Drivetrain) -> dict[str, int]:
