@@ -89,6 +89,6 @@ def test_a_board_with_nothing_on_its_inputs_cannot_move_towards_a_switch_that_is
     with Mount.open("virtual://?speed=max") as mount:
         mount.x.step(1)
         mount.send("2XL1")
-        with pytest.raises(errors.BoardError, match="204"):
+        with pytest.raises(errors.MoveEnded, match="204"):
             mount.x.step(1)
         mount.x.step(-1)

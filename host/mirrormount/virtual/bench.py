@@ -93,6 +93,11 @@ class Drivetrain:
             self.shaft_rev = self.screw_rev + math.copysign(half, screw)
             self.rev_s = 0.0
 
+    def far_from_switch(self, us: int) -> bool:
+        """True if no switch can be reached within us microseconds, however it is driven."""
+        reach = 1.1 * self.speed_rev_s * us * 1e-6
+        return abs(abs(self.screw_rev) - SWITCH_REV) > reach
+
     @property
     def mirror_rad(self) -> float:
         """The angle by which the screw has turned the mirror, in radians."""
@@ -174,7 +179,9 @@ class Bench:
 
     def next_switch_us(self, horizon_us: int) -> int | None:
         """When, within horizon_us from now, a switch changes if no pin does; None if none will."""
-        if not self.has_switches or (self.drive("m1") is None and self.drive("m2") is None and self._at_rest()):
+        if not self.has_switches or all(
+            train.far_from_switch(horizon_us) for train in (self.vertical, self.horizontal)
+        ):
             return None
         now = self.switch_levels()
         low, high = 0, horizon_us
@@ -190,9 +197,6 @@ class Bench:
 
     def _train(self, motor: str) -> Drivetrain:
         return self.vertical if motor == "m1" else self.horizontal
-
-    def _at_rest(self) -> bool:
-        return self.vertical.rev_s == 0 and self.horizontal.rev_s == 0
 
     def _levels_after(self, us: int) -> dict[str, int]:
         vertical, horizontal = replace(self.vertical), replace(self.horizontal)
