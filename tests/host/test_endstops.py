@@ -9,7 +9,9 @@ from mirrormount.virtual.bench import SWITCH_REV
 @pytest.fixture
 def mount():
     with Mount.open("virtual://?speed=max&bench=switches") as mount:
-        mount.send("1XL3;2XL3;1XM60000;2XM60000")
+        mount.send("1XL3;2XL3")
+        train = bench(mount).horizontal
+        train.screw_rev = train.shaft_rev = SWITCH_REV - 0.1  # some steps before the end
         yield mount
 
 
