@@ -81,7 +81,12 @@ def _parser() -> argparse.ArgumentParser:
     sub = add("send", do_send, "send one command line of docs/protocol.md, for instance 2XI1 or 2TP?")
     sub.add_argument("line", metavar="LINE")
     sub = add("virtual", do_virtual, "serve a virtual board until Ctrl-C", port=False)
-    sub.add_argument("--machine", choices=("cpython",), default="cpython", help="what runs the firmware")
+    sub.add_argument(
+        "--machine", choices=("cpython", "micropython", "rp2040"), default="cpython", help="what runs the firmware"
+    )
+    sub.add_argument("--files", type=Path, metavar="FOLDER", help="micropython: the board's file system")
+    sub.add_argument("--image", type=Path, metavar="FILE", help="rp2040: the MicroPython image, .uf2 or .bin")
+    sub.add_argument("--flash", type=Path, metavar="FILE", help="rp2040: keeps the flash from run to run")
     sub.add_argument("--link", type=Path, metavar="PATH", help="make PATH a symlink to the board's pty")
     sub.add_argument("--tcp", metavar="PORT", help="listen on this loopback port (0: any that is free)")
     sub.add_argument("--edges", type=Path, metavar="FILE", help="write every pin edge to FILE, one JSON object a line")

@@ -2,11 +2,14 @@
 
 virtual://                      in real time, as a real board would behave
 virtual://?speed=max            in lockstep with the caller: fast, exact, the same every time
-…&bench=paper|switches  &board=pico|pico_drv8833  &seed=N  &edges=FILE
+…&machine=cpython|micropython|rp2040  &bench=paper|switches  &board=pico|pico_drv8833  &seed=N
+…&edges=FILE  &files=FOLDER  &image=FILE  &flash=FILE
 """
 
 import socket
+import tempfile
 import threading
+from dataclasses import dataclass, replace
 from pathlib import Path
 from urllib.parse import parse_qsl
 
@@ -22,39 +25,70 @@ BENCHES = ("paper", "switches")
 BOARDS = {"pico": machines.PICO, "pico_drv8833": "pico_drv8833"}
 
 
-def make_world(
-    bench: str = "paper",
-    board: str = "pico",
-    seed: int = 1,
-    edges: Path | None = None,
-    firmware: Path | None = None,
-) -> World:
-    """A virtual board that has just been switched on. Raises BadAddress for a bench or board it has not."""
-    if bench not in BENCHES:
-        raise BadAddress(f"there is no bench {bench!r}: choose one of {', '.join(BENCHES)}")
-    if board not in BOARDS:
-        raise BadAddress(f"there is no virtual board {board!r}: choose one of {', '.join(BOARDS)}")
+@dataclass(frozen=True)
+class Options:
+    """What a virtual board is. machine: see machines.py. files: its file system (micropython; default: a new
+    one with the firmware on it). image and flash are the rp2040 machine's. firmware: the folder that holds
+    `mountfw` (cpython; default: the installed one)."""
+
+    machine: str = "cpython"
+    bench: str = "paper"
+    board: str = "pico"
+    seed: int = 1
+    edges: Path | None = None
+    files: Path | None = None
+    image: Path | None = None
+    flash: Path | None = None
+    firmware: Path | None = None
+
+    def check(self) -> None:
+        """Raises BadAddress for a machine, bench or board that there is not."""
+        for what, value, known in (
+            ("machine", self.machine, machines.NAMES),
+            ("bench", self.bench, BENCHES),
+            ("virtual board", self.board, tuple(BOARDS)),
+        ):
+            if value not in known:
+                raise BadAddress(f"there is no {what} {value!r}: choose one of {', '.join(known)}")
+        if self.machine == "rp2040" and self.board != "pico":
+            raise BadAddress("the rp2040 machine is a Pico with an SN754410")
+
+
+def make_world(options: Options | None = None) -> World:
+    """A virtual board that has just been switched on. Raises BadAddress, EmulatorMissing, CannotOpen."""
+    options = options or Options()
+    options.check()
+    scratch = None
+    if options.machine == "cpython":
+        command = machines.cpython(BOARDS[options.board], options.firmware)
+    elif options.machine == "micropython":
+        files = options.files
+        if files is None:
+            scratch = tempfile.TemporaryDirectory(prefix="mirrormount-")
+            files = machines.new_files(Path(scratch.name))
+        command = machines.micropython(files, BOARDS[options.board])
+    else:
+        command = machines.rp2040(options.image, options.flash)
     try:
-        file = edges.open("w", encoding="utf-8") if edges else None
+        file = options.edges.open("w", encoding="utf-8") if options.edges else None
     except OSError as e:
-        raise BadAddress(f"cannot write pin edges to {edges}: {e.strerror}") from e
-    optics = Bench(switches=bench == "switches", two_pwm=board == "pico_drv8833", seed=seed)
-    return World(machines.cpython(BOARDS[board], firmware), optics, edges=file)
+        raise BadAddress(f"cannot write pin edges to {options.edges}: {e.strerror}") from e
+    optics = Bench(switches=options.bench == "switches", two_pwm=options.board == "pico_drv8833", seed=options.seed)
+    return World(command, optics, edges=file, scratch=scratch)
 
 
 def open_virtual(url: str) -> "LivePort | SteppedPort":
     """A port (see mirrormount.link) on a new virtual board. Raises BadAddress for an option it has not."""
-    options = dict(parse_qsl(url.removeprefix("virtual://").removeprefix("?"), keep_blank_values=True))
-    speed = options.pop("speed", "1")
-    known = {"bench", "board", "seed", "edges"}
-    if speed not in ("1", "max") or set(options) - known or not options.get("seed", "1").isdecimal():
-        raise BadAddress(f"{url}: options are speed=1|max, bench=, board=, seed=NUMBER, edges=FILE")
-    world = make_world(
-        options.get("bench", "paper"),
-        options.get("board", "pico"),
-        int(options.get("seed", "1")),
-        Path(options["edges"]) if "edges" in options else None,
-    )
+    given = dict(parse_qsl(url.removeprefix("virtual://").removeprefix("?"), keep_blank_values=True))
+    speed = given.pop("speed", "1")
+    texts = {name: given.pop(name) for name in ("machine", "bench", "board") if name in given}
+    paths = {name: Path(given.pop(name)) for name in ("edges", "files", "image", "flash") if name in given}
+    seed = given.pop("seed", "1")
+    if given or speed not in ("1", "max") or not seed.isdecimal():
+        raise BadAddress(
+            f"{url}: options are speed=1|max, machine=, bench=, board=, seed=NUMBER, edges=, files=, image=, flash="
+        )
+    world = make_world(replace(Options(seed=int(seed)), **texts, **paths))
     return SteppedPort(world) if speed == "max" else LivePort(world)
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from types import FrameType
 
 from mirrormount.errors import BadAddress, BadValue, MountError
-from mirrormount.virtual.board import make_world
+from mirrormount.virtual.board import Options, make_world
 from mirrormount.virtual.live import Port, PtyPort, TcpPort, serve
 from mirrormount.virtual.world import BoardGone
 
@@ -20,12 +20,13 @@ def run(args: argparse.Namespace) -> None:
     signal.signal(signal.SIGTERM, _end)
     if hasattr(signal, "SIGHUP"):
         signal.signal(signal.SIGHUP, _end)  # its terminal was closed
-    for name in ("link", "edges"):
+    for name in ("link", "edges", "files", "image", "flash"):
         if getattr(args, name) == Path(""):
             raise BadAddress(f"--{name} needs a file's name")
     ports = _ports(args)
     try:
-        world = make_world(args.bench, args.board, edges=args.edges)
+        names = ("machine", "bench", "board", "edges", "files", "image", "flash")
+        world = make_world(Options(**{name: getattr(args, name) for name in names}))
         try:
             print("ready " + " ".join(port.address for port in ports), flush=True)
             serve(world, ports, lambda: False)

@@ -20,6 +20,7 @@ _QUANTUM_US = 1000  # a busy firmware never leads the wall's clock by more
 _BUFFER = 512  # bytes that a board takes in before its host has to wait
 _UNREAD = 512  # bytes of output that wait in the board before it says that nobody collects
 _HANGUP_S = 0.02  # how often to look whether somebody has opened the pty
+_LAG_US = 100_000  # by how much virtual time may fall behind before it gives up catching up
 _GRACE_S = 0.2  # how long a newcomer waits for the client before him to be gone
 
 
@@ -43,6 +44,10 @@ class Port(Protocol):
 
     def connected(self) -> bool: ...
 
+    def plug(self, there: bool) -> None:
+        """The board's USB has come or gone."""
+        ...
+
     def refuse(self, line: bytes) -> None:
         """Another port has the client: say the line to whoever comes here."""
         ...
@@ -57,26 +62,39 @@ class PtyPort:
         import pty
         import tty
 
-        self._master, slave = pty.openpty()
-        tty.setraw(slave)
-        self._name = name = os.ttyname(slave)
-        os.close(slave)
+        self._openpty, self._setraw = pty.openpty, tty.setraw
+        self._link = link
         self._told = False
+        self._master = -1
+        self._open()
+        self.address = str(link or self._name)
+
+    def _open(self) -> None:
+        self._master, slave = self._openpty()
+        self._setraw(slave)
+        self._name = os.ttyname(slave)
+        os.close(slave)
         os.set_blocking(self._master, False)
         self._poll = select.poll()
         self._poll.register(self._master, select.POLLIN)
-        self._link = link
-        if link:
+        if self._link:
             with contextlib.suppress(FileNotFoundError):
-                if link.is_symlink():
-                    link.unlink()
-            link.symlink_to(name)
-        self.address = str(link or name)
+                if self._link.is_symlink():
+                    self._link.unlink()
+            self._link.symlink_to(self._name)
+
+    def plug(self, there: bool) -> None:
+        if there and self._master < 0:
+            self._open()
+        elif not there and self._link:  # without a link nobody could find the next one
+            self.close()
 
     def watched(self) -> list[int]:
         return [self._master] if self.connected() else []
 
     def connected(self) -> bool:
+        if self._master < 0:
+            return False
         # whoever wrote and left at once still counts: it may have been a stop
         here = all(event & select.POLLIN or not event & select.POLLHUP for _, event in self._poll.poll(0))
         self._told = self._told and here
@@ -104,7 +122,9 @@ class PtyPort:
     def close(self) -> None:
         if self._link and self._link.is_symlink() and os.readlink(self._link) == self._name:
             self._link.unlink()
-        os.close(self._master)
+        if self._master >= 0:
+            os.close(self._master)
+            self._master = -1
 
 
 class TcpPort:
@@ -129,6 +149,11 @@ class TcpPort:
 
     def connected(self) -> bool:
         return self._client is not None
+
+    def plug(self, there: bool) -> None:
+        if not there and self._client:
+            self._client.close()
+            self._client = None
 
     def take(self, most: int) -> bytes:
         if not self._client:
@@ -200,6 +225,9 @@ class PairPort:
     def connected(self) -> bool:
         return True
 
+    def plug(self, there: bool) -> None:
+        pass
+
     def take(self, most: int) -> bytes:
         try:
             return self._end.recv(most)
@@ -244,10 +272,18 @@ def serve(world: World, ports: Sequence[Port], stopped: Callable[[], bool]) -> N
     def wall_us() -> int:
         return start_us + int((time.monotonic() - start_s) * 1e6)
 
+    plugged = True
     while not stopped():
         wants_us = world.next_event_us(world.next_wait())
         now_us = world.now_us
+        if wall_us() - now_us > _LAG_US:  # a slow machine: its time goes slower than the wall's
+            start_us -= wall_us() - now_us
+        if world.usb != plugged:
+            plugged = world.usb
+            for port in ports:
+                port.plug(plugged)
         client = choice.look()
+        world.opened(client is not None)
         if client and unread:
             del unread[: client.give(bytes(unread))]
         room = _BUFFER - world.waiting_in

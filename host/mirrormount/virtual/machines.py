@@ -25,9 +25,22 @@ PICO = "Raspberry Pi Pico with RP2040"
 def cpython(name: str = PICO, firmware: Path | None = None) -> list[str]:
     """A child CPython. name is what MicroPython would call the board; firmware the folder that holds
     `mountfw` (default: the installed one)."""
-    package = firmware or Path(str(importlib.resources.files("mountfw"))).parent
+    package = firmware or firmware_folder()
     boot = Path(__file__).parent / "boot_cpython.py"
     return [sys.executable, "-I", "-S", str(boot), str(package), name, str(START_US)]
+
+
+def firmware_folder() -> Path:
+    """The folder that holds the installed `mountfw`."""
+    return Path(str(importlib.resources.files("mountfw"))).parent
+
+
+def new_files(root: Path) -> Path:
+    """Make root a board's file system with the firmware on it. Returns root."""
+    ignore = shutil.ignore_patterns("__pycache__", "entry", "package.json")
+    shutil.copytree(firmware_folder() / "mountfw", root / "mountfw", ignore=ignore)
+    shutil.copy(firmware_folder() / "mountfw" / "entry" / "main.py", root / "main.py")
+    return root
 
 
 def micropython(root: Path, name: str = PICO, heap_kb: int = HEAP_KB) -> list[str]:

@@ -10,6 +10,7 @@ import json
 import struct
 import subprocess
 from collections.abc import Callable, Iterable, Sequence
+from tempfile import TemporaryDirectory
 from typing import IO
 
 from mirrormount.errors import CannotOpen, CannotWrite
@@ -33,7 +34,8 @@ class World:
     """A virtual board and its bench.
 
     machine: the command line of the child that is the board (see machines.py). edges: a text file
-    that gets one JSON object per pin edge. on_sent is called with each byte that the board sends.
+    that gets one JSON object per pin edge. scratch: a folder that goes when the board does.
+    on_sent is called with each byte that the board sends.
     usb says whether the board's port is there: a machine that resets itself takes it away meanwhile.
     """
 
@@ -43,12 +45,14 @@ class World:
         bench: Bench | None = None,
         *,
         edges: IO[str] | None = None,
+        scratch: TemporaryDirectory | None = None,
     ) -> None:
         self.bench = bench or Bench()
         self.bench.advance(START_US)
         self.edges: list[tuple[int, str, int]] = []  # the last ones: (us since power-up, pin, duty)
         self.on_sent: Callable[[int], None] = lambda _c: None
         self._edges_file = edges
+        self._scratch = scratch
         self._sent_levels: dict[str, int] = {}
         self._collects = True
         self._opened = True
@@ -147,6 +151,8 @@ class World:
                 with contextlib.suppress(OSError):  # what could not be written was told when it happened
                     self._edges_file.close()
                 self._edges_file = None
+            if self._scratch:
+                self._scratch.cleanup()
 
     def _edge(self, t: int, pin: str, duty: int) -> None:
         self.bench.edge(t, pin, duty)
