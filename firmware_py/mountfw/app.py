@@ -1,7 +1,8 @@
 """The loop: hear, obey, move on, answer. Joins the pure parts with a port, the hardware's verbs.
 
-A port has ticks_us(), ticks_ms(), any(wait_ms), read(), writable(), write(c) and led(on). The
-loop sleeps only in any(), which says whether a byte waits and returns as soon as one does.
+A port has ticks_us(), ticks_ms(), any(wait_ms), read(), writable(), write(c), led(on) and
+undisturbed(action, argument). The loop sleeps only in any(), which says whether a byte waits and
+returns as soon as one does.
 """
 
 from mountfw import errors
@@ -17,6 +18,8 @@ from mountfw.ticks import add, diff
 _SPIN_US = 250  # this long before a deadline the loop only watches the clock and listens
 _RUN_SLEEP_MS = 20  # a run is counted at least this often, so that its sums stay small
 _SLEEP_MS = 64  # the longest sleep: half a slot of the LED's patterns
+
+built = None  # the App that was built last: what repl.py goes on with
 
 
 class App:
@@ -39,13 +42,16 @@ class App:
 
     def run(self):
         """The loop, for ever. An internal fault stops the motors, is queued, and the loop goes on."""
-        while True:
-            try:
-                while True:
-                    self.step()
-            except Exception:
-                self.controller.shutdown(errors.FAULT)
-                self.controller.errors.push(errors.INTERNAL_FAULT)
+        try:
+            while True:
+                try:
+                    while True:
+                        self.step()
+                except Exception:
+                    self.controller.shutdown(errors.FAULT)
+                    self.controller.errors.push(errors.INTERNAL_FAULT)
+        finally:  # Ctrl-C: every move ends here and now, so that it is counted right
+            self._port.undisturbed(self.controller.shutdown, errors.ABORTED)
 
     def step(self):
         """One pass: hear, obey one message, move on, answer."""
@@ -62,7 +68,7 @@ class App:
         self._due = left_us < NEVER_US
         if self._due:
             self._due_at = add(now_us, left_us)
-        self._show()
+        self.show()
         # after a byte the next pass looks at once, so that a pause is seen from its beginning
         self._sleep_ms = 0 if heard else self._how_long(left_us if left_us < quiet_us else quiet_us)
 
@@ -134,7 +140,7 @@ class App:
         if self._replies.waiting() and self._port.writable():
             self._port.write(self._replies.read())
 
-    def _show(self):
+    def show(self):
         """The LED: on = ready, blinking = driving, double blink = an error waits to be read."""
         slot = self._port.ticks_ms() >> 7 & 7
         if self.controller.driving():
@@ -161,6 +167,7 @@ class App:
 
 def build(port, board):
     """An App on a port (see port_micropython.py), wired as a board file says (see boards/)."""
+    global built
     error_queue = errors.ErrorQueue()
     replies = wire.Replies()
     frame = Frame()
@@ -194,4 +201,5 @@ def build(port, board):
         port.boot_id(),
         port.ticks_ms,
     )
-    return App(port, controller, wire.Link(frame, line), frame, line, replies)
+    built = App(port, controller, wire.Link(frame, line), frame, line, replies)
+    return built

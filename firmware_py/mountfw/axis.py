@@ -70,6 +70,7 @@ class Axis:
         self._stopping = False
         self._period_us = 0
         self._limit_us = 0
+        self._timed = False  # is the limit this run's own end?
         self._on_at = 0  # when the pulse began
         self._counted_at = 0  # up to when a run is counted
         self._step = 1  # what makes a step, microseconds times duty
@@ -150,8 +151,11 @@ class Axis:
         self._run(False)
         return True
 
-    def frame(self, speed):
-        """Obey a frame: drive at speed, -255 ... 255; 0 is off. Takes over from any move."""
+    def frame(self, speed, for_ms=0):
+        """Obey a frame: drive at speed, -255 ... 255; 0 is off. Takes over from any move.
+
+        With for_ms (at most run_limit_ms) it is done after that time; else it runs as run() does.
+        """
         if speed == 0:
             self.end(errors.SUPERSEDED)
             return
@@ -159,7 +163,7 @@ class Axis:
         if self._state != _IDLE:
             self._close(errors.SUPERSEDED)  # the drive stays on, the new one may go the same way
         self._begin(speed, abs(speed))
-        self._run(same_way)
+        self._run(same_way, for_ms)
 
     # ---- ending
 
@@ -191,6 +195,9 @@ class Axis:
             self._count(now_us)
             left_us = self._limit_us - self._on_us
             out = self.position * self._direction >= MAX_STEPS * 1000
+            if self._timed and left_us <= 0:
+                self._finish(errors.DONE)
+                return NEVER_US
             if out or left_us <= 0:
                 self._finish(errors.RUN_LIMIT)
                 self.error(errors.AXIS_OUT_OF_RANGE if out else errors.AXIS_RUN_LIMIT)
@@ -308,9 +315,10 @@ class Axis:
             return diff(self._next_at, self._ticks_us())
         return NEVER_US
 
-    def _run(self, same_way):
+    def _run(self, same_way, for_ms=0):
         self._resting = False
-        self._limit_us = self.run_limit_ms * 1000
+        self._timed = 0 < for_ms <= self.run_limit_ms
+        self._limit_us = (for_ms if self._timed else self.run_limit_ms) * 1000
         if self._drive():
             if not same_way:
                 self._counted_at = self._ticks_us()

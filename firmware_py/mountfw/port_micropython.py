@@ -135,13 +135,20 @@ def motors_off(board):
                 Pin(pins[name], Pin.OUT, value=0)
 
 
-def leave(board):
-    """Motors off on the way to the prompt, however often Ctrl-C comes meanwhile."""
+def undisturbed(action, argument):
+    """action(argument), from the start again however often Ctrl-C comes meanwhile."""
     while True:
         try:
             micropython.kbd_intr(-1)
-            motors_off(board)
-            micropython.kbd_intr(_CTRL_C)
+            try:
+                action(argument)
+            finally:
+                micropython.kbd_intr(_CTRL_C)
             return
         except KeyboardInterrupt:
             pass
+
+
+def leave(board):
+    """Motors off on the way to the prompt, however often Ctrl-C comes meanwhile."""
+    undisturbed(motors_off, board)

@@ -111,6 +111,9 @@ class Port:
     def pause_us(self, us):
         self.us += us
 
+    def undisturbed(self, action, argument):
+        action(argument)
+
     def unique_id(self):
         return b"0123456789abcdef"
 

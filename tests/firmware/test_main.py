@@ -1,4 +1,4 @@
-"""entry/main.py and its way out: two Ctrl-C, the second before every single bytecode of it."""
+"""The ways out, of entry/main.py and of a move at the prompt: two Ctrl-C, the second before every bytecode."""
 
 import contextlib
 import io
@@ -7,6 +7,7 @@ from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
 import pytest
+from rig import Rig
 
 import mountfw
 from mountfw.boards import pico
@@ -102,4 +103,66 @@ def test_a_second_ctrl_c_anywhere_on_the_way_out_leaves_no_motor_on(port):
     while run_main(port, places + 1):
         places += 1
         assert [port.state.levels[pin] for pin in DRIVES] == [0] * 6, f"Ctrl-C before bytecode {places}"
+    assert places > 30
+
+
+def move_at_the_prompt(port, second_at: int) -> tuple[bool, Rig]:
+    """A step at the prompt with Ctrl-C in mid-pulse and again before the second_at-th bytecode of the way out.
+
+    Returns whether the way out has that many, and the board.
+    """
+    count, delivered, leaving = 0, False, False
+    rig = Rig()
+    folder = Path(mountfw.__file__).parent
+    files = {str(folder / name) for name in ("repl.py", "controller.py", "axis.py", "bridge.py")} | {str(PORT)}
+
+    def pause_us(us):
+        nonlocal leaving
+        if us > 100 and rig.now() > 50_000:
+            assert rig.drives() == (255, 0)
+            leaving = True
+            raise KeyboardInterrupt
+        rig.port.pause_us(us)
+
+    def each_bytecode(frame, event, _arg):
+        nonlocal count, delivered
+        if event == "opcode" and leaving and not delivered and port.state.interrupt_char == 3:
+            count += 1
+            if count == second_at:
+                delivered = True
+                raise KeyboardInterrupt
+        return each_bytecode
+
+    def trace(frame, _event, _arg):
+        if frame.f_code.co_filename not in files:
+            return None
+        frame.f_trace_opcodes, frame.f_trace_lines = True, False
+        return each_bytecode
+
+    port.ticks_us, port.pause_us = rig.port.ticks_us, pause_us
+    from mountfw import repl
+
+    mount = repl.Mount(port, rig.app)
+    sys.settrace(trace)
+    try:
+        with contextlib.suppress(KeyboardInterrupt):
+            mount.y.step(1)
+    finally:
+        sys.settrace(None)
+    return delivered, rig
+
+
+def test_a_second_ctrl_c_anywhere_on_the_way_out_of_a_move_at_the_prompt_leaves_no_motor_on(port, monkeypatch):
+    port.ticks_us = lambda: 0
+    Rig()  # there is a firmware to go on with
+    monkeypatch.delitem(sys.modules, "mountfw.repl", raising=False)
+    places = 0
+    while True:
+        delivered, rig = move_at_the_prompt(port, places + 1)
+        if not delivered:
+            break
+        places += 1
+        assert not any(rig.port.pins.values()), f"Ctrl-C before bytecode {places}"
+        assert port.state.interrupt_char == 3
+    assert not any(rig.port.pins.values())
     assert places > 30

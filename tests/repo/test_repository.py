@@ -25,6 +25,7 @@ ALLOWED = {
     "axis": {"bridge", "endstop", "errors", "ticks"},
     "controller": {"axis", "command", "errors", "ticks", "settings"},
     "app": {"axis", "bridge", "command", "controller", "endstop", "errors", "frame", "link", "ticks"},
+    "repl": {"app", "axis", "errors", "port_micropython", "ticks"},
 }
 PLATFORM = {"machine", "board", "pwmio", "digitalio", "usb_cdc", "supervisor", "microcontroller", "rp2", "esp32"}
 

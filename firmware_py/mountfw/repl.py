@@ -1,0 +1,158 @@
+"""The mount at the board's own prompt. Imports app, axis, errors, ticks and the port.
+
+    >>> from mountfw.repl import m
+    >>> m.x.step(5)              # right; returns when it is done
+    >>> m.y.jog(-0.3, ms=800)    # downwards at 30 % for 0.8 s
+    >>> m.status()
+
+The axes are those of the firmware that was interrupted: same positions, settings and limits. Each
+call serves them until its move is over, listens to Ctrl-C only, and leaves the motors off.
+"""
+
+from mountfw import app, errors
+from mountfw import port_micropython as hardware
+from mountfw.axis import MAX_STEPS
+from mountfw.ticks import add, diff
+
+_SPIN_US = 250  # this long before a deadline only the clock is watched
+_PAUSE_US = 500  # the longest pause while something moves: Ctrl-C waits for it
+
+REASONS = ("none yet", "done", "stopped", "aborted", "end-stop reached", "soft limit reached", "run limit reached")
+REASONS += ("keep-alive lost", "superseded by another command", "fault")
+_CERTAINTY = ("unknown", "counted", "homed", "estimated")
+_LIMITS = ("-", "positive", "negative", "both")
+
+
+class MoveEnded(Exception):
+    """A move ended before it was done."""
+
+
+class Axis:
+    """x (right is positive) or y (up is positive). axis is the firmware's own, with its settings."""
+
+    def __init__(self, mount, name, axis):
+        self._mount = mount
+        self.name = name
+        self.axis = axis
+
+    @property
+    def position(self):
+        """Where it is counted to be, in steps."""
+        return self.axis.position_now() / 1000
+
+    def step(self, n):
+        """Move by n steps. Raises ValueError, MoveEnded."""
+        _check_whole("steps", n, -MAX_STEPS, MAX_STEPS)
+        self._mount.move((self,), self.axis.steps, n)
+
+    def move_to(self, position):
+        """Move to a position in steps, by the nearest whole number of steps. Raises ValueError, MoveEnded."""
+        _check_whole("a position", position, -MAX_STEPS, MAX_STEPS)
+        self._mount.move((self,), self.axis.to, position)
+
+    def jog(self, speed, ms):
+        """Run at speed, -1 ... 1 of full speed, for ms milliseconds. Raises ValueError, MoveEnded."""
+        duty = round(speed * 255) if type(speed) in (int, float) and -1 <= speed <= 1 else 0
+        if duty == 0:
+            raise ValueError("speed is a number within -1 ... 1, and at least 1/255 either way")
+        self.check_ms(ms)
+        self._mount.move((self,), self.axis.frame, duty, ms)
+
+    def check_ms(self, ms):
+        """Raise ValueError if this axis may not run for ms."""
+        _check_whole("ms", ms, 1, self.axis.run_limit_ms)
+
+
+class Mount:
+    """Both axes of an App on a port. One move at a time: each call returns when it is over."""
+
+    def __init__(self, port, firmware):
+        self._port = port
+        self._show = firmware.show
+        self._controller = firmware.controller
+        self.y = Axis(self, "y", self._controller.axes[0])
+        self.x = Axis(self, "x", self._controller.axes[1])
+        for a in (self.x, self.y):
+            if a.axis.moving():  # the firmware was cut off so hard that nobody has counted
+                a.axis.certainty = errors.UNKNOWN
+        self.stop()
+        self._controller.hold(False)
+
+    def drive(self, m1, m2, ms):
+        """Drive motor 1 (y) and motor 2 (x) at -255 ... 255 for ms milliseconds. Raises ValueError, MoveEnded."""
+        for name, duty, a in (("m1", m1, self.y), ("m2", m2, self.x)):
+            _check_whole(name, duty, -255, 255)
+            a.check_ms(ms)
+
+        def start():
+            self.y.axis.frame(m1, ms)
+            self.x.axis.frame(m2, ms)
+
+        self.move([a for duty, a in ((m1, self.y), (m2, self.x)) if duty], start)
+
+    def stop(self):
+        """Both motors off."""
+        self._port.undisturbed(self._controller.shutdown, errors.ABORTED)
+
+    def status(self):
+        """Print what is known of both axes, and the errors that wait to be read."""
+        for a in (self.x, self.y):
+            known = (a.name, a.position, _CERTAINTY[a.axis.certainty], _LIMITS[a.axis.limits() & 3])
+            print("%s: %+.3f steps (%s), end-stops: %s," % known, "last move:", REASONS[a.axis.reason])
+        while self._controller.errors.waiting:
+            print("error", self._take_error())
+
+    def move(self, axes, start, *arguments):
+        """Start a move of these Axis objects and serve it to its end; motors off however it ends."""
+        while self._controller.errors.pop():
+            pass  # those of before would be taken for this move's
+        try:
+            try:
+                if start(*arguments) is False:
+                    raise ValueError(axes[0].name + ": " + self._take_error())
+                self._serve(axes)
+            finally:
+                self.stop()
+        finally:
+            self.stop()  # again: a second Ctrl-C may have kept the first one from starting
+
+    def _serve(self, axes):
+        while True:
+            for a in axes:
+                if not a.axis.moving() and a.axis.reason != errors.DONE:
+                    why = self._take_error() or REASONS[a.axis.reason]
+                    raise MoveEnded("%s: %s after %d steps" % (a.name, why, abs(a.axis.ended_steps)))
+            if not self._controller.moving():
+                return
+            now_us = self._port.ticks_us()
+            left_us = self._controller.service(now_us)
+            if left_us < _SPIN_US:
+                until_us = add(now_us, left_us if left_us > 0 else 0)
+                while diff(until_us, self._port.ticks_us()) > 0:
+                    pass
+                self._controller.service(self._port.ticks_us())
+            else:
+                self._show()
+                if not self._controller.watching():
+                    self._port.pause_us(min(left_us - _SPIN_US, _PAUSE_US))
+
+    def _take_error(self):
+        code = self._controller.errors.pop()
+        return errors.message(code).decode().lower() if code else ""
+
+
+def _check_whole(what, value, least, most):
+    if type(value) is not int or not least <= value <= most:
+        raise ValueError("%s: a whole number within %d ... %d, not %s" % (what, least, most, repr(value)[:20]))
+
+
+def _connect():
+    if app.built is None:  # the firmware has not run since the reset
+        board = hardware.find_board()
+        if board is None:
+            raise RuntimeError("this board has no board file")
+        app.build(hardware, board)
+    return Mount(hardware, app.built)
+
+
+m = _connect()
