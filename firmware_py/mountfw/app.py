@@ -35,6 +35,7 @@ class App:
         self._ticks_us = port.ticks_us
         self._any = port.any
         self._heard_at = 0
+        self._woke_at = 0
         self._sleep_ms = 0
         self._due = False  # does a deadline of a move lie ahead?
         self._due_at = 0
@@ -71,10 +72,13 @@ class App:
         self.show()
         # after a byte the next pass looks at once, so that a pause is seen from its beginning
         self._sleep_ms = 0 if heard else self._how_long(left_us if left_us < quiet_us else quiet_us)
+        self.controller.passed(diff(self._ticks_us(), self._woke_at))
 
     def _hear(self, wait_ms):
         """Take in all that waits, stops first. True if there was anything."""
-        if not self._any(wait_ms):
+        waits = self._any(wait_ms)
+        self._woke_at = self._ticks_us()
+        if not waits:
             return False
         watching = self.controller.watching()
         while self._link.room():
@@ -200,6 +204,9 @@ def build(port, board):
         port.unique_id(),
         port.boot_id(),
         port.ticks_ms,
+        port.firmware_hash(),
+        port.reset_cause(),
+        port.free_memory,
     )
     built = App(port, controller, wire.Link(frame, line), frame, line, replies)
     return built

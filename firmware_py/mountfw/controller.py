@@ -34,10 +34,24 @@ class Controller:
     """Axes 1 and 2. replies and error_queue are shared with the app and the axes.
 
     board and unique_id (bytes) go into the identity; boot_id (0 ... 2**30-1) differs from boot
-    to boot; ticks_ms is a millisecond clock that wraps at 2**30.
+    to boot; ticks_ms is a millisecond clock that wraps at 2**30. firmware_hash (bytes) is answered as
+    it is; reset_cause and what free_memory() gives, in bytes, are numbers of the health.
     """
 
-    def __init__(self, axis1, axis2, replies, error_queue, board, unique_id, boot_id, ticks_ms):
+    def __init__(
+        self,
+        axis1,
+        axis2,
+        replies,
+        error_queue,
+        board,
+        unique_id,
+        boot_id,
+        ticks_ms,
+        firmware_hash,
+        reset_cause,
+        free_memory,
+    ):
         self.axes = (axis1, axis2)
         self.errors = error_queue
         self._axis1 = axis1
@@ -49,6 +63,11 @@ class Controller:
         self._boot_id = boot_id
         self._ticks_ms = ticks_ms
         self._booted_ms = ticks_ms()
+        self._firmware_hash = firmware_hash
+        self._reset_cause = reset_cause
+        self._free_memory = free_memory
+        self._longest_us = 0  # pass of the loop since XH? was asked
+        self._passes = 0
         self._keep_alive_ms = 0
         self._heard_at = 0
         self._answers = 0  # of the line in hand
@@ -73,6 +92,8 @@ class Controller:
             key(b"XK"): (False, self._set_keep_alive, self._ask_keep_alive),
             key(b"XS"): (False, None, self._ask_status),
             key(b"XE"): (True, None, self._ask_ended),
+            key(b"XF"): (False, None, self._ask_firmware_hash),
+            key(b"XH"): (False, None, self._ask_health),
         }
         for name in _PARAMETERS:
             self._commands[name] = (True, self._set_parameter, self._ask_parameter)
@@ -142,6 +163,12 @@ class Controller:
     def heard(self, now_us):
         """A byte has arrived: whoever sent it is alive."""
         self._heard_at = now_us
+
+    def passed(self, us):
+        """A pass of the loop took us microseconds."""
+        self._passes = self._passes + 1 & 0x3FFFFFFF
+        if us > self._longest_us:
+            self._longest_us = us
 
     def service(self, now_us):
         """Carry the moves on. Returns the microseconds to the next deadline."""
@@ -427,3 +454,17 @@ class Controller:
         r.number(axis.ended_steps)
         r.put(0x2C)
         r.number(axis.ended_on_us)
+
+    def _ask_firmware_hash(self, _axis):
+        self._replies.text(self._firmware_hash)
+
+    def _ask_health(self, _axis):
+        r = self._replies
+        r.number(self._free_memory())
+        r.put(0x2C)
+        r.number(self._longest_us)
+        r.put(0x2C)
+        r.number(self._passes)
+        r.put(0x2C)
+        r.number(self._reset_cause)
+        self._longest_us = 0

@@ -4,6 +4,9 @@ The protocol runs on the console, sys.stdin and sys.stdout, so Ctrl-C (0x03) bel
 interpreter and raises KeyboardInterrupt.
 """
 
+import binascii
+import gc
+import hashlib
 import os
 import select
 import sys
@@ -104,6 +107,45 @@ def unique_id():
 def boot_id():
     """A number that differs from boot to boot, 0 ... 2**30-1."""
     return int.from_bytes(os.urandom(4), "little") & 0x3FFFFFFF
+
+
+def reset_cause():
+    """Why the board started, in MicroPython's own numbers of this platform (machine.reset_cause)."""
+    return machine.reset_cause()
+
+
+def free_memory():
+    """Bytes of the heap that are free. Allocates nothing, but walks the heap: ask it seldom."""
+    return gc.mem_free()  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def firmware_hash():
+    """SHA-256, as hex (bytes), over the files that are on this board: main.py and every .py and .mpy of mountfw.
+
+    For each, in the order of their names from the root on: the name, then the SHA-256 of the file (32 bytes).
+    """
+    library = __file__.rpartition("/")[0]
+    root = library.rpartition("/")[0]
+    total = hashlib.sha256()
+    for folder in ("", "mountfw", "mountfw/boards"):
+        place = (root + "/" if root else "") + folder
+        for name in sorted(os.listdir(place)):
+            if name == "main.py" if not folder else name.endswith((".py", ".mpy")):
+                total.update((folder + "/" + name if folder else name).encode())
+                total.update(_file_hash(place + "/" + name if place else name))
+    return binascii.hexlify(total.digest())
+
+
+def _file_hash(path):
+    digest = hashlib.sha256()
+    buffer = bytearray(512)
+    view = memoryview(buffer)
+    with open(path, "rb") as f:
+        while True:
+            n = f.readinto(buffer)
+            if not n:
+                return digest.digest()
+            digest.update(view[:n])
 
 
 def find_board():

@@ -120,6 +120,15 @@ class Port:
     def boot_id(self):
         return 4711
 
+    def firmware_hash(self):
+        return b"5a" * 32
+
+    def reset_cause(self):
+        return 1
+
+    def free_memory(self):
+        return 100_000
+
     def Output(self, number, pwm_hz=0):
         return Output(self, number, pwm_hz)
 

@@ -8,6 +8,7 @@ FIRMWARE_DIR is the folder that holds `mountfw`; one without it makes a board wi
 """
 
 import contextlib
+import gc
 import importlib.util
 import os
 import signal
@@ -33,6 +34,7 @@ def _install():
     mp.const = mp.native = mp.viper = lambda x: x
     mp.heap_lock = mp.heap_unlock = lambda: 0
     sys.modules["micropython"] = mp
+    gc.mem_free = lambda: 0  # CPython has no such number
     sys.path[:0] = [FAKES, FIRMWARE_DIR]
     import _seam
 

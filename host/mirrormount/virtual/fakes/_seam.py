@@ -70,6 +70,10 @@ class Seam:
         """Byte c goes to the host."""
         self._record(SENT, c, 0)
 
+    def forget(self):
+        """What was received and not yet read is lost."""
+        self._tail = self._head
+
     def received(self):
         """True if a byte waits."""
         return self._head != self._tail

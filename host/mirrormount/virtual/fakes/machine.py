@@ -6,6 +6,21 @@ _LED = 25
 _NAMED = {"LED": _LED}
 
 
+PWRON_RESET = 1
+
+
+def reset_cause():
+    return PWRON_RESET
+
+
+def reset():
+    """Pins become inputs, what was received is lost, and everything starts again."""
+    _seam.seam.forget()
+    for number in list(Pin._gpio):
+        Pin(number, Pin.IN)
+    raise SystemExit
+
+
 def unique_id():
     return b"\xe6\x61\x64\x08\x43\x2f\x5a\x21"
 
