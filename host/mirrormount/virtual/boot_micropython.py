@@ -32,6 +32,10 @@ class _Delegate:
             setattr(self, name, value)
 
 
+class _SoftReset(Exception):
+    """What SystemExit means on a board."""
+
+
 class _Implementation:
     """sys.implementation of the board that this stands for."""
 
@@ -130,7 +134,9 @@ def _run(source, name, kind):
         else:
             exec(compile(source, name, kind), _globals)
     except SystemExit:
-        return None
+        if seam._off:  # the world is gone
+            raise
+        raise _SoftReset() from None
     except BaseException as e:
         return e
     return None
@@ -244,8 +250,11 @@ def _prompt(raw):
 
 raw = False
 while True:
-    _run_file("boot.py")
-    if not raw:
-        _run_file("main.py")
-    raw = _prompt(raw)
+    try:
+        _run_file("boot.py")
+        if not raw:
+            _run_file("main.py")
+        raw = _prompt(raw)
+    except _SoftReset:
+        raw = False
     _soft_reset()
