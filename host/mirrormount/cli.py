@@ -93,6 +93,18 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument("--bench", choices=("paper", "switches"), default="paper", help="with or without end-stops")
     sub.add_argument("--board", choices=("pico", "pico_drv8833"), default="pico", help="which H-bridge")
     sub.add_argument("--speed", choices=("1", "max"), default="1", help="max is for virtual://?speed=max only")
+    sub = add("deploy", do_deploy, "put the firmware on a board that runs MicroPython", port=False)
+    _add_deploy_port(sub)
+    sub.add_argument("--source", action="store_true", help="plain .py files instead of compiled ones")
+    which = sub.add_mutually_exclusive_group()
+    which.add_argument("--board", metavar="NAME", help="use mountfw/boards/NAME.py instead of the board's own")
+    which.add_argument("--pins", type=Path, metavar="FILE", help="use this board file (see mountfw/boards/pico.py)")
+    sub.add_argument("--replace-main", action="store_true", help="replace somebody else's main.py (a copy stays)")
+    sub = add("undeploy", do_undeploy, "take off a board what deploy has put there", port=False)
+    _add_deploy_port(sub)
+    sub = add("repl", do_repl, "the board's own Python prompt, with the mount at it as m", port=False)
+    sub.add_argument("at", nargs="?", metavar="PORT", help="serial port (default: the one board there is)")
+    sub.add_argument("--port", default=os.environ.get("MIRRORMOUNT_PORT"), help="the same")
     sub = add("demo", do_demo, "the paper's square on a virtual board, measured and drawn", port=False)
     sub.add_argument("--output", type=Path, default=Path("square.png"), metavar="FILE", help="the picture")
     sub.add_argument("--port", default="virtual://?speed=max", help="a virtual:// address with other options")
@@ -100,6 +112,12 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _open(args: argparse.Namespace):
+def _add_deploy_port(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument("at", nargs="?", metavar="PORT", help="serial port (default: the one board there is)")
+    sub.add_argument("--port", default=os.environ.get("MIRRORMOUNT_PORT"), help="the same")
+    sub.add_argument("--stop", action="store_true", help="stop the motors first if they move")
+
+
     if args.sketch:
         if args.port is None:
             raise BadValue("an Arduino's port must be named: --port PORT --sketch")
@@ -260,6 +278,28 @@ def do_virtual(args: argparse.Namespace) -> None:
 
 
 def do_demo(args: argparse.Namespace) -> None:
+def do_deploy(args: argparse.Namespace) -> None:
+    """Put the firmware on a board."""
+    from mirrormount.deploy import Options, deploy
+
+    port = args.at or args.port
+    print(deploy(Options(port, args.stop, args.source, args.board, args.pins, args.replace_main)))
+
+
+def do_undeploy(args: argparse.Namespace) -> None:
+    """Take the firmware off a board."""
+    from mirrormount.deploy import Options, undeploy
+
+    print(undeploy(Options(args.at or args.port, args.stop)))
+
+
+def do_repl(args: argparse.Namespace) -> None:
+    """Open the board's prompt."""
+    from mirrormount.repl import run
+
+    run(args.at or args.port)
+
+
     """Run the demo."""
     from mirrormount.demo import run
 

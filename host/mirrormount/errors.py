@@ -103,6 +103,14 @@ class EmulatorMissing(MountError):
     """The rp2040 machine cannot be started: something that it is made of is missing."""
 
 
+class DeployError(MountError):
+    """The firmware was not put on the board, or not taken off it."""
+
+
+class MpremoteError(DeployError):
+    """A call of mpremote failed."""
+
+
 class CannotWrite(MountError):
     """A file could not be written."""
 
