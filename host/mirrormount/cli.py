@@ -111,13 +111,13 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _open(args: argparse.Namespace):
 def _add_deploy_port(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("at", nargs="?", metavar="PORT", help="serial port (default: the one board there is)")
     sub.add_argument("--port", default=os.environ.get("MIRRORMOUNT_PORT"), help="the same")
     sub.add_argument("--stop", action="store_true", help="stop the motors first if they move")
 
 
+def _open(args: argparse.Namespace):
     if args.sketch:
         if args.port is None:
             raise BadValue("an Arduino's port must be named: --port PORT --sketch")
@@ -277,7 +277,6 @@ def do_virtual(args: argparse.Namespace) -> None:
     run(args)
 
 
-def do_demo(args: argparse.Namespace) -> None:
 def do_deploy(args: argparse.Namespace) -> None:
     """Put the firmware on a board."""
     from mirrormount.deploy import Options, deploy
@@ -300,6 +299,7 @@ def do_repl(args: argparse.Namespace) -> None:
     run(args.at or args.port)
 
 
+def do_demo(args: argparse.Namespace) -> None:
     """Run the demo."""
     from mirrormount.demo import run
 
