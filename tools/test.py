@@ -18,6 +18,14 @@ from typing import Callable, List, NamedTuple, Sequence, Tuple, Union
 import _bootstrap as bootstrap
 
 
+def _has_arm_libc() -> bool:
+    return os.path.isdir("/usr/lib/arm-none-eabi/newlib") or os.path.isdir("/usr/include/newlib")
+
+
+def _has_arm_cpp() -> bool:
+    return os.path.isdir("/usr/include/newlib/c++") or os.path.isdir("/usr/lib/arm-none-eabi/include/c++")
+
+
 class Need(NamedTuple):
     """Something pip cannot install, and what cannot be run without it."""
 
@@ -27,8 +35,18 @@ class Need(NamedTuple):
     not_run: Tuple[str, ...]  # tests, as pytest names them: a folder, a file or file::test
 
 
-# For example: Need("node", "nodejs", "runs the browser flasher's tests", ("tests/web",))
-NEEDS: Tuple[Need, ...] = ()
+_EMULATED = ("tests/emulated",)
+NEEDS: Tuple[Need, ...] = (
+    Need("node", "nodejs", "runs the emulated RP2040", _EMULATED),
+    Need("npm", "npm", "installs the emulator's core", _EMULATED),
+    Need("arm-none-eabi-gcc", "gcc-arm-none-eabi", "builds its MicroPython image", _EMULATED),
+    Need(_has_arm_libc, "libnewlib-arm-none-eabi", "builds its MicroPython image", _EMULATED),
+    Need(_has_arm_cpp, "libstdc++-arm-none-eabi-newlib", "builds its MicroPython image", _EMULATED),
+    Need("cmake", "cmake", "builds its MicroPython image", _EMULATED),
+    Need("make", "make", "builds its MicroPython image", _EMULATED),
+    Need("gcc", "gcc", "builds its MicroPython image", _EMULATED),
+    Need("dpkg-source", "dpkg-dev", "unpacks the image's sources", _EMULATED),
+)
 
 WANTED = bootstrap.Wanted(
     purpose="tests",

@@ -30,9 +30,13 @@ _TOO_LONG = -2  # what line.feed() says
 
 
 class Link:
-    """The receiving side. frame and line are mountfw's Frame and Line, or things that feed alike."""
+    """The receiving side. frame and line are mountfw's Frame and Line, or things that feed alike.
 
-    def __init__(self, frame, line, size=256):
+    size is more than the buffers below us hold together (USB and stdin: 0.8 KB on the RP2040), so that
+    all that waits can be searched for stops at once, however slowly it is obeyed.
+    """
+
+    def __init__(self, frame, line, size=1024):
         self.stops_ahead = 0  # received, not yet parsed: nothing may start before them
         self.unparsed = 0  # bytes received, not yet parsed
         self._frame = frame

@@ -138,13 +138,15 @@ class XipControl extends Registers {
   readUint32(offset) { return offset === 8 ? 2 : super.readUint32(offset); } // never busy
 }
 
+let random = 0x2545f491; // repeatable from run to run, but not from boot to boot
+
 class RingOscillator extends Registers {
-  constructor(rp2040) { super(rp2040, 'ROSC'); this.random = 0x2545f491; }
+  constructor(rp2040) { super(rp2040, 'ROSC'); }
   readUint32(offset) {
     if (offset === 0x18) return 0x80001000; // stable
     if (offset !== 0x1c) return super.readUint32(offset);
-    this.random = (Math.imul(this.random, 1664525) + 1013904223) >>> 0;
-    return this.random >>> 31;
+    random = (Math.imul(random, 1664525) + 1013904223) >>> 0;
+    return random >>> 31;
   }
 }
 

@@ -1,8 +1,8 @@
 // The rp2040 machine: a real MicroPython image in an emulated RP2040, behind the seam of the virtual board.
 //
-// usage: node main.mjs BOOTROM IMAGE FLASH START_US
+// usage: node main.mjs BOOTROM IMAGE FLASH START_US keep|forget
 //   BOOTROM  4096 little-endian words        IMAGE  .bin or .uf2, used if FLASH does not exist
-//   FLASH    file that holds the flash's content from run to run, or - for none
+//   FLASH    file that holds the flash's content; written back as it changes, if it is to be kept
 //
 // stdin and stdout carry the 16-byte records of host/mirrormount/virtual/fakes/_seam.py, and these:
 //   from the board  U USB is up (a = 1) or down
@@ -10,7 +10,7 @@
 import fs from 'node:fs';
 import { Board } from './board.mjs';
 
-const [bootromFile, imageFile, flashFile, startText] = process.argv.slice(2);
+const [bootromFile, imageFile, flashFile, startText, keep] = process.argv.slice(2);
 const START_US = Number(startText);
 const RECORD = 16;
 const [EDGE, SENT, WAIT, USB] = Buffer.from('ETSU');
@@ -46,13 +46,13 @@ const board = new Board(
   byte => record(SENT, byte, 0, 0),
   up => record(USB, up ? 1 : 0, 0, 0),
 );
-if (flashFile !== '-' && fs.existsSync(flashFile)) board.flash.memory.set(fs.readFileSync(flashFile));
+if (fs.existsSync(flashFile)) board.flash.memory.set(fs.readFileSync(flashFile));
 else for (const [address, data] of image(imageFile)) board.flash.memory.set(data, address);
 board.boot('power');
 
 let saved = 0;
 function save() {
-  if (flashFile === '-' || board.flash.operations === saved) return;
+  if (keep !== 'keep' || board.flash.operations === saved) return;
   saved = board.flash.operations;
   fs.writeFileSync(flashFile + '.part', board.flash.memory);
   fs.renameSync(flashFile + '.part', flashFile);

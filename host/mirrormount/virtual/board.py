@@ -17,6 +17,7 @@ from mirrormount.errors import BadAddress, ConnectionLost, MountError
 from mirrormount.link import SocketPort
 from mirrormount.virtual import machines
 from mirrormount.virtual.bench import Bench
+from mirrormount.virtual.files import new_files
 from mirrormount.virtual.live import PairPort, serve
 from mirrormount.virtual.stepped import Stepped
 from mirrormount.virtual.world import BoardGone, World
@@ -65,7 +66,7 @@ def make_world(options: Options | None = None) -> World:
         files = options.files
         if files is None:
             scratch = tempfile.TemporaryDirectory(prefix="mirrormount-")
-            files = machines.new_files(Path(scratch.name))
+            files = new_files(Path(scratch.name))
         command = machines.micropython(files, BOARDS[options.board])
     else:
         command = machines.rp2040(options.image, options.flash)
@@ -74,7 +75,10 @@ def make_world(options: Options | None = None) -> World:
     except OSError as e:
         raise BadAddress(f"cannot write pin edges to {options.edges}: {e.strerror}") from e
     optics = Bench(switches=options.bench == "switches", two_pwm=options.board == "pico_drv8833", seed=options.seed)
-    return World(command, optics, edges=file, scratch=scratch)
+    world = World(command, optics, edges=file, scratch=scratch)
+    if options.machine == "rp2040":  # a real image takes its time to start; nobody waits for it in real time
+        Stepped(world).boot()
+    return world
 
 
 def open_virtual(url: str) -> "LivePort | SteppedPort":

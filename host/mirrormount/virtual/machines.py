@@ -5,13 +5,13 @@ system and a raw prompt, so that mpremote works on it. rp2040: a real MicroPytho
 its own USB, timers, PWM and flash (emulator.py prepares it).
 """
 
-import importlib.resources
 import os
 import shutil
 import sys
 from pathlib import Path
 
 from mirrormount.errors import EmulatorMissing
+from mirrormount.virtual.files import firmware_folder
 from mirrormount.virtual.world import START_US
 
 # the VM's print() writes to descriptor 1, so its seam is on two others: sh moves it there
@@ -30,19 +30,6 @@ def cpython(name: str = PICO, firmware: Path | None = None) -> list[str]:
     return [sys.executable, "-I", "-S", str(boot), str(package), name, str(START_US)]
 
 
-def firmware_folder() -> Path:
-    """The folder that holds the installed `mountfw`."""
-    return Path(str(importlib.resources.files("mountfw"))).parent
-
-
-def new_files(root: Path) -> Path:
-    """Make root a board's file system with the firmware on it. Returns root."""
-    ignore = shutil.ignore_patterns("__pycache__", "entry", "package.json")
-    shutil.copytree(firmware_folder() / "mountfw", root / "mountfw", ignore=ignore)
-    shutil.copy(firmware_folder() / "mountfw" / "entry" / "main.py", root / "main.py")
-    return root
-
-
 def micropython(root: Path, name: str = PICO, heap_kb: int = HEAP_KB) -> list[str]:
     """A MicroPython VM whose file system is the folder root. Raises EmulatorMissing if there is none."""
     places = (os.path.dirname(sys.executable), os.environ.get("PATH", ""))
@@ -58,8 +45,9 @@ def micropython(root: Path, name: str = PICO, heap_kb: int = HEAP_KB) -> list[st
 def rp2040(image: Path | None = None, flash: Path | None = None) -> list[str]:
     """An emulated Pico that boots image; flash keeps its file system from run to run.
 
-    A new one holds MicroPython alone: the firmware has to be put on it. Raises EmulatorMissing.
+    A flash that does not exist yet gets MicroPython alone: the firmware has to be put on it. Without a
+    flash it is one with the firmware, and forgotten in the end. Raises EmulatorMissing.
     """
     from mirrormount.virtual import emulator
 
-    return emulator.command(image, flash, START_US)
+    return emulator.command(image, flash, START_US, keep=flash is not None)

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from mirrormount.virtual.world import World
 
 _QUANTUM_US = 1000  # how far the firmware runs before it is asked for news
+_BOOT_US = 8_000_000
 _BUFFER = 512  # bytes that a board takes in before its host has to wait
 
 
@@ -21,6 +22,10 @@ class Stepped:
         self._outbox = bytearray()
         world.on_sent = self.received.append
         self._wants_us = world.next_wait()
+
+    def boot(self) -> None:
+        """Let the board start: until its LED says that the firmware is ready, or for as long as that may take."""
+        self.run(_BOOT_US, lambda: self.world.lit)
 
     def send(self, data: bytes) -> None:
         """Queue bytes for the board; it gets them while run() runs."""

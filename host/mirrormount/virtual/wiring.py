@@ -12,6 +12,7 @@ DRIVES = {
     6: "m2_pos",
     7: "m2_neg",
 }
+LED = 25
 SWITCHES = {
     10: "m1_sw_pos",
     11: "m1_sw_neg",

@@ -15,7 +15,7 @@ from typing import IO
 
 from mirrormount.errors import CannotOpen, CannotWrite
 from mirrormount.virtual.bench import Bench
-from mirrormount.virtual.wiring import DRIVES, SWITCHES
+from mirrormount.virtual.wiring import DRIVES, LED, SWITCHES
 
 # the seam's records; virtual/fakes/_seam.py is the other side and explains them
 _RECORD = struct.Struct("<BBHIQ")
@@ -57,6 +57,8 @@ class World:
         self._collects = True
         self._opened = True
         self.usb = True
+        self._wants_us: int | None = None  # while the firmware waits to go on
+        self.lit = False  # the board's LED
         try:
             self._child = subprocess.Popen(machine, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
         except OSError as e:
@@ -76,7 +78,7 @@ class World:
 
         Raises BoardGone when its process has ended.
         """
-        while True:
+        while self._wants_us is None:
             record = self._from_child.read(_RECORD.size)
             if len(record) < _RECORD.size:
                 raise BoardGone
@@ -85,13 +87,16 @@ class World:
                 self.now_us = t
                 self.waiting_in = b
                 self.bench.advance(t)
-                return dt
-            if kind == _SENT:
+                self._wants_us = dt
+            elif kind == _SENT:
                 self.on_sent(a)
             elif kind == _USB:
                 self.usb = bool(a)
             elif kind == _EDGE and a in DRIVES:
                 self._edge(t, DRIVES[a], b)
+            elif kind == _EDGE and a == LED:
+                self.lit = b > 0
+        return self._wants_us
 
     def go(self, t_us: int, grant_us: int, received: Iterable[int] = ()) -> None:
         """Let the firmware go on at t_us (>= now_us) for at most grant_us, with bytes received."""
@@ -107,6 +112,7 @@ class World:
         for c in received:
             out += _RECORD.pack(_RECEIVED, c, 0, 0, 0)
         self.now_us = t_us
+        self._wants_us = None
         switch_us = self.bench.next_switch_us(grant_us) if grant_us else None
         if switch_us is not None:
             grant_us = min(grant_us, switch_us - t_us)

@@ -1,0 +1,64 @@
+"""Boards of every machine, in lockstep: virtual time, exact, and as fast as the machine goes."""
+
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from mirrormount.errors import EmulatorMissing
+from mirrormount.virtual.board import Options, make_world
+from mirrormount.virtual.stepped import Stepped
+
+
+class Board(Stepped):
+    """A board that was switched on and has had its time to start."""
+
+    def __init__(self, options: Options) -> None:
+        super().__init__(make_world(options))
+        self.options = options
+        self.boot()
+
+    def drives(self) -> dict[str, float]:
+        """What every drive pin shows now, 0 ... 1."""
+        return dict(self.world.bench.duties())
+
+    def off(self) -> bool:
+        return not any(self.drives().values())
+
+    def edges_after(self, us: int) -> list[tuple[int, str, int]]:
+        return [edge for edge in self.world.edges if edge[0] >= us]
+
+    def ask(self, data: bytes, us: int = 100_000) -> bytes:
+        """Send, wait for a line to come back (at most us), return it."""
+        self.received.clear()
+        self.send(data)
+        self.run(us, lambda: b"\n" in self.received)
+        return bytes(self.received)
+
+    def until(self, text: bytes, us: int = 20_000_000) -> bytes:
+        """Let time pass until the board has sent text; returns all it sent, and forgets it."""
+        assert self.run(us, lambda: text in self.received), f"{text!r} did not come: {bytes(self.received[-200:])!r}"
+        said = bytes(self.received)
+        self.received.clear()
+        return said
+
+
+@pytest.fixture
+def make_board() -> Iterator[Callable[..., Board]]:
+    boards: list[Board] = []
+
+    def make(machine: str = "rp2040", **options) -> Board:
+        try:
+            boards.append(Board(Options(machine=machine, **options)))
+        except EmulatorMissing as e:
+            pytest.skip(str(e))
+        return boards[-1]
+
+    yield make
+    for board in boards:
+        board.world.close()
+
+
+@pytest.fixture(params=["cpython", "micropython", "rp2040"])
+def board(request, make_board) -> Board:
+    """The same board on each machine."""
+    return make_board(request.param)

@@ -1,0 +1,62 @@
+"""What only the real image can show: memory, resets, power cuts, Ctrl-C at any moment."""
+
+import random
+
+TRIALS = 200
+
+
+def test_free_memory_of_the_running_firmware(make_board, capsys):
+    board = make_board()
+    board.send(b"\x03")
+    board.until(b">>> ")
+    board.send(b"import gc; gc.collect(); print('free', gc.mem_free())\r")
+    said = board.until(b"\r\n>>> ").decode()
+    free = int(said.split("free ")[-1].split()[0])
+    with capsys.disabled():
+        print(f" [free heap with the firmware loaded: {free} bytes]", end="")
+    assert free >= 100_000
+
+
+def test_ctrl_c_twice_at_random_moments_of_a_pulse_leaves_both_motors_off(make_board):
+    board = make_board()
+    moments = random.Random(11)
+    for trial in range(TRIALS):
+        board.send(b"!\n1XP20000;2XP20000;1VA40;2VA40;1PR50;2PR-50\n")
+        board.run(40_000 + moments.randrange(50_000))
+        board.received.clear()
+        board.send(b"\x03")
+        board.run(moments.choice((0, 0, 30, 100, 300, 1_000, 3_000)))
+        board.send(b"\x03")
+        board.until(b">>> ")
+        board.run(5_000)
+        assert board.off(), f"trial {trial}: {board.drives()}"
+        board.world.lit = False
+        board.received.clear()
+        board.send(b"exec(open('main.py').read())\r")  # as after Ctrl-D, without compiling it all again
+        board.boot()
+
+
+def test_a_hard_reset_in_mid_move_turns_the_motors_off_and_starts_anew(make_board):
+    board = make_board()
+    first = board.ask(b"XS?\n").split(b",")[0]
+    board.send(b"02550255")
+    board.run(20_000)
+    assert not board.off()
+    board.world.reset(power=False)
+    board.run(1_000)
+    assert board.off()
+    board.world.lit = False
+    board.boot()
+    assert board.ask(b"XS?\n", 2_000_000).split(b",")[0] != first
+
+
+def test_a_power_cycle_starts_the_firmware_by_itself(make_board):
+    board = make_board()
+    board.send(b"1MV+\n")
+    board.run(20_000)
+    board.world.reset(power=True)
+    board.run(1_000)
+    assert board.off()
+    board.world.lit = False
+    board.boot()
+    assert board.ask(b"*IDN?\n", 2_000_000).startswith(b"mirrormount,")
