@@ -108,6 +108,7 @@ def _parser() -> argparse.ArgumentParser:
     sub = add("demo", do_demo, "the paper's square on a virtual board, measured and drawn", port=False)
     sub.add_argument("--output", type=Path, default=Path("square.png"), metavar="FILE", help="the picture")
     sub.add_argument("--port", default="virtual://?speed=max", help="a virtual:// address with other options")
+    sub.add_argument("--machine", choices=("cpython", "micropython", "rp2040"), help="what runs the firmware")
     return parser
 
 
@@ -303,4 +304,5 @@ def do_demo(args: argparse.Namespace) -> None:
     """Run the demo."""
     from mirrormount.demo import run
 
-    run(args.port, args.output)
+    machine = f"{'&' if '?' in args.port else '?'}machine={args.machine}" if args.machine else ""
+    run(args.port + machine, args.output)
