@@ -394,7 +394,7 @@ class Mpremote:
     def survey(self) -> dict:
         """See board_side.survey; and `mpy`, the board's format of compiled files (or None)."""
         told = "import sys\ntold = survey(replay)\ntold['mpy'] = getattr(sys.implementation, '_mpy', None)\nsay(told)"
-        return self._tell(told)
+        return self._tell(told, fresh=True)
 
     def install(self, todo: Plan, progress: Progress) -> None:
         """Upload, verify, commit, reset. Raises DeployError, with the board as it was."""
@@ -419,7 +419,7 @@ class Mpremote:
 
     def undeploy(self) -> dict:
         """See board_side.undeploy; the board restarts."""
-        return self._tell("say(undeploy(replay))", ["reset"])
+        return self._tell("say(undeploy(replay))", ["reset"], fresh=True)
 
     def reset(self) -> None:
         """Restart the board."""
@@ -445,7 +445,7 @@ class Mpremote:
             raise DeployError(f"the upload failed ({why}); the board has the firmware that it had") from why
         raise DeployError(f"the upload was cut ({why}); the board finishes it when it restarts") from why
 
-    def _tell(self, code: str, *more: list[str]):
+    def _tell(self, code: str, *more: list[str], fresh: bool = False):
         """Run code after board_side; returns what it tells."""
         told: list[str] = []
 
@@ -454,7 +454,7 @@ class Mpremote:
                 told.append(line.removeprefix(board_side.MARK))
 
         with tempfile.TemporaryDirectory() as scratch:
-            self._run(["run", self._script(scratch, "script", code)], *more, on_line=hear)
+            self._run(["run", self._script(scratch, "script", code)], *more, on_line=hear, fresh=fresh)
         if not told:
             raise DeployError("mpremote ran, but the board told nothing: try again")
         return json.loads(told[0])
@@ -464,9 +464,12 @@ class Mpremote:
         path.write_text(f"{on_board()}\n{code}\n", encoding="utf-8")
         return str(path)
 
-    def _run(self, *steps: list[str], on_line: Callable[[str], None] = lambda _line: None) -> None:
-        """One call of mpremote with several commands. Raises MpremoteError."""
-        command = [sys.executable, "-m", "mpremote", "connect", self._port, "resume"]
+    def _run(self, *steps: list[str], on_line: Callable[[str], None] = lambda _line: None, fresh: bool = False) -> None:
+        """One call of mpremote with several commands. Raises MpremoteError.
+
+        fresh: with a soft reset first, which runs no main.py and leaves the memory to our script.
+        """
+        command = [sys.executable, "-m", "mpremote", "connect", self._port, *([] if fresh else ["resume"])]
         for step in steps:
             command += [*step, "+"]
         environment = os.environ | {"PYTHONUNBUFFERED": "1", "PYTHONIOENCODING": "utf-8"}
@@ -509,12 +512,20 @@ class _Uploading:
 
 
 def on_board() -> str:
-    """The text of board_side.py and of main.py's replay(), without comments."""
+    """The text of board_side.py and of main.py's replay()."""
     side = Path(board_side.__file__).read_text(encoding="utf-8")
-    return f"{ast.unparse(ast.parse(side))}\n{replay_source()}"
+    return f"{_bare(ast.parse(side))}\n{replay_source()}"
 
 
 def replay_source() -> str:
     """replay() of entry/main.py: the one program that finishes what is in a journal."""
     main = importlib.resources.files("mountfw").joinpath("entry", "main.py").read_text(encoding="utf-8")
-    return next(ast.unparse(node) for node in ast.parse(main).body if isinstance(node, ast.FunctionDef))
+    return next(_bare(node) for node in ast.parse(main).body if isinstance(node, ast.FunctionDef))
+
+
+def _bare(tree: ast.AST) -> str:
+    """The text of tree without comments and docstrings: a board has little room for them."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Module | ast.FunctionDef) and ast.get_docstring(node) is not None:
+            node.body = node.body[1:]
+    return ast.unparse(tree)
