@@ -432,7 +432,7 @@ def _identify(link: Link) -> str:
             raise NotAMount("nothing answers: not a mount, or its firmware hangs") from e
     if answer == _TAKEN:
         raise PortBusy("another program drives this board")
-    rest = link.drain(0.05).decode("ascii", "replace")
+    rest = link.drain(0.05 if answer.startswith("mirrormount,") else 0.3).decode("ascii", "replace")
     if answer.startswith("mirrormount,") and not rest:
         return answer
     if ">>>" in answer + rest:

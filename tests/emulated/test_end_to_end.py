@@ -1,0 +1,105 @@
+"""From a board with nothing but MicroPython to a moving mirror and back, with the real image and the real mpremote."""
+
+import subprocess
+import sys
+
+import pytest
+from served import ServedBoard, run_cli, wait_for
+
+from mirrormount import Mount
+from mirrormount.errors import EmulatorMissing, MountError
+from mirrormount.virtual import emulator
+
+
+@pytest.fixture(scope="module")
+def blank(tmp_path_factory):
+    """A served board whose flash holds MicroPython alone. The tests of this file go through it in order."""
+    try:
+        emulator.find_image(None)
+    except EmulatorMissing as e:
+        pytest.skip(str(e))
+    folder = tmp_path_factory.mktemp("rp2040")
+    board = ServedBoard(folder, "--machine", "rp2040", "--flash", str(folder / "flash.bin"))
+    yield board
+    board.kill()
+    board.process.stdout.close()
+
+
+def mpremote(board: ServedBoard, *words: str) -> str:
+    command = [sys.executable, "-m", "mpremote", "connect", str(board.link), *words]
+    run = subprocess.run(command, capture_output=True, text=True, timeout=120, stdin=subprocess.DEVNULL)
+    assert run.returncode == 0, run.stdout + run.stderr
+    return run.stdout
+
+
+def open_again(board: ServedBoard) -> Mount:
+    """Open a board that is restarting: its port goes and comes back, then the firmware starts."""
+
+    def attempt() -> Mount | None:
+        try:
+            return Mount.open(str(board.link))
+        except MountError:
+            return None
+
+    return wait_for(attempt, "the firmware to answer after a restart")
+
+
+def test_a_blank_board_says_that_the_firmware_is_missing(blank):
+    run = run_cli("status", "--port", str(blank.link))
+    assert run.returncode == 1
+    assert "mountfw is not on this board" in run.stderr
+
+
+def test_deploy_puts_the_firmware_on_it_and_it_answers(blank):
+    run = run_cli("deploy", "--port", str(blank.link))
+    assert run.returncode == 0, run.stderr
+    assert run.stdout.startswith("OK: Raspberry Pi Pico, mountfw 0.1.0, 2 axes,")
+    assert "(0 unchanged)" in run.stdout
+
+
+def test_a_step_is_seen_on_the_pins(blank):
+    with open_again(blank) as mount:
+        mount.x.step(1)
+        mount.y.step(-1)
+    pins = [(e["pin"], e.get("duty", e.get("level"))) for e in blank.edges()]
+    for motor, leg in (("m2", "pos"), ("m1", "neg")):
+        mine = [(pin, value) for pin, value in pins if pin.startswith(motor)]
+        assert mine == [(f"{motor}_{leg}", 1), (f"{motor}_en", 65535), (f"{motor}_en", 0), (f"{motor}_{leg}", 0)]
+
+
+def test_a_second_deploy_changes_nothing(blank):
+    run = run_cli("deploy", "--port", str(blank.link))
+    assert run.returncode == 0, run.stderr
+    files = int(run.stdout.split(" files (")[0].split()[-1])
+    assert files > 10 and f"({files} unchanged)" in run.stdout
+
+
+def test_it_starts_by_itself_after_a_hard_reset(blank):
+    mpremote(blank, "reset")
+    with open_again(blank) as mount:
+        assert mount.identity.startswith("mirrormount,Raspberry Pi Pico,")
+        assert mount.status().uptime_s < 60
+
+
+def test_a_deploy_while_a_motor_moves_is_refused_and_the_motor_is_left_alone(blank):
+    with open(blank.link, "wb", buffering=0) as raw:
+        raw.write(b"\n1XM60000;1MV+\n")
+    wait_for(blank.driving, "the motor to run")
+    run = run_cli("deploy", "--port", str(blank.link))
+    assert run.returncode == 1
+    assert blank.driving()
+    run_cli("stop", "--port", str(blank.link))
+    assert not blank.driving()
+
+
+def test_undeploy_leaves_the_board_as_it_was(blank):
+    run = run_cli("undeploy", "--port", str(blank.link))
+    assert run.returncode == 0, run.stderr
+
+    def files() -> str | None:
+        try:
+            return mpremote(blank, "exec", "import os; print('files', os.listdir('/'))")
+        except (AssertionError, subprocess.TimeoutExpired):
+            return None
+
+    assert "files []" in wait_for(files, "the prompt after undeploy")

@@ -1,0 +1,91 @@
+"""The mount at the prompt of a real MicroPython on the emulated RP2040: real timing, PWM, Ctrl-C over USB."""
+
+import random
+
+import pytest
+
+from mirrormount.virtual.bench import SWITCH_REV
+
+STEP_US = 200_000
+
+
+@pytest.fixture
+def board(make_board):
+    board = make_board("rp2040", bench="switches")
+    board.send(b"2XL3;1DH0;2DH0\n\x03")
+    board.until(b">>> ")
+    assert b"Error" not in type_line(board, "from mountfw.repl import m")
+    return board
+
+
+def type_line(board, line: str) -> bytes:
+    board.send(line.encode() + b"\r")
+    return board.until(b"\n>>> ")
+
+
+def on_times(board, pin: str, since_us: int) -> list[int]:
+    times, since = [], None
+    for us, name, duty in board.edges_after(since_us):
+        if name == pin and duty and since is None:
+            since = us
+        elif name == pin and not duty and since is not None:
+            times.append(us - since)
+            since = None
+    return times
+
+
+def test_steps_and_jogs_last_what_they_should(board, capsys):
+    start_us = board.world.us
+    type_line(board, "m.x.step(5)")
+    steps = on_times(board, "m2_en", start_us)
+    type_line(board, "m.y.jog(-1, ms=800)")
+    (jog,) = on_times(board, "m1_en", start_us)
+    assert steps == pytest.approx([STEP_US] * 5, abs=100)
+    assert jog == pytest.approx(800_000, abs=200)
+    assert b"x: +5.000 steps (counted), end-stops: -, last move: done" in type_line(board, "m.status()")
+    with capsys.disabled():
+        print(f"\nat the emulated RP2040's prompt: steps of {steps} us, a jog of {jog} us")
+
+
+def test_an_end_stop_is_told_in_words(board):
+    train = board.world.bench.horizontal
+    train.screw_rev = train.shaft_rev = SWITCH_REV - 0.06
+    assert b"MoveEnded: x: positive end-stop reached after 3 steps" in type_line(board, "m.x.step(9)")
+    assert board.off()
+    assert b"x: positive end-stop reached after 0 steps" in type_line(board, "m.x.jog(1, ms=100)")
+    assert b"Error" not in type_line(board, "m.x.step(-5)")
+
+
+def test_ctrl_c_twice_at_any_moment_turns_the_motors_off_and_leaves_the_prompt(board):
+    moments = random.Random(7)
+    for line in ["m.y.step(2)", "m.drive(-255, 255, ms=3000)"] * 10:
+        board.send(line.encode() + b"\r")
+        assert board.run(2_000_000, lambda: not board.off())
+        board.run(moments.randrange(STEP_US - 1_000))
+        board.send(b"\x03\x03")
+        assert board.run(10_000, board.off)
+        board.until(b"KeyboardInterrupt")
+        board.until(b"\n>>> ")
+        assert board.off()
+    start_us = board.world.us
+    type_line(board, "m.y.step(1)")
+    assert on_times(board, "m1_en", start_us) == pytest.approx([STEP_US], abs=100)
+
+
+def test_wrong_arguments_move_nothing(board):
+    for line in (
+        "m.x.step('5')",
+        "m.x.step(10**9)",
+        "m.y.jog(2, ms=10)",
+        "m.y.jog(0.5, ms=10**9)",
+        "m.drive(0, 256, 9)",
+    ):
+        assert b"ValueError: " in type_line(board, line)
+        assert board.off()
+
+
+def test_ctrl_d_starts_the_firmware_again(board):
+    type_line(board, "m.x.step(1)")
+    board.send(b"\x04")
+    board.boot()
+    assert board.ask(b"*IDN?\n", 5_000_000).startswith(b"mirrormount,")
