@@ -1,0 +1,283 @@
+"""deploy and undeploy on a MicroPython VM whose file system is a folder, through the real mpremote."""
+
+import hashlib
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from served import ServedBoard, run_cli, wait_for
+
+import mountfw
+from mirrormount import Mount, errors
+from mirrormount.deploy import Options, deploy, firmware, firmware_hash, plan
+from mirrormount.errors import EmulatorMissing
+from mirrormount.virtual import machines
+
+PACKAGE = Path(mountfw.__file__).parent / "package.json"
+THEIRS = "print('a program of somebody else')\n"
+
+
+def contents(root: Path) -> dict[str, bytes]:
+    """Every file of a board."""
+    return {p.relative_to(root).as_posix(): p.read_bytes() for p in root.rglob("*") if p.is_file()}
+
+
+def listed(root: Path) -> set[str]:
+    """What the manifest says."""
+    return set(json.loads((root / "mountfw" / "manifest.json").read_text())["files"])
+
+
+class Served:
+    """A served VM and its files."""
+
+    def __init__(self, board: ServedBoard, root: Path) -> None:
+        self.board = board
+        self.root = root
+        self.port = str(board.link)
+
+    def deploy(self, *options: str) -> subprocess.CompletedProcess:
+        return run_cli("deploy", self.port, *options)
+
+    def run(self) -> None:
+        """Let motor 1 run, and go away."""
+        mount = Mount.open(self.port)
+        mount.send("1XM60000;1MV+")
+        mount.close()
+
+    def ask(self, question: str) -> str:
+        with Mount.open(self.port) as mount:
+            return mount.ask(question)
+
+
+@pytest.fixture
+def boot(serve, tmp_path):
+    """Switches on a VM; root is its file system, by default an empty one."""
+
+    def switch_on(root: Path | None = None) -> Served:
+        root = root or tmp_path / "files"
+        root.mkdir(exist_ok=True)
+        try:
+            machines.micropython(root)
+        except EmulatorMissing as e:
+            pytest.skip(str(e))
+        return Served(serve("--machine", "micropython", "--files", str(root)), root)
+
+    return switch_on
+
+
+@pytest.fixture(scope="module")
+def deployed_files(tmp_path_factory) -> Path:
+    """What a deploy leaves on a blank board, made without a board."""
+    root = tmp_path_factory.mktemp("deployed")
+    todo = plan(firmware(mpy_of_the_vm()), {}, {}, lambda _copy: True)
+    for path, content in todo.upload.items():
+        (root / path).parent.mkdir(parents=True, exist_ok=True)
+        (root / path).write_bytes(content)
+    return root
+
+
+def mpy_of_the_vm() -> int:
+    """The VM's format of compiled files."""
+    vm = shutil.which("micropython", path=os.path.dirname(sys.executable)) or shutil.which("micropython")
+    if vm is None:
+        pytest.skip("no MicroPython VM here")
+    said = subprocess.run([vm, "-c", "import sys; print(sys.implementation._mpy)"], capture_output=True, check=True)
+    return int(said.stdout)
+
+
+@pytest.fixture
+def deployed(boot, deployed_files: Path, tmp_path: Path) -> Served:
+    """A board that was deployed to, as it is after power-up."""
+    return boot(Path(shutil.copytree(deployed_files, tmp_path / "deployed")))
+
+
+def test_deploy_to_a_blank_board_makes_it_a_mount(boot):
+    board = boot()
+    done = board.deploy()
+    assert done.returncode == 0, done.stderr
+    count = len(listed(board.root))
+    assert (
+        f"OK: Raspberry Pi Pico, mountfw {mountfw.__version__}, 2 axes, {count} files (0 unchanged) in" in done.stdout
+    )
+    with Mount.open(board.port) as mount:
+        mount.x.step(1)
+        assert mount.x.position == 1
+
+
+def test_a_board_holds_the_manifest_and_what_it_lists_and_nothing_else(boot):
+    board = boot()
+    board.deploy()
+    assert set(contents(board.root)) == listed(board.root) | {"mountfw/manifest.json"}
+
+
+def test_a_board_that_was_deployed_to_starts_by_itself(deployed):
+    assert deployed.ask("VE?") == f"MM2 mirrormount {mountfw.__version__}"
+
+
+def test_a_second_deploy_changes_nothing(deployed):
+    before = {p: p.stat().st_mtime_ns for p in deployed.root.rglob("*")}
+    done = deployed.deploy()
+    assert f"({len(listed(deployed.root))} unchanged)" in done.stdout, done.stderr
+    assert {p: p.stat().st_mtime_ns for p in deployed.root.rglob("*")} == before
+
+
+def test_deploy_over_an_older_version_changes_what_differs_and_removes_what_is_no_more(deployed):
+    manifest = json.loads((deployed.root / "mountfw" / "manifest.json").read_text())
+    for name, text in (("axis.mpy", b"old"), ("gone.mpy", b"older")):
+        (deployed.root / "mountfw" / name).write_bytes(text)
+        manifest["files"][f"mountfw/{name}"] = hashlib.sha256(text).hexdigest()
+    (deployed.root / "mountfw" / "manifest.json").write_text(json.dumps(manifest))
+    done = deployed.deploy()
+    assert f"({len(listed(deployed.root)) - 1} unchanged)" in done.stdout, done.stderr
+    assert not (deployed.root / "mountfw" / "gone.mpy").exists()
+
+
+def test_a_plain_file_that_would_hide_a_compiled_one_goes(deployed):
+    (deployed.root / "mountfw" / "axis.py").write_text("raise SystemError\n")
+    assert deployed.deploy().returncode == 0
+    assert not (deployed.root / "mountfw" / "axis.py").exists()
+
+
+def test_source_puts_plain_files_on_the_board(deployed):
+    assert deployed.deploy("--source").returncode == 0
+    assert contents(deployed.root)["mountfw/axis.py"] == (PACKAGE.parent / "axis.py").read_bytes()
+    assert not list(deployed.root.rglob("*.mpy"))
+
+
+def test_no_folder_of_this_computer_is_in_a_compiled_file(deployed_files):
+    for name, content in contents(deployed_files).items():
+        assert str(PACKAGE.parent.parent).encode() not in content and b"source.py" not in content, name
+
+
+def test_the_boards_hash_is_over_what_is_really_there(boot, deployed_files, tmp_path):
+    root = Path(shutil.copytree(deployed_files, tmp_path / "other"))
+    hashes = {name: hashlib.sha256(text).hexdigest() for name, text in contents(root).items()}
+    assert boot(root).ask("XF?") == firmware_hash(hashes)
+    (root / "mountfw" / "boards" / "mine.py").write_text("# another file\n")
+    assert boot(root).ask("XF?") != firmware_hash(hashes)
+
+
+def test_a_board_that_moves_is_neither_stopped_nor_changed(deployed):
+    before = contents(deployed.root)
+    deployed.run()
+    done = deployed.deploy()
+    assert done.returncode == 1 and "a motor moves" in done.stderr
+    assert deployed.board.driving()
+    assert contents(deployed.root) == before
+
+
+def test_told_to_stop_deploy_stops_and_goes_on(deployed):
+    deployed.run()
+    done = deployed.deploy("--stop")
+    assert done.returncode == 0, done.stderr
+    assert not deployed.board.driving()
+
+
+def test_somebody_elses_main_py_stays_unless_one_says_so(boot, tmp_path):
+    (tmp_path / "files").mkdir()
+    (tmp_path / "files" / "main.py").write_text(THEIRS)
+    board = boot()
+    done = board.deploy()
+    assert done.returncode == 1 and "--replace-main" in done.stderr
+    assert contents(board.root) == {"main.py": THEIRS.encode()}
+
+
+def test_replacing_somebody_elses_main_py_keeps_a_copy_and_spares_older_ones(boot, tmp_path):
+    (tmp_path / "files").mkdir()
+    (tmp_path / "files" / "main.py").write_text(THEIRS)
+    (tmp_path / "files" / "main.py.bak").write_text("older")
+    board = boot()
+    done = board.deploy("--replace-main")
+    assert "main.py.bak2" in done.stdout, done.stderr
+    assert (board.root / "main.py.bak2").read_text() == THEIRS
+    assert (board.root / "main.py.bak").read_text() == "older"
+    assert "power-up" in (board.root / "main.py").read_text()
+
+
+def test_undeploy_leaves_what_the_user_has_put_there(deployed):
+    theirs = {"boot.py": "", "notes.txt": "mine", "mountfw/boards/mine.py": "NAME = b''", "settings.json": "{}"}
+    for name, text in theirs.items():
+        (deployed.root / name).write_text(text)
+    done = run_cli("undeploy", deployed.port)
+    assert done.returncode == 0, done.stderr
+    assert contents(deployed.root) == {name: text.encode() for name, text in theirs.items()}
+
+
+def test_undeploy_keeps_a_file_that_was_changed_since_and_says_so(deployed):
+    (deployed.root / "mountfw" / "boards" / "pico.mpy").write_bytes(b"mine")
+    done = run_cli("undeploy", deployed.port)
+    assert "kept, because changed since: mountfw/boards/pico.mpy" in done.stdout
+    assert contents(deployed.root) == {"mountfw/boards/pico.mpy": b"mine"}
+
+
+def test_undeploy_of_a_board_that_was_not_deployed_to_removes_nothing(boot, tmp_path):
+    root = Path(shutil.copytree(PACKAGE.parent, tmp_path / "files" / "mountfw")).parent
+    before = contents(root)
+    done = run_cli("undeploy", boot(root).port)
+    assert done.returncode == 1 and "nothing was removed" in done.stderr
+    assert contents(root) == before
+
+
+def test_a_flash_that_is_full_leaves_the_old_firmware_running(deployed):
+    if not Path("/dev/full").exists():
+        pytest.skip("needs /dev/full")
+    (deployed.root / "mountfw" / "axis.py.new").symlink_to("/dev/full")
+    before = contents(deployed.root)
+    done = deployed.deploy("--source")
+    assert done.returncode == 1 and done.stderr.splitlines()[-1].endswith("the board has the firmware that it had")
+    assert contents(deployed.root) == before
+    assert wait_for(lambda: deployed.ask("VE?"), "the old firmware")
+
+
+def test_a_board_whose_power_went_after_the_commit_boots_the_new_firmware(boot, deployed_files, tmp_path):
+    root = Path(shutil.copytree(deployed_files, tmp_path / "cut"))
+    new = (root / "mountfw" / "axis.mpy").read_bytes()
+    (root / "mountfw" / "axis.mpy.new").write_bytes(new)
+    (root / "mountfw" / "axis.mpy").write_bytes(b"old")
+    (root / "mountfw.journal").write_text("mountfw/axis.mpy.new>mountfw/axis.mpy\nmountfw/axis.py")
+    board = boot(root)
+    assert board.ask("VE?") == f"MM2 mirrormount {mountfw.__version__}"
+    assert contents(root) == contents(deployed_files)
+
+
+def test_a_board_is_chosen_by_name_and_stays_chosen(deployed):
+    assert deployed.deploy("--board", "pico_drv8833").returncode == 0
+    assert deployed.deploy().returncode == 0
+    assert contents(deployed.root)["mountfw/boards/this.py"] == b"from mountfw.boards.pico_drv8833 import *\n"
+
+
+def test_ones_own_pins_are_what_the_board_runs_with(deployed, tmp_path):
+    pins = tmp_path / "pins.py"
+    pins.write_text((PACKAGE.parent / "boards" / "pico.py").read_text().replace('b"Raspberry Pi Pico"', 'b"My Pico"'))
+    done = deployed.deploy("--pins", str(pins))
+    assert "OK: My Pico, " in done.stdout, done.stderr
+
+
+@pytest.mark.parametrize(
+    ("text", "says"), [("NAME = (", "pins.py:1"), ("NAME = b''", "also says AXIS_1"), (None, "No such file")]
+)
+def test_pins_that_cannot_work_are_refused_before_a_board_is_looked_for(tmp_path, text, says):
+    pins = tmp_path / "pins.py"
+    if text:
+        pins.write_text(text)
+    with pytest.raises(errors.DeployError, match=says):
+        deploy(Options(port="/nowhere", pins=pins))
+
+
+def test_an_unknown_board_changes_nothing_and_names_those_there_are(deployed):
+    before = contents(deployed.root)
+    done = deployed.deploy("--board", "picco")
+    assert "only pico, pico_drv8833" in done.stderr
+    assert contents(deployed.root) == before
+
+
+def test_mip_installs_the_same_files(boot):
+    board = boot()
+    mip = [sys.executable, "-m", "mpremote", "connect", board.port, "resume", "mip", "install", "--target=/"]
+    subprocess.run([*mip, str(PACKAGE), "+", "reset"], check=True, capture_output=True, timeout=60)
+    assert contents(board.root) == firmware(None)
+    assert board.ask("VE?") == f"MM2 mirrormount {mountfw.__version__}"
