@@ -432,7 +432,10 @@ def _identify(link: Link) -> str:
             raise NotAMount("nothing answers: not a mount, or its firmware hangs") from e
     if answer == _TAKEN:
         raise PortBusy("another program drives this board")
-    rest = link.drain(0.05 if answer.startswith("mirrormount,") else 0.3).decode("ascii", "replace")
+    if not answer.startswith("mirrormount,"):
+        link.write(b"\r")  # a prompt that is in the middle of a line does not show itself before its end
+        answer += link.drain(0.3).decode("ascii", "replace")
+    rest = link.drain(0.05).decode("ascii", "replace")
     if answer.startswith("mirrormount,") and not rest:
         return answer
     if ">>>" in answer + rest:
