@@ -1,0 +1,67 @@
+"""Windows and macOS as far as they can be faked: nothing of the host needs a POSIX module to be imported or to
+drive a virtual board, and what differs between systems is chosen rightly."""
+
+import argparse
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import pytest
+
+from mirrormount import errors, link
+from mirrormount.virtual import command
+
+WITHOUT_POSIX = """
+import importlib, os, pkgutil, sys
+import serial.tools.list_ports, numpy  # theirs to care for
+for name in ("fcntl", "termios", "pty", "tty", "resource", "pwd", "grp"):
+    sys.modules[name] = None  # an import of it fails
+sys.platform = {platform!r}
+import mirrormount
+for module in pkgutil.walk_packages(mirrormount.__path__, "mirrormount."):
+    if ".fakes" not in module.name and ".boot_" not in module.name and not module.name.endswith("__main__"):
+        importlib.import_module(module.name)
+from mirrormount import cli
+sys.exit(cli.main(["step", "x", "1", "--port", "virtual://"]))
+"""
+
+
+@pytest.mark.parametrize("platform", ["win32", "darwin"])
+def test_the_host_imports_and_drives_a_virtual_board_without_posix_modules(platform):
+    code = WITHOUT_POSIX.format(platform=platform)
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert (run.returncode, run.stdout) == (0, "x: +1.000 steps\n"), run.stderr
+
+
+@pytest.fixture
+def windows(monkeypatch):
+    monkeypatch.setattr(command, "os", SimpleNamespace(name="nt", strerror=str))
+    monkeypatch.setattr(link.sys, "platform", "win32")
+
+
+def test_on_windows_a_virtual_board_is_served_on_tcp(windows):
+    ports = command._ports(argparse.Namespace(tcp=None, link=None))
+    try:
+        assert [port.address[:19] for port in ports] == ["socket://127.0.0.1:"]
+    finally:
+        for port in ports:
+            port.close()
+
+
+def test_on_windows_a_pty_is_refused_with_the_remedy(windows, tmp_path):
+    with pytest.raises(errors.BadValue, match="--tcp"):
+        command._ports(argparse.Namespace(tcp=None, link=tmp_path / "mount"))
+
+
+@pytest.mark.parametrize(("present", "error"), [(["COM4"], errors.PortBusy), ([], errors.PortAbsent)])
+def test_on_windows_a_port_that_does_not_open_is_busy_if_it_is_there_and_absent_if_not(
+    windows, monkeypatch, present, error
+):
+    # pyserial gives no error number there, so the list of ports decides
+    ports = [SimpleNamespace(device=device) for device in present]
+    monkeypatch.setattr(link.list_ports, "comports", lambda: ports)
+    assert type(link._why_not("com4", link.serial.SerialException("could not open port"))) is error
+
+
+def test_on_windows_permission_denied_does_not_name_linux(windows):
+    assert "dialout" not in str(link._why_not("COM4", PermissionError(13, "Access is denied")))
