@@ -14,7 +14,7 @@ from mountfw import port_micropython as hardware
 from mountfw.axis import MAX_STEPS
 from mountfw.ticks import add, diff
 
-_SPIN_US = 250  # this long before a deadline only the clock is watched
+_SPIN_US = 1_000  # this long before a deadline only the clock is watched: more than one pass takes on an RP2040
 _PAUSE_US = 500  # the longest pause while something moves: Ctrl-C waits for it
 
 REASONS = ("none yet", "done", "stopped", "aborted", "end-stop reached", "soft limit reached", "run limit reached")

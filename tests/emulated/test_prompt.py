@@ -7,12 +7,14 @@ import pytest
 from mirrormount.virtual.bench import SWITCH_REV
 
 STEP_US = 200_000
+LATE_US = 400  # from a deadline to the pin: some calls of Python
 
 
 @pytest.fixture
 def board(make_board):
     board = make_board("rp2040", bench="switches")
-    board.send(b"2XL3;1DH0;2DH0\n\x03")
+    assert board.ask(b"2XL3;1DH0;2DH0;TE?\n") == b"0\r\n"
+    board.send(b"\x03")
     board.until(b">>> ")
     assert b"Error" not in type_line(board, "from mountfw.repl import m")
     return board
@@ -40,8 +42,9 @@ def test_steps_and_jogs_last_what_they_should(board, capsys):
     steps = on_times(board, "m2_en", start_us)
     type_line(board, "m.y.jog(-1, ms=800)")
     (jog,) = on_times(board, "m1_en", start_us)
-    assert steps == pytest.approx([STEP_US] * 5, abs=100)
-    assert jog == pytest.approx(800_000, abs=200)
+    assert steps == pytest.approx([STEP_US] * 5, abs=LATE_US)
+    assert max(steps) - min(steps) < 50
+    assert jog == pytest.approx(800_000, abs=LATE_US)
     assert b"x: +5.000 steps (counted), end-stops: -, last move: done" in type_line(board, "m.status()")
     with capsys.disabled():
         print(f"\nat the emulated RP2040's prompt: steps of {steps} us, a jog of {jog} us")
@@ -64,12 +67,11 @@ def test_ctrl_c_twice_at_any_moment_turns_the_motors_off_and_leaves_the_prompt(b
         board.run(moments.randrange(STEP_US - 1_000))
         board.send(b"\x03\x03")
         assert board.run(10_000, board.off)
-        board.until(b"KeyboardInterrupt")
-        board.until(b"\n>>> ")
+        assert b"KeyboardInterrupt" in board.until(b"\n>>> ")
         assert board.off()
     start_us = board.world.us
     type_line(board, "m.y.step(1)")
-    assert on_times(board, "m1_en", start_us) == pytest.approx([STEP_US], abs=100)
+    assert on_times(board, "m1_en", start_us) == pytest.approx([STEP_US], abs=LATE_US)
 
 
 def test_wrong_arguments_move_nothing(board):
