@@ -66,7 +66,8 @@ class Controller:
         self._firmware_hash = firmware_hash
         self._reset_cause = reset_cause
         self._free_memory = free_memory
-        self._longest_us = 0  # pass of the loop since XH? was asked
+        self._free = free_memory()
+        self._longest_us = 0  # pass of the loop since XH? was asked; -1: that very pass does not count
         self._passes = 0
         self._keep_alive_ms = 0
         self._heard_at = 0
@@ -168,7 +169,7 @@ class Controller:
         """A pass of the loop took us microseconds."""
         self._passes = self._passes + 1 & 0x3FFFFFFF
         if us > self._longest_us:
-            self._longest_us = us
+            self._longest_us = us if self._longest_us >= 0 else 0
 
     def service(self, now_us):
         """Carry the moves on. Returns the microseconds to the next deadline."""
@@ -460,11 +461,13 @@ class Controller:
 
     def _ask_health(self, _axis):
         r = self._replies
-        r.number(self._free_memory())
+        if not self.driving():  # it walks the heap, 8 ms on a Pico: a pulse and a stop must not wait for it
+            self._free = self._free_memory()
+        r.number(self._free)
         r.put(0x2C)
-        r.number(self._longest_us)
+        r.number(self._longest_us if self._longest_us > 0 else 0)
         r.put(0x2C)
         r.number(self._passes)
         r.put(0x2C)
         r.number(self._reset_cause)
-        self._longest_us = 0
+        self._longest_us = -1

@@ -279,3 +279,55 @@ def test_the_led_says_ready_driving_and_error():
     rig.run(2_048_000)
     flashes = [us for us, on in rig.port.shown[before:] if on]
     assert len(flashes) == 4  # twice in each of two rounds
+
+
+def test_the_hash_of_the_firmware_is_what_the_port_found_at_boot():
+    assert Rig().ask(b"XF?\n") == b"5a" * 32 + b"\r\n"
+
+
+def health(rig):
+    return [int(n) for n in rig.ask(b"XH?\n").strip().split(b",")]
+
+
+def test_health_is_memory_longest_pass_passes_and_cause_of_the_reset():
+    rig = Rig()
+    rig.run(100_000)
+    free, longest_us, passes, cause = health(rig)
+    assert (free, cause) == (100_000, 1)
+    assert 0 < longest_us < 10_000
+    rig.run(1_000_000)
+    assert health(rig)[2] > passes
+
+
+def test_the_longest_pass_is_of_the_time_since_one_asked_and_does_not_count_waiting():
+    rig = Rig()
+    health(rig)
+    rig.send(b"1XP1000;1PR1\n")  # its last stretch is spun: that makes a pass long
+    rig.run(1_000_000)
+    with_pulse = health(rig)[1]
+    rig.run(1_000_000)
+    assert health(rig)[1] < with_pulse < 1_000
+
+
+def test_memory_is_not_counted_while_a_motor_has_drive():
+    rig = Rig()
+    counted = []
+
+    def free_memory():
+        counted.append(1)
+        return 77
+
+    rig.controller._free_memory = free_memory
+    rig.send(b"1MV+\n")
+    rig.run(50_000)
+    assert health(rig)[0] == 100_000 and not counted
+    rig.send(b"!\n")
+    rig.run(50_000)
+    assert health(rig)[0] == 77
+
+
+def test_passes_wrap_before_they_would_need_memory():
+    rig = Rig()
+    rig.controller._passes = (1 << 30) - 1
+    rig.step()
+    assert rig.controller._passes == 0
