@@ -1,5 +1,6 @@
 """From a board with nothing but MicroPython to a moving mirror and back, with the real image and the real mpremote."""
 
+import shutil
 import subprocess
 import sys
 
@@ -103,3 +104,68 @@ def test_undeploy_leaves_the_board_as_it_was(blank):
             return None
 
     assert "files []" in wait_for(files, "the prompt after undeploy")
+
+
+def old_flash(folder):
+    """A flash that holds the firmware as plain files, copied by hand: what a first user has."""
+    flash = folder / "flash.bin"
+    shutil.copyfile(emulator.flash_with_firmware(None), flash)
+    return flash
+
+
+@pytest.fixture
+def old(tmp_path):
+    try:
+        old_flash(tmp_path)
+    except EmulatorMissing as e:
+        pytest.skip(str(e))
+    boards = []
+
+    def switch_on() -> ServedBoard:
+        folder = tmp_path / str(len(boards))
+        folder.mkdir()
+        boards.append(ServedBoard(folder, "--machine", "rp2040", "--flash", str(tmp_path / "flash.bin")))
+        return boards[-1]
+
+    yield switch_on
+    for board in boards:
+        board.kill()
+        board.process.stdout.close()
+
+
+def test_deploy_over_files_that_were_copied_by_hand_leaves_no_source_to_shadow_it(old):
+    board = old()
+    run = run_cli("deploy", "--port", str(board.link), "--replace-main")
+    assert run.returncode == 0, run.stderr
+    open_again(board).close()
+    names = mpremote(board, "exec", "import os; print(*os.listdir('mountfw'))").split()
+    assert "app.mpy" in names and "app.py" not in names
+
+
+def test_a_power_cut_in_mid_deploy_leaves_a_board_that_works_and_the_next_deploy_repairs_it(old, tmp_path):
+    flash = tmp_path / "flash.bin"
+    for writes in (1, 7, 20, 45, 80):
+        board = old()
+        deploy = subprocess.Popen(
+            [sys.executable, "-m", "mirrormount", "deploy", "--port", str(board.link), "--replace-main"],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        seen = {flash.stat().st_mtime_ns}
+
+        def cut(writes=writes, deploy=deploy, seen=seen) -> bool:
+            seen.add(flash.stat().st_mtime_ns)
+            return len(seen) > writes or deploy.poll() is not None
+
+        wait_for(cut, "the flash to be written")
+        board.kill()
+        deploy.kill()
+        deploy.wait()
+        with open_again(old()) as mount:
+            mount.x.step(1)
+            assert mount.x.position == 1
+    board = old()
+    run = run_cli("deploy", "--port", str(board.link), "--replace-main")
+    assert run.returncode == 0, run.stderr
+    with open_again(board) as mount:
+        mount.x.step(1)
