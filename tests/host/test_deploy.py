@@ -1,6 +1,7 @@
 """deploy and undeploy on a MicroPython VM whose file system is a folder, through the real mpremote."""
 
 import hashlib
+import io
 import json
 import os
 import shutil
@@ -13,7 +14,8 @@ from served import ServedBoard, run_cli, wait_for
 
 import mountfw
 from mirrormount import Mount, errors
-from mirrormount.deploy import Options, deploy, firmware, firmware_hash, plan
+from mirrormount.deploy import Options, deploy, may_replace
+from mirrormount.deploy_plan import firmware, firmware_hash, plan
 from mirrormount.errors import EmulatorMissing
 from mirrormount.virtual import machines
 
@@ -281,3 +283,58 @@ def test_mip_installs_the_same_files(boot):
     subprocess.run([*mip, str(PACKAGE), "+", "reset"], check=True, capture_output=True, timeout=60)
     assert contents(board.root) == firmware(None)
     assert board.ask("VE?") == f"MM2 mirrormount {mountfw.__version__}"
+
+
+class Stranger:
+    """A port where something else is: what it says to each thing that it hears."""
+
+    lockstep = False
+
+    def __init__(self, says: dict[bytes, bytes]) -> None:
+        self.says = says
+        self.heard = b""
+        self.waiting = b""
+
+    def read(self, timeout_s: float) -> bytes:
+        data, self.waiting = self.waiting, b""
+        return data
+
+    def write(self, data: bytes) -> None:
+        self.heard += data
+        self.waiting += self.says.get(data, b"")
+
+    def close(self) -> None:
+        pass
+
+
+@pytest.mark.parametrize(
+    ("says", "expected"),
+    [
+        ({}, "no Python answers.*BOOTSEL.*uvx mpflash"),
+        ({b"\x02": b"\r\nAdafruit CircuitPython 9.2.1 on 2024-11-20; Pico with rp2040\r\n>>> "}, "runs CircuitPython"),
+        ({b"XS?\n": b"mirrormount: this board has a client already\r\n"}, "another program"),
+        ({b"XS?\n": b"1,2,0|0,0,0,0,0,0|0,1,1,0,0,0\r\n"}, "a motor moves"),
+    ],
+    ids=["no Python", "CircuitPython", "taken", "moving"],
+)
+def test_what_cannot_be_deployed_to_is_told_and_hears_no_stop(monkeypatch, says, expected):
+    port = Stranger(says)
+    monkeypatch.setattr("mirrormount.deploy.open_port", lambda _address: port)
+    with pytest.raises(errors.MountError, match=expected):
+        deploy(Options(port="COM4"))
+    assert b"!" not in port.heard
+
+
+def test_without_a_board_deploy_says_how_a_new_one_gets_micropython(monkeypatch):
+    monkeypatch.setattr("mirrormount.link.find", list)
+    with pytest.raises(errors.NoBoardFound, match="BOOTSEL"):
+        deploy(Options())
+
+
+@pytest.mark.parametrize(("typed", "replaced"), [("y\n", True), ("\n", False), ("", False)])
+def test_on_a_terminal_one_is_asked_about_somebody_elses_main_py(monkeypatch, capsys, typed, replaced):
+    terminal = io.StringIO(typed)
+    terminal.isatty = lambda: True
+    monkeypatch.setattr("sys.stdin", terminal)
+    assert may_replace(Options())("main.py.bak") is replaced
+    assert "a copy stays as main.py.bak" in capsys.readouterr().err

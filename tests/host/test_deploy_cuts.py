@@ -15,7 +15,8 @@ from types import SimpleNamespace
 import pytest
 
 from mirrormount import board_side
-from mirrormount.deploy import Plan, plan, replay_source
+from mirrormount.deploy_plan import Plan, plan
+from mirrormount.remote import replay_source
 
 MAIN = f'"""main"""\nimport os\n{replay_source()}\n'
 OLD_MAIN = "# a main.py that knows of no journal\n"

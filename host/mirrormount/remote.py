@@ -1,0 +1,169 @@
+"""The board through mpremote: each call is a process of its own, with as many commands as it can take.
+
+What runs on the board is the text of board_side.py and main.py's replay(); it tells one line of JSON.
+"""
+
+import ast
+import contextlib
+import importlib.resources
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from mirrormount import board_side
+from mirrormount.deploy_plan import Plan
+from mirrormount.errors import DeployError, MountError, MpremoteError
+from mirrormount.progress import Progress
+
+_CALL_S = 300.0  # the longest that one call of mpremote may take
+
+
+class Mpremote:
+    """Calls of mpremote on one port."""
+
+    def __init__(self, port: str) -> None:
+        self._port = port
+
+    def survey(self) -> dict:
+        """See board_side.survey; and `mpy`, the board's format of compiled files (or None)."""
+        told = "import sys\ntold = survey(replay)\ntold['mpy'] = getattr(sys.implementation, '_mpy', None)\nsay(told)"
+        return self._tell(told, fresh=True)
+
+    def install(self, todo: Plan, progress: Progress) -> None:
+        """Upload, verify, commit, reset. Raises DeployError, with the board as it was."""
+        if not todo.journal:
+            self.reset()
+            return
+        with tempfile.TemporaryDirectory() as scratch:
+            steps = [["run", self._script(scratch, "prepare", "make_folders(('mountfw', 'mountfw/boards'))")]]
+            for number, (path, content) in enumerate(todo.upload.items()):
+                local = Path(scratch) / str(number)
+                local.write_bytes(content)
+                steps.append(["fs", "cp", "-f", str(local), f":/{path}.new"])
+            commit = f"commit({todo.verify!r}, {todo.backup!r}, {todo.journal!r}, replay)\nsay(True)"
+            steps.append(["run", self._script(scratch, "commit", commit)])
+            uploading = _Uploading(progress, list(todo.upload))
+            try:
+                self._run(*steps, ["reset"], on_line=uploading.heard)
+            except MpremoteError as e:
+                self._clean(list(todo.verify), e)
+            finally:
+                progress.end()
+
+    def undeploy(self) -> dict:
+        """See board_side.undeploy; the board restarts."""
+        return self._tell("say(undeploy(replay))", ["reset"], fresh=True)
+
+    def reset(self) -> None:
+        """Restart the board."""
+        self._run(["reset"])
+
+    @contextlib.contextmanager
+    def reset_if_it_fails(self) -> Iterator[None]:
+        """The firmware was interrupted to look at the board: start it again when nothing comes of it."""
+        try:
+            yield
+        except BaseException:
+            with contextlib.suppress(MountError):
+                self.reset()
+            raise
+
+    def _clean(self, paths: list[str], why: MpremoteError) -> None:
+        """After a failed upload. Raises DeployError."""
+        try:
+            as_before = self._tell(f"say(clean({paths!r}))")
+        except DeployError:
+            raise DeployError(f"the upload failed ({why}); the old firmware is still there: deploy again") from why
+        if as_before:
+            raise DeployError(f"the upload failed ({why}); the board has the firmware that it had") from why
+        raise DeployError(f"the upload was cut ({why}); the board finishes it when it restarts") from why
+
+    def _tell(self, code: str, *more: list[str], fresh: bool = False):
+        """Run code after board_side; returns what it tells."""
+        told: list[str] = []
+
+        def hear(line: str) -> None:
+            if line.startswith(board_side.MARK):
+                told.append(line.removeprefix(board_side.MARK))
+
+        with tempfile.TemporaryDirectory() as scratch:
+            self._run(["run", self._script(scratch, "script", code)], *more, on_line=hear, fresh=fresh)
+        if not told:
+            raise DeployError("mpremote ran, but the board told nothing: try again")
+        return json.loads(told[0])
+
+    def _script(self, folder: str, name: str, code: str) -> str:
+        path = Path(folder) / f"{name}.py"
+        path.write_text(f"{on_board()}\n{code}\n", encoding="utf-8")
+        return str(path)
+
+    def _run(self, *steps: list[str], on_line: Callable[[str], None] = lambda _line: None, fresh: bool = False) -> None:
+        """One call of mpremote with several commands. Raises MpremoteError.
+
+        fresh: with a soft reset first, which runs no main.py and leaves the memory to our script.
+        """
+        command = [sys.executable, "-m", "mpremote", "connect", self._port, *([] if fresh else ["resume"])]
+        for step in steps:
+            command += [*step, "+"]
+        environment = os.environ | {"PYTHONUNBUFFERED": "1", "PYTHONIOENCODING": "utf-8"}
+        with subprocess.Popen(
+            command[:-1],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            encoding="utf-8",
+            errors="replace",
+            env=environment,
+        ) as process:
+            timer = threading.Timer(_CALL_S, process.kill)
+            timer.start()
+            last = ""
+            try:
+                assert process.stdout
+                for line in process.stdout:
+                    on_line(line.strip())
+                    last = line.strip() or last
+            finally:
+                timer.cancel()
+        if process.returncode:
+            raise MpremoteError(last.removeprefix("mpremote: ") or f"mpremote ended with {process.returncode}")
+
+
+class _Uploading:
+    """Follows mpremote's own lines, one for each file that it begins."""
+
+    def __init__(self, progress: Progress, paths: list[str]) -> None:
+        self._progress = progress
+        self._paths = paths
+        self._begun = 0
+        progress.phase(f"uploading {len(paths)} files")
+
+    def heard(self, line: str) -> None:
+        if line.startswith("cp ") and self._begun < len(self._paths):
+            self._progress.bar(self._begun, len(self._paths), self._paths[self._begun])
+            self._begun += 1
+
+
+def on_board() -> str:
+    """The text of board_side.py and of main.py's replay()."""
+    side = Path(board_side.__file__).read_text(encoding="utf-8")
+    return f"{_bare(ast.parse(side))}\n{replay_source()}"
+
+
+def replay_source() -> str:
+    """replay() of entry/main.py: the one program that finishes what is in a journal."""
+    main = importlib.resources.files("mountfw").joinpath("entry", "main.py").read_text(encoding="utf-8")
+    return next(_bare(node) for node in ast.parse(main).body if isinstance(node, ast.FunctionDef))
+
+
+def _bare(tree: ast.AST) -> str:
+    """The text of tree without comments and docstrings: a board has little room for them."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Module | ast.FunctionDef) and ast.get_docstring(node) is not None:
+            node.body = node.body[1:]
+    return ast.unparse(tree)
