@@ -22,12 +22,21 @@ pause_us = time.sleep_us  # pyright: ignore[reportAttributeAccessIssue]
 
 _CTRL_C = 3
 
-_in = select.poll()
-_in.register(sys.stdin, select.POLLIN)
-_out = select.poll()
-_out.register(sys.stdout, select.POLLOUT)
-_ipoll_in = _in.ipoll  # pyright: ignore[reportAttributeAccessIssue]
-_ipoll_out = _out.ipoll  # pyright: ignore[reportAttributeAccessIssue]
+
+def _ipoll(stream, events):
+    """The ipoll() of a poll object for events of stream. It allocates nothing, once it has given an answer:
+    so it gives one here, about output, which is ready when nothing has been sent yet."""
+    poll = select.poll()
+    poll.register(stream, select.POLLOUT)
+    ipoll = poll.ipoll  # pyright: ignore[reportAttributeAccessIssue]
+    for _ in ipoll(0):
+        pass
+    poll.modify(stream, events)
+    return ipoll
+
+
+_ipoll_in = _ipoll(sys.stdin, select.POLLIN)
+_ipoll_out = _ipoll(sys.stdout, select.POLLOUT)
 _readinto = sys.stdin.buffer.readinto  # pyright: ignore[reportAttributeAccessIssue]
 _write = sys.stdout.buffer.write
 _byte_in = bytearray(1)

@@ -38,7 +38,7 @@ _POLL_S = 0.05
 _ANSWER_S = 1.0
 _SLACK_S = 2.0  # on top of what a move must take, before it is called stuck
 
-_TAKEN = "mirrormount: this board has a client already"  # what a served board says to a second client
+TAKEN = "mirrormount: this board has a client already"  # what a served board says to a second client
 
 _log = logging.getLogger("mirrormount")
 
@@ -420,7 +420,7 @@ def _identify(link: Link) -> str:
     """Stop whatever moves, throw away what is old, and ask who is there."""
     try:
         link.write(b"!\n")
-        if _TAKEN.encode() in link.drain(0.1):
+        if TAKEN.encode() in link.drain(0.1):
             raise PortBusy("another program drives this board")
         link.write(b"*IDN?\n")
         answer = link.read_line(_ANSWER_S)
@@ -430,7 +430,7 @@ def _identify(link: Link) -> str:
         answer = link.drain(0.05).decode("ascii", "replace")
         if not answer:
             raise NotAMount("nothing answers: not a mount, or its firmware hangs") from e
-    if answer == _TAKEN:
+    if answer == TAKEN:
         raise PortBusy("another program drives this board")
     if not answer.startswith("mirrormount,"):
         link.write(b"\r")  # a prompt that is in the middle of a line does not show itself before its end

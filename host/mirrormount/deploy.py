@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from mirrormount.client import _TAKEN
+from mirrormount.client import TAKEN
 from mirrormount.deploy_plan import THIS, Plan, firmware, firmware_hash, plan
 from mirrormount.errors import CannotOpen, ConnectionLost, DeployError, NoAnswer, NoBoardFound, PortBusy
 from mirrormount.link import Link, find_one, open_port
@@ -155,7 +155,7 @@ def _approach(port: str, stop: bool) -> None:
     try:
         link.drain(0.1)
         heard = _ask(link, b"XS?\n")
-        if _TAKEN in heard:
+        if TAKEN in heard:
             raise PortBusy("another program drives this board")
         if stop and _moves(heard):
             link.write(b"!\n")

@@ -7,7 +7,7 @@ import subprocess
 import sys
 import time
 
-from mirrormount.client import _TAKEN, Mount
+from mirrormount.client import TAKEN, Mount
 from mirrormount.errors import AtPrompt, BadAddress, FirmwareMissing, MountError, NoAnswer, NotAMount, PortBusy
 from mirrormount.link import Link, find_one, open_port
 
@@ -49,7 +49,7 @@ def run(address: str | None) -> None:
 def _interrupt(link: Link) -> None:
     """Stop the motors and the firmware. Returns at the prompt; raises NotAMount if none comes."""
     link.write(b"!\n")
-    if _TAKEN.encode() in link.drain(0.1):
+    if TAKEN.encode() in link.drain(0.1):
         raise PortBusy("another program drives this board")
     link.write(b"\r\x03\x03\x02")  # the last one leaves a raw prompt
     heard = _hear(link, b">>> ", _PROMPT_S)

@@ -2,6 +2,10 @@
 
 import random
 
+from test_memory import SESSION
+
+from mirrormount.virtual.emulator import RawPrompt
+
 TRIALS = 200
 
 
@@ -60,3 +64,47 @@ def test_a_power_cycle_starts_the_firmware_by_itself(make_board):
     board.world.lit = False
     board.boot()
     assert board.ask(b"*IDN?\n", 2_000_000).startswith(b"mirrormount,")
+
+
+LOCKED_LOOP = """
+import micropython, time
+from mountfw import app, port_micropython as port
+from mountfw.boards import pico
+a = app.build(port, pico)
+def go(ms):
+    passes = 0
+    end = time.ticks_add(time.ticks_ms(), ms)
+    while time.ticks_diff(end, time.ticks_ms()) > 0:
+        micropython.heap_lock()
+        try:
+            a.step()
+        finally:
+            micropython.heap_unlock()
+        passes += 1
+    print('passes', passes)
+    port.motors_off(pico)
+go(9000)
+"""
+
+
+def test_the_loop_allocates_nothing_on_the_real_image(make_board):
+    # with the heap locked an allocation raises at its line; here a big integer is one, too
+    board = make_board()
+    prompt = RawPrompt(board)
+    board.send(LOCKED_LOOP.encode() + b"\x04")
+    board.until(b"OK")
+    for data in SESSION:
+        board.send(data)
+        board.run(400_000)
+    said = board.until(b"\x04>")
+    assert b"Error" not in said, said[-400:]
+    passes = int(said.split(b"passes ")[1].split()[0])
+    assert passes > 500
+    assert board.off()
+    assert prompt.run("print(1)") == "1\r\n"
+
+
+def test_the_clock_of_the_image_wraps_as_the_firmware_thinks(make_board):
+    prompt = RawPrompt(make_board())
+    said = prompt.run("import time; print(time.ticks_diff(0, (1 << 30) - 1), time.ticks_add((1 << 30) - 1, 2))")
+    assert said == "1 1\r\n"

@@ -31,7 +31,7 @@ def port(monkeypatch):
     """The real port_micropython, of which only the way out is used, on stand-ins for the hardware."""
     levels = Levels()
     stream = SimpleNamespace(buffer=SimpleNamespace(readinto=None, write=None))
-    poll = SimpleNamespace(register=lambda *_: None, ipoll=None)
+    poll = SimpleNamespace(register=lambda *_: None, modify=lambda *_: None, ipoll=lambda _ms: ())
     state = SimpleNamespace(levels=levels, interrupt_char=3)
     fakes = {
         "machine": {"Pin": levels, "PWM": None},

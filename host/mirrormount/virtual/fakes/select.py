@@ -17,6 +17,9 @@ class _Poll:
         self._events = events
         self._ready = ((stream, events),)
 
+    def modify(self, stream, events):
+        self.register(stream, events)
+
     def ipoll(self, timeout=-1):
         s = _seam.seam
         s.tick(5)
