@@ -33,6 +33,14 @@ def mpremote(board: ServedBoard, *words: str) -> str:
     return run.stdout
 
 
+def mpremote_or_none(board: ServedBoard, *words: str) -> str | None:
+    """For a board that is just restarting: None while its port is away."""
+    try:
+        return mpremote(board, *words)
+    except (AssertionError, subprocess.TimeoutExpired):
+        return None
+
+
 def open_again(board: ServedBoard) -> Mount:
     """Open a board that is restarting: its port goes and comes back, then the firmware starts."""
 
@@ -97,13 +105,47 @@ def test_undeploy_leaves_the_board_as_it_was(blank):
     run = run_cli("undeploy", "--port", str(blank.link))
     assert run.returncode == 0, run.stderr
 
-    def files() -> str | None:
-        try:
-            return mpremote(blank, "exec", "import os; print('files', os.listdir('/'))")
-        except (AssertionError, subprocess.TimeoutExpired):
-            return None
+    ask = "import os; print('files', os.listdir('/'))"
+    assert "files []" in wait_for(lambda: mpremote_or_none(blank, "exec", ask), "the prompt after undeploy")
 
-    assert "files []" in wait_for(files, "the prompt after undeploy")
+
+THEIRS = "print('a lab that was here before')\n"
+
+
+def test_somebody_elses_main_is_not_replaced_unasked_and_kept_when_it_is(blank, tmp_path):
+    (tmp_path / "main.py").write_text(THEIRS)
+    copy = ("fs", "cp", str(tmp_path / "main.py"), ":main.py")
+    wait_for(lambda: mpremote_or_none(blank, *copy) is not None, "the board to take a file")
+    run = run_cli("deploy", "--port", str(blank.link))
+    assert run.returncode == 1 and "main.py" in run.stderr
+    kept = wait_for(lambda: mpremote_or_none(blank, "fs", "cat", ":main.py"), "the file")
+    assert kept.replace("\r", "") == THEIRS
+    run = run_cli("deploy", "--port", str(blank.link), "--replace-main")
+    assert run.returncode == 0, run.stderr
+    open_again(blank).close()
+    assert mpremote(blank, "fs", "cat", ":main.py.bak").replace("\r", "") == THEIRS
+    assert run_cli("undeploy", "--port", str(blank.link)).returncode == 0
+
+
+FILL = """
+import os
+piece = bytes(4096)
+with open('measurements', 'wb') as f:
+    for i in range(os.statvfs('/')[3] - 12):
+        f.write(piece)
+print('left', os.statvfs('/')[3])
+"""
+
+
+def test_a_full_flash_is_refused_and_nothing_of_the_attempt_stays(blank):
+    wait_for(lambda: mpremote_or_none(blank, "exec", FILL), "the flash to be full")
+    run = run_cli("deploy", "--port", str(blank.link))
+    assert run.returncode == 1
+    assert run.stderr.splitlines()[-1].startswith("mirrormount: "), run.stderr
+    ask = "import os; print(*os.listdir('/'))"
+    names = wait_for(lambda: mpremote_or_none(blank, "exec", ask), "the files' names").split()
+    assert "measurements" in names
+    assert not [name for name in names if name.endswith(".new") or name == "mountfw.journal"]
 
 
 def old_flash(folder):
