@@ -1,23 +1,32 @@
-"""The loop: hear, obey, move on, answer. Joins the pure parts with a port, the hardware's verbs.
+"""The loop: hear, move on, one piece of work. Joins the pure parts with a port, the hardware's verbs.
 
-A port has ticks_us(), ticks_ms(), any(wait_ms), read(), writable(), write(c), led(on) and
-undisturbed(action, argument). The loop sleeps only in any(), which says whether a byte waits and
-returns as soon as one does.
+A port has ticks_us(), ticks_ms(), any(wait_ms), drain(link, most), writable(), write(c), led(on), feed(),
+start_watchdog(), stop_watchdog() and undisturbed(action, argument). The loop sleeps only in any(), which
+says whether a byte waits and returns as soon as one does.
+
+No piece of work takes long: some bytes are parsed, or one message obeyed, or one command of a line, or a few
+bytes sent. So whatever comes, the next look at the input and at the switches is less than a millisecond away.
 """
 
 from mountfw import errors
 from mountfw import link as wire
-from mountfw.axis import NEVER_US, Axis
+from mountfw.axis import NEVER_US, REST, Axis
 from mountfw.bridge import EnableBridge, TwoPwmBridge
 from mountfw.command import Line
 from mountfw.controller import Controller
 from mountfw.endstop import EndStop
 from mountfw.frame import Frame
-from mountfw.ticks import add, diff
+from mountfw.ticks import diff
 
-_SPIN_US = 250  # this long before a deadline the loop only watches the clock and listens
-_RUN_SLEEP_MS = 20  # a run is counted at least this often, so that its sums stay small
+_SPIN_US = 2_000  # a drive that ends within this is waited for: more than a pass takes
+_LOOK_US = 300  # of that, the last stretch knows the clock only: more than a look takes
+_SHOW_US = 32_000  # between two looks at what the LED should show
 _SLEEP_MS = 64  # the longest sleep: half a slot of the LED's patterns
+_RUN_SLEEP_MS = 20  # while a run is to be counted
+_TAKE = 32  # bytes taken in between two looks at what is due
+_TAKE_LOOKING = 8  # the same in the middle of something
+_SEND = 4  # bytes sent in one pass
+_BEHIND = 64  # with so many bytes yet to be parsed, frames are obeyed without an echo
 
 built = None  # the App that was built last: what repl.py goes on with
 
@@ -34,16 +43,18 @@ class App:
         self._replies = replies
         self._ticks_us = port.ticks_us
         self._any = port.any
+        self._drain = port.drain
+        self._feed = port.feed
+        self._look = controller.look = self.look
         self._heard_at = 0
-        self._woke_at = 0
         self._sleep_ms = 0
-        self._due = False  # does a deadline of a move lie ahead?
-        self._due_at = 0
+        self._shown_at = port.ticks_us()
         self._lit = False
 
     def run(self):
         """The loop, for ever. An internal fault stops the motors, is queued, and the loop goes on."""
         try:
+            self._port.start_watchdog()
             while True:
                 try:
                     while True:
@@ -52,97 +63,126 @@ class App:
                     self.controller.shutdown(errors.FAULT)
                     self.controller.errors.push(errors.INTERNAL_FAULT)
         finally:  # Ctrl-C: every move ends here and now, so that it is counted right
-            self._port.undisturbed(self.controller.shutdown, errors.ABORTED)
+            self._port.undisturbed(self._leave, errors.ABORTED)
+
+    def _leave(self, reason):
+        self.controller.shutdown(reason)
+        self._port.stop_watchdog()
 
     def step(self):
-        """One pass: hear, obey one message, move on, answer."""
-        heard = self._hear(self._sleep_ms)
-        self._obey(self._link.next())
-        now_us = self._ticks_us()
-        quiet_us = NEVER_US if heard or self._link.unparsed else self._silence(now_us)
-        left_us = self.controller.service(now_us)
+        """One pass of the loop."""
+        controller = self.controller
+        heard = self._any(self._sleep_ms)
+        woke_at = now_us = self._ticks_us()
+        if heard:
+            self._hear()
+            now_us = self._ticks_us()
+        left_us = controller.service(now_us)
         if left_us < _SPIN_US:
-            self._spin(add(now_us, left_us if left_us > 0 else 0))
-            left_us = 0
+            left_us = self._end_drives(now_us)
+            woke_at = now_us = self._ticks_us()
         else:
-            self._answer()
-        self._due = left_us < NEVER_US
-        if self._due:
-            self._due_at = add(now_us, left_us)
-        self.show()
-        # after a byte the next pass looks at once, so that a pause is seen from its beginning
-        self._sleep_ms = 0 if heard else self._how_long(left_us if left_us < quiet_us else quiet_us)
-        self.controller.passed(diff(self._ticks_us(), self._woke_at))
+            self._look()
+        self._sleep_ms = 0
+        if controller.busy:
+            controller.next_command()
+        elif self._link.unparsed:
+            self._obey(self._link.next())
+        elif not heard:  # after a byte the next pass looks at once, so that a pause is seen from its beginning
+            self._sleep_ms = self._idle(now_us, left_us)
+        now_us = self._ticks_us()
+        if diff(now_us, self._shown_at) >= _SHOW_US:
+            self._shown_at = now_us
+            self.show()
+        self._feed()
+        controller.passed(diff(now_us, woke_at))
 
-    def _hear(self, wait_ms):
-        """Take in all that waits, stops first. True if there was anything."""
-        waits = self._any(wait_ms)
-        self._woke_at = self._ticks_us()
-        if not waits:
-            return False
-        watching = self.controller.watching()
-        while self._link.room():
-            self._take()
-            if watching or (self._due and diff(self._due_at, self._ticks_us()) <= 0):
-                self.controller.service(self._ticks_us())  # a burst must not hold up what is due
-                self._due = False
-            if not self._any(0):
+    def _hear(self, at_once=_TAKE):
+        """Take in all that waits, unless a drive must end first. A stop turns off at once."""
+        controller = self.controller
+        link = self._link
+        while link.room():
+            before = link.unparsed
+            stop = self._drain(link, at_once)
+            if stop:
+                controller.stop_all(errors.ABORTED if stop == wire.STOP else errors.STOPPED)
+                controller.hold(True)
+            elif link.unparsed - before < at_once:  # no more waits
                 break
-        self._note_heard()
-        return True
-
-    def _note_heard(self):
+            elif controller.driving() and controller.service(self._ticks_us()) < _SPIN_US:
+                break
         self._heard_at = self._ticks_us()
-        self.controller.heard(self._heard_at)
+        controller.heard(self._heard_at)
 
-    def _take(self):
-        """Take in one byte. If it completes a stop, off comes before anything else."""
-        stop = self._link.receive(self._port.read())
-        if stop:
-            self.controller.stop_all(errors.ABORTED if stop == wire.STOP else errors.STOPPED)
-            self.controller.hold(True)
+    def look(self):
+        """Take in a little, in the middle of something, for the sake of a stop in it."""
+        if self._any(0) and self._link.room():
+            self._hear(_TAKE_LOOKING)
 
     def _obey(self, message):
         controller = self.controller
-        if message == wire.STOP:
+        if not message:
+            return
+        if message == wire.FRAME:
+            frame = self._frame
+            controller.frame(frame.m1, frame.m2)
+            if self._link.unparsed < _BEHIND:
+                controller.echo(frame.packed)
+        elif message == wire.LINE:
+            controller.line(self._line)
+        elif message == wire.STOP:
             controller.stop_all(errors.ABORTED)
         elif message == wire.ZEROS:
             controller.stop_all(errors.STOPPED)
-        elif message == wire.FRAME:
-            controller.frame(self._frame)
-        elif message == wire.LINE:
-            controller.line(self._line)
-        elif message == wire.MALFORMED:
-            controller.malformed(errors.MALFORMED)
-        elif message == wire.TOO_LONG:
-            controller.malformed(errors.LINE_TOO_LONG)
-        if message and not self._link.stops_ahead:
+        else:
+            controller.malformed(errors.MALFORMED if message == wire.MALFORMED else errors.LINE_TOO_LONG)
+        if controller.held and not self._link.stops_ahead:
             controller.hold(False)
 
-    def _silence(self, now_us):
-        """Nothing waits. Give up what stays unfinished; returns the time to the next such deadline."""
-        left_us = self.controller.silence(now_us)
+    def _end_drives(self, now_us):
+        """The last stretch of what drives: the clock, and bytes that may be a stop; all else waits."""
+        axis = self.controller.ending(now_us, _SPIN_US)
+        while axis:
+            while axis.state > REST and diff(axis.ends_at, self._ticks_us()) > _LOOK_US:
+                self._look()
+            if axis.driving():
+                axis.cut_on_time()
+            axis = self.controller.ending(self._ticks_us(), _SPIN_US)
+        return self.controller.service(self._ticks_us())
+
+    def _idle(self, now_us, left_us):
+        """Nothing waits: answer, and give up what stays unfinished. Returns the ms that the next pass may sleep."""
+        waiting = self._replies.waiting()
+        if waiting:
+            self._answer()
+        quiet_us = self.controller.silence(now_us)
         gap_us = self._link.gap_us()
         if gap_us:
             gap_us -= diff(now_us, self._heard_at)
             if gap_us <= 0:
                 self._obey(self._link.gap())
-            elif gap_us < left_us:
-                left_us = gap_us
-        return left_us
-
-    def _spin(self, until_us):
-        """The last stretch of a pulse: the clock, and bytes that may be a stop; all else waits."""
-        while diff(until_us, self._ticks_us()) > 0:
-            if self._link.room() and self._any(0):
-                self._take()
-                self._note_heard()
-        self.controller.service(self._ticks_us())
+            elif gap_us < quiet_us:
+                quiet_us = gap_us
+        if self._link.unparsed or self.controller.watching():
+            return 0
+        if waiting:
+            most_ms = 0 if self._port.writable() else 1
+        else:
+            most_ms = _RUN_SLEEP_MS if self.controller.driving() else _SLEEP_MS
+        if quiet_us < left_us:
+            left_us = quiet_us
+        if left_us >= NEVER_US:
+            return most_ms
+        ms = (left_us - _SPIN_US) // 1000 if left_us > _SPIN_US else 0
+        return ms if ms < most_ms else most_ms
 
     def _answer(self):
-        """Send one byte, if the host takes it. Nothing ever waits for output."""
-        if self._replies.waiting() and self._port.writable():
+        """Send some bytes, if the host takes them. Nothing ever waits for output."""
+        for _ in range(_SEND):
+            if not (self._replies.waiting() and self._port.writable()):
+                break
             self._port.write(self._replies.read())
+            self._look()
 
     def show(self):
         """The LED: on = ready, blinking = driving, double blink = an error waits to be read."""
@@ -157,17 +197,6 @@ class App:
             self._lit = lit
             self._port.led(lit)
 
-    def _how_long(self, left_us):
-        """Milliseconds that the next pass may sleep."""
-        if self._link.unparsed or self.controller.watching():
-            return 0
-        ms = (left_us - _SPIN_US) // 1000 if left_us > _SPIN_US else 0
-        if self._replies.waiting():
-            most = 0 if self._port.writable() else 1
-        else:
-            most = _RUN_SLEEP_MS if self.controller.driving() else _SLEEP_MS
-        return ms if ms < most else most
-
 
 def build(port, board):
     """An App on a port (see port_micropython.py), wired as a board file says (see boards/)."""
@@ -180,26 +209,34 @@ def build(port, board):
     for number, pins in ((1, board.AXIS_1), (2, board.AXIS_2)):
         if board.BRIDGE == "enable":
             bridge = EnableBridge(
-                port.Output(pins["en"], board.PWM_HZ),
-                port.Output(pins["pos"]),
-                port.Output(pins["neg"]),
+                port.output(pins["en"], board.PWM_HZ),
+                port.output(pins["pos"]),
+                port.output(pins["neg"]),
                 board.DEAD_TIME_US,
                 port.pause_us,
             )
         else:
             bridge = TwoPwmBridge(
-                port.Output(pins["pos"], board.PWM_HZ),
-                port.Output(pins["neg"], board.PWM_HZ),
+                port.output(pins["pos"], board.PWM_HZ),
+                port.output(pins["neg"], board.PWM_HZ),
                 board.DEAD_TIME_US,
                 port.pause_us,
             )
         stops = [EndStop(port.reader(pins[name])) for name in ("stop_pos", "stop_neg")]
-        axes.append(Axis(number, bridge, stops[0], stops[1], error_queue, port.ticks_us))
+        axis = Axis(number, bridge, stops[0], stops[1], error_queue, port.ticks_us)
+        axes.append(axis)
+        for name in ("stop_pos", "stop_neg"):
+            if pins[name] is not None:
+                port.on_rise(pins[name], axis.guard)
+    number = getattr(board, "EMERGENCY_STOP", None)
+    emergency_stop = EndStop(port.reader(number))
+    emergency_stop.fitted = number is not None
     controller = Controller(
         axes[0],
         axes[1],
         replies,
         error_queue,
+        emergency_stop,
         board.NAME,
         port.unique_id(),
         port.boot_id(),
@@ -208,5 +245,7 @@ def build(port, board):
         port.reset_cause(),
         port.free_memory,
     )
-    built = App(port, controller, wire.Link(frame, line), frame, line, replies)
+    if number is not None:
+        port.on_rise(number, controller.guard)
+    built = App(port, controller, wire.Link(frame, line, port.pack), frame, line, replies)
     return built

@@ -5,22 +5,28 @@ Every accepted move ends exactly once, through _finish(), with one of the reason
 All driving goes through _drive(), which alone knows the switches and the stops that are about
 to be parsed. Times are microseconds of a clock that wraps (ticks.py); positions are millisteps.
 
-The clock is asked right beside the pin writes, so that an on-time is what the pin had.
+The clock is asked right beside the pin writes, so that an on-time is what the pin had. A drive
+that must end on time is waited for with cut_on_time(); what service() finds overdue ends late.
+
+Two things may come from an interrupt, between any two lines here: guard(), and `emergency` set.
+They cut the drive and leave the rest to service(); _drive() looks again after it has driven.
 """
 
 from mountfw import errors
 from mountfw.ticks import add, diff
 
-_IDLE = 0
-_PULSE = 1  # driving, one step
-_REST = 2  # between two steps
-_RUN = 3  # driving until told otherwise
+# states of an axis, in such an order that those above REST have drive
+IDLE = 0
+REST = 1  # between two steps
+PULSE = 2  # driving, one step
+RUN = 3  # driving until told otherwise
 
 NEVER_US = 1 << 29  # "no deadline"
 
 MAX_STEPS = 1_000_000  # of position either way; millisteps then still fit a small integer
 _FINISH_PULSE_US = 250_000  # a soft stop lets a pulse end that has less than this to go
 _REST_US = 1_000  # least rest after a pulse
+_COUNT_US = 20_000  # a run is counted at least this often while it is served, so that its sums stay small
 
 
 class Axis:
@@ -37,6 +43,13 @@ class Axis:
         self._errors = error_queue
         self._ticks_us = ticks_us
 
+        self._cut_us = self._time_of_cut()
+        self.reset()
+
+    def reset(self):
+        """Off, and everything as at power-up."""
+        self.bridge.off()
+
         # settings; the names stand in controller.py's table of parameters
         self.pulse_us = 200_000
         self.step_duty = 255
@@ -46,6 +59,10 @@ class Axis:
         self.run_limit_ms = 10_000
         self.move_limit_ms = 120_000
         self.checking = 0  # bit 0: end-stops ignored
+        self.watched = False  # is there an end-stop to look at?
+        self.positive_stop.fitted = False
+        self.negative_stop.fitted = False
+        self.apply()
 
         # where it is
         self.position = 0  # millisteps, whole pulses and what runs have added
@@ -59,9 +76,14 @@ class Axis:
         self.ended_steps = 0
         self.ended_on_us = 0
 
+        # what must not be: nothing may start while one of these is set
+        self.held = False  # a stop was received but not yet parsed
+        self.emergency = False  # the emergency stop was hit; may be set by an interrupt
+
         # the move under way
-        self.held = False  # a stop was received but not yet parsed: nothing may start
-        self._state = _IDLE
+        self.state = IDLE
+        self.ends_at = 0  # while driving: when the drive ends by itself
+        self.was_cut = False  # while driving: is it off already, since _cut_at?
         self._direction = 0
         self._duty = 0
         self._steps_left = 0
@@ -69,9 +91,10 @@ class Axis:
         self._on_us = 0
         self._stopping = False
         self._period_us = 0
-        self._limit_us = 0
-        self._timed = False  # is the limit this run's own end?
-        self._on_at = 0  # when the pulse began
+        self._timed = False  # is the end of this run its own, or the run limit?
+        self._on_at = 0  # when the drive began
+        self._cut_at = 0
+        self._tripped = False  # has guard() cut it?
         self._counted_at = 0  # up to when a run is counted
         self._step = 1  # what makes a step, microseconds times duty
         self._part = 0  # of a step, likewise
@@ -82,21 +105,22 @@ class Axis:
 
     def moving(self):
         """True from a move's acceptance to its last pulse's end."""
-        return self._state != _IDLE
+        return self.state != IDLE
 
     def driving(self):
         """True while the motor has drive."""
-        return self._state == _PULSE or self._state == _RUN
+        return self.state > REST
 
     def direction(self):
         """-1, 0 or 1: where the move under way goes."""
-        return self._direction if self._state != _IDLE else 0
+        return self._direction if self.state else 0
 
     def position_now(self):
         """Millisteps, with the part of a step that a run has covered so far."""
-        if self._state == _RUN:
-            return self.position + self._direction * self._part_millisteps()
-        return self.position
+        if self.state != RUN:
+            return self.position
+        self._count(self._cut_at if self.was_cut else self._ticks_us())
+        return self.position + self._direction * self._part_millisteps()
 
     def limits(self):
         """Bit 0: positive end-stop active, bit 1: negative, bit 2: home. Switches not fitted say 0."""
@@ -105,11 +129,15 @@ class Axis:
             bits = (bits & 1) << 1 | bits >> 1
         return bits
 
+    def fitted(self):
+        """Bit 0: the positive end-stop is fitted, bit 1: the negative one."""
+        return (1 if self.positive_stop.fitted else 0) | (2 if self.negative_stop.fitted else 0)
+
     # ---- starting
 
     def steps(self, n):
         """Move by n steps: n pulses, each with its rest. False if refused (an error says why)."""
-        if self._refused_moving():
+        if self._refused():
             return False
         target = self.whole_steps() + n
         if not -MAX_STEPS <= target <= MAX_STEPS or abs(n) > self.move_limit_ms * 1000 // self.pulse_us:
@@ -124,7 +152,7 @@ class Axis:
             self._finish(errors.DONE)
         elif self._resting:  # after the pulse before: this move's period counts
             self._next_at = add(self._on_at, self._period_us)
-            self._state = _REST
+            self.state = REST
         else:
             self._pulse()
         return True
@@ -145,10 +173,10 @@ class Axis:
 
     def run(self, direction):
         """Run in direction 1 or -1 until stopped, at most run_limit_ms. False if refused."""
-        if self._refused_moving():
+        if self._refused():
             return False
         self._begin(direction, self.run_duty)
-        self._run(False)
+        self._run(self.run_limit_ms, False)
         return True
 
     def frame(self, speed, for_ms=0):
@@ -159,24 +187,28 @@ class Axis:
         if speed == 0:
             self.end(errors.SUPERSEDED)
             return
-        same_way = self.driving() and (speed > 0) == (self._direction > 0)
-        if self._state != _IDLE:
+        if self.emergency:
+            self.error(errors.AXIS_EMERGENCY_STOP)
+            return
+        same_way = False
+        if self.state:
+            same_way = self.state > REST and (speed > 0) == (self._direction > 0)
             self._close(errors.SUPERSEDED)  # the drive stays on, the new one may go the same way
         self._begin(speed, abs(speed))
-        self._run(same_way, for_ms)
+        self._timed = 0 < for_ms <= self.run_limit_ms
+        self._run(for_ms if self._timed else self.run_limit_ms, same_way)
 
     # ---- ending
 
     def end(self, reason):
         """End the move now, if there is one."""
-        if self._state != _IDLE:
+        if self.state:
             self._finish(reason)
 
     def stop_soon(self):
         """End the move; a pulse that is nearly over is finished first."""
-        if self._state == _PULSE:
-            left_us = self.pulse_us - diff(self._ticks_us(), self._on_at)
-            if left_us < _FINISH_PULSE_US:
+        if self.state == PULSE:
+            if diff(self.ends_at, self._ticks_us()) < _FINISH_PULSE_US:
                 self._stopping = True
                 return
         self.end(errors.STOPPED)
@@ -185,36 +217,52 @@ class Axis:
 
     def service(self, now_us):
         """Do what is due. Returns the microseconds to the next deadline, or NEVER_US."""
-        state = self._state
-        if state == _PULSE:
-            left_us = self.pulse_us - diff(now_us, self._on_at)
-            if left_us <= 0:
-                return self._pulse_over()
-            return NEVER_US if self._at_stop() else left_us
-        if state == _RUN:
+        if not self.state:
+            if self._resting:
+                self._resting = diff(self._next_at, now_us) > 0
+            return NEVER_US
+        if self.emergency:
+            self._finish(errors.EMERGENCY_STOP)
+            self.error(errors.AXIS_EMERGENCY_STOP)
+            return NEVER_US
+        if self.state == REST:
+            left_us = diff(self._next_at, now_us)
+            if left_us > 0:
+                return left_us
+            self._pulse()
+            return self.pulse_us if self.state > REST else NEVER_US
+        if self.watched and self._at_stop():
+            return NEVER_US
+        left_us = diff(self.ends_at, now_us)
+        if self.was_cut or left_us <= 0:
+            return self._over()
+        if self.state == RUN and diff(now_us, self._counted_at) >= _COUNT_US:
             self._count(now_us)
-            left_us = self._limit_us - self._on_us
-            out = self.position * self._direction >= MAX_STEPS * 1000
-            if self._timed and left_us <= 0:
-                self._finish(errors.DONE)
-                return NEVER_US
-            if out or left_us <= 0:
+            if self.position * self._direction >= MAX_STEPS * 1000:
                 self._finish(errors.RUN_LIMIT)
-                self.error(errors.AXIS_OUT_OF_RANGE if out else errors.AXIS_RUN_LIMIT)
+                self.error(errors.AXIS_OUT_OF_RANGE)
                 return NEVER_US
-            return NEVER_US if self._at_stop() else left_us
-        if state == _REST:
-            left_us = diff(self._next_at, now_us)
-            if left_us <= 0:
-                self._pulse()
-                return self.pulse_us
-            return left_us
-        if self._resting:
-            left_us = diff(self._next_at, now_us)
-            self._resting = left_us > 0
-        return NEVER_US
+        return left_us
+
+    def cut_on_time(self):
+        """Wait for the end of the drive, which must be near, and cut it; service() does the rest."""
+        ticks_us = self._ticks_us
+        at = self.ends_at
+        while diff(at, ticks_us()) > self._cut_us:
+            pass
+        self._cut()
+
+    def guard(self, _pin):
+        """An end-stop has opened (a hard interrupt, maybe): cut the drive that goes into it."""
+        if self.watched and self._ahead().active():
+            self._tripped = True
+            self._cut()
 
     # ---- settings that need more than storing
+
+    def apply(self):
+        """A setting was changed."""
+        self.watched = not self.checking & 1 and self.fitted() != 0
 
     def define(self, steps):
         """Call the present position `steps`."""
@@ -225,8 +273,8 @@ class Axis:
 
     def step_changed(self):
         """A step is no longer what was counted: a position other than 0 becomes an estimate."""
-        if self.position:
-            self._estimate()
+        if self.position and self.certainty:
+            self.certainty = errors.ESTIMATED
 
     def invert(self, inverted):
         """Swap the axis's direction (0 or 1). The spot has not moved: the position changes sign."""
@@ -246,11 +294,24 @@ class Axis:
 
     # ---- inside
 
-    def _refused_moving(self):
-        if self._state == _IDLE:
-            return False
-        self.error(errors.AXIS_MOVING)
-        return True
+    def _time_of_cut(self):
+        """How long a cut takes, microseconds: so much before its end cut_on_time() begins with it."""
+        least = _REST_US
+        for _ in range(4):  # the first ones load the code
+            start = self._ticks_us()
+            self.bridge.cut()
+            us = diff(self._ticks_us(), start)
+            if us < least:
+                least = us
+        return least
+
+    def _refused(self):
+        if self.state:
+            self.error(errors.AXIS_MOVING)
+            return True
+        if self.emergency:
+            self.error(errors.AXIS_EMERGENCY_STOP)
+        return self.emergency
 
     def _begin(self, direction, duty):
         """A move is accepted: from here on it must reach _finish() or _close()."""
@@ -261,28 +322,45 @@ class Axis:
         self._step = self.pulse_us * self.step_duty
         self._part = 0
         self._stopping = False
+        self._timed = False
+        self.was_cut = False
+        self._tripped = False
 
     def _drive(self):
         """The one setter. False, with the move ended, if it must not drive."""
-        if self.held:
-            self._finish(errors.ABORTED)
-            return False
-        if self._at_stop():
+        if not self._may_drive():
             return False
         self.bridge.drive(-self._direction * self._duty if self.inverted else self._direction * self._duty)
-        return True
+        self._on_at = self._ticks_us()
+        return self._may_drive()  # an interrupt between the two has cut what was not yet driven
+
+    def _may_drive(self):
+        """False, with the move ended, if something forbids it."""
+        if not (self.held or self.emergency or self.watched):
+            return True
+        if self.held:
+            self._finish(errors.ABORTED)
+        elif self.emergency:
+            self._finish(errors.EMERGENCY_STOP)
+            self.error(errors.AXIS_EMERGENCY_STOP)
+        else:
+            return not self._at_stop()
+        return False
+
+    def _ahead(self):
+        """The end-stop that this move goes towards."""
+        return self.positive_stop if (self._direction > 0) != (self.inverted > 0) else self.negative_stop
 
     def _at_stop(self):
         """True, with the move ended and its error queued, if a switch forbids this direction."""
         positive = self.positive_stop
         negative = self.negative_stop
-        if self.checking & 1 or not (positive.fitted or negative.fitted):
+        if not self.watched:
             return False
-        forward = (self._direction > 0) != bool(self.inverted)
-        ahead = positive if forward else negative
-        if not ahead.active():
+        ahead = self._ahead()
+        if not (self._tripped or ahead.active()):
             return False
-        behind = negative if forward else positive
+        behind = negative if ahead is positive else positive
         both = behind.active()
         self._finish(errors.FAULT if both else errors.END_STOP)
         if both:
@@ -291,22 +369,44 @@ class Axis:
             self.error(errors.AXIS_POSITIVE_STOP if self._direction > 0 else errors.AXIS_NEGATIVE_STOP)
         return True
 
+    def _cut(self):
+        self.bridge.cut()
+        self._cut_at = self._ticks_us()
+        self.was_cut = True
+
     def _pulse(self):
         self._resting = False
+        self.was_cut = False
         if self._drive():
-            self._on_at = self._ticks_us()
-            self._state = _PULSE
+            self.ends_at = add(self._on_at, self.pulse_us)
+            self.state = PULSE
 
-    def _pulse_over(self):
+    def _run(self, limit_ms, same_way):
+        self._resting = False
+        if self._drive():
+            self.ends_at = add(self._on_at, limit_ms * 1000)
+            if not same_way:
+                self._counted_at = self._on_at
+            self.state = RUN
+
+    def _over(self):
+        """The drive has come to its own end, a pulse's or a run's. Returns as service() does."""
+        if not self.was_cut:
+            self._cut()
+        if self.state == RUN:
+            timed = self._timed
+            self._finish(errors.DONE if timed else errors.RUN_LIMIT)
+            if not timed:
+                self.error(errors.AXIS_RUN_LIMIT)
+            return NEVER_US
         self.bridge.off()
-        on_us = diff(self._ticks_us(), self._on_at)
-        self._on_us += on_us
+        self._on_us += diff(self._cut_at, self._on_at)
         self._steps_done += 1
         self._steps_left -= 1
         self.position += self._direction * 1000
         self._next_at = add(self._on_at, self._period_us)
         self._resting = True
-        self._state = _REST
+        self.state = REST
         if self._steps_left == 0:
             self._finish(errors.DONE)
         elif self._stopping:
@@ -315,35 +415,25 @@ class Axis:
             return diff(self._next_at, self._ticks_us())
         return NEVER_US
 
-    def _run(self, same_way, for_ms=0):
-        self._resting = False
-        self._timed = 0 < for_ms <= self.run_limit_ms
-        self._limit_us = (for_ms if self._timed else self.run_limit_ms) * 1000
-        if self._drive():
-            if not same_way:
-                self._counted_at = self._ticks_us()
-            self._state = _RUN
-
     def _count(self, now_us):
         """Add what a run has driven up to now_us, as steps: on-time / pulse_us x duty / step_duty."""
         d = diff(now_us, self._counted_at)
         self._counted_at = now_us
         self._on_us += d
         part = self._part + d * self._duty
-        whole = part // self._step
-        self._part = part - whole * self._step
-        self._steps_done += whole
-        self.position += self._direction * whole * 1000
-        self._estimate()
+        if part >= self._step:
+            whole = part // self._step
+            part -= whole * self._step
+            self._steps_done += whole
+            self.position += self._direction * whole * 1000
+        self._part = part
+        if self.certainty:  # unless it is unknown anyway
+            self.certainty = errors.ESTIMATED
 
     def _part_millisteps(self):
         if self._step < 1_000_000:
             return self._part * 1000 // self._step
         return self._part // (self._step // 1000)  # the product would not fit a small integer
-
-    def _estimate(self):
-        if self.certainty != errors.UNKNOWN:
-            self.certainty = errors.ESTIMATED
 
     def _finish(self, reason):
         """Off, and the move is over."""
@@ -352,15 +442,16 @@ class Axis:
 
     def _close(self, reason):
         """The move is over: count what was not counted, and remember how it ended."""
-        if self._state == _PULSE:  # cut short
+        if self.state == PULSE:  # cut short
             self._counted_at = self._on_at
             self._next_at = add(self._on_at, self._period_us)
             self._resting = True
-        if self.driving():
-            self._count(self._ticks_us())
-        self.position += self._direction * self._part_millisteps()
-        self._part = 0
+        if self.state > REST:
+            self._count(self._cut_at if self.was_cut else self._ticks_us())
+            if self._part:
+                self.position += self._direction * self._part_millisteps()
+                self._part = 0
         self.reason = reason
         self.ended_steps = self._direction * self._steps_done
         self.ended_on_us = self._on_us
-        self._state = _IDLE
+        self.state = IDLE

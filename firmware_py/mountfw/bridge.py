@@ -13,13 +13,6 @@ _FULL = 255
 _U16 = 257  # 255 * 257 = 65535
 
 
-def _set_duty(output, duty):
-    if duty == _FULL:
-        output.high()
-    else:
-        output.level(duty * _U16)
-
-
 class EnableBridge:
     """One enable that carries the duty, two direction legs: SN754410, L293D, TB6612.
 
@@ -54,7 +47,11 @@ class EnableBridge:
                 self._neg.high()
             self._direction = direction
             self._pause_us(self._dead_time_us)
-        _set_duty(self._enable, duty * direction)
+        duty *= direction
+        if duty == _FULL:
+            self._enable.high()
+        else:
+            self._enable.level(duty * _U16)
 
 
 class TwoPwmBridge:
@@ -85,4 +82,9 @@ class TwoPwmBridge:
             self.off()
             self._direction = direction
             self._pause_us(self._dead_time_us)
-        _set_duty(self._pos if direction > 0 else self._neg, duty * direction)
+        leg = self._pos if direction > 0 else self._neg
+        duty *= direction
+        if duty == _FULL:
+            leg.high()
+        else:
+            leg.level(duty * _U16)

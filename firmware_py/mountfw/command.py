@@ -2,15 +2,15 @@
 
     [address>] [axis] MNEMONIC [value] {; [axis] MNEMONIC [value]} (CR or LF)
 
-It is the dialect of New Focus 8742/8743-CL controllers. One automaton serves twice: fed as
-the bytes arrive it refuses a line at the first byte that cannot continue it; when the line
-has ended the same bytes run through it again and stop at each command. Nothing is executed
-before the whole line was found good, and nothing is allocated.
+It is the dialect of New Focus 8742/8743-CL controllers. A line is read twice. As the bytes arrive,
+feed() takes each through the table of states below, and refuses a line at the first byte that cannot
+continue it. When the line has ended, advance() goes through it again and picks out the fields,
+command by command. Nothing is executed before the whole line was found good, and nothing is allocated.
 """
 
 MORE = 0
-COMMAND = 1  # inside a line: a `;` ended a command
-END = 2  # a CR or LF ended the line, and its last command
+COMMAND = 1  # the fields are those of the next command
+END = 2  # the line has ended
 BAD = -1
 TOO_LONG = -2
 
@@ -23,22 +23,69 @@ PLUS = 2
 MINUS = 3
 NUMBER = 4
 
-_LF = 10
 _CR = 13
-
-# where in a command the automaton stands
-_START = 0
-_AXIS = 1  # digits: an axis, or at the start of the line an address
-_AXIS_SPACE = 2
-_NAME = 3
-_NAME_SPACE = 4
-_SIGN = 5
-_WHOLE = 6
-_POINT = 7
-_DECIMALS = 8
-_AFTER_VALUE = 9
-
+_AT_ONCE = 4  # bytes that one call of advance() reads at most: a piece of work must be short
 _MAX_NAME = 6  # letters that fit an integer below 2**30 to the base 28
+
+# Each state, and what it becomes with which byte. Where a byte is not named, it cannot continue the line.
+# 0 stands for a digit, A for a letter, + for a sign, $ for LF (CR counts as LF).
+_GRAMMAR = """
+first    0 first1  A name  * star  space first
+first1   0 first2  A name  * star  space axis_  > start
+first2             A name  * star  space axis_  > start
+start    0 axis1   A name  * star  space start
+axis1    0 axis2   A name  * star  space axis_
+axis2              A name  * star  space axis_
+axis_              A name  * star  space axis_
+star               A name
+name     0 whole1  A name          space name_  + sign  ? after  ; start  $ end
+name_    0 whole1                  space name_  + sign  ? after  ; start  $ end
+sign     0 whole1                  space after                   ; start  $ end
+whole1   0 whole2  . point         space after                   ; start  $ end
+whole2   0 whole3  . point         space after                   ; start  $ end
+whole3   0 whole4  . point         space after                   ; start  $ end
+whole4   0 whole5  . point         space after                   ; start  $ end
+whole5   0 whole6  . point         space after                   ; start  $ end
+whole6   0 whole7  . point         space after                   ; start  $ end
+whole7             . point         space after                   ; start  $ end
+point    0 part1
+part1    0 part2                   space after                   ; start  $ end
+part2    0 part3                   space after                   ; start  $ end
+part3    0 part4                   space after                   ; start  $ end
+part4    0 part5                   space after                   ; start  $ end
+part5    0 part6                   space after                   ; start  $ end
+part6                              space after                   ; start  $ end
+after                              space after                   ; start  $ end
+end
+"""
+_CLASSES = "0A* >;\n+?."  # the kinds of bytes; what is none of them is class 10
+_COLUMNS = 11
+_NOT_ALLOWED = 255
+
+
+def _class_of(c):
+    if 0x30 <= c <= 0x39:
+        return 0
+    if 0x41 <= c & 0xDF <= 0x5A:
+        return 1
+    kind = {_CR: "\n", 0x2D: "+"}.get(c, chr(c))
+    return _CLASSES.find(kind) if kind not in "0A" else 10
+
+
+def _table():
+    """The grammar as bytes: 11 for each state, the number of the next state or _NOT_ALLOWED."""
+    rows = [row.split() for row in _GRAMMAR.strip().split("\n")]
+    number = {row[0]: i for i, row in enumerate(rows)}
+    table = bytearray([_NOT_ALLOWED] * (_COLUMNS * len(rows)))
+    for row in rows:
+        for kind, state in zip(row[1::2], row[2::2]):
+            column = _CLASSES.find({"space": " ", "$": "\n"}.get(kind, kind))
+            table[_COLUMNS * number[row[0]] + column] = number[state]
+    return bytes(table), number["end"]
+
+
+_CLASS = bytes([_class_of(c) % _COLUMNS for c in range(0x80)])  # find() says -1, which is class 10
+_NEXT, _END = _table()
 
 
 def key(name):
@@ -50,56 +97,62 @@ def key(name):
 
 
 class Line:
-    """One command line: feed() while it arrives, then rewind() and next_command().
+    """One command line: feed() while it arrives, then rewind() and advance().
 
-    After next_command() returned True: axis (-1 if none), name (see key(); 0 if too long to be
+    After advance() returned COMMAND: axis (-1 if none), name (see key(); 0 if too long to be
     known), kind (NOTHING, QUERY, PLUS, MINUS or NUMBER) and, for a number, negative, whole
     (at most 7 digits) and millionths. text[:address_length] is the address prefix, `>` included.
     """
 
     def __init__(self):
         self.text = bytearray(MAX_LINE)
-        self.length = 0
-        self.address_length = 0
-        self._read = 0
-        self._ended = False
-        self._first = True
-        self._clear()
+        self.start()
+        self.rewind()
 
     def start(self):
         """Forget what was there; the next byte is the first of a line."""
         self.length = 0
-        self.rewind()
+        self.address_length = 0
+        self._state = 0
 
     def feed(self, c):
-        """Take byte c. MORE, COMMAND, END, BAD or TOO_LONG."""
-        if c != _CR and c != _LF:
-            if self.length == MAX_LINE:
-                return TOO_LONG
-            self.text[self.length] = c
-            self.length += 1
-        return self._scan(c)
+        """Take byte c (below 0x80). MORE, END, BAD or TOO_LONG."""
+        state = _NEXT[self._state * _COLUMNS + _CLASS[c]]
+        if state == _END:
+            return END
+        length = self.length
+        if length == MAX_LINE:
+            return TOO_LONG
+        if state == _NOT_ALLOWED:
+            return BAD
+        self._state = state
+        self.text[length] = c
+        self.length = length + 1
+        if c == 0x3E:
+            self.address_length = self.length
+        return MORE
 
     def rewind(self):
         """Go back to before the first command."""
-        self._read = 0
-        self._ended = False
-        self._first = True
-        self.address_length = 0
+        self._read = self.address_length
         self._clear()
+        self._complete = False
 
-    def next_command(self):
-        """Step to the next command of a line that feed() found good. False when there is none."""
-        if self._read > self.length:
-            return False
-        while self._read < self.length:
-            c = self.text[self._read]
-            self._read += 1
-            if self._scan(c) == COMMAND:
-                return True
-        self._read += 1
-        self._scan(_LF)
-        return True
+    def advance(self):
+        """Read on in a line that feed() found good: MORE, COMMAND, or END when there are no more."""
+        if self._complete:
+            self._complete = False
+            self._clear()
+        for _ in range(_AT_ONCE):
+            i = self._read
+            if i > self.length:
+                return END
+            self._read = i + 1
+            if i == self.length or self.text[i] == 0x3B:
+                self._complete = True
+                return COMMAND
+            self._field(self.text[i])
+        return MORE
 
     def rounded(self):
         """The number as the nearest integer, halves away from zero."""
@@ -118,115 +171,30 @@ class Line:
         self.negative = False
         self.whole = 0
         self.millionths = 0
-        self._state = _START
-        self._digits = 0
-        self._number = 0
+        self._letters = 0
+        self._place = 0  # what the next digit after the point counts, in millionths
 
-    def _scan(self, c):
-        if c == 0x3B or c == _LF or c == _CR:
-            return self._finish(c)
-        if self._ended:  # the fields of the command before were still being read
-            self._ended = False
-            self._clear()
-        state = self._state
-        if state == _START or state == _AXIS or state == _AXIS_SPACE:
-            return self._before_name(c)
-        if state == _NAME and (0x41 <= c & 0xDF <= 0x5A):
-            self._letter(c)
-            return MORE
-        return self._after_name(c)
-
-    def _before_name(self, c):
-        state = self._state
-        if 0x30 <= c <= 0x39 and state != _AXIS_SPACE:
-            if self._digits == 2:
-                return BAD
-            self._digits += 1
-            self._number = self._number * 10 + c - 0x30
-            self._state = _AXIS
-        elif c == 0x3E and state == _AXIS and self._first:
-            self.address_length = self._digits + 1
-            self._first = False
-            self._clear()
-        elif c == 0x20:
-            if state == _AXIS:
-                self._state = _AXIS_SPACE
-        elif 0x41 <= c & 0xDF <= 0x5A or c == 0x2A:
-            if self._digits:
-                self.axis = self._number
-            self._digits = 0
-            self._state = _NAME
-            self._letter(c)
-        else:
-            return BAD
-        return MORE
-
-    def _letter(self, c):
-        self._digits += 1  # counts letters here
-        if self._digits > _MAX_NAME:
-            self.name = 0
-        else:
-            self.name = self.name * 28 + (27 if c == 0x2A else (c & 0xDF) - 0x40)
-
-    def _after_name(self, c):
-        state = self._state
-        if state == _NAME and self.name == 27:  # a `*` alone
-            return BAD
+    def _field(self, c):
         if 0x30 <= c <= 0x39:
-            return self._digit(c - 0x30)
-        if c == 0x20:
-            if state == _NAME:
-                self._state = _NAME_SPACE
-            elif state != _NAME_SPACE:
-                if state == _POINT:
-                    return BAD
-                self._state = _AFTER_VALUE
-            return MORE
-        if c == 0x2E and state == _WHOLE:
-            self._state = _POINT
-            self._digits = 0
-            return MORE
-        if state != _NAME and state != _NAME_SPACE:
-            return BAD
-        if c == 0x3F:
+            d = c - 0x30
+            if not self._letters:
+                self.axis = d if self.axis < 0 else self.axis * 10 + d
+            elif self._place:
+                self.millionths += d * self._place
+                self._place //= 10
+            else:
+                self.kind = NUMBER
+                self.whole = self.whole * 10 + d
+        elif c >= 0x41 or c == 0x2A:
+            self._letters += 1
+            self.name = self.name * 28 + (27 if c == 0x2A else (c & 0xDF) - 0x40)
+            if self._letters > _MAX_NAME:
+                self.name = 0
+                self._letters = _MAX_NAME
+        elif c == 0x2E:
+            self._place = 100000
+        elif c == 0x3F:
             self.kind = QUERY
-            self._state = _AFTER_VALUE
-        elif c == 0x2B or c == 0x2D:
+        elif c != 0x20:
             self.negative = c == 0x2D
             self.kind = MINUS if self.negative else PLUS
-            self._state = _SIGN
-        else:
-            return BAD
-        return MORE
-
-    def _digit(self, d):
-        state = self._state
-        if state == _POINT or state == _DECIMALS:
-            if self._digits == 6:
-                return BAD
-            self._digits += 1
-            place = 1000000
-            for _ in range(self._digits):
-                place //= 10
-            self.millionths += d * place
-            self._state = _DECIMALS
-            return MORE
-        if state == _AFTER_VALUE:
-            return BAD
-        if state != _WHOLE:
-            self._digits = 0
-            self.kind = NUMBER
-            self._state = _WHOLE
-        if self._digits == 7:
-            return BAD
-        self._digits += 1
-        self.whole = self.whole * 10 + d
-        return MORE
-
-    def _finish(self, c):
-        state = self._state
-        if self._ended or state < _NAME or state == _POINT or (state == _NAME and self.name == 27):
-            return BAD  # nothing stands where a command must
-        self._ended = True
-        self._first = False
-        return COMMAND if c == 0x3B else END

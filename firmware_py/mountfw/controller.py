@@ -1,13 +1,13 @@
 """The two axes behind one set of commands. Imports axis, command, errors.
 
-The app hands messages in: frame(), line(), stop_all(), malformed(). Answers go to a Replies,
-errors to an ErrorQueue. The tables at the end of __init__ are the command set: each command
+The app hands messages in: frame(), line(), stop_all(), malformed(). A line is executed a command at
+a time, by next_command() while busy is set. Answers go to a Replies, errors to an ErrorQueue. The tables at the end of __init__ are the command set: each command
 says whether it needs an axis, what sets it and what answers its query.
 """
 
 from mountfw import __version__, errors
-from mountfw.axis import MAX_STEPS, NEVER_US
-from mountfw.command import MINUS, NOTHING, NUMBER, PLUS, QUERY, Line, key
+from mountfw.axis import MAX_STEPS, NEVER_US, REST
+from mountfw.command import COMMAND, END, MINUS, NOTHING, NUMBER, PLUS, QUERY, Line, key
 from mountfw.ticks import diff
 
 _CONNECTED = 2  # axes this mount has
@@ -34,7 +34,7 @@ class Controller:
     """Axes 1 and 2. replies and error_queue are shared with the app and the axes.
 
     board and unique_id (bytes) go into the identity; boot_id (0 ... 2**30-1) differs from boot
-    to boot; ticks_ms is a millisecond clock that wraps at 2**30. firmware_hash (bytes) is answered as
+    to boot; emergency_stop is an EndStop; ticks_ms is a millisecond clock that wraps at 2**30. firmware_hash (bytes) is answered as
     it is; reset_cause and what free_memory() gives, in bytes, are numbers of the health.
     """
 
@@ -44,6 +44,7 @@ class Controller:
         axis2,
         replies,
         error_queue,
+        emergency_stop,
         board,
         unique_id,
         boot_id,
@@ -58,11 +59,12 @@ class Controller:
         self._axis2 = axis2
         self._cut1 = axis1.bridge.cut
         self._cut2 = axis2.bridge.cut
+        self._emergency_stop = emergency_stop
         self._replies = replies
         self._identity = b"mirrormount," + board + b"," + unique_id + b"," + _VERSION
         self._boot_id = boot_id
         self._ticks_ms = ticks_ms
-        self._booted_ms = ticks_ms()
+        self._booted_ms = 0
         self._firmware_hash = firmware_hash
         self._reset_cause = reset_cause
         self._free_memory = free_memory
@@ -71,11 +73,16 @@ class Controller:
         self._passes = 0
         self._keep_alive_ms = 0
         self._heard_at = 0
+        self.held = False
+        self.look = None  # called in the middle of what takes long: a stop must not wait for it
+        self.busy = False  # is a line in hand?
+        self._read = False  # is its next command read and to be executed?
         self._answers = 0  # of the line in hand
         self._line = Line()  # the line in hand
         # (needs an axis, set, query); set(axis, line) and query(axis) of the axis, or of None
         self._commands = {
             key(b"*IDN"): (False, None, self._ask_identity),
+            key(b"*RST"): (False, self._set_reset, None),
             key(b"VE"): (False, None, self._ask_version),
             key(b"PR"): (True, self._set_relative, self._ask_relative),
             key(b"PA"): (True, self._set_absolute, self._ask_target),
@@ -98,6 +105,9 @@ class Controller:
         }
         for name in _PARAMETERS:
             self._commands[name] = (True, self._set_parameter, self._ask_parameter)
+        self.reset()
+        if reset_cause == errors.WATCHDOG:
+            error_queue.push(errors.WATCHDOG_RESET)
 
     # ---- what the app hands in
 
@@ -119,8 +129,28 @@ class Controller:
         self.stop_all(reason)
         self._keep_alive_ms = 0
 
+    def reset(self):
+        """Off, and everything as at power-up; the link stays as it is."""
+        self.off_all()
+        self._axis1.reset()
+        self._axis2.reset()
+        self.hold(self.held)
+        self.errors.clear()
+        self._keep_alive_ms = 0
+        self._booted_ms = self._ticks_ms()
+        self.guard(None)
+
+    def guard(self, _pin):
+        """The emergency stop has opened (a hard interrupt, maybe): cut both drives, until reset()."""
+        if self._emergency_stop.active():
+            self._axis1.emergency = True
+            self._axis2.emergency = True
+            self._cut1()
+            self._cut2()
+
     def hold(self, held):
         """While a stop was received but not yet parsed, nothing that comes before it may drive."""
+        self.held = held
         self._axis1.held = held
         self._axis2.held = held
 
@@ -129,35 +159,47 @@ class Controller:
         self.stop_all(errors.STOPPED)
         self.errors.push(code)
 
-    def frame(self, frame):
-        """Obey a frame and echo it as the paper's sketch does."""
-        if frame.m1 == 0 and frame.m2 == 0:
+    def frame(self, m1, m2):
+        """Obey a frame."""
+        if m1 == 0 and m2 == 0:
             self.stop_all(errors.STOPPED)
-        elif frame.m1 == 0:  # what goes off goes first
+        elif m1 == 0:  # what goes off goes first
             self._axis1.frame(0)
-            self._axis2.frame(frame.m2)
+            self.look()
+            self._axis2.frame(m2)
         else:
-            self._axis2.frame(frame.m2)
-            self._axis1.frame(frame.m1)
+            self._axis2.frame(m2)
+            self.look()
+            self._axis1.frame(m1)
+
+    def echo(self, packed):
+        """Echo a packed frame as the paper's sketch does."""
         r = self._replies
         r.begin()
-        r.text(frame.text)
-        r.text(b"\r\n")
-        self._echo(frame.m1)
-        self._echo(frame.m2)
-        self._echo(abs(frame.m1))
-        self._echo(abs(frame.m2))
+        r.echo(packed)
         r.commit()  # best effort: nobody is told if it did not fit
 
     def line(self, line):
-        """Execute a good line, command by command; answer its queries in one line."""
+        """A good line is in hand: next_command() executes it, and its queries are answered in one line."""
         self._line = line
         self._answers = 0
         line.rewind()
-        while line.next_command():
-            self._execute(line)
+        self._read = False
+        self.busy = True
+
+    def next_command(self):
+        """Go on with the line in hand: read a little of it, or execute one command, or end it."""
+        if self._read:
+            self._read = False
+            self._execute(self._line)
+            return
+        found = self._line.advance()
+        self._read = found == COMMAND
+        if found != END:
+            return
+        self.busy = False
         if self._answers:
-            self._replies.text(b"\r\n")
+            self._replies.add(b"\r\n")
             if not self._replies.commit():
                 self.errors.push(errors.ANSWER_DROPPED)
 
@@ -173,9 +215,22 @@ class Controller:
 
     def service(self, now_us):
         """Carry the moves on. Returns the microseconds to the next deadline."""
+        if self._emergency_stop.fitted:
+            self.guard(None)
         a = self._axis1.service(now_us)
         b = self._axis2.service(now_us)
         return a if a < b else b
+
+    def ending(self, now_us, within_us):
+        """The Axis whose drive ends first of those that end by themselves within within_us; or None."""
+        first = None
+        for axis in self.axes:
+            if axis.driving() and not axis.was_cut:
+                left_us = diff(axis.ends_at, now_us)
+                if left_us < within_us:
+                    first = axis
+                    within_us = left_us
+        return first
 
     def silence(self, now_us):
         """Nothing waits to be read: is the keep-alive over? Returns the microseconds it has left."""
@@ -196,11 +251,12 @@ class Controller:
 
     def driving(self):
         """True while any motor has drive."""
-        return self._axis1.driving() or self._axis2.driving()
+        return self._axis1.state > REST or self._axis2.state > REST
 
     def watching(self):
-        """True while a polled end-stop matters, so that the loop must not sleep."""
-        return self.driving() and (self._fitted(self._axis1) != 0 or self._fitted(self._axis2) != 0)
+        """True while a switch matters, so that the loop must not sleep."""
+        watched = self._axis1.watched or self._axis2.watched or self._emergency_stop.fitted
+        return watched and self.driving()
 
     # ---- one command
 
@@ -234,14 +290,14 @@ class Controller:
     def _not_connected(self, line):
         if line.kind == QUERY:
             self._next_answer()
-            self._replies.number(1 if line.name == _MD else 0)
+            self._replies.add(1 if line.name == _MD else 0)
         else:
             self.errors.push(line.axis * 100 + errors.AXIS_NOT_CONNECTED)
 
     def _next_answer(self):
         r = self._replies
         if self._answers:
-            r.text(b"; ")
+            r.add(b"; ")
         else:
             r.begin()
             for i in range(self._line.address_length):
@@ -269,10 +325,6 @@ class Controller:
             axis.error(errors.AXIS_MOVING)
             return True
         return False
-
-    def _echo(self, n):
-        self._replies.number(n)
-        self._replies.text(b"\r\n")
 
     # ---- motion
 
@@ -304,21 +356,29 @@ class Controller:
             self.errors.push(errors.OUT_OF_RANGE)
         self.stop_all(errors.ABORTED)
 
+    def _set_reset(self, _axis, line):
+        if line.kind != NOTHING:
+            self.errors.push(errors.OUT_OF_RANGE)
+            return
+        self.stop_all(errors.ABORTED)
+        self._boot_id = self._boot_id + 1 & 0x3FFFFFFF
+        self.reset()
+
     def _ask_relative(self, axis):
-        self._replies.number(axis.last_relative)
+        self._replies.add(axis.last_relative)
 
     def _ask_target(self, axis):
-        self._replies.number(axis.target)
+        self._replies.add(axis.target)
 
     def _ask_position(self, axis):
-        self._replies.number(axis.whole_steps())
+        self._replies.add(axis.whole_steps())
 
     def _ask_done(self, axis):
-        self._replies.number(0 if axis.moving() else 1)
+        self._replies.add(0 if axis.moving() else 1)
 
     def _ask_direction(self, axis):
         d = axis.direction()
-        self._replies.text(b"+" if d > 0 else b"-" if d else b"0")
+        self._replies.add(b"+" if d > 0 else b"-" if d else b"0")
 
     # ---- settings
 
@@ -333,9 +393,10 @@ class Controller:
         if (line.name == _XP or line.name == _XD) and getattr(axis, entry[0]) != n:
             axis.step_changed()
         setattr(axis, entry[0], n)
+        axis.apply()
 
     def _ask_parameter(self, axis):
-        self._replies.number(getattr(axis, _PARAMETERS[self._line.name][0]))
+        self._replies.add(getattr(axis, _PARAMETERS[self._line.name][0]))
 
     def _set_home(self, axis, line):
         if line.kind != NOTHING and not self._number(line):
@@ -349,7 +410,7 @@ class Controller:
             axis.error(errors.AXIS_OUT_OF_RANGE)
 
     def _ask_home(self, axis):
-        self._replies.number(axis.defined)
+        self._replies.add(axis.defined)
 
     def _set_velocity(self, axis, line):
         if not self._number(line):
@@ -364,16 +425,13 @@ class Controller:
 
     def _ask_velocity(self, axis):
         r = self._replies
-        r.number(axis.velocity // 100)
+        r.add(axis.velocity // 100)
         part = axis.velocity % 100
         if part:
-            r.put(0x2E)
-            r.number(part // 10)
+            r.add(b".")
+            r.add(part // 10)
             if part % 10:
-                r.number(part % 10)
-
-    def _fitted(self, axis):
-        return (1 if axis.positive_stop.fitted else 0) | (2 if axis.negative_stop.fitted else 0)
+                r.add(part % 10)
 
     def _set_fitted(self, axis, line):
         if not self._integer(line, 0, 7) or self._refused(axis):
@@ -386,88 +444,90 @@ class Controller:
             return
         positive.fitted = bool(n & 1)
         negative.fitted = bool(n & 2)
+        axis.apply()
 
     def _ask_fitted(self, axis):
-        self._replies.number(self._fitted(axis))
+        self._replies.add(axis.fitted())
 
     def _set_keep_alive(self, _axis, line):
         if self._integer(line, 0, 60_000):
             self._keep_alive_ms = line.rounded()
 
     def _ask_keep_alive(self, _axis):
-        self._replies.number(self._keep_alive_ms)
+        self._replies.add(self._keep_alive_ms)
 
     # ---- what it knows
 
     def _ask_identity(self, _axis):
-        self._replies.text(self._identity)
+        self._replies.add(self._identity)
 
     def _ask_version(self, _axis):
-        self._replies.text(b"MM2 mirrormount ")
-        self._replies.text(_VERSION)
+        self._replies.add(b"MM2 mirrormount ")
+        self._replies.add(_VERSION)
 
     def _ask_error(self, _axis):
-        self._replies.number(self.errors.pop())
+        self._replies.add(self.errors.pop())
 
     def _ask_error_text(self, _axis):
         code = self.errors.pop()
         r = self._replies
-        r.number(code)
-        r.text(b", ")
+        r.add(code)
+        r.add(b", ")
         if code >= 100:
-            r.text(b"AXIS ")
-            r.number(code // 100)
-            r.put(0x20)
-        r.text(errors.message(code))
+            r.add(b"AXIS ")
+            r.add(code // 100)
+            r.add(b" ")
+        r.add(errors.message(code))
 
     def _ask_limits(self, _axis):
-        self._replies.number(self._axis1.limits() | self._axis2.limits() << 3)
+        self._replies.add(self._axis1.limits() | self._axis2.limits() << 3)
 
     def _ask_status(self, _axis):
         r = self._replies
-        r.number(self._boot_id)
-        r.put(0x2C)
-        r.number((self._ticks_ms() - self._booted_ms) & 0x3FFFFFFF)
-        r.put(0x2C)
-        r.number(self.errors.waiting)
+        r.add(self._boot_id)
+        r.add(b",")
+        r.add((self._ticks_ms() - self._booted_ms) & 0x3FFFFFFF)
+        r.add(b",")
+        r.add(self.errors.waiting)
         self._status_of(self._axis1)
+        self.look()
         self._status_of(self._axis2)
 
     def _status_of(self, axis):
         r = self._replies
-        r.put(0x7C)
-        r.number(axis.position_now())
-        r.put(0x2C)
-        r.number(1 if axis.moving() else 0)
-        r.put(0x2C)
-        r.number(axis.direction())
-        r.put(0x2C)
-        r.number(axis.limits())
-        r.put(0x2C)
-        r.number(axis.reason)
-        r.put(0x2C)
-        r.number(axis.certainty)
+        r.add(b"|")
+        r.add(axis.position_now())
+        r.add(b",")
+        r.add(1 if axis.moving() else 0)
+        r.add(b",")
+        r.add(axis.direction())
+        r.add(b",")
+        r.add(axis.limits())
+        r.add(b",")
+        r.add(axis.reason)
+        r.add(b",")
+        r.add(axis.certainty)
 
     def _ask_ended(self, axis):
         r = self._replies
-        r.number(axis.reason)
-        r.put(0x2C)
-        r.number(axis.ended_steps)
-        r.put(0x2C)
-        r.number(axis.ended_on_us)
+        r.add(axis.reason)
+        r.add(b",")
+        r.add(axis.ended_steps)
+        r.add(b",")
+        r.add(axis.ended_on_us)
 
     def _ask_firmware_hash(self, _axis):
-        self._replies.text(self._firmware_hash)
+        self._replies.add(self._firmware_hash)
 
     def _ask_health(self, _axis):
         r = self._replies
         if not self.driving():  # it walks the heap, 8 ms on a Pico: a pulse and a stop must not wait for it
             self._free = self._free_memory()
-        r.number(self._free)
-        r.put(0x2C)
-        r.number(self._longest_us if self._longest_us > 0 else 0)
-        r.put(0x2C)
-        r.number(self._passes)
-        r.put(0x2C)
-        r.number(self._reset_cause)
+        r.add(self._free)
+        r.add(b",")
+        r.add(self._longest_us if self._longest_us > 0 else 0)
+        r.add(b",")
+        r.add(self._passes)
+        r.add(b",")
+        r.add(self._reset_cause)
         self._longest_us = -1

@@ -14,6 +14,7 @@ LINE_TOO_LONG = 61
 KEEP_ALIVE_LOST = 62
 INTERNAL_FAULT = 64
 ANSWER_DROPPED = 65
+WATCHDOG_RESET = 66
 
 # of one axis
 AXIS_OUT_OF_RANGE = 1
@@ -25,6 +26,7 @@ AXIS_MOVING = 14
 AXIS_NOT_FITTED = 35
 AXIS_RUN_LIMIT = 40
 AXIS_BOTH_STOPS = 42
+AXIS_EMERGENCY_STOP = 43
 
 MESSAGES = {
     0: b"NO ERROR DETECTED",
@@ -38,6 +40,7 @@ MESSAGES = {
     62: b"KEEP-ALIVE LOST, MOTORS STOPPED",
     64: b"INTERNAL FAULT, MOTORS STOPPED",
     65: b"AN ANSWER WAS DROPPED",
+    66: b"FIRMWARE HAD HUNG, BOARD WAS RESET",
 }
 
 AXIS_MESSAGES = {
@@ -50,6 +53,7 @@ AXIS_MESSAGES = {
     35: b"NOT FITTED ON THIS BOARD",
     40: b"RUN LIMIT REACHED",
     42: b"BOTH END-STOPS ACTIVE",
+    43: b"EMERGENCY STOP",
 }
 
 # why a move ended
@@ -62,6 +66,12 @@ RUN_LIMIT = 6
 KEEP_ALIVE = 7
 SUPERSEDED = 8
 FAULT = 9
+EMERGENCY_STOP = 10
+
+# why the board was reset last
+POWER = 1  # or its reset pin
+ASKED = 2  # by software: deploy, machine.reset()
+WATCHDOG = 3
 
 # what a position is worth
 UNKNOWN = 0
@@ -77,6 +87,11 @@ class ErrorQueue:
         self._first = 0
         self.waiting = 0
         self._dropping = False  # a 65 waits to be read: one is enough
+
+    def clear(self):
+        """Forget them all."""
+        while self.pop():
+            pass
 
     def push(self, code):
         """Queue error code, unless ten older ones wait."""

@@ -3,23 +3,48 @@
 `s` is `0` or `+` for positive, `-` for negative; each number is -255 ... 255. It is the
 frame of the paper's Arduino sketch, whose clients therefore work unchanged. The host uses
 encode() for the other direction.
+
+A frame is also known as one integer of 20 bits, "packed": two fields of 10, each with the sign
+as it was written (2 bits: an index into SIGNS) and the magnitude (8 bits).
 """
 
 MORE = 0
 DONE = 1
 BAD = -1
 
+LENGTH = 8
+SIGNS = b"0+-"
+
 _ZERO = 0x30
 _PLUS = 0x2B
 _MINUS = 0x2D
+
+
+def pack(ring, at, mask):
+    """The eight bytes from index `at` of a ring (mask: its size - 1) as a packed frame; BAD if they are none."""
+    packed = 0
+    for _ in range(2):
+        sign = ring[at & mask]
+        n = ring[at + 1 & mask] - _ZERO
+        tens = ring[at + 2 & mask] - _ZERO
+        units = ring[at + 3 & mask] - _ZERO
+        if not (0 <= n <= 2 and 0 <= tens <= 9 and 0 <= units <= 9):
+            return BAD
+        n = n * 100 + tens * 10 + units
+        if n > 255 or (sign != _ZERO and sign != _PLUS and sign != _MINUS):
+            return BAD
+        packed = packed << 10 | (2 if sign == _MINUS else 1 if sign == _PLUS else 0) << 8 | n
+        at += 4
+    return packed
 
 
 class Frame:
     """Takes a frame a byte at a time and refuses it at the first byte that cannot continue it."""
 
     def __init__(self):
-        self.text = bytearray(8)
+        self.text = bytearray(LENGTH)
         self.length = 0
+        self.packed = 0
         self.m1 = 0
         self.m2 = 0
         self._magnitude = 0
@@ -29,7 +54,7 @@ class Frame:
         self.length = 0
 
     def feed(self, c):
-        """Take byte c. MORE, DONE (m1, m2 and text are the frame's) or BAD."""
+        """Take byte c. MORE, DONE (packed, m1 and m2 are the frame's) or BAD."""
         i = self.length
         place = i & 3
         if place == 0:
@@ -44,14 +69,18 @@ class Frame:
             self._magnitude = n
         self.text[i] = c
         self.length = i + 1
-        if place < 3:
+        if i < LENGTH - 1:
             return MORE
-        n = -self._magnitude if self.text[i - 3] == _MINUS else self._magnitude
-        if i == 3:
-            self.m1 = n
-            return MORE
-        self.m2 = n
+        self.take(pack(self.text, 0, LENGTH - 1))
         return DONE
+
+    def take(self, packed):
+        """Be this packed frame."""
+        self.packed = packed
+        n = packed >> 10 & 0xFF
+        self.m1 = -n if packed & 0x80000 else n
+        n = packed & 0xFF
+        self.m2 = -n if packed & 0x200 else n
 
 
 def encode(m1, m2):

@@ -18,6 +18,8 @@ TOO_LONG = 6
 FRAME_GAP_US = 50_000  # an unfinished frame, or a skipped tail, is given up after this silence
 LINE_GAP_US = 1_000_000  # an unfinished line
 
+EIGHTH_ZERO = 0xB0  # how a `0` that completes eight is stored; what else is above 0x7F is stored as 0x7F
+
 _BOUNDARY = 0
 _IN_FRAME = 1
 _IN_LINE = 2
@@ -26,65 +28,88 @@ _SKIPPING = 3  # the rest of something refused or cut, up to a line end or a gap
 _STOP = 0x21
 _CTRL_C = 0x03  # reaches us only where it is not the console's
 _ZERO = 0x30
+_SIGNS = b"0+-"  # frame.SIGNS
+_POWERS = (0, 100, 10, 1)  # of the digits of a field
+_CR_AT = 8  # where in a line of an echo its end stands
+_FRAME_LENGTH = 8
 _TOO_LONG = -2  # what line.feed() says
+_AT_ONCE = 3  # bytes that one call of next() parses at most: a piece of work must be short
 
 
 class Link:
-    """The receiving side. frame and line are mountfw's Frame and Line, or things that feed alike.
+    """The receiving side. frame and line are mountfw's Frame and Line; pack is frame.pack().
 
-    size is more than the buffers below us hold together (USB and stdin: 0.8 KB on the RP2040), so that
-    all that waits can be searched for stops at once, however slowly it is obeyed.
+    The port fills the ring: by receive(), or with faster code that does the same. So these are for both:
+    ring, mask (its size is a power of two), write (the index of the next byte), unparsed
+    and zeros. The ring is larger than the buffers below us together (USB and stdin: 0.8 KB on the
+    RP2040), so that what waits there can be searched for stops at once, however slowly it is obeyed.
     """
 
-    def __init__(self, frame, line, size=1024):
+    def __init__(self, frame, line, pack, size=4096):
         self.stops_ahead = 0  # received, not yet parsed: nothing may start before them
         self.unparsed = 0  # bytes received, not yet parsed
+        self.ring = bytearray(size)
+        self.mask = size - 1
+        self.write = 0
+        self.zeros = 0  # that came last, in a row
         self._frame = frame
         self._line = line
-        self._rx = bytearray(size)
-        self._size = size
-        self._read = 0  # where next() reads
+        self._pack = pack
         self._state = _BOUNDARY
-        self._zeros_in = 0
-        self._zeros = 0
 
     def room(self):
         """True while receive() may be called."""
-        return self.unparsed < self._size
+        return self.unparsed <= self.mask
 
     def receive(self, c):
         """Store byte c. STOP or ZEROS if it completes that stop, else NEED_BYTES."""
-        self._rx[(self._read + self.unparsed) % self._size] = c
-        self.unparsed += 1
+        stop = NEED_BYTES
         if c == _ZERO:
-            self._zeros_in += 1
-            if self._zeros_in < 8:
-                return NEED_BYTES
-            self._zeros_in = 0
+            self.zeros += 1
+            if self.zeros == 8:
+                self.zeros = 0
+                c = EIGHTH_ZERO
+                stop = ZEROS
+        else:
+            self.zeros = 0
+            if c == _STOP or c == _CTRL_C:
+                stop = STOP
+            elif c > 0x7F:
+                c = 0x7F
+        self.ring[self.write] = c
+        self.write = self.write + 1 & self.mask
+        self.unparsed += 1
+        if stop:
             self.stops_ahead += 1
-            return ZEROS
-        self._zeros_in = 0
-        if c == _STOP or c == _CTRL_C:
-            self.stops_ahead += 1
-            return STOP
-        return NEED_BYTES
+        return stop
 
     def next(self):
-        """The next message, or NEED_BYTES when all that was received is parsed."""
-        while self.unparsed:
-            c = self._rx[self._read]
-            self._read = (self._read + 1) % self._size
+        """The next message, or NEED_BYTES: all that was received is parsed, or enough for one call."""
+        read = self.write - self.unparsed
+        if self._state == _BOUNDARY and self.unparsed >= _FRAME_LENGTH:
+            packed = self._pack(self.ring, read, self.mask)  # no frame if there is a stop in it
+            if packed >= 0:
+                self._frame.take(packed)
+                self.unparsed -= _FRAME_LENGTH
+                return FRAME
+        for _ in range(_AT_ONCE):
+            if not self.unparsed:
+                break
+            c = self.ring[read & self.mask]
+            read += 1
             self.unparsed -= 1
-            message = self._parse(c)
+            # in a line, what is neither a stop nor mpremote goes straight to it
+            message = self._in_line(c) if self._state == _IN_LINE and 0x22 <= c < 0x80 else self._parse(c)
             if message:
                 return message
         return NEED_BYTES
 
     def gap_us(self):
         """How long a silence the present state bears; 0 at a message boundary: for ever."""
-        if self._state == _BOUNDARY:
+        state = self._state
+        if state == _BOUNDARY:
             return 0
-        return LINE_GAP_US if self._state == _IN_LINE else FRAME_GAP_US
+        return LINE_GAP_US if state == _IN_LINE else FRAME_GAP_US
 
     def gap(self):
         """That silence is over (a poll has just said that nothing waits). MALFORMED or NEED_BYTES."""
@@ -95,36 +120,26 @@ class Link:
     def _parse(self, c):
         state = self._state
         if c == _STOP or c == _CTRL_C:
-            self._zeros = 0
             self.stops_ahead -= 1
             if state != _BOUNDARY:
                 self._state = _SKIPPING  # the tail of the cut message is never obeyed
             return STOP
-        stopped = self._count_zeros(c)
         if c < 0x20 and (c == 1 or c == 2 or c == 4 or c == 5 or c == 0x18):
             return NEED_BYTES  # mpremote, knocking
+        stopped = c == EIGHTH_ZERO
+        if stopped:
+            self.stops_ahead -= 1
+            c = _ZERO
         message = NEED_BYTES
-        if state == _SKIPPING:
-            if c == 10 or c == 13:
-                self._state = _BOUNDARY
-        elif state == _BOUNDARY:
-            message = self._first_byte(c)
+        if state == _IN_LINE:
+            message = self._in_line(c)
         elif state == _IN_FRAME:
             message = self._in_frame(c)
-        else:
-            message = self._in_line(c)
+        elif state == _BOUNDARY:
+            message = self._first_byte(c)
+        elif c == 10 or c == 13:
+            self._state = _BOUNDARY
         return ZEROS if stopped and not message else message
-
-    def _count_zeros(self, c):
-        if c != _ZERO:
-            self._zeros = 0
-            return False
-        self._zeros += 1
-        if self._zeros < 8:
-            return False
-        self._zeros = 0
-        self.stops_ahead -= 1
-        return True
 
     def _first_byte(self, c):
         if c == 10 or c == 13 or c == 0x20 or c == 0:
@@ -159,11 +174,11 @@ class Link:
 
     def _in_line(self, c):
         result = self._line.feed(c)
-        if result < 0:
-            return self._refuse(c, TOO_LONG if result == _TOO_LONG else MALFORMED)
-        if result and (c == 10 or c == 13):
+        if result > 0:
             self._state = _BOUNDARY
             return LINE
+        if result < 0:
+            return self._refuse(c, TOO_LONG if result == _TOO_LONG else MALFORMED)
         return NEED_BYTES
 
     def _refuse(self, c, message):
@@ -171,51 +186,50 @@ class Link:
         return message
 
 
-class Replies:
-    """The sending side: a bounded buffer. A reply that does not fit is dropped whole.
+_CHARACTERS = tuple([bytes((c,)) for c in range(0x20, 0x40)])
 
-    begin(), then put(), text() and number(), then commit(); read() while waiting().
+
+class Replies:
+    """The sending side: a bounded queue. A reply that does not fit is dropped whole.
+
+    begin(), then add(), put() and echo(), then commit(); read() while waiting(). It holds texts,
+    numbers and frames as they are and makes bytes of them as they are sent, so that answering takes
+    little of one pass. A text must not change until it is sent.
     """
 
-    def __init__(self, size=1024):
-        self._buffer = bytearray(size)
+    def __init__(self, size=256):
+        self._items = [0] * size  # texts (bytes) and numbers; size is a power of two
+        self._mask = size - 1
         self._tail = 0
         self._head = 0  # end of what may be sent
         self._end = 0  # end of the reply in the making
         self._lost = False
+        self._at = 0  # in the text or echo that is being sent
+        self._power = 0  # of ten: the digit of the number that is being sent; 0 before its first
 
     def begin(self):
         """Start a reply."""
         self._end = self._head
         self._lost = False
 
-    def put(self, c):
-        """Add byte c."""
-        after = self._end + 1
-        if after == len(self._buffer):
-            after = 0
+    def add(self, item):
+        """Add bytes (at least one) as they are, or an integer (between -2**30 and 2**30) in decimal."""
+        end = self._end
+        after = end + 1 & self._mask
         if after == self._tail:
             self._lost = True
         else:
-            self._buffer[self._end] = c
+            self._items[end] = item
             self._end = after
 
-    def text(self, data):
-        """Add bytes."""
-        for c in data:
-            self.put(c)
+    def put(self, c):
+        """Add character c: a digit, a sign or a space, 0x20 ... 0x3F."""
+        self.add(_CHARACTERS[c - 0x20])
 
-    def number(self, n):
-        """Add integer n (below 2**30) in decimal."""
-        if n < 0:
-            self.put(0x2D)
-            n = -n
-        power = 1
-        while n // power >= 10:
-            power *= 10
-        while power:
-            self.put(_ZERO + n // power % 10)
-            power //= 10
+    def echo(self, packed):
+        """Add the echo of a packed frame, as the paper's sketch gives it."""
+        self.add(None)  # says that a frame follows
+        self.add(packed)
 
     def commit(self):
         """End the reply. False if it did not fit: then nothing of it is sent."""
@@ -229,7 +243,61 @@ class Replies:
 
     def read(self):
         """The next byte to send."""
-        c = self._buffer[self._tail]
-        after = self._tail + 1
-        self._tail = 0 if after == len(self._buffer) else after
+        item = self._items[self._tail]
+        if item is None:
+            return self._echoed(self._items[self._tail + 1 & self._mask])
+        if type(item) is int:
+            c = self._digit(item)
+            if not self._power:
+                self._sent()
+            return c
+        c = item[self._at]
+        self._at += 1
+        if self._at == len(item):
+            self._at = 0
+            self._sent()
         return c
+
+    def _digit(self, n):
+        """The sign or next digit of n; it was the last one if _power is 0 then."""
+        power = self._power
+        negative = n < 0
+        if negative:
+            n = -n
+        if not power:
+            power = 1
+            while n // power >= 10:
+                power *= 10
+            self._power = power
+            if negative:
+                return 0x2D
+        self._power = power // 10
+        return _ZERO + n // power % 10
+
+    def _echoed(self, packed):
+        """Five lines: 0 the frame, 1 and 2 its numbers, 3 and 4 their magnitudes. _at is 16 x line + place."""
+        line = self._at >> 4
+        place = self._at & 0xF
+        self._at += 1
+        if place == _CR_AT:
+            return 13
+        if place > _CR_AT:
+            self._at = line + 1 << 4
+            if line == 4:
+                self._at = 0
+                self._sent()
+                self._sent()
+            return 10
+        if line == 0:
+            field = packed >> 10 if place < 4 else packed
+            place &= 3
+            return _SIGNS[field >> 8 & 3] if place == 0 else _ZERO + (field & 0xFF) // _POWERS[place] % 10
+        field = packed >> 10 if line & 1 else packed
+        n = field & 0xFF
+        c = self._digit(-n if line < 3 and field & 0x200 else n)
+        if not self._power:
+            self._at = line << 4 | _CR_AT
+        return c
+
+    def _sent(self):
+        self._tail = self._tail + 1 & self._mask

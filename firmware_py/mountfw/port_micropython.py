@@ -8,7 +8,6 @@ import binascii
 import gc
 import hashlib
 import os
-import select
 import sys
 import time
 
@@ -16,90 +15,71 @@ import machine
 import micropython
 from machine import PWM, Pin
 
+from mountfw import errors
+from mountfw.console_micropython import any, drain, pack, writable, write  # noqa: F401 (verbs of this port, too)
+
 ticks_us = time.ticks_us  # pyright: ignore[reportAttributeAccessIssue]
 ticks_ms = time.ticks_ms  # pyright: ignore[reportAttributeAccessIssue]
 pause_us = time.sleep_us  # pyright: ignore[reportAttributeAccessIssue]
 
 _CTRL_C = 3
+_OUT = Pin.OUT
+_ALT = Pin.ALT
+_ALT_PWM = Pin.ALT_PWM
 
+_HUNG_MS = 1000  # the watchdog waits so long: more than a flash sector's erase at its worst (400 ms, W25Q16JV)
+# The watchdog's registers: RP2040 data sheet 4.7.6, RP2350 data sheet 12.9.7. Another chip gets no watchdog.
+_WATCHDOGS = {"RP2040": 0x40058000, "RP2350": 0x400D8000}
+_watchdog_registers = _WATCHDOGS.get(getattr(sys.implementation, "_machine", "")[-6:])
+_CLEAR = 0x3000  # where a write clears bits
+_ENABLE = 1 << 30
+_SCRATCH4 = 0x1C
+_TIMED_OUT = 0x6AB73121  # what the SDK leaves there: the watchdog was armed, not used for a wanted reset
 
-def _ipoll(stream, events):
-    """The ipoll() of a poll object for events of stream. It allocates nothing, once it has given an answer:
-    so it gives one here, about output, which is ready when nothing has been sent yet."""
-    poll = select.poll()
-    poll.register(stream, select.POLLOUT)
-    ipoll = poll.ipoll  # pyright: ignore[reportAttributeAccessIssue]
-    for _ in ipoll(0):
-        pass
-    poll.modify(stream, events)
-    return ipoll
-
-
-_ipoll_in = _ipoll(sys.stdin, select.POLLIN)
-_ipoll_out = _ipoll(sys.stdout, select.POLLOUT)
-_readinto = sys.stdin.buffer.readinto  # pyright: ignore[reportAttributeAccessIssue]
-_write = sys.stdout.buffer.write
-_byte_in = bytearray(1)
-_byte_out = bytearray(1)
 _led = None
+_watchdog = None
 
 
-def any(wait_ms):
-    """True as soon as a byte waits; False after wait_ms without one."""
-    for _ in _ipoll_in(wait_ms):
-        return True
-    return False
+def output(number, pwm_hz=0):
+    """An output pin, low from the start: low() and high(), and with pwm_hz level() too."""
+    pin = Pin(number, Pin.OUT, value=0)
+    return _DutyPin(pin, pwm_hz) if pwm_hz else pin
 
 
-def read():
-    """The byte that waits."""
-    _readinto(_byte_in)
-    return _byte_in[0]
-
-
-def writable():
-    """True if write() will not block."""
-    for _ in _ipoll_out(0):
-        return True
-    return False
-
-
-def write(c):
-    """Send byte c."""
-    _byte_out[0] = c
-    _write(_byte_out)
-
-
-class Output:
-    """An output pin, low from the start; with pwm_hz it can carry a duty.
+class _DutyPin:
+    """A pin that can carry a duty.
 
     low() and high() go through the pin's function, at once. The PWM behind the pin keeps its old
     duty to the end of its period, and shows it only while the pin's function is PWM.
     """
 
-    def __init__(self, number, pwm_hz=0):
-        self._pin = Pin(number, Pin.OUT, value=0)
-        if pwm_hz:
-            self._pwm = PWM(self._pin, freq=pwm_hz, duty_u16=0)
-            self.low()
+    def __init__(self, pin, pwm_hz):
+        self._function = pin.init
+        self._duty_u16 = PWM(pin, freq=pwm_hz, duty_u16=0).duty_u16
+        self.low()
 
     def low(self):
         """Pin low."""
-        self._pin.init(Pin.OUT, value=0)
+        self._function(_OUT, value=0)
 
     def high(self):
         """Pin high."""
-        self._pin.init(Pin.OUT, value=1)
+        self._function(_OUT, value=1)
 
     def level(self, duty_u16):
         """Pin at duty_u16, 0 ... 65535."""
-        self._pwm.duty_u16(duty_u16)
-        self._pin.init(Pin.ALT, alt=Pin.ALT_PWM)
+        self._duty_u16(duty_u16)
+        self._function(_ALT, alt=_ALT_PWM)
 
 
 def reader(number):
     """A function that reads input pin `number` (0 or 1) against its pull-up; None for None."""
     return None if number is None else Pin(number, Pin.IN, Pin.PULL_UP).value
+
+
+def on_rise(number, handler):
+    """Have handler(pin) called from a hard interrupt when input pin `number` rises. It must not allocate."""
+    Pin(number, Pin.IN, Pin.PULL_UP).irq(handler, Pin.IRQ_RISING, hard=True)
 
 
 def led(on):
@@ -119,8 +99,33 @@ def boot_id():
 
 
 def reset_cause():
-    """Why the board started, in MicroPython's own numbers of this platform (machine.reset_cause)."""
-    return machine.reset_cause()
+    """Why the board started, as in errors.py."""
+    if machine.reset_cause() != machine.WDT_RESET:
+        return errors.POWER
+    if _watchdog_registers and machine.mem32[_watchdog_registers + _SCRATCH4] == _TIMED_OUT:
+        return errors.WATCHDOG
+    return errors.ASKED
+
+
+def start_watchdog():
+    """From here on the board is reset unless feed() is called every second."""
+    global _watchdog
+    if _watchdog_registers:
+        _watchdog = machine.WDT(timeout=_HUNG_MS)
+
+
+def feed():
+    """The loop is alive."""
+    if _watchdog:
+        _watchdog.feed()
+
+
+def stop_watchdog():
+    """Nobody feeds any more: at the prompt, in a deploy. MicroPython has no verb for it."""
+    global _watchdog
+    if _watchdog_registers:
+        machine.mem32[_watchdog_registers + _CLEAR] = _ENABLE
+    _watchdog = None
 
 
 def free_memory():
@@ -201,5 +206,10 @@ def undisturbed(action, argument):
 
 
 def leave(board):
-    """Motors off on the way to the prompt, however often Ctrl-C comes meanwhile."""
-    undisturbed(motors_off, board)
+    """Motors off and watchdog off on the way to the prompt, however often Ctrl-C comes meanwhile."""
+    undisturbed(_leave, board)
+
+
+def _leave(board):
+    motors_off(board)
+    stop_watchdog()

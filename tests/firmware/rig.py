@@ -5,7 +5,7 @@ of port_micropython.py; its clock wraps at 2**30 and starts half a second before
 costs about what it costs on a board, and an idle wait jumps to the next byte that was scheduled.
 """
 
-from mountfw import app
+from mountfw import app, frame
 from mountfw.boards import pico
 
 try:
@@ -51,6 +51,7 @@ class Port:
         self.edges = []  # (us since start, pin, duty 0 ... 65535)
         self.switches = {}  # pin: 0 or 1; what is not here is pulled up
         self.lit = None
+        self.fed_at = None  # when the watchdog was fed last; None: it is off
         self.shown = []  # (us since start, LED on?)
 
     def ticks_us(self):
@@ -73,11 +74,21 @@ class Port:
         self.us = until
         return False
 
-    def read(self):
-        self.us += 10
-        c = self.inbox[self.taken][1]
-        self.taken += 1
-        return c
+    def pack(self, ring, at, mask):
+        self.us += 15
+        return frame.pack(ring, at, mask)
+
+    def drain(self, link, most):
+        for _ in range(most):
+            if not link.room() or self.next_us() > self.us:
+                break
+            self.us += 24
+            c = self.inbox[self.taken][1]
+            self.taken += 1
+            stop = link.receive(c)
+            if stop:
+                return stop
+        return 0
 
     def next_us(self):
         """When the next byte is there; never, if none was sent."""
@@ -129,8 +140,20 @@ class Port:
     def free_memory(self):
         return 100_000
 
-    def Output(self, number, pwm_hz=0):
+    def output(self, number, pwm_hz=0):
         return Output(self, number, pwm_hz)
+
+    def on_rise(self, number, handler):
+        pass  # a port without interrupts: switches are polled
+
+    def start_watchdog(self):
+        self.fed_at = self.us
+
+    def stop_watchdog(self):
+        self.fed_at = None
+
+    def feed(self):
+        self.fed_at = self.us
 
     def reader(self, number):
         if number is None:

@@ -14,6 +14,7 @@ from mountfw.boards import pico
 
 MAIN = Path(mountfw.__file__).parent / "entry" / "main.py"
 PORT = Path(mountfw.__file__).parent / "port_micropython.py"
+WATCHDOG_OFF = 0x40058000 + 0x3000  # RP2040: where a write clears bits of its control register
 DRIVES = [board[name] for board in (pico.AXIS_1, pico.AXIS_2) for name in ("en", "pos", "neg")]
 
 
@@ -21,6 +22,8 @@ class Levels(dict):
     """What the pins show; and the smallest `machine.Pin` that port_micropython.motors_off needs."""
 
     OUT = 1
+    ALT = 3
+    ALT_PWM = 4
 
     def __call__(self, number, _mode, value):
         self[number] = value
@@ -30,15 +33,13 @@ class Levels(dict):
 def port(monkeypatch):
     """The real port_micropython, of which only the way out is used, on stand-ins for the hardware."""
     levels = Levels()
-    stream = SimpleNamespace(buffer=SimpleNamespace(readinto=None, write=None))
-    poll = SimpleNamespace(register=lambda *_: None, modify=lambda *_: None, ipoll=lambda _ms: ())
-    state = SimpleNamespace(levels=levels, interrupt_char=3)
+    state = SimpleNamespace(levels=levels, interrupt_char=3, registers={})
     fakes = {
-        "machine": {"Pin": levels, "PWM": None},
+        "machine": {"Pin": levels, "PWM": None, "WDT": lambda timeout: timeout, "mem32": state.registers},
         "micropython": {"kbd_intr": lambda char: setattr(state, "interrupt_char", char)},
-        "select": {"poll": lambda: poll, "POLLIN": 1, "POLLOUT": 4},
+        "mountfw.console_micropython": dict.fromkeys(("any", "drain", "pack", "writable", "write")),
         "time": {"ticks_us": None, "ticks_ms": None, "sleep_us": None},
-        "sys": {"stdin": stream, "stdout": stream, "implementation": None},
+        "sys": {"implementation": SimpleNamespace(_machine="Raspberry Pi Pico with RP2040")},
     }
     module = ModuleType("mountfw.port_micropython")
     with monkeypatch.context() as patch:
@@ -64,6 +65,7 @@ def run_main(port, second_at: int) -> bool:
     class App:
         def run(self):
             nonlocal leaving
+            port.start_watchdog()
             for pin in DRIVES:
                 port.state.levels[pin] = 1
             leaving = True
@@ -103,6 +105,8 @@ def test_a_second_ctrl_c_anywhere_on_the_way_out_leaves_no_motor_on(port):
     while run_main(port, places + 1):
         places += 1
         assert [port.state.levels[pin] for pin in DRIVES] == [0] * 6, f"Ctrl-C before bytecode {places}"
+        assert port.state.registers == {WATCHDOG_OFF: 1 << 30}, f"the watchdog runs on; Ctrl-C before bytecode {places}"
+        port.state.registers.clear()
     assert places > 30
 
 

@@ -183,7 +183,7 @@ def test_a_fault_inside_the_loop_leaves_nothing_running_and_is_told():
     def broken():
         raise ValueError
 
-    show, rig.app.show = rig.app.show, broken
+    passed, rig.controller.passed = rig.controller.passed, broken
     step = rig.app.step
     calls = [0]
 
@@ -201,7 +201,7 @@ def test_a_fault_inside_the_loop_leaves_nothing_running_and_is_told():
         rig.app.run()
     except Enough:
         pass
-    rig.app.step, rig.app.show = step, show
+    rig.app.step, rig.controller.passed = step, passed
     assert rig.drives() == (0, 0)
     assert rig.errors()[0] == 64
     assert rig.ask(b"1XE?\n").split(b",")[0] == b"9"

@@ -232,7 +232,7 @@ def test_a_host_that_never_reads_loses_echoes_whole_and_nothing_else():
     rig.settle()
     assert rig.drives() == (0, 0)
     rig.port.reading = True
-    rig.run(100_000)
+    rig.run(2_000_000)
     lines = bytes(rig.port.sent).split(b"\r\n")
     assert len(lines) % 5 == 1  # whole echoes only
     assert lines[-6:] in (
@@ -245,18 +245,18 @@ def test_a_host_that_never_reads_loses_echoes_whole_and_nothing_else():
 def test_a_dropped_answer_is_told_once():
     rig = Rig()
     rig.port.reading = False
-    for _ in range(100):
+    for _ in range(300):
         rig.send(b"*IDN?\n")
         rig.settle()
     rig.port.reading = True
-    rig.run(200_000)
+    rig.run(2_000_000)
     assert rig.errors() == [65]
     rig.port.reading = False
-    for _ in range(100):
+    for _ in range(300):
         rig.send(b"*IDN?\n")
         rig.settle()
     rig.port.reading = True
-    rig.run(200_000)
+    rig.run(2_000_000)
     assert rig.errors() == [65]
 
 

@@ -21,6 +21,6 @@ AXIS_2 = {"en": 5, "pos": 6, "neg": 7, "stop_pos": 12, "stop_neg": 13}
 PWM_HZ = 4000
 
 # Between the legs' change and the enable. The SN754410 switches within about 1 us.
-DEAD_TIME_US = 20
+DEAD_TIME_US = 10
 
 LED = "LED"

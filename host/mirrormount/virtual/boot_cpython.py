@@ -7,6 +7,7 @@ as much of a prompt as a host needs to tell where it is: `>>> `, and Ctrl-D to s
 FIRMWARE_DIR is the folder that holds `mountfw`; one without it makes a board without firmware.
 """
 
+import builtins
 import contextlib
 import gc
 import importlib.util
@@ -32,6 +33,7 @@ def _install():
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C in a terminal is the host's
     mp = types.ModuleType("micropython")
     mp.const = mp.native = mp.viper = lambda x: x
+    builtins.ptr8 = lambda buffer: buffer  # viper's view of a buffer
     mp.heap_lock = mp.heap_unlock = lambda: 0
     sys.modules["micropython"] = mp
     gc.mem_free = lambda: 0  # CPython has no such number
@@ -99,8 +101,9 @@ def _console_in():
     return byte[0]
 
 
-_install()
+_seam = _install()
 while True:
     with contextlib.suppress(KeyboardInterrupt):
         _run_main()
     _prompt()
+    _seam.seam.handlers.clear()

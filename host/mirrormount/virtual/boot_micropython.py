@@ -102,6 +102,7 @@ def _soft_reset():
     for name in list(sys.modules):
         if name not in _kept:
             del sys.modules[name]
+    seam.handlers.clear()
     _globals.clear()
     _globals["__name__"] = "__main__"
     seam.interrupt_char = CTRL_C

@@ -36,8 +36,10 @@ class Seam:
         self._tail = 0
         self.collects = True
         self.levels = {}  # of input pins that something drives
+        self.handlers = {}  # of input pins: what to call when they rise
         self.interrupt_char = 3
         self._interrupted = False
+        self._risen = []  # interrupts that are to be served
         self._off = False  # the world is gone: nothing to talk to any more
         self.locks = 0  # how deep the firmware has locked the heap
 
@@ -58,6 +60,8 @@ class Seam:
                 pass
         finally:
             self._lock(locks)
+        while self._risen:
+            self._risen.pop(0)()
         if self._interrupted:
             self._interrupted = False
             raise KeyboardInterrupt
@@ -118,7 +122,10 @@ class Seam:
                 self._rx[self._head] = a
                 self._head = (self._head + 1) % len(self._rx)
         elif kind == PIN:
+            rises = b and not self.levels.get(a, 1)
             self.levels[a] = b
+            if rises and a in self.handlers:
+                self._risen.append(self.handlers[a])
         elif kind == COLLECTS:
             self.collects = bool(a)
         return True

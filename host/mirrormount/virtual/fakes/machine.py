@@ -7,14 +7,21 @@ _NAMED = {"LED": _LED}
 
 
 PWRON_RESET = 1
+WDT_RESET = 3
+_cause = PWRON_RESET
 
 
 def reset_cause():
-    return PWRON_RESET
+    return _cause
 
 
 def reset():
     """Pins become inputs, what was received is lost, and everything starts again."""
+    global _cause
+    _cause = WDT_RESET
+    if WDT.armed is None:
+        _memory[_SCRATCH4] = 0
+    WDT.armed = None
     _seam.seam.forget()
     for number in list(Pin._gpio):
         Pin(number, Pin.IN)
@@ -35,6 +42,7 @@ class Pin:
     PULL_UP = 1
     PULL_DOWN = 2
     ALT_PWM = 4
+    IRQ_RISING = 8
 
     _gpio = {}  # number: [mode, output level, PWM duty, shown duty, pull]
 
@@ -59,6 +67,18 @@ class Pin:
         gpio[0] = mode
         gpio[4] = pull
         self._show()
+
+    def low(self):
+        self.value(0)
+
+    def high(self):
+        self.value(1)
+
+    def irq(self, handler, trigger, *, hard=False):
+        """Called between two instants of the board's time, when the level has risen."""
+        if trigger != Pin.IRQ_RISING or not hard:
+            raise ValueError("the virtual board has hard interrupts on a rising edge only")
+        _seam.seam.handlers[self.number] = lambda: handler(self)
 
     def value(self, level=None):
         s = _seam.seam
@@ -104,3 +124,45 @@ class PWM:
         Pin._gpio[self._pin.number][2] = duty
         if Pin._gpio[self._pin.number][0] == Pin.ALT:
             self._pin._show()
+
+
+class WDT:
+    """The watchdog. Here it is only when it is fed too late that it is seen to have bitten."""
+
+    armed = None  # the one that is running
+
+    def __init__(self, timeout=5000):
+        if not 1 <= timeout <= 8388:
+            raise ValueError("timeout exceeds 8388")
+        self._timeout_us = timeout * 1000
+        WDT.armed = self
+        self._fed_at = _seam.seam.t
+        _memory[_SCRATCH4] = _TIMED_OUT
+
+    def feed(self):
+        s = _seam.seam
+        s.tick(1)
+        if WDT.armed is self and s.t - self._fed_at > self._timeout_us:
+            reset()
+        self._fed_at = s.t
+
+
+_WATCHDOG = 0x40058000
+_SCRATCH4 = _WATCHDOG + 0x1C
+_TIMED_OUT = 0x6AB73121
+_memory = {_SCRATCH4: 0}
+
+
+class _Mem32:
+    """The registers of the watchdog, as far as the firmware knows them."""
+
+    def __getitem__(self, address):
+        return _memory[address]
+
+    def __setitem__(self, address, value):
+        if (address, value) != (_WATCHDOG + 0x3000, 1 << 30):
+            raise ValueError("the virtual board has no such register: %x" % address)
+        WDT.armed = None
+
+
+mem32 = _Mem32()
