@@ -35,7 +35,8 @@ class World:
 
     machine: the command line of the child that is the board (see machines.py). edges: a text file
     that gets one JSON object per pin edge. scratch: a folder that goes when the board does.
-    on_sent is called with each byte that the board sends.
+    on_sent is called with each byte that the board sends. probes, {GPIO number: name}, may be filled with
+    other pins whose edges are to be kept; nothing is connected to those.
     usb says whether the board's port is there: a machine that resets itself takes it away meanwhile.
     """
 
@@ -50,6 +51,7 @@ class World:
         self.bench = bench or Bench()
         self.bench.advance(START_US)
         self.edges: list[tuple[int, str, int]] = []  # the last ones: (us since power-up, pin, duty)
+        self.probes: dict[int, str] = {}
         self.on_sent: Callable[[int], None] = lambda _c: None
         self._edges_file = edges
         self._scratch = scratch
@@ -96,6 +98,8 @@ class World:
                 self._edge(t, DRIVES[a], b)
             elif kind == _EDGE and a == LED:
                 self.lit = b > 0
+            elif kind == _EDGE and a in self.probes:
+                self.edges.append((t - START_US, self.probes[a], b))
         return self._wants_us
 
     def go(self, t_us: int, grant_us: int, received: Iterable[int] = ()) -> None:
