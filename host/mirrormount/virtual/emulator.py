@@ -179,13 +179,14 @@ class RawPrompt:
         return before
 
 
-def flash_with_firmware(image: Path | None) -> Path:
-    """A flash content with the installed firmware on it; made once per image and firmware, then kept.
+def flash_with_firmware(image: Path | None, files: dict[str, bytes] | None = None) -> Path:
+    """A flash content with the firmware on it; made once per image and firmware, then kept.
 
-    The caller copies it: it is the cache's.
+    files: {name on the board: content}; default: the sources of the installed firmware. The caller copies
+    the flash: it is the cache's.
     """
     image = find_image(image)
-    files = {**_firmware_files()}
+    files = files or _firmware_files()
     digest = hashlib.sha256(image.read_bytes())
     for name, data in sorted(files.items()):
         digest.update(name.encode() + b"\0" + data + b"\0")
