@@ -1,0 +1,39 @@
+"""tools/bench on the emulated board: that it measures. How fast the firmware is, no test says."""
+
+import json
+import math
+
+import pytest
+import run
+
+from mirrormount.errors import EmulatorMissing
+from mirrormount.virtual import emulator
+
+
+@pytest.fixture(autouse=True)
+def _machine():
+    try:
+        emulator.command(None, None, 0)
+    except EmulatorMissing as e:
+        pytest.skip(str(e))
+
+
+def test_two_rows_give_a_table_and_json(tmp_path, capsys):
+    file = tmp_path / "bench.json"
+    assert run.main(["--n", "3", "--only", "stop-run,shortest-error", "--json", str(file)]) == 0
+    out, err = capsys.readouterr()
+    assert out.startswith("mirrormount,Raspberry Pi Pico,")
+    assert len([line for line in out.splitlines() if line.startswith("| ")]) == 3
+    assert "stop-run: " in err
+    told = json.loads(file.read_text(encoding="utf-8"))
+    assert len(told["firmware"]) == 64 and told["image"]
+    assert [row["name"] for row in told["rows"]] == ["stop-run", "shortest-error"]
+    for row in told["rows"]:
+        assert row["n"] == len(row["values"]) == 3
+        assert all(math.isfinite(value) for value in row["values"])
+
+
+def test_the_probe_shows_passes():
+    (row,) = run.chosen("pass-idle")
+    values = run.measured(row, 3, None).values
+    assert len(values) == 3 and all(values)

@@ -1,0 +1,95 @@
+"""Facts about tools/bench: its statistics, its table, what it reads off edges. No board is started here."""
+
+import random
+
+import paper
+import pytest
+import run
+from lab import ENABLES, LOST, first_low_us, last_fall_us, on_times_us
+from probe import longest_pass_us
+from rows import ROWS, Figure, Row
+from table import NOT_MODELLED, Measurement, as_json, markdown
+
+
+def measurement(values, must=None, aim=None, more_is_better=False) -> Measurement:
+    figure = Figure("ms", must, aim, more_is_better)
+    return Measurement(Row("row", "what it is", figure, "35 ms", lambda _lab: []), values)
+
+
+def test_statistics_of_a_known_list():
+    values = list(range(1, 201))
+    random.Random(1).shuffle(values)
+    m = measurement(values)
+    assert (m.median, m.p99, m.worst) == (100.5, 198, 200)
+    assert m.sd == pytest.approx(57.879, abs=1e-3)
+
+
+def test_an_error_is_judged_by_its_size_and_spreads_with_its_sign():
+    m = measurement([-30.0, 10.0, 20.0])
+    assert (m.median, m.worst) == (20, 30)
+    assert m.sd == pytest.approx(26.458, abs=1e-3)
+
+
+def test_the_worst_of_a_rate_is_the_least():
+    m = measurement([500.0, 700.0, 600.0], must=500, aim=1000, more_is_better=True)
+    assert (m.median, m.p99, m.worst) == (600, 500, 500)
+    assert m.meets(500) and not m.meets(1000)
+
+
+def test_one_number_is_enough():
+    m = measurement([3.0], must=3)
+    assert (m.median, m.p99, m.worst, m.sd) == (3, 3, 3, None)
+    assert m.meets(3)
+
+
+def test_what_was_lost_keeps_no_limit():
+    m = measurement([1.0, 1.0, LOST], must=1_000_000)
+    assert m.median == 1 and m.sd is None
+    assert m.meets(1_000_000) is False
+    assert "lost" in markdown([m])
+    (told,) = as_json([m])
+    assert told["worst"] is None and told["values"] == [1.0, 1.0, None]
+
+
+def test_the_table_has_a_line_for_each_row_and_says_what_it_is_not():
+    text = markdown([measurement([1.0, 1.5], must=2, aim=0.5), measurement([1234.5], must=None)])
+    lines = text.splitlines()
+    assert lines[2] == "| what it is | ms | 2 | 1.25 | 1.5 | 1.5 | 0.354 | 2: met | 0.5: **not met** | 35 ms |"
+    assert lines[3].split(" | ")[3:9] == ["1234", "1234", "1234", "", "", ""]
+    assert NOT_MODELLED in lines
+    assert paper.SOURCE in lines[-1]
+
+
+def test_rows_are_chosen_by_name_or_by_its_beginning(capsys):
+    assert len({row.name for row in ROWS}) == len(ROWS)
+    assert run.chosen("") == list(ROWS)
+    assert [row.name for row in run.chosen("stop-run, keep")] == ["stop-run", "keep-run", "keep-frame", "keep-pulse"]
+    with pytest.raises(SystemExit, match="'rum'"):
+        run.chosen("rum")
+    assert run.main(["--list"]) == 0
+    listed = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in listed] == [row.name for row in ROWS]
+
+
+EDGES = [
+    (5, "m1_en", 65535),
+    (6, "m2_en", 65535),
+    (8, "m1_en", 0),
+    (9, "m1_en", 65535),
+    (12, "m1_en", 0),
+    (14, "m2_en", 0),
+]
+
+
+def test_what_is_read_off_the_edges():
+    assert last_fall_us(EDGES, 7) == 14
+    assert last_fall_us(EDGES, 7, ("m1_en",)) == 12
+    assert last_fall_us(EDGES, 15) == 15
+    assert first_low_us(EDGES, 7) == 14
+    assert first_low_us(EDGES, 7, {"m1_en"}) == 8
+    assert first_low_us(EDGES, 7, ()) == 7
+    assert first_low_us(EDGES[:-1], 7, ENABLES) == LOST
+    assert on_times_us(EDGES, "m1_en") == [3, 3]
+    assert (
+        longest_pass_us([(1, "pass", 65535), (4, "pass", 0), (5, "m1_en", 0), (6, "pass", 65535), (7, "pass", 0)]) == 3
+    )

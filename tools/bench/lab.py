@@ -1,0 +1,207 @@
+"""Emulated boards to measure on: bytes at exact instants, pin edges with their times. Needs the host package.
+
+Every board runs a real MicroPython image in lockstep (mirrormount.virtual), with the firmware on it as
+`mirrormount deploy` leaves it. Times are microseconds of the board's own time since power-up.
+"""
+
+import math
+import random
+import re
+import shutil
+import sys
+import time
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Self
+
+from mirrormount import deploy_plan
+from mirrormount.virtual import emulator
+from mirrormount.virtual.board import Options, make_world
+from mirrormount.virtual.stepped import Stepped
+from mirrormount.virtual.world import World
+
+ENABLES = ("m1_en", "m2_en")
+LOST = math.inf  # what never happened
+
+_MPY = 6  # the .mpy version of MicroPython 1.23 on
+_PATIENCE_US = 20_000_000
+_ASK_US = 1_000_000  # ask again if no answer came: while the board's output is full it drops what it cannot say
+_REST_US = 5_000  # the pass that answered is over
+_SHORTLY_US = 50_000  # much less than a start takes
+_DEAF_US = 60_000  # a host that does not read cannot ask
+
+Edge = tuple[int, str, int]  # time, pin, duty 0 ... 65535
+
+
+def last_fall_us(edges: list[Edge], since_us: int, pins: tuple[str, ...] = ENABLES) -> int:
+    """When, at or after since_us, the last one of pins went low for good; since_us if all were low."""
+    return max((us for us, pin, duty in edges if us >= since_us and pin in pins and not duty), default=since_us)
+
+
+def first_low_us(edges: list[Edge], since_us: int, high_before: Iterable[str] = ENABLES) -> float:
+    """When, at or after since_us, both enables were low at once for the first time; LOST if never.
+
+    high_before: those that were high at since_us.
+    """
+    high = set(high_before)
+    if not high:
+        return since_us
+    for us, pin, duty in edges:
+        if us >= since_us and pin in ENABLES:
+            (high.add if duty else high.discard)(pin)
+            if not high:
+                return us
+    return LOST
+
+
+def on_times_us(edges: list[Edge], pin: str) -> list[int]:
+    """How long pin was high, each time."""
+    times, since = [], None
+    for us, name, duty in edges:
+        if name == pin and duty and since is None:
+            since = us
+        elif name == pin and not duty and since is not None:
+            times.append(us - since)
+            since = None
+    return times
+
+
+class Board(Stepped):
+    """A board that has started. deaf: its host does not read."""
+
+    def __init__(self, world: World) -> None:
+        super().__init__(world)
+        self.deaf = False
+        self._asked = 0
+
+    def hear(self, reads: bool) -> None:
+        """Let the host read what the board sends, or stop reading."""
+        self.deaf = not reads
+        self.world.collects(reads)
+
+    @property
+    def us(self) -> int:
+        """Now."""
+        return self.world.us
+
+    @property
+    def edges(self) -> list[Edge]:
+        """All edges since forget()."""
+        return self.world.edges
+
+    def forget(self) -> None:
+        """Drop the edges so far, and what was received."""
+        self.world.edges.clear()
+        self.received.clear()
+
+    def give(self, data: bytes) -> int:
+        """Hand bytes to the board's USB host now, all at once. Returns when that is: the time of landing."""
+        landed_us = self.us
+        self.world.go(self.world.now_us, 1, data)
+        self._wants_us = self.world.next_wait()
+        return landed_us
+
+    def until_us(self, us: int) -> None:
+        """Let time pass until us."""
+        self.run(max(0, us - self.us))
+
+    def off(self) -> bool:
+        """Both enables low."""
+        duties = self.world.bench.duties()
+        return not (duties["m1_en"] or duties["m2_en"])
+
+    def catch_up(self, patience_us: int = _PATIENCE_US) -> bool:
+        """Let the board obey and answer all that it was given, and come to rest. False if it took longer.
+
+        A host that does not read just waits.
+        """
+        if self.deaf:
+            return not self.run(_DEAF_US)
+        if not self.ask(b"1MD?", patience_us, b"\n"):
+            return False
+        self.run(_REST_US)
+        return True
+
+    def do(self, data: bytes) -> None:
+        """Have messages obeyed, and forget what there was to see."""
+        self.give(data)
+        self.catch_up()
+        self.forget()
+
+    def clear(self) -> None:
+        """Both motors off, no message half said."""
+        self.do(b"!\n")
+
+    def fresh(self) -> None:
+        """As clear(), but by a reset if what is still to be obeyed and answered would take long: settings go."""
+        self.give(b"!\n")
+        if self.deaf or not self.catch_up(_SHORTLY_US):
+            self.world.reset(power=False)
+            self.world.lit = False
+            self.boot()
+            self.run(_PATIENCE_US, lambda: self.world.usb)
+            self.catch_up()
+        self.forget()
+
+    def ask(self, line: bytes, patience_us: int = _PATIENCE_US, before: bytes = b"") -> str:
+        """The answer to a line of queries; empty if none comes. before is said before each attempt.
+
+        An address (docs/protocol.md) tells it from every other answer, and echoes may stand before it.
+        """
+        self._asked = self._asked % 90 + 1
+        address = b"%d>" % (self._asked + 9)
+        answer = re.compile(address + rb"(.*)\r\n")
+        self.received.clear()
+        for _ in range(0, patience_us, _ASK_US):
+            self.give(before + address + line + b"\n")
+            if self.run(min(_ASK_US, patience_us), lambda: answer.search(self.received) is not None):
+                break
+        said = answer.search(self.received)
+        return said[1].decode() if said else ""
+
+    def stopped_after_us(self, landed_us: int) -> float:
+        """From a stop's landing to both enables being low for good; LOST if they are not."""
+        self.catch_up()
+        return last_fall_us(self.edges, landed_us) - landed_us if self.off() else LOST
+
+
+class Lab:
+    """Makes boards for one measurement, counts its trials, and cleans up after it."""
+
+    def __init__(self, name: str, n: int, image: Path | None = None) -> None:
+        self.n = n
+        self.random = random.Random(name)  # the same moments in every run
+        self._name = name
+        self._image = image
+        self._folder = TemporaryDirectory(prefix="mirrormount-bench-")
+        self._boards: list[Board] = []
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_exception: object) -> None:
+        for board in self._boards:
+            board.world.close()
+        self._folder.cleanup()
+
+    def board(self, *, source: bool = False, switches: bool = False) -> Board:
+        """A new board that has started. source: with .py files instead of .mpy; switches: end-stops wired."""
+        files = deploy_plan.firmware(None if source else _MPY)
+        flash = Path(self._folder.name) / f"{len(self._boards)}.bin"
+        shutil.copyfile(emulator.flash_with_firmware(self._image, files), flash)
+        bench = "switches" if switches else "paper"
+        board = Board(make_world(Options(machine="rp2040", image=self._image, flash=flash, bench=bench)))
+        self._boards.append(board)
+        board.clear()
+        return board
+
+    def trials(self, n: int | None = None) -> Iterator[int]:
+        """0, 1, 2 ... n-1 (default: as many trials as were asked for), with progress on stderr."""
+        n = n or self.n
+        shown = 0.0
+        for trial in range(n):
+            if sys.stderr.isatty() and time.monotonic() > shown + 0.5:
+                shown = time.monotonic()
+                print(f"\r{self._name}: {trial}/{n} ", end="", file=sys.stderr, flush=True)
+            yield trial

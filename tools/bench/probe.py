@@ -1,0 +1,66 @@
+"""Makes a pin show the passes of the firmware's loop: high while it works, low while it listens.
+
+The firmware runs unchanged from the raw prompt, with two things wrapped before it starts: the port's any(), in
+which alone the loop sleeps, raises the pin when it returns; the app's step(), one pass, lowers it when it begins.
+The wrappers are native code and add some 10 us to a pass that sleeps once. Should the loop stop to call step(), a pass
+is still seen to end when it goes to sleep.
+"""
+
+from lab import Board, Edge
+
+from mirrormount.virtual.emulator import RawPrompt
+
+PASS = "pass"
+_GPIO = 22  # free: see the table in docs/bring-up.md
+
+_PROGRAM = """
+import micropython
+from machine import Pin
+from mountfw import app, port_micropython as port
+pin = Pin(%d, Pin.OUT, value=0)
+low = pin.low
+high = pin.high
+wrapped = port.any
+@micropython.native
+def any(wait_ms):
+    if wait_ms:
+        low()
+    waits = wrapped(wait_ms)
+    high()
+    return waits
+port.any = any
+board = port.find_board()
+a = app.build(port, board)
+pass_on = a.step
+@micropython.native
+def step():
+    low()
+    pass_on()
+a.step = step
+try:
+    a.run()
+finally:
+    port.leave(board)
+"""
+
+
+def start_probe(board: Board) -> None:
+    """Start the firmware anew, with the probe. The board is at its prompt for a moment."""
+    board.world.probes[_GPIO] = PASS
+    RawPrompt(board)
+    board.world.lit = False
+    board.give((_PROGRAM % _GPIO).encode() + b"\x04")
+    board.boot()
+    board.clear()
+
+
+def longest_pass_us(edges: list[Edge]) -> int:
+    """The longest time that the pin was high; 0 if it never was."""
+    longest, since = 0, None
+    for us, pin, duty in edges:
+        if pin == PASS:
+            if duty:
+                since = us if since is None else since
+            elif since is not None:
+                longest, since = max(longest, us - since), None
+    return longest
