@@ -109,7 +109,7 @@ class App:
                 controller.hold(True)
             elif link.unparsed - before < at_once:  # no more waits
                 break
-            elif controller.driving() and controller.service(self._ticks_us()) < _SPIN_US:
+            elif controller.driving() and controller.service(self._ticks_us()) < _SPIN_US:  # noqa: SIM114
                 break
         self._heard_at = self._ticks_us()
         controller.heard(self._heard_at)

@@ -207,11 +207,10 @@ class Axis:
 
     def stop_soon(self):
         """End the move; a pulse that is nearly over is finished first."""
-        if self.state == PULSE:
-            if diff(self.ends_at, self._ticks_us()) < _FINISH_PULSE_US:
-                self._stopping = True
-                return
-        self.end(errors.STOPPED)
+        if self.state == PULSE and diff(self.ends_at, self._ticks_us()) < _FINISH_PULSE_US:
+            self._stopping = True
+        else:
+            self.end(errors.STOPPED)
 
     # ---- carrying on
 

@@ -78,9 +78,9 @@ def _table():
     number = {row[0]: i for i, row in enumerate(rows)}
     table = bytearray([_NOT_ALLOWED] * (_COLUMNS * len(rows)))
     for row in rows:
-        for kind, state in zip(row[1::2], row[2::2]):
-            column = _CLASSES.find({"space": " ", "$": "\n"}.get(kind, kind))
-            table[_COLUMNS * number[row[0]] + column] = number[state]
+        for i in range(1, len(row), 2):
+            column = _CLASSES.find({"space": " ", "$": "\n"}.get(row[i], row[i]))
+            table[_COLUMNS * number[row[0]] + column] = number[row[i + 1]]
     return bytes(table), number["end"]
 
 

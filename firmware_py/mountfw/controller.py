@@ -1,8 +1,9 @@
 """The two axes behind one set of commands. Imports axis, command, errors.
 
-The app hands messages in: frame(), line(), stop_all(), malformed(). A line is executed a command at
-a time, by next_command() while busy is set. Answers go to a Replies, errors to an ErrorQueue. The tables at the end of __init__ are the command set: each command
-says whether it needs an axis, what sets it and what answers its query.
+The app hands messages in: frame(), line(), stop_all(), malformed(). A line is executed little by
+little, by next_command() while busy is set. Answers go to a Replies, errors to an ErrorQueue. The
+table at the end of __init__ is the command set: each command says whether it needs an axis, what sets
+it and what answers its query.
 """
 
 from mountfw import __version__, errors
@@ -30,12 +31,16 @@ _MD = key(b"MD")
 _VERSION = __version__.encode()
 
 
+def _no_look():
+    pass
+
+
 class Controller:
     """Axes 1 and 2. replies and error_queue are shared with the app and the axes.
 
-    board and unique_id (bytes) go into the identity; boot_id (0 ... 2**30-1) differs from boot
-    to boot; emergency_stop is an EndStop; ticks_ms is a millisecond clock that wraps at 2**30. firmware_hash (bytes) is answered as
-    it is; reset_cause and what free_memory() gives, in bytes, are numbers of the health.
+    emergency_stop is an EndStop. board and unique_id (bytes) go into the identity; boot_id (0 ... 2**30-1)
+    differs from boot to boot; ticks_ms is a millisecond clock that wraps at 2**30. firmware_hash (bytes) is
+    answered as it is; reset_cause and what free_memory() gives, in bytes, are numbers of the health.
     """
 
     def __init__(
@@ -74,7 +79,7 @@ class Controller:
         self._keep_alive_ms = 0
         self._heard_at = 0
         self.held = False
-        self.look = None  # called in the middle of what takes long: a stop must not wait for it
+        self.look = _no_look  # called in the middle of what takes long: a stop must not wait for it
         self.busy = False  # is a line in hand?
         self._read = False  # is its next command read and to be executed?
         self._answers = 0  # of the line in hand

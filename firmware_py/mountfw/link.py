@@ -198,7 +198,7 @@ class Replies:
     """
 
     def __init__(self, size=256):
-        self._items = [0] * size  # texts (bytes) and numbers; size is a power of two
+        self._items = [None] * size  # texts (bytes), numbers and echoes; size is a power of two
         self._mask = size - 1
         self._tail = 0
         self._head = 0  # end of what may be sent

@@ -1,4 +1,4 @@
-"""The mount at the board's own prompt. Imports app, axis, errors, ticks and the port.
+"""The mount at the board's own prompt. Imports app, axis, errors and the port.
 
     >>> from mountfw.repl import m
     >>> m.x.step(5)              # right; returns when it is done
@@ -12,7 +12,6 @@ call serves them until its move is over, listens to Ctrl-C only, and leaves the 
 from mountfw import app, errors
 from mountfw import port_micropython as hardware
 from mountfw.axis import MAX_STEPS
-from mountfw.ticks import add, diff
 
 _SPIN_US = 1_000  # this long before a deadline only the clock is watched: more than one pass takes on an RP2040
 _PAUSE_US = 500  # the longest pause while something moves: Ctrl-C waits for it
@@ -126,15 +125,13 @@ class Mount:
                 return
             now_us = self._port.ticks_us()
             left_us = self._controller.service(now_us)
-            if left_us < _SPIN_US:
-                until_us = add(now_us, left_us if left_us > 0 else 0)
-                while diff(until_us, self._port.ticks_us()) > 0:
-                    pass
-                self._controller.service(self._port.ticks_us())
-            else:
-                self._show()
-                if not self._controller.watching():
-                    self._port.pause_us(min(left_us - _SPIN_US, _PAUSE_US))
+            ending = self._controller.ending(now_us, _SPIN_US)
+            if ending:
+                ending.cut_on_time()
+                continue
+            self._show()
+            if left_us > _SPIN_US and not self._controller.watching():
+                self._port.pause_us(min(left_us - _SPIN_US, _PAUSE_US))
 
     def _take_error(self):
         code = self._controller.errors.pop()

@@ -51,11 +51,15 @@ class Port:
         self.edges = []  # (us since start, pin, duty 0 ... 65535)
         self.switches = {}  # pin: 0 or 1; what is not here is pulled up
         self.lit = None
+        self.handlers = {}  # of pins that have an interrupt; unused as a rule, so that switches are polled
+        self.opens = None  # the switch that is to open ...
+        self.instants = -1  # ... after so many readings of the clock or writes to a pin
         self.fed_at = None  # when the watchdog was fed last; None: it is off
         self.shown = []  # (us since start, LED on?)
 
     def ticks_us(self):
         self.us += 3
+        self.instant()
         return self.us & (WRAP - 1)
 
     def ticks_ms(self):
@@ -144,7 +148,17 @@ class Port:
         return Output(self, number, pwm_hz)
 
     def on_rise(self, number, handler):
-        pass  # a port without interrupts: switches are polled
+        self.handlers[number] = handler
+
+    def instant(self):
+        """Something happens outside between two steps of the firmware, if a test has said so."""
+        if self.instants >= 0:
+            self.instants -= 1
+            if self.instants < 0:
+                self.switches[self.opens] = 1
+                self.unlock()
+                self.handlers[self.opens](None)
+                self.lock()
 
     def start_watchdog(self):
         self.fed_at = self.us
@@ -176,11 +190,13 @@ class Output:
     def _set(self, duty):
         port = self._port
         port.us += 2
+        port.instant()
         if port.pins.get(self._number) != duty:
             port.unlock()
             port.pins[self._number] = duty
             port.edges.append((port.us - START_US, self._number, duty))
             port.lock()
+        port.instant()
 
     def low(self):
         self._set(0)

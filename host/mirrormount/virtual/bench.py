@@ -211,4 +211,5 @@ def _levels(vertical: Drivetrain, horizontal: Drivetrain) -> dict[str, int]:
         "m1_sw_neg": int(vertical.screw_rev <= -SWITCH_REV),
         "m2_sw_pos": int(horizontal.screw_rev >= SWITCH_REV),
         "m2_sw_neg": int(horizontal.screw_rev <= -SWITCH_REV),
+        "emergency_stop": 0,  # pressed: put it into Bench.broken
     }

@@ -18,4 +18,5 @@ SWITCHES = {
     11: "m1_sw_neg",
     12: "m2_sw_pos",
     13: "m2_sw_neg",
+    14: "emergency_stop",
 }

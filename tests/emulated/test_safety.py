@@ -1,0 +1,128 @@
+"""The watchdog, the emergency stop and the end-stop interrupt, on the real image. Times are the board's own."""
+
+import pytest
+
+from mirrormount.virtual.emulator import RawPrompt
+
+HUNG_US = 1_000_000  # the watchdog's time (port_micropython._HUNG_MS)
+BITE_US = 50_000  # within which its reset is seen
+STARTED_US = 3_000_000
+
+HANGS = """
+from mountfw import app, port_micropython as port
+a = app.build(port, port.find_board())
+def show():
+    while a.controller.driving():
+        %s
+a.show = show
+a.run()
+"""
+
+
+def state(board) -> list[bytes]:
+    """boot id, uptime, errors waiting ... of XS?"""
+    return board.ask(b"XS?\n", STARTED_US).split(b"|")[0].split(b",")
+
+
+def reset_cause(board) -> int:
+    return int(board.ask(b"XH?\n", STARTED_US).split(b",")[3])
+
+
+@pytest.mark.parametrize("loop", ["pass", "port.any(100)"])
+def test_a_loop_that_hangs_with_a_motor_on_is_reset_and_the_next_one_says_so(make_board, loop):
+    board = make_board()
+    boot_id = state(board)[0]
+    RawPrompt(board)
+    board.send((HANGS % loop).encode() + b"\x04")
+    board.run(500_000)
+    board.send(b"02550255")
+    board.run(100_000)
+    assert not board.off()
+    start = board.world.us
+    assert board.run(HUNG_US + BITE_US, board.off)
+    assert board.world.us - start > 500_000  # it was the watchdog
+    board.world.lit = False
+    board.boot()
+    boot, _, waiting = state(board)
+    assert boot != boot_id
+    assert waiting == b"1"
+    assert board.ask(b"TB?\n") == b"66, FIRMWARE HAD HUNG, BOARD WAS RESET\r\n"
+    assert reset_cause(board) == 3
+    assert board.off()
+
+
+def test_a_wanted_reset_and_power_up_are_told_from_the_watchdogs(make_board):
+    board = make_board()
+    assert reset_cause(board) == 1
+    RawPrompt(board)
+    board.send(b"import machine; machine.reset()\x04")
+    board.run(100_000)
+    board.world.lit = False
+    board.boot()
+    assert reset_cause(board) == 2
+    assert state(board)[2] == b"0"
+
+
+def test_the_watchdog_never_bites_at_the_prompt_nor_in_a_long_write_nor_after_a_soft_reset(make_board):
+    board = make_board()
+    board.send(b"\x03")
+    board.until(b">>> ")
+    board.send(b"alive = 4711\r")
+    board.until(b">>> ")
+    board.run(5 * HUNG_US)
+    board.send(b"for i in range(40): open('big', 'ab').write(bytes(4096))\r\r\r")  # 40 sectors are erased
+    board.until(b">>> ")
+    board.run(2 * HUNG_US)
+    board.send(b"print(alive)\r")
+    assert b"4711" in board.until(b"\n>>> ")
+    board.send(b"\x04")
+    board.until(b"soft reboot")
+    board.world.lit = False
+    board.boot()
+    boot = state(board)[0]
+    board.run(5 * HUNG_US)
+    assert state(board)[0] == boot
+    assert reset_cause(board) == 1
+
+
+def with_emergency_stop(make_board):
+    board = make_board(bench="switches")
+    prompt = RawPrompt(board)
+    prompt.put("mountfw/boards/this.py", b"from mountfw.boards.pico import *\nEMERGENCY_STOP = 14\n")
+    board.world.reset(power=True)
+    board.run(1_000)
+    board.world.lit = False
+    board.boot()
+    return board
+
+
+def test_the_emergency_stop_cuts_both_drives_and_latches(make_board):
+    board = with_emergency_stop(make_board)
+    board.send(b"02550255")
+    board.run(20_000)
+    assert not board.off()
+    board.world.bench.broken.add("emergency_stop")
+    start = board.world.us
+    assert board.run(5_000, board.off)
+    assert max(us for us, pin, _ in board.edges_after(start) if pin.endswith("_en")) - start < 1_000
+    assert board.ask(b"1XE?;2XE?\n").startswith(b"10,")
+    board.world.bench.broken.clear()
+    board.send(b"02550255")
+    board.run(20_000)
+    assert board.off()
+    board.send(b"*RST\n02550255")
+    assert board.run(50_000, lambda: not board.off())
+
+
+def test_an_end_stop_cuts_the_drive_from_an_interrupt(make_board):
+    board = make_board(bench="switches")
+    board.send(b"1XL3;1DH0;1MV+\n")
+    board.run(50_000)
+    assert not board.off()
+    board.world.bench.broken.add("m1_sw_pos")
+    start = board.world.us
+    assert board.run(5_000, board.off)
+    assert max(us for us, pin, _ in board.edges_after(start) if pin.endswith("_en")) - start < 1_000
+    board.run(5_000)
+    assert board.ask(b"1XE?\n").startswith(b"4,")
+    assert board.ask(b"TE?\n") == b"104\r\n"
