@@ -42,6 +42,11 @@ TAKEN = "mirrormount: this board has a client already"  # what a served board sa
 
 _log = logging.getLogger("mirrormount")
 
+RESET_CAUSES = {
+    str(wire.POWER): "power, or its reset pin",
+    str(wire.ASKED): "it was told to",
+    str(wire.WATCHDOG): "its watchdog: the firmware had hung",
+}
 CERTAINTY = {0: "unknown", 1: "counted", 2: "homed", 3: "estimated"}
 
 
@@ -196,6 +201,13 @@ class Mount:
                 raise NotAMount(f"the error queue does not end: {line!r}")
         return errors
 
+    def reset(self) -> None:
+        """Re-initialise the board in place: off, all as at power-up, an emergency stop released. Raises BoardError."""
+        with self.link.lock:
+            self.send("*RST")
+            self._boot_id = None  # the next status tells the new one
+            self.status()
+
     def sleep(self, seconds: float) -> None:
         """Let time pass (the board's own, on a virtual board in lockstep) with the motion kept alive."""
         if isinstance(seconds, bool) or not isinstance(seconds, int | float) or not seconds >= 0:
@@ -278,6 +290,10 @@ class Mount:
         if lost:
             raise lost
 
+    def _why_restarted(self) -> str:
+        health = self.ask("XH?").split(",")
+        return RESET_CAUSES.get(health[-1], "it does not say why")
+
     def _parse_status(self, line: str) -> Status:
         try:
             head, *axes = (tuple(int(n) for n in part.split(",")) for part in line.split("|"))
@@ -299,7 +315,9 @@ class Mount:
             self._boot_id = boot_id
         elif boot_id != self._boot_id:
             self._boot_id = boot_id
-            raise ConnectionLost("the board has restarted: what was moving has stopped, positions start anew")
+            raise ConnectionLost(
+                f"the board has restarted ({self._why_restarted()}): what was moving has stopped, positions start anew"
+            )
         return status
 
 

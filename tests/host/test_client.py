@@ -289,8 +289,19 @@ def test_a_program_that_falls_silent_stops_the_mount(mount):
 def test_a_board_that_restarts_is_noticed(mount):
     mount.status()
     mount._boot_id ^= 1  # as if the next answer came from another boot
-    with pytest.raises(errors.ConnectionLost, match="restarted"):
+    with pytest.raises(errors.ConnectionLost, match="restarted \\(power, or its reset pin\\)"):
         mount.x.step(1)
+
+
+def test_a_reset_in_place_makes_all_as_at_power_up_and_is_not_taken_for_a_restart(mount):
+    mount.x.step(1)
+    mount.send("2XP1000;2DH5")
+    before = mount.status().boot_id
+    mount.reset()
+    status = mount.status()
+    assert status.boot_id != before
+    assert (status.x.position, status.x.certainty) == (0, "unknown")
+    assert mount.ask("2XP?") == "200000"
 
 
 def test_the_real_time_board_is_fed_by_itself_while_the_program_does_something_else():
