@@ -107,12 +107,14 @@ class App:
             if stop:
                 controller.stop_all(errors.ABORTED if stop == wire.STOP else errors.STOPPED)
                 controller.hold(True)
-            elif link.unparsed - before < at_once:  # no more waits
-                break
-            elif controller.driving() and controller.service(self._ticks_us()) < _SPIN_US:  # noqa: SIM114
+            elif link.unparsed - before < at_once or self._must_end():  # no more waits, or something else does
                 break
         self._heard_at = self._ticks_us()
         controller.heard(self._heard_at)
+
+    def _must_end(self):
+        """Serves what drives, and says whether its end is near."""
+        return self.controller.driving() and self.controller.service(self._ticks_us()) < _SPIN_US
 
     def look(self):
         """Take in a little, in the middle of something, for the sake of a stop in it."""

@@ -90,7 +90,7 @@ def opened_at(make, pin, commands, instants):
 
 def test_an_interrupt_between_any_two_steps_of_a_start_leaves_nothing_driven():
     for commands in (b"02550255", b"1MV+;2MV+\n", b"-255-255"):
-        for instants in range(0, 120):
+        for instants in range(120):
             rig = opened_at(with_emergency_stop, STOP, commands, instants)
             assert rig.port.instants < 0
             assert rig.drives() == (0, 0), (commands, instants)
@@ -106,7 +106,7 @@ def with_end_stop():
 
 def test_an_end_stop_that_opens_between_any_two_steps_of_a_start_stops_the_axis_that_goes_into_it():
     for commands, blocked in ((b"02550255", True), (b"1MV+;2MV+\n", True), (b"-2550255", False)):
-        for instants in range(0, 120):
+        for instants in range(120):
             rig = opened_at(with_end_stop, 10, commands, instants)
             assert rig.drives() == (0 if blocked else -255, 255), (commands, instants)
             assert rig.axis1.moving() != blocked, (commands, instants)
