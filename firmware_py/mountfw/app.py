@@ -1,7 +1,7 @@
 """The loop: hear, move on, one piece of work. Joins the pure parts with a port, the hardware's verbs.
 
-A port has ticks_us(), ticks_ms(), any(wait_ms), drain(link, most), writable(), write(c), led(on), feed(),
-start_watchdog(), stop_watchdog() and undisturbed(action, argument). The loop sleeps only in any(), which
+A port has ticks_us(), ticks_ms(), any(wait_ms), drain(link, most), pack(ring, at, mask), writable(),
+write(c), led(on), start_watchdog(), stop_watchdog() and undisturbed(action, argument). The loop sleeps only in any(), which
 says whether a byte waits and returns as soon as one does.
 
 No piece of work takes long: some bytes are parsed, or one message obeyed, or one command of a line, or a few
@@ -31,6 +31,10 @@ _BEHIND = 64  # with so many bytes yet to be parsed, frames are obeyed without a
 built = None  # the App that was built last: what repl.py goes on with
 
 
+def _no_watchdog():
+    pass
+
+
 class App:
     """The firmware of one mount. step() is one pass of the loop and never waits longer than _SLEEP_MS."""
 
@@ -44,9 +48,8 @@ class App:
         self._ticks_us = port.ticks_us
         self._any = port.any
         self._drain = port.drain
-        self._feed = port.feed
         self._look = controller.look = self.look
-        self._heard_at = 0
+        self._feed = _no_watchdog  # what feeds it
         self._sleep_ms = 0
         self._shown_at = port.ticks_us()
         self._lit = False
@@ -54,7 +57,7 @@ class App:
     def run(self):
         """The loop, for ever. An internal fault stops the motors, is queued, and the loop goes on."""
         try:
-            self._port.start_watchdog()
+            self._feed = self._port.start_watchdog()
             while True:
                 try:
                     while True:
@@ -68,6 +71,7 @@ class App:
     def _leave(self, reason):
         self.controller.shutdown(reason)
         self._port.stop_watchdog()
+        self._feed = _no_watchdog
 
     def step(self):
         """One pass of the loop."""
@@ -81,7 +85,7 @@ class App:
         if left_us < _SPIN_US:
             left_us = self._end_drives(now_us)
             woke_at = now_us = self._ticks_us()
-        else:
+        elif not heard:
             self._look()
         self._sleep_ms = 0
         if controller.busy:
@@ -109,8 +113,7 @@ class App:
                 controller.hold(True)
             elif link.unparsed - before < at_once or self._must_end():  # no more waits, or something else does
                 break
-        self._heard_at = self._ticks_us()
-        controller.heard(self._heard_at)
+        controller.heard_at = self._ticks_us()
 
     def _must_end(self):
         """Serves what drives, and says whether its end is near."""
@@ -154,23 +157,24 @@ class App:
 
     def _idle(self, now_us, left_us):
         """Nothing waits: answer, and give up what stays unfinished. Returns the ms that the next pass may sleep."""
-        waiting = self._replies.waiting()
+        controller = self.controller
+        waiting = self._replies.waiting
         if waiting:
             self._answer()
-        quiet_us = self.controller.silence(now_us)
+        quiet_us = controller.silence(now_us) if controller.keep_alive_ms else NEVER_US
         gap_us = self._link.gap_us()
         if gap_us:
-            gap_us -= diff(now_us, self._heard_at)
+            gap_us -= diff(now_us, controller.heard_at)
             if gap_us <= 0:
                 self._obey(self._link.gap())
             elif gap_us < quiet_us:
                 quiet_us = gap_us
-        if self._link.unparsed or self.controller.watching():
+        if self._link.unparsed or controller.watching():
             return 0
         if waiting:
             most_ms = 0 if self._port.writable() else 1
         else:
-            most_ms = _RUN_SLEEP_MS if self.controller.driving() else _SLEEP_MS
+            most_ms = _RUN_SLEEP_MS if controller.driving() else _SLEEP_MS
         if quiet_us < left_us:
             left_us = quiet_us
         if left_us >= NEVER_US:
@@ -181,7 +185,7 @@ class App:
     def _answer(self):
         """Send some bytes, if the host takes them. Nothing ever waits for output."""
         for _ in range(_SEND):
-            if not (self._replies.waiting() and self._port.writable()):
+            if not (self._replies.waiting and self._port.writable()):
                 break
             self._port.write(self._replies.read())
             self._look()
@@ -205,7 +209,7 @@ def build(port, board):
     global built
     error_queue = errors.ErrorQueue()
     replies = wire.Replies()
-    frame = Frame()
+    frame = Frame(port.pack)
     line = Line()
     axes = []
     for number, pins in ((1, board.AXIS_1), (2, board.AXIS_2)):
@@ -216,6 +220,7 @@ def build(port, board):
                 port.output(pins["neg"]),
                 board.DEAD_TIME_US,
                 port.pause_us,
+                port.ticks_us,
             )
         else:
             bridge = TwoPwmBridge(
@@ -223,6 +228,7 @@ def build(port, board):
                 port.output(pins["neg"], board.PWM_HZ),
                 board.DEAD_TIME_US,
                 port.pause_us,
+                port.ticks_us,
             )
         stops = [EndStop(port.reader(pins[name])) for name in ("stop_pos", "stop_neg")]
         axis = Axis(number, bridge, stops[0], stops[1], error_queue, port.ticks_us)

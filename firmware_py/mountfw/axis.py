@@ -5,7 +5,8 @@ Every accepted move ends exactly once, through _finish(), with one of the reason
 All driving goes through _drive(), which alone knows the switches and the stops that are about
 to be parsed. Times are microseconds of a clock that wraps (ticks.py); positions are millisteps.
 
-The clock is asked right beside the pin writes, so that an on-time is what the pin had. A drive
+The clock is asked right before each pin write, the one that drives and the one that cuts, so that
+an on-time is what the pin had: what comes between clock and pin is the same on both sides. A drive
 that must end on time is waited for with cut_on_time(); what service() finds overdue ends late.
 
 Two things may come from an interrupt, between any two lines here: guard(), and `emergency` set.
@@ -25,6 +26,7 @@ NEVER_US = 1 << 29  # "no deadline"
 
 MAX_STEPS = 1_000_000  # of position either way; millisteps then still fit a small integer
 _FINISH_PULSE_US = 250_000  # a soft stop lets a pulse end that has less than this to go
+_SHORT_US = 900  # a pulse that may be over before the loop comes round is waited for where it begins
 _REST_US = 1_000  # least rest after a pulse
 _COUNT_US = 20_000  # a run is counted at least this often while it is served, so that its sums stay small
 
@@ -43,7 +45,6 @@ class Axis:
         self._errors = error_queue
         self._ticks_us = ticks_us
 
-        self._cut_us = self._time_of_cut()
         self.reset()
 
     def reset(self):
@@ -93,12 +94,13 @@ class Axis:
         self._period_us = 0
         self._timed = False  # is the end of this run its own, or the run limit?
         self._on_at = 0  # when the drive began
+        self._led = False  # has lead() driven already?
         self._cut_at = 0
         self._tripped = False  # has guard() cut it?
         self._counted_at = 0  # up to when a run is counted
         self._step = 1  # what makes a step, microseconds times duty
         self._part = 0  # of a step, likewise
-        self._resting = False  # after a move's last pulse, until _next_at
+        self.resting = False  # after a move's last pulse, until _next_at
         self._next_at = 0
 
     # ---- what it is doing
@@ -150,7 +152,7 @@ class Axis:
         self._period_us = max(100_000_000 // self.velocity, self.pulse_us + _REST_US)
         if n == 0:
             self._finish(errors.DONE)
-        elif self._resting:  # after the pulse before: this move's period counts
+        elif self.resting:  # after the pulse before: this move's period counts
             self._next_at = add(self._on_at, self._period_us)
             self.state = REST
         else:
@@ -179,6 +181,15 @@ class Axis:
         self._run(self.run_limit_ms, False)
         return True
 
+    def lead(self, speed):
+        """Drive at the speed of a frame at once, if nothing speaks against it. frame() must follow: it does the rest.
+
+        So both motors get a frame's speeds before the longer work of counting begins.
+        """
+        if speed and not (self.held or self.emergency or self.watched):
+            self._on_at = self.bridge.drive(-speed if self.inverted else speed)
+            self._led = True
+
     def frame(self, speed, for_ms=0):
         """Obey a frame: drive at speed, -255 ... 255; 0 is off. Takes over from any move.
 
@@ -202,6 +213,7 @@ class Axis:
 
     def end(self, reason):
         """End the move now, if there is one."""
+        self._led = False
         if self.state:
             self._finish(reason)
 
@@ -217,8 +229,8 @@ class Axis:
     def service(self, now_us):
         """Do what is due. Returns the microseconds to the next deadline, or NEVER_US."""
         if not self.state:
-            if self._resting:
-                self._resting = diff(self._next_at, now_us) > 0
+            if self.resting:
+                self.resting = diff(self._next_at, now_us) > 0
             return NEVER_US
         if self.emergency:
             self._finish(errors.EMERGENCY_STOP)
@@ -229,7 +241,7 @@ class Axis:
             if left_us > 0:
                 return left_us
             self._pulse()
-            return self.pulse_us if self.state > REST else NEVER_US
+            return diff(self.ends_at, self._ticks_us()) if self.state > REST else NEVER_US
         if self.watched and self._at_stop():
             return NEVER_US
         left_us = diff(self.ends_at, now_us)
@@ -247,7 +259,7 @@ class Axis:
         """Wait for the end of the drive, which must be near, and cut it; service() does the rest."""
         ticks_us = self._ticks_us
         at = self.ends_at
-        while diff(at, ticks_us()) > self._cut_us:
+        while diff(at, ticks_us()) > 0:
             pass
         self._cut()
 
@@ -293,17 +305,6 @@ class Axis:
 
     # ---- inside
 
-    def _time_of_cut(self):
-        """How long a cut takes, microseconds: so much before its end cut_on_time() begins with it."""
-        least = _REST_US
-        for _ in range(4):  # the first ones load the code
-            start = self._ticks_us()
-            self.bridge.cut()
-            us = diff(self._ticks_us(), start)
-            if us < least:
-                least = us
-        return least
-
     def _refused(self):
         if self.state:
             self.error(errors.AXIS_MOVING)
@@ -327,11 +328,14 @@ class Axis:
 
     def _drive(self):
         """The one setter. False, with the move ended, if it must not drive."""
-        if not self._may_drive():
+        if self._led:
+            self._led = False
+        elif self._may_drive():
+            duty = self._duty * self._direction
+            self._on_at = self.bridge.drive(-duty if self.inverted else duty)
+        else:
             return False
-        self.bridge.drive(-self._direction * self._duty if self.inverted else self._direction * self._duty)
-        self._on_at = self._ticks_us()
-        return self._may_drive()  # an interrupt between the two has cut what was not yet driven
+        return self._may_drive()  # what came since then has cut what was not yet driven
 
     def _may_drive(self):
         """False, with the move ended, if something forbids it."""
@@ -369,19 +373,21 @@ class Axis:
         return True
 
     def _cut(self):
-        self.bridge.cut()
         self._cut_at = self._ticks_us()
+        self.bridge.cut()
         self.was_cut = True
 
     def _pulse(self):
-        self._resting = False
+        self.resting = False
         self.was_cut = False
         if self._drive():
             self.ends_at = add(self._on_at, self.pulse_us)
             self.state = PULSE
+            if self.pulse_us < _SHORT_US:
+                self.cut_on_time()
 
     def _run(self, limit_ms, same_way):
-        self._resting = False
+        self.resting = False
         if self._drive():
             self.ends_at = add(self._on_at, limit_ms * 1000)
             if not same_way:
@@ -404,7 +410,7 @@ class Axis:
         self._steps_left -= 1
         self.position += self._direction * 1000
         self._next_at = add(self._on_at, self._period_us)
-        self._resting = True
+        self.resting = True
         self.state = REST
         if self._steps_left == 0:
             self._finish(errors.DONE)
@@ -444,9 +450,9 @@ class Axis:
         if self.state == PULSE:  # cut short
             self._counted_at = self._on_at
             self._next_at = add(self._on_at, self._period_us)
-            self._resting = True
+            self.resting = True
         if self.state > REST:
-            self._count(self._cut_at if self.was_cut else self._ticks_us())
+            self._count(self._cut_at if self.was_cut else self._on_at if self._led else self._ticks_us())
             if self._part:
                 self.position += self._direction * self._part_millisteps()
                 self._part = 0

@@ -2,7 +2,7 @@
 
 A bridge has three verbs. cut() takes the drive away in one go and touches nothing else;
 off() does that and leaves every input in its defined state; drive(duty) drives at
--255 ... 255, never 0, positive meaning the `pos` leg high.
+-255 ... 255, never 0, positive meaning the `pos` leg high, and returns the time right before it did.
 
 An output object has high(), low() and, where its duty can be set, level(duty_u16). low() is
 a pin level, never a PWM of duty zero: the PWM hardware keeps the old duty to the end of its
@@ -20,12 +20,13 @@ class EnableBridge:
     the enable, whenever the direction is not the one that the bridge already had.
     """
 
-    def __init__(self, enable, pos, neg, dead_time_us, pause_us):
+    def __init__(self, enable, pos, neg, dead_time_us, pause_us, ticks_us):
         self._enable = enable
         self._pos = pos
         self._neg = neg
         self._dead_time_us = dead_time_us
         self._pause_us = pause_us
+        self._ticks_us = ticks_us
         self._direction = 0
         self.cut = enable.low
 
@@ -37,7 +38,7 @@ class EnableBridge:
         self._neg.low()
 
     def drive(self, duty):
-        """Drive at duty, -255 ... 255 but not 0."""
+        """Drive at duty, -255 ... 255 but not 0. Returns the time."""
         direction = 1 if duty > 0 else -1
         if direction != self._direction:
             self.off()  # the enable drops before a leg changes
@@ -48,20 +49,23 @@ class EnableBridge:
             self._direction = direction
             self._pause_us(self._dead_time_us)
         duty *= direction
+        now_us = self._ticks_us()
         if duty == _FULL:
             self._enable.high()
         else:
             self._enable.level(duty * _U16)
+        return now_us
 
 
 class TwoPwmBridge:
     """Two inputs, each of which may carry the duty: DRV8833, DRV8871. Both low is coasting."""
 
-    def __init__(self, pos, neg, dead_time_us, pause_us):
+    def __init__(self, pos, neg, dead_time_us, pause_us, ticks_us):
         self._pos = pos
         self._neg = neg
         self._dead_time_us = dead_time_us
         self._pause_us = pause_us
+        self._ticks_us = ticks_us
         self._direction = 0
 
     def cut(self):
@@ -76,7 +80,7 @@ class TwoPwmBridge:
         self._direction = 0
 
     def drive(self, duty):
-        """Drive at duty, -255 ... 255 but not 0."""
+        """Drive at duty, -255 ... 255 but not 0. Returns the time."""
         direction = 1 if duty > 0 else -1
         if direction != self._direction:
             self.off()
@@ -84,7 +88,9 @@ class TwoPwmBridge:
             self._pause_us(self._dead_time_us)
         leg = self._pos if direction > 0 else self._neg
         duty *= direction
+        now_us = self._ticks_us()
         if duty == _FULL:
             leg.high()
         else:
             leg.level(duty * _U16)
+        return now_us

@@ -76,8 +76,8 @@ class Controller:
         self._free = free_memory()
         self._longest_us = 0  # pass of the loop since XH? was asked; -1: that very pass does not count
         self._passes = 0
-        self._keep_alive_ms = 0
-        self._heard_at = 0
+        self.keep_alive_ms = 0
+        self.heard_at = 0  # when the last byte came: whoever sent it was alive
         self.held = False
         self.look = _no_look  # called in the middle of what takes long: a stop must not wait for it
         self.busy = False  # is a line in hand?
@@ -132,7 +132,7 @@ class Controller:
     def shutdown(self, reason=errors.FAULT):
         """Leave everything off. May be called again if it was interrupted; the first reason stays."""
         self.stop_all(reason)
-        self._keep_alive_ms = 0
+        self.keep_alive_ms = 0
 
     def reset(self):
         """Off, and everything as at power-up; the link stays as it is."""
@@ -141,7 +141,7 @@ class Controller:
         self._axis2.reset()
         self.hold(self.held)
         self.errors.clear()
-        self._keep_alive_ms = 0
+        self.keep_alive_ms = 0
         self._booted_ms = self._ticks_ms()
         self.guard(None)
 
@@ -168,14 +168,18 @@ class Controller:
         """Obey a frame."""
         if m1 == 0 and m2 == 0:
             self.stop_all(errors.STOPPED)
-        elif m1 == 0:  # what goes off goes first
+            return
+        if m1 == 0:  # what goes off goes first
             self._axis1.frame(0)
-            self.look()
-            self._axis2.frame(m2)
-        else:
-            self._axis2.frame(m2)
-            self.look()
+        if m2 == 0:
+            self._axis2.frame(0)
+        self._axis1.lead(m1)
+        self._axis2.lead(m2)
+        if m1:
             self._axis1.frame(m1)
+            self.look()
+        if m2:
+            self._axis2.frame(m2)
 
     def echo(self, packed):
         """Echo a packed frame as the paper's sketch does."""
@@ -208,10 +212,6 @@ class Controller:
             if not self._replies.commit():
                 self.errors.push(errors.ANSWER_DROPPED)
 
-    def heard(self, now_us):
-        """A byte has arrived: whoever sent it is alive."""
-        self._heard_at = now_us
-
     def passed(self, us):
         """A pass of the loop took us microseconds."""
         self._passes = self._passes + 1 & 0x3FFFFFFF
@@ -222,9 +222,13 @@ class Controller:
         """Carry the moves on. Returns the microseconds to the next deadline."""
         if self._emergency_stop.fitted:
             self.guard(None)
-        a = self._axis1.service(now_us)
-        b = self._axis2.service(now_us)
-        return a if a < b else b
+        left_us = NEVER_US
+        for axis in self.axes:
+            if axis.state or axis.resting:
+                us = axis.service(now_us)
+                if us < left_us:
+                    left_us = us
+        return left_us
 
     def ending(self, now_us, within_us):
         """The Axis whose drive ends first of those that end by themselves within within_us; or None."""
@@ -239,12 +243,10 @@ class Controller:
 
     def silence(self, now_us):
         """Nothing waits to be read: is the keep-alive over? Returns the microseconds it has left."""
-        if not self._keep_alive_ms:
-            return NEVER_US
-        left_us = self._keep_alive_ms * 1000 - diff(now_us, self._heard_at)
+        left_us = self.keep_alive_ms * 1000 - diff(now_us, self.heard_at)
         if left_us > 0:
             return left_us
-        self._keep_alive_ms = 0  # a dead client's keep-alive does not cut the next one
+        self.keep_alive_ms = 0  # a dead client's keep-alive does not cut the next one
         if self.moving():
             self.stop_all(errors.KEEP_ALIVE)
             self.errors.push(errors.KEEP_ALIVE_LOST)
@@ -456,10 +458,10 @@ class Controller:
 
     def _set_keep_alive(self, _axis, line):
         if self._integer(line, 0, 60_000):
-            self._keep_alive_ms = line.rounded()
+            self.keep_alive_ms = line.rounded()
 
     def _ask_keep_alive(self, _axis):
-        self._replies.add(self._keep_alive_ms)
+        self._replies.add(self.keep_alive_ms)
 
     # ---- what it knows
 

@@ -192,7 +192,7 @@ _CHARACTERS = tuple([bytes((c,)) for c in range(0x20, 0x40)])
 class Replies:
     """The sending side: a bounded queue. A reply that does not fit is dropped whole.
 
-    begin(), then add(), put() and echo(), then commit(); read() while waiting(). It holds texts,
+    begin(), then add(), put() and echo(), then commit(); read() while waiting. It holds texts,
     numbers and frames as they are and makes bytes of them as they are sent, so that answering takes
     little of one pass. A text must not change until it is sent.
     """
@@ -200,6 +200,7 @@ class Replies:
     def __init__(self, size=256):
         self._items = [None] * size  # texts (bytes), numbers and echoes; size is a power of two
         self._mask = size - 1
+        self.waiting = False  # has read() a byte?
         self._tail = 0
         self._head = 0  # end of what may be sent
         self._end = 0  # end of the reply in the making
@@ -235,11 +236,8 @@ class Replies:
         """End the reply. False if it did not fit: then nothing of it is sent."""
         if not self._lost:
             self._head = self._end
+            self.waiting = self._tail != self._head
         return not self._lost
-
-    def waiting(self):
-        """True while read() has a byte."""
-        return self._tail != self._head
 
     def read(self):
         """The next byte to send."""
@@ -301,3 +299,4 @@ class Replies:
 
     def _sent(self):
         self._tail = self._tail + 1 & self._mask
+        self.waiting = self._tail != self._head

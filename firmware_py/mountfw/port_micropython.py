@@ -37,7 +37,6 @@ _SCRATCH4 = 0x1C
 _TIMED_OUT = 0x6AB73121  # what the SDK leaves there: the watchdog was armed, not used for a wanted reset
 
 _led = None
-_watchdog = None
 
 
 def output(number, pwm_hz=0):
@@ -108,24 +107,16 @@ def reset_cause():
 
 
 def start_watchdog():
-    """From here on the board is reset unless feed() is called every second."""
-    global _watchdog
+    """From here on the board is reset unless the function that this returns is called every second."""
     if _watchdog_registers:
-        _watchdog = machine.WDT(timeout=_HUNG_MS)
-
-
-def feed():
-    """The loop is alive."""
-    if _watchdog:
-        _watchdog.feed()
+        return machine.WDT(timeout=_HUNG_MS).feed
+    return stop_watchdog
 
 
 def stop_watchdog():
     """Nobody feeds any more: at the prompt, in a deploy. MicroPython has no verb for it."""
-    global _watchdog
     if _watchdog_registers:
         machine.mem32[_watchdog_registers + _CLEAR] = _ENABLE
-    _watchdog = None
 
 
 def free_memory():

@@ -442,6 +442,8 @@ def _identify(link: Link) -> str:
             raise PortBusy("another program drives this board")
         link.write(b"*IDN?\n")
         answer = link.read_line(_ANSWER_S)
+        if answer.endswith("soft reboot"):  # it is just starting
+            answer = link.read_line(_ANSWER_S)
     except ConnectionLost as e:
         raise NotAMount("it hung up when asked who it is: not a mount") from e
     except NoAnswer as e:

@@ -161,7 +161,8 @@ class Port:
                 self.lock()
 
     def start_watchdog(self):
-        self.fed_at = self.us
+        self.feed()
+        return self.feed
 
     def stop_watchdog(self):
         self.fed_at = None
