@@ -157,10 +157,26 @@ class App:
 
     def _idle(self, now_us, left_us):
         """Nothing waits: answer, and give up what stays unfinished. Returns the ms that the next pass may sleep."""
-        controller = self.controller
         waiting = self._replies.waiting
         if waiting:
             self._answer()
+        quiet_us = self._silence(now_us)
+        if quiet_us < left_us:
+            left_us = quiet_us
+        if self._link.unparsed or self.controller.watching():
+            return 0
+        if waiting:
+            most_ms = 0 if self._port.writable() else 1
+        else:
+            most_ms = _RUN_SLEEP_MS if self.controller.driving() else _SLEEP_MS
+        if left_us >= NEVER_US:
+            return most_ms
+        left_us -= _SPIN_US
+        return 0 if left_us < 1000 else most_ms if left_us > most_ms * 1000 else left_us // 1000
+
+    def _silence(self, now_us):
+        """Is a keep-alive over, or a message given up? Returns the microseconds to the next such deadline."""
+        controller = self.controller
         quiet_us = controller.silence(now_us) if controller.keep_alive_ms else NEVER_US
         gap_us = self._link.gap_us()
         if gap_us:
@@ -168,19 +184,8 @@ class App:
             if gap_us <= 0:
                 self._obey(self._link.gap())
             elif gap_us < quiet_us:
-                quiet_us = gap_us
-        if self._link.unparsed or controller.watching():
-            return 0
-        if waiting:
-            most_ms = 0 if self._port.writable() else 1
-        else:
-            most_ms = _RUN_SLEEP_MS if controller.driving() else _SLEEP_MS
-        if quiet_us < left_us:
-            left_us = quiet_us
-        if left_us >= NEVER_US:
-            return most_ms
-        ms = (left_us - _SPIN_US) // 1000 if left_us > _SPIN_US else 0
-        return ms if ms < most_ms else most_ms
+                return gap_us
+        return quiet_us
 
     def _answer(self):
         """Send some bytes, if the host takes them. Nothing ever waits for output."""

@@ -61,9 +61,7 @@ class Axis:
         self.move_limit_ms = 120_000
         self.checking = 0  # bit 0: end-stops ignored
         self.watched = False  # is there an end-stop to look at?
-        self.positive_stop.fitted = False
-        self.negative_stop.fitted = False
-        self.apply()
+        self.fit(False, False)
 
         # where it is
         self.position = 0  # millisteps, whole pulses and what runs have added
@@ -255,6 +253,12 @@ class Axis:
                 return NEVER_US
         return left_us
 
+    def left_us(self, now_us):
+        """Until the drive ends by itself; NEVER_US if there is none, or it is cut already."""
+        if self.state > REST and not self.was_cut:
+            return diff(self.ends_at, now_us)
+        return NEVER_US
+
     def cut_on_time(self):
         """Wait for the end of the drive, which must be near, and cut it; service() does the rest."""
         ticks_us = self._ticks_us
@@ -270,6 +274,12 @@ class Axis:
             self._cut()
 
     # ---- settings that need more than storing
+
+    def fit(self, positive, negative):
+        """Say which end-stops there are."""
+        self.positive_stop.fitted = positive
+        self.negative_stop.fitted = negative
+        self.apply()
 
     def apply(self):
         """A setting was changed."""

@@ -222,24 +222,19 @@ class Controller:
         """Carry the moves on. Returns the microseconds to the next deadline."""
         if self._emergency_stop.fitted:
             self.guard(None)
-        left_us = NEVER_US
-        for axis in self.axes:
-            if axis.state or axis.resting:
-                us = axis.service(now_us)
-                if us < left_us:
-                    left_us = us
-        return left_us
+        a = self._axis1
+        b = self._axis2
+        left1_us = a.service(now_us) if a.state or a.resting else NEVER_US
+        left2_us = b.service(now_us) if b.state or b.resting else NEVER_US
+        return left1_us if left1_us < left2_us else left2_us
 
     def ending(self, now_us, within_us):
         """The Axis whose drive ends first of those that end by themselves within within_us; or None."""
-        first = None
-        for axis in self.axes:
-            if axis.driving() and not axis.was_cut:
-                left_us = diff(axis.ends_at, now_us)
-                if left_us < within_us:
-                    first = axis
-                    within_us = left_us
-        return first
+        left1_us = self._axis1.left_us(now_us)
+        left2_us = self._axis2.left_us(now_us)
+        if left1_us < left2_us:
+            return self._axis1 if left1_us < within_us else None
+        return self._axis2 if left2_us < within_us else None
 
     def silence(self, now_us):
         """Nothing waits to be read: is the keep-alive over? Returns the microseconds it has left."""
@@ -444,14 +439,11 @@ class Controller:
         if not self._integer(line, 0, 7) or self._refused(axis):
             return
         n = line.rounded()
-        positive = axis.positive_stop
-        negative = axis.negative_stop
-        if n & 4 or (n & 1 and not positive.can_fit()) or (n & 2 and not negative.can_fit()):
+        missing = (n & 1 and not axis.positive_stop.can_fit()) or (n & 2 and not axis.negative_stop.can_fit())
+        if n & 4 or missing:
             axis.error(errors.AXIS_NOT_FITTED)
             return
-        positive.fitted = bool(n & 1)
-        negative.fitted = bool(n & 2)
-        axis.apply()
+        axis.fit(bool(n & 1), bool(n & 2))
 
     def _ask_fitted(self, axis):
         self._replies.add(axis.fitted())

@@ -66,16 +66,18 @@ class Frame:
                 return BAD
             self._magnitude = 0
         else:
-            n = self._magnitude * 10 + c - _ZERO
-            # the hundreds digit alone is not judged: `05` may still become the address `05>`
-            if not _ZERO <= c <= _ZERO + 9 or n > 255 or (place == 2 and n > 25):
+            if c < _ZERO or c > _ZERO + 9:
                 return BAD
-            self._magnitude = n
+            self._magnitude = self._magnitude * 10 + c - _ZERO
+            # the hundreds digit alone is not judged: `05` may still become the address `05>`
+            if self._magnitude > 255 or (place == 2 and self._magnitude > 25):
+                return BAD
         self.text[i] = c
         self.length = i + 1
         if i < LENGTH - 1:
             return MORE
-        self.take(self._pack(self.text, 0, LENGTH - 1))
+        packed = self._pack(self.text, 0, LENGTH - 1)
+        self.take(packed)
         return DONE
 
     def take(self, packed):

@@ -55,7 +55,7 @@ def test_a_reset_does_not_help_while_it_is_open_or_its_wire_is_broken():
     del rig.port.switches[STOP]
     rig.ask(b"*RST\n02550255")
     assert rig.drives() == (0, 0)
-    assert rig.errors() == [243, 143]
+    assert rig.errors() == [143, 243]
 
 
 def test_a_reset_is_as_power_up_with_a_new_boot_id():

@@ -104,19 +104,3 @@ def test_the_pure_clock_arithmetic_is_right_across_the_wrap_and_stays_small():
                 assert ticks.diff(a, later) == -d
 
     assert watched(all_pairs).bad == []
-
-
-def test_hot_functions_keep_few_locals():
-    # a MicroPython frame of more than about 11 words of state comes from the heap, and heap_lock
-    # does not see it (docs/architecture.md)
-    from mountfw import app, axis, bridge, command, controller, endstop, frame, link
-
-    many = [
-        f"{name}.{method.__qualname__}: {method.__code__.co_nlocals}"
-        for module in (app, axis, bridge, command, controller, endstop, frame, link)
-        for name, thing in vars(module).items()
-        if isinstance(thing, type) and thing.__module__ == module.__name__
-        for method in vars(thing).values()
-        if hasattr(method, "__code__") and method.__name__ != "__init__" and method.__code__.co_nlocals > 8
-    ]
-    assert many == []

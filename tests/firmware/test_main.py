@@ -35,7 +35,12 @@ def port(monkeypatch):
     levels = Levels()
     state = SimpleNamespace(levels=levels, interrupt_char=3, registers={})
     fakes = {
-        "machine": {"Pin": levels, "PWM": None, "WDT": lambda timeout: SimpleNamespace(feed=None), "mem32": state.registers},
+        "machine": {
+            "Pin": levels,
+            "PWM": None,
+            "WDT": lambda timeout: SimpleNamespace(feed=None),
+            "mem32": state.registers,
+        },
         "micropython": {"kbd_intr": lambda char: setattr(state, "interrupt_char", char)},
         "mountfw.console_micropython": dict.fromkeys(("any", "drain", "pack", "writable", "write")),
         "time": {"ticks_us": None, "ticks_ms": None, "sleep_us": None},

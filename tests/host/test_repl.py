@@ -200,7 +200,7 @@ def test_an_exception_in_mid_move_turns_the_motors_off_before_it_goes_on(prompt)
 def near_the_end(prompt: Prompt) -> None:
     prompt.bench.has_switches = True
     prompt.bench.horizontal.screw_rev = prompt.bench.horizontal.shaft_rev = SWITCH_REV - 0.06  # three steps and a bit
-    prompt.type("m.x.axis.positive_stop.fitted = m.x.axis.negative_stop.fitted = True")
+    prompt.type("m.x.axis.fit(True, True)")
 
 
 def test_an_end_stop_is_an_exception_in_words(prompt):
@@ -221,7 +221,7 @@ def test_an_end_stop_of_one_axis_ends_the_drive_of_both(prompt):
     ends = {leg: to for leg, _, _, to in prompt.pulses()}
     assert ends["m1_pos"] - ends["m2_pos"] < 1_000
     prompt.bench.broken.add("m1_sw_pos")
-    prompt.type("m.y.axis.positive_stop.fitted = True")
+    prompt.type("m.y.axis.fit(True, False)")
     assert "y: positive end-stop reached" in prompt.refused("m.drive(255, -255, ms=5000)")
     assert all(to - start < 1_000 for _, _, start, to in prompt.pulses())
 
