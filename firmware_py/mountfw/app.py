@@ -1,8 +1,8 @@
 """The loop: hear, move on, one piece of work. Joins the pure parts with a port, the hardware's verbs.
 
 A port has ticks_us(), ticks_ms(), any(wait_ms), drain(link, most), pack(ring, at, mask), writable(),
-write(c), led(on), start_watchdog(), stop_watchdog() and undisturbed(action, argument). The loop sleeps only in any(), which
-says whether a byte waits and returns as soon as one does.
+write(c), led(on), start_watchdog(), stop_watchdog() and undisturbed(action, argument). The loop sleeps
+only in any(), which says whether a byte waits and returns as soon as one does.
 
 No piece of work takes long: some bytes are parsed, or one message obeyed, or one command of a line, or a few
 bytes sent. So whatever comes, the next look at the input and at the switches is less than a millisecond away.

@@ -260,7 +260,7 @@ def keep_alive(lab: Lab, *, start: bytes) -> list[float]:
 
 
 def longest_pass(lab: Lab, *, messages: tuple[bytes, ...]) -> list[float]:
-    """ms; in each trial the longest pass while one of messages is obeyed, and a little longer."""
+    """ms; in each trial the longest while between two looks while one of messages is obeyed, and a little longer."""
     board, random = lab.board(), lab.random
     start_probe(board)
     board.do(b"1XP20000;2XP20000;1VA40;2VA40\n")

@@ -1,9 +1,8 @@
-"""Makes a pin show the passes of the firmware's loop: high while it works, low while it listens.
+"""Makes a pin show when the firmware's loop looks at its input: low while it does, high in between.
 
-The firmware runs unchanged from the raw prompt, with two things wrapped before it starts: the port's any(), in
-which alone the loop sleeps, raises the pin when it returns; the app's step(), one pass, lowers it when it begins.
-The wrappers are native code and add some 10 us to a pass that sleeps once. Should the loop stop to call step(), a pass
-is still seen to end when it goes to sleep.
+The firmware runs unchanged from the raw prompt, but for the port's any(), with which it looks and in which alone it
+sleeps. That is wrapped in native code, which adds some 10 us to each look. The loop looks several times in a pass,
+so what the pin shows as high is a piece of a pass: how long something that arrives may have to wait.
 """
 
 from lab import Board, Edge
@@ -23,20 +22,13 @@ high = pin.high
 wrapped = port.any
 @micropython.native
 def any(wait_ms):
-    if wait_ms:
-        low()
+    low()
     waits = wrapped(wait_ms)
     high()
     return waits
 port.any = any
 board = port.find_board()
 a = app.build(port, board)
-pass_on = a.step
-@micropython.native
-def step():
-    low()
-    pass_on()
-a.step = step
 try:
     a.run()
 finally:

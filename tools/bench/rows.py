@@ -68,7 +68,7 @@ _STREAM = "to both enables low while 1000 frames/s come in"
 _BEHIND = "`!` to both enables low, for each byte ahead of it: "
 _RATE = f"frames per second, {FRAMES} in a row in order and none {LATE_US // 1000} ms late: "
 _PULSE = "pulses of 1 ms to 2 s, error: "
-_PASS = "longest pass of the loop: "
+_PASS = "longest time from one look at the input to the next: "
 _KEEP = "keep-alive: last byte to both enables low, less `XK`: "
 
 _STEPS_AND_RUNS = (b"1PR2;2PR-2\n", b"1MV+;2MV-\n", b"ST\n")

@@ -2,8 +2,8 @@
 
     .venv/bin/python tools/bench/run.py [--n N] [--only ROW[,ROW]] [--json FILE]
 
-Needs what the rp2040 machine needs (docs/architecture.md). A row is named in full or by its beginning: `--only stop`
-runs every row whose name begins so. Results repeat exactly: all moments are seeded.
+Needs what the rp2040 machine needs (docs/architecture.md). A row is named in full, or several are by how they begin:
+`--only stop`. Results repeat exactly: all moments are seeded.
 """
 
 import argparse
@@ -37,10 +37,13 @@ def parse(arguments: list[str]) -> argparse.Namespace:
 def chosen(only: str) -> list[Row]:
     """The rows that --only names; all of them for "". Raises SystemExit for a name that fits none."""
     names = [name.strip() for name in only.split(",") if name.strip()]
+    found: set[str] = set()
     for name in names:
-        if not any(row.name.startswith(name) for row in ROWS):
+        fits = {row.name for row in ROWS if row.name.startswith(name)}
+        if not fits:
             raise SystemExit(f"no row is called {name!r}: see --list")
-    return [row for row in ROWS if not names or any(row.name.startswith(name) for name in names)]
+        found |= {name} & fits or fits
+    return [row for row in ROWS if not names or row.name in found]
 
 
 def measured(row: Row, n: int, image: Path | None) -> Measurement:
