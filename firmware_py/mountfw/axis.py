@@ -27,6 +27,7 @@ NEVER_US = 1 << 29  # "no deadline"
 MAX_STEPS = 1_000_000  # of position either way; millisteps then still fit a small integer
 _FINISH_PULSE_US = 250_000  # a soft stop lets a pulse end that has less than this to go
 _SHORT_US = 900  # a pulse that may be over before the loop comes round is waited for where it begins
+_TURN_US = 5  # half of what one turn of that waiting takes an RP2040
 _REST_US = 1_000  # least rest after a pulse
 _COUNT_US = 20_000  # a run is counted at least this often while it is served, so that its sums stay small
 
@@ -262,10 +263,14 @@ class Axis:
     def cut_on_time(self):
         """Wait for the end of the drive, which must be near, and cut it; service() does the rest."""
         ticks_us = self._ticks_us
+        cut = self.bridge.cut
         at = self.ends_at
-        while diff(at, ticks_us()) > 0:
-            pass
-        self._cut()
+        now_us = ticks_us()
+        while diff(at, now_us) > _TURN_US:
+            now_us = ticks_us()
+        cut()
+        self._cut_at = now_us
+        self.was_cut = True
 
     def guard(self, _pin):
         """An end-stop has opened (a hard interrupt, maybe): cut the drive that goes into it."""

@@ -5,7 +5,7 @@ happened. Everything is read off pin edges, but for the answer after a reset.
 """
 
 from lab import ENABLES, LOST, Board, Edge, Lab, first_low_us, last_fall_us, on_times_us
-from probe import longest_pass_us, start_probe
+from probe import longest_pass_us, start_polled, start_probe
 
 from mountfw.frame import encode
 
@@ -216,9 +216,11 @@ def shortest_pulse(lab: Lab) -> list[float]:
 # ---- what ends a move from outside
 
 
-def end_stop(lab: Lab, *, pulse: bool) -> list[float]:
+def end_stop(lab: Lab, *, pulse: bool, polled: bool = False) -> list[float]:
     """ms from the edge of the switch ahead to the enable low, with both switches of both axes fitted."""
     board, random = lab.board(switches=True), lab.random
+    if polled:
+        start_polled(board)
     board.do(b"1XL3;2XL3;1VA4.9;2VA4.9\n")
     times = []
     for trial in lab.trials():

@@ -36,12 +36,35 @@ finally:
 """
 
 
+_POLLED = """
+from mountfw import app, port_micropython as port
+from machine import Pin
+for number in (10, 11, 12, 13):  # what ran before has set them
+    Pin(number).irq(None)
+port.on_rise = lambda number, handler: None
+board = port.find_board()
+try:
+    app.build(port, board).run()
+finally:
+    port.leave(board)
+"""
+
+
 def start_probe(board: Board) -> None:
     """Start the firmware anew, with the probe. The board is at its prompt for a moment."""
     board.world.probes[_GPIO] = PASS
+    _start(board, _PROGRAM % _GPIO)
+
+
+def start_polled(board: Board) -> None:
+    """Start the firmware anew, as on a port that has no interrupts."""
+    _start(board, _POLLED)
+
+
+def _start(board: Board, program: str) -> None:
     RawPrompt(board)
     board.world.lit = False
-    board.give((_PROGRAM % _GPIO).encode() + b"\x04")
+    board.give(program.encode() + b"\x04")
     board.boot()
     board.clear()
 

@@ -57,8 +57,10 @@ BEHIND = Figure("µs", 40, None)
 WIDTH = Figure("µs", 50, 10)
 SHORTEST = Figure("ms", 1, 0.21)  # 0.2 ms, to WIDTH's aim
 RATE = Figure("1/s", 500, 1000, more_is_better=True)
-END_STOP = Figure("ms", 2, 0.5)  # polled
+END_STOP = Figure("ms", 1, 0.1)
+END_STOP_POLLED = Figure("ms", 2, 0.5)
 RESET = Figure("ms", 1500, 500)
+ANY = Figure("ms", None, None)
 PASS = Figure("ms", 2, 0.5)
 KEEP = Figure("ms", 2, None)
 
@@ -87,6 +89,12 @@ def _stop_behind(name: str, size: int, what: str) -> Row:
 
 def _pulse(name: str, axes: tuple[int, ...], what: str) -> Row:
     return Row(name, _PULSE + what, WIDTH, paper.PULSE_ERROR, partial(pulse_error, axes=axes, lengths=PULSES))
+
+
+def _end_stop(name: str, what: str, *, pulse: bool, polled: bool = False) -> Row:
+    figure = END_STOP_POLLED if polled else END_STOP
+    measure = partial(end_stop, pulse=pulse, polled=polled)
+    return Row(name, f"end-stop to enable low: {what}", figure, paper.NONE, measure)
 
 
 def _pass(name: str, what: str, messages: tuple[bytes, ...]) -> Row:
@@ -122,15 +130,16 @@ ROWS = (
     ),
     Row("rate", _RATE + "host reads", RATE, paper.FRAMES_PER_S, partial(frame_rate, reading=True)),
     Row("rate-deaf", _RATE + "host never reads", RATE, paper.FRAMES_PER_S, partial(frame_rate, reading=False)),
-    Row("end-stop-run", "end-stop to enable low: in a run", END_STOP, paper.NONE, partial(end_stop, pulse=False)),
-    Row("end-stop-pulse", "end-stop to enable low: in a pulse", END_STOP, paper.NONE, partial(end_stop, pulse=True)),
+    _end_stop("end-stop-run", "in a run", pulse=False),
+    _end_stop("end-stop-pulse", "in a pulse", pulse=True),
+    _end_stop("end-stop-polled", "in a run, on a port without interrupts", pulse=False, polled=True),
     Row("reset", "reset to the answer to `*IDN?`", RESET, "", partial(reset_to_answer, source=False), most_n=20),
-    Row("reset-source", "the same, deployed as .py", RESET, "", partial(reset_to_answer, source=True), most_n=20),
+    Row("reset-source", "the same, deployed as .py", ANY, "", partial(reset_to_answer, source=True), most_n=20),
     _pass("pass-idle", "idle", (b"",)),
     _pass("pass-moving", "steps and runs", _STEPS_AND_RUNS),
     _pass("pass-echoing", "frames and echoes", (b"0255-100", b"-1000200")),
     _pass("pass-answering", "`*IDN?` `XS?` `TB?`", _QUERIES),
-    _pass("pass-health", "`XH?` at rest", (b"XH?\n",)),
+    Row("pass-health", _PASS + "`XH?` at rest", ANY, "", partial(longest_pass, messages=(b"XH?\n",))),
     _keep("keep-run", "a run", b";1MV+;2MV-\n"),
     _keep("keep-frame", "a frame", b"\n0255-255"),
     _keep("keep-pulse", "a pulse", b";1PR1;2PR-1\n"),
