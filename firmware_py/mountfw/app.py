@@ -1,7 +1,7 @@
 """The loop: hear, move on, one piece of work. Joins the pure parts with a port, the hardware's verbs.
 
 A port has ticks_us(), ticks_ms(), any(wait_ms), drain(link, most), pack(ring, at, mask), writable(),
-write(c), led(on), start_watchdog(), stop_watchdog() and undisturbed(action, argument). The loop sleeps
+write(c), led(on), start_watchdog(), stop_watchdog(), collect() and undisturbed(action, argument). The loop sleeps
 only in any(), which says whether a byte waits and returns as soon as one does.
 
 No piece of work takes long: some bytes are parsed, or one message obeyed, or one command of a line, or a few
@@ -18,12 +18,14 @@ from mountfw.endstop import EndStop
 from mountfw.frame import Frame
 from mountfw.ticks import diff
 
-_SPIN_US = 2_000  # a drive that ends within this is waited for: more than a pass takes
+_SPIN_US = 3_000  # a drive that ends within this is waited for: more than a pass takes
 _LOOK_US = 300  # of that, the last stretch knows the clock only: more than a look takes
 _SHOW_US = 32_000  # between two looks at what the LED should show
 _SLEEP_MS = 64  # the longest sleep: half a slot of the LED's patterns
 _RUN_SLEEP_MS = 20  # while a run is to be counted
-_TAKE = 32  # bytes taken in between two looks at what is due
+_TAKE = 64  # bytes taken in between two looks at what is due
+_STREAM = 32  # so many bytes at once are part of a stream ...
+_MUCH = 2048  # ... which is taken in before it is parsed, up to here
 _TAKE_LOOKING = 8  # the same in the middle of something
 _SEND = 4  # bytes sent in one pass
 _BEHIND = 64  # with so many bytes yet to be parsed, frames are obeyed without an echo
@@ -50,6 +52,7 @@ class App:
         self._drain = port.drain
         self._look = controller.look = self.look
         self._feed = _no_watchdog  # what feeds it
+        self._streams = False  # will more input follow at once?
         self._sleep_ms = 0
         self._shown_at = port.ticks_us()
         self._lit = False
@@ -57,6 +60,7 @@ class App:
     def run(self):
         """The loop, for ever. An internal fault stops the motors, is queued, and the loop goes on."""
         try:
+            self._port.collect()
             self._feed = self._port.start_watchdog()
             while True:
                 try:
@@ -78,8 +82,9 @@ class App:
         controller = self.controller
         heard = self._any(self._sleep_ms)
         woke_at = now_us = self._ticks_us()
+        self._streams = False
         if heard:
-            self._hear()
+            self._hear(_TAKE)
             now_us = self._ticks_us()
         left_us = controller.service(now_us)
         if left_us < _SPIN_US:
@@ -88,7 +93,9 @@ class App:
         elif not heard:
             self._look()
         self._sleep_ms = 0
-        if controller.busy:
+        if self._streams:
+            pass  # there may be a stop in what is still coming: all else can wait
+        elif controller.busy:
             controller.next_command()
         elif self._link.unparsed:
             self._obey(self._link.next())
@@ -101,10 +108,15 @@ class App:
         self._feed()
         controller.passed(diff(now_us, woke_at))
 
-    def _hear(self, at_once=_TAKE):
-        """Take in all that waits, unless a drive must end first. A stop turns off at once."""
+    def _hear(self, at_once):
+        """Take in all that waits, unless a drive must end first. A stop turns off at once.
+
+        at_once bytes are taken before it looks at what is due. It streams if this was at least half a packet of
+        USB, and there is room for more.
+        """
         controller = self.controller
         link = self._link
+        unparsed = link.unparsed
         while link.room():
             before = link.unparsed
             stop = self._drain(link, at_once)
@@ -114,6 +126,7 @@ class App:
             elif link.unparsed - before < at_once or self._must_end():  # no more waits, or something else does
                 break
         controller.heard_at = self._ticks_us()
+        self._streams = link.unparsed - unparsed >= _STREAM and link.unparsed < _MUCH
 
     def _must_end(self):
         """Serves what drives, and says whether its end is near."""

@@ -171,8 +171,10 @@ class Controller:
             return
         if m1 == 0:  # what goes off goes first
             self._axis1.frame(0)
+            self.look()
         if m2 == 0:
             self._axis2.frame(0)
+            self.look()
         self._axis1.lead(m1)
         self._axis2.lead(m2)
         if m1:

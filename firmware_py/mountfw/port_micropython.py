@@ -119,6 +119,11 @@ def stop_watchdog():
         machine.mem32[_watchdog_registers + _CLEAR] = _ENABLE
 
 
+def collect():
+    """Free what starting up has left behind; the loop leaves nothing."""
+    gc.collect()
+
+
 def free_memory():
     """Bytes of the heap that are free. Allocates nothing, but walks the heap: ask it seldom."""
     return gc.mem_free()  # pyright: ignore[reportAttributeAccessIssue]

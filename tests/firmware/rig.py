@@ -141,6 +141,9 @@ class Port:
     def reset_cause(self):
         return 1
 
+    def collect(self):
+        pass
+
     def free_memory(self):
         return 100_000
 
