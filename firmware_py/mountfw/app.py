@@ -26,7 +26,7 @@ _RUN_SLEEP_MS = 20  # while a run is to be counted
 _TAKE = 64  # bytes taken in between two looks at what is due
 _STREAM = 32  # so many bytes at once are part of a stream ...
 _MUCH = 2048  # ... which is taken in before it is parsed, up to here
-_TAKE_LOOKING = 8  # the same in the middle of something
+_TAKE_SPINNING = 4  # the same while a drive is about to end
 _SEND = 4  # bytes sent in one pass
 _BEHIND = 64  # with so many bytes yet to be parsed, frames are obeyed without an echo
 
@@ -84,7 +84,7 @@ class App:
         woke_at = now_us = self._ticks_us()
         self._streams = False
         if heard:
-            self._hear(_TAKE)
+            self._hear()
             now_us = self._ticks_us()
         left_us = controller.service(now_us)
         if left_us < _SPIN_US:
@@ -108,34 +108,36 @@ class App:
         self._feed()
         controller.passed(diff(now_us, woke_at))
 
-    def _hear(self, at_once):
-        """Take in all that waits, unless a drive must end first. A stop turns off at once.
+    def _hear(self):
+        """Take in all that waits, unless a drive must end first.
 
-        at_once bytes are taken before it looks at what is due. It streams if this was at least half a packet of
-        USB, and there is room for more.
+        It streams if this was at least half a packet of USB, and there is room for more.
         """
-        controller = self.controller
         link = self._link
-        unparsed = link.unparsed
-        while link.room():
-            before = link.unparsed
-            stop = self._drain(link, at_once)
-            if stop:
-                controller.stop_all(errors.ABORTED if stop == wire.STOP else errors.STOPPED)
-                controller.hold(True)
-            elif link.unparsed - before < at_once or self._must_end():  # no more waits, or something else does
-                break
-        controller.heard_at = self._ticks_us()
-        self._streams = link.unparsed - unparsed >= _STREAM and link.unparsed < _MUCH
+        before = link.unparsed
+        while link.room() and self._take(_TAKE) and not self._must_end():
+            pass
+        self._streams = link.unparsed - before >= _STREAM and link.unparsed < _MUCH
+
+    def _take(self, most):
+        """Take in what waits, at most so many bytes; a stop turns off at once. False if no more waits."""
+        link = self._link
+        before = link.unparsed
+        stop = self._drain(link, most)
+        if stop:
+            self.controller.stop_all(errors.ABORTED if stop == wire.STOP else errors.STOPPED)
+            self.controller.hold(True)
+        self.controller.heard_at = self._ticks_us()
+        return stop != 0 or link.unparsed - before == most
 
     def _must_end(self):
         """Serves what drives, and says whether its end is near."""
         return self.controller.driving() and self.controller.service(self._ticks_us()) < _SPIN_US
 
     def look(self):
-        """Take in a little, in the middle of something, for the sake of a stop in it."""
-        if self._any(0) and self._link.room():
-            self._hear(_TAKE_LOOKING)
+        """Take in what waits, in the middle of something, for the sake of a stop in it."""
+        if self._any(0):
+            self._hear()
 
     def _obey(self, message):
         controller = self.controller
@@ -162,7 +164,8 @@ class App:
         axis = self.controller.ending(now_us, _SPIN_US)
         while axis:
             while axis.state > REST and diff(axis.ends_at, self._ticks_us()) > _LOOK_US:
-                self._look()
+                if self._any(0) and self._link.room():
+                    self._take(_TAKE_SPINNING)
             if axis.driving():
                 axis.cut_on_time()
             axis = self.controller.ending(self._ticks_us(), _SPIN_US)

@@ -350,7 +350,9 @@ class Axis:
             self._on_at = self.bridge.drive(-duty if self.inverted else duty)
         else:
             return False
-        return self._may_drive()  # what came since then has cut what was not yet driven
+        if self._tripped or self.held or self.emergency:  # meanwhile, by an interrupt or a look at the input
+            return self._may_drive()
+        return True
 
     def _may_drive(self):
         """False, with the move ended, if something forbids it."""
