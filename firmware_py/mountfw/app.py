@@ -19,14 +19,14 @@ from mountfw.frame import Frame
 from mountfw.ticks import diff
 
 _SPIN_US = 3_000  # a drive that ends within this is waited for: more than a pass takes
-_LOOK_US = 300  # of that, the last stretch knows the clock only: more than a look takes
+_LOOK_US = 200  # of that, the last stretch knows the clock only: more than a look takes
 _SHOW_US = 32_000  # between two looks at what the LED should show
 _SLEEP_MS = 64  # the longest sleep: half a slot of the LED's patterns
 _RUN_SLEEP_MS = 20  # while a run is to be counted
 _TAKE = 64  # bytes taken in between two looks at what is due
 _STREAM = 32  # so many bytes at once are part of a stream ...
 _MUCH = 2048  # ... which is taken in before it is parsed, up to here
-_TAKE_SPINNING = 4  # the same while a drive is about to end
+_TAKE_SPINNING = 2  # the same while a drive is about to end
 _SEND = 4  # bytes sent in one pass
 _BEHIND = 64  # with so many bytes yet to be parsed, frames are obeyed without an echo
 
@@ -168,8 +168,11 @@ class App:
                     self._take(_TAKE_SPINNING)
             if axis.driving():
                 axis.cut_on_time()
+                self._look()
             axis = self.controller.ending(self._ticks_us(), _SPIN_US)
-        return self.controller.service(self._ticks_us())
+        left_us = self.controller.service(self._ticks_us())
+        self._look()
+        return left_us
 
     def _idle(self, now_us, left_us):
         """Nothing waits: answer, and give up what stays unfinished. Returns the ms that the next pass may sleep."""

@@ -177,6 +177,7 @@ class Controller:
             self.look()
         self._axis1.lead(m1)
         self._axis2.lead(m2)
+        self.look()
         if m1:
             self._axis1.frame(m1)
             self.look()

@@ -122,6 +122,9 @@ def stop_in_a_run(lab: Lab, *, reading: bool = True) -> list[float]:
     return times
 
 
+REST_OVER_US = 510_000  # the period of VA's default, and the next pulse starts at once
+
+
 def stop_in_a_pulse(lab: Lab) -> list[float]:
     """ms; both axes pulse. By turns at any moment, and about the end of axis 1's pulse, when the loop spins."""
     board, random = lab.board(), lab.random
@@ -136,6 +139,7 @@ def stop_in_a_pulse(lab: Lab) -> list[float]:
         after_us = random.randrange(190_000) if trial % 2 else pulse_us + random.randrange(-400, 400)
         board.until_us(began_us + after_us)
         times.append(board.stopped_after_us(board.give(b"!")) / 1000)
+        board.run(REST_OVER_US)
         board.forget()
     return times
 
