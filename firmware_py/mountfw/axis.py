@@ -244,7 +244,7 @@ class Axis:
         if self.watched and self._at_stop():
             return NEVER_US
         left_us = diff(self.ends_at, now_us)
-        if self.was_cut or left_us <= 0:
+        if left_us <= 0 or (self.was_cut and not self._tripped):  # what guard() has just cut is for the next pass
             return self._over()
         if self.state == RUN and diff(now_us, self._counted_at) >= _COUNT_US:
             self._count(now_us)
@@ -269,8 +269,9 @@ class Axis:
         while diff(at, now_us) > _TURN_US:
             now_us = ticks_us()
         cut()
-        self._cut_at = now_us
-        self.was_cut = True
+        if not self.was_cut:  # by guard(), meanwhile
+            self._cut_at = now_us
+            self.was_cut = True
 
     def guard(self, _pin):
         """An end-stop has opened (a hard interrupt, maybe): cut the drive that goes into it."""
@@ -454,8 +455,9 @@ class Axis:
 
     def _part_millisteps(self):
         if self._step < 1_000_000:
-            return self._part * 1000 // self._step
-        return self._part // (self._step // 1000)  # the product would not fit a small integer
+            return (self._part * 1000 + self._step // 2) // self._step
+        step = self._step // 1000
+        return (self._part + step // 2) // step  # the product would not fit a small integer
 
     def _finish(self, reason):
         """Off, and the move is over."""
