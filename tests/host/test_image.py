@@ -1,0 +1,175 @@
+"""Where the rp2040 machine's MicroPython image comes from, and that no other is taken for the official one."""
+
+import hashlib
+import socket
+import threading
+from collections.abc import Iterator
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+
+import pytest
+
+from mirrormount import errors
+from mirrormount.virtual import emulator, image
+
+CONTENT = b"UF2\n" + bytes(range(256)) * 8
+NAME = "RPI_PICO-1.uf2"
+
+
+class Site(ThreadingHTTPServer):
+    """Stands for micropython.org."""
+
+    def __init__(self) -> None:
+        super().__init__(("127.0.0.1", 0), Handler)
+        self.status, self.content = 200, CONTENT
+        self.asked = 0
+
+    def official(self) -> image.Official:
+        url = f"http://127.0.0.1:{self.server_port}/{NAME}"
+        return image.Official(url, hashlib.sha256(CONTENT).hexdigest(), len(CONTENT))
+
+
+class Handler(BaseHTTPRequestHandler):
+    server: Site
+
+    def do_GET(self) -> None:
+        self.server.asked += 1
+        self.send_response(self.server.status)
+        self.end_headers()
+        self.wfile.write(self.server.content)
+
+    def log_message(self, *_args) -> None:
+        pass
+
+
+@pytest.fixture
+def site(monkeypatch) -> Iterator[Site]:
+    with Site() as site:
+        threading.Thread(target=site.serve_forever, args=(0.01,)).start()
+        monkeypatch.setattr(image, "OFFICIAL", site.official())
+        yield site
+        site.shutdown()
+
+
+@pytest.fixture(autouse=True)
+def images(monkeypatch, tmp_path) -> Path:
+    """The folder where images are kept: empty, on a machine where none can be built and nothing says CI."""
+    for name in ("CI", "http_proxy", "HTTP_PROXY", "all_proxy", "ALL_PROXY"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("MIRRORMOUNT_CACHE", str(tmp_path))
+    monkeypatch.setattr(image.shutil, "which", lambda _name: None)
+    monkeypatch.setattr(image, "build", lambda _folder: pytest.fail("nothing to build it with"))
+    return tmp_path / "images"
+
+
+@pytest.fixture
+def debian(monkeypatch, images) -> Path:
+    """The image that comes of Debian's sources, where that is possible."""
+    built = images / "RPI_PICO-debian.bin"
+    monkeypatch.setattr(image, "can_build", lambda: True)
+    monkeypatch.setattr(image, "build", lambda _folder: built)
+    return built
+
+
+def kept(images: Path) -> list[str]:
+    return [path.name for path in images.iterdir()] if images.exists() else []
+
+
+def test_an_image_that_is_named_goes_before_all(site, images, tmp_path):
+    images.mkdir()
+    (images / NAME).write_bytes(b"kept")
+    named = tmp_path / "mine.bin"
+    named.write_bytes(b"")
+    assert emulator.find_image(named) == named
+    assert site.asked == 0
+
+
+def test_an_image_that_is_named_and_not_there_is_told(tmp_path):
+    with pytest.raises(errors.EmulatorMissing, match="no such image"):
+        emulator.find_image(tmp_path / "RPI_PICO.uf2")
+
+
+def test_an_image_in_the_cache_is_taken(site, images):
+    images.mkdir()
+    image = images / "RPI_PICO-1.25.0.bin"
+    image.write_bytes(b"")
+    assert emulator.find_image(None) == image
+    assert site.asked == 0
+
+
+def test_the_official_image_is_fetched_once(site, debian, images):
+    assert emulator.find_image(None).read_bytes() == CONTENT
+    assert emulator.find_image(None) == images / NAME
+    assert kept(images) == [NAME]
+    assert site.asked == 1
+
+
+@pytest.mark.parametrize(
+    "content",
+    [CONTENT[:-1] + b"?", CONTENT + b"?", CONTENT[:-1], b"", b"<html>log in first</html>"],
+    ids=["one byte differs", "longer", "shorter", "nothing", "a page"],
+)
+def test_anything_else_is_refused_in_one_line_and_neither_used_nor_kept(site, debian, images, capsys, content):
+    site.content = content
+    assert emulator.find_image(None) == debian
+    (line,) = capsys.readouterr().err.splitlines()
+    assert NAME in line and hashlib.sha256(content[: len(CONTENT) + 1]).hexdigest()[:12] in line
+    assert kept(images) == []
+
+
+def test_what_is_refused_is_told_where_none_can_be_built(site, images):
+    site.content = b"another"
+    with pytest.raises(errors.EmulatorMissing, match="not the image that it should be") as e:
+        emulator.find_image(None)
+    assert len(str(e.value).splitlines()) == 1
+    assert kept(images) == []
+
+
+@pytest.mark.parametrize("status", [403, 404, 500])
+def test_a_site_that_does_not_give_it_is_passed_over_in_silence(site, debian, images, capsys, status):
+    site.status = status
+    assert emulator.find_image(None) == debian
+    assert capsys.readouterr().err == ""
+    assert kept(images) == []
+
+
+def test_a_net_that_does_not_let_us_out_is_passed_over_in_silence(monkeypatch, debian, capsys):
+    with Site() as gone:
+        monkeypatch.setattr(image, "OFFICIAL", gone.official())
+    assert emulator.find_image(None) == debian
+    assert capsys.readouterr().err == ""
+
+
+def test_a_site_that_never_answers_is_not_waited_for(monkeypatch, debian, capsys):
+    monkeypatch.setattr(image, "_PATIENCE_S", 0.05)
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        url = f"http://127.0.0.1:{silent.getsockname()[1]}/{NAME}"
+        monkeypatch.setattr(image, "OFFICIAL", image.Official(url, "", 1))
+        assert emulator.find_image(None) == debian
+    assert capsys.readouterr().err == ""
+
+
+def test_a_name_server_that_never_answers_is_not_waited_for(monkeypatch, site, debian):
+    answered = threading.Event()
+    monkeypatch.setattr(image, "_PATIENCE_S", 0.05)
+    monkeypatch.setattr(image.urllib.request, "urlopen", lambda *_args, **_kw: answered.wait())
+    assert emulator.find_image(None) == debian
+    answered.set()
+
+
+def test_ci_asks_nobody(monkeypatch, site, debian):
+    monkeypatch.setenv("CI", "true")
+    assert emulator.find_image(None) == debian
+    assert site.asked == 0
+
+
+def test_without_image_net_and_toolchain_it_says_where_to_put_one(monkeypatch):
+    with Site() as gone:
+        monkeypatch.setattr(image, "OFFICIAL", gone.official())
+    with pytest.raises(errors.EmulatorMissing, match=rf"{NAME} cannot be had .*--image FILE"):
+        emulator.find_image(None)
+
+
+def test_the_official_image_is_one_for_the_pico_and_its_sum_is_written_down():
+    assert image.OFFICIAL.url.startswith("https://micropython.org/resources/firmware/RPI_PICO-")
+    assert len(bytes.fromhex(image.OFFICIAL.sha256)) == 32 and image.OFFICIAL.size % 512 == 0
