@@ -9,13 +9,13 @@ const ENTRY = 0x10000000; // the image's own second-stage boot loader
 const RESET = { power: 0x100, run: 0x10000, watchdog: 0x100 };
 
 export class Board {
-  // bootrom: Uint32Array. onPin(pin, level), onByte(byte), onUsb(up) tell what happens, at time `us`.
-  constructor(bootrom, onPin, onByte, onUsb) {
+  // bootrom: Uint32Array. onPin(pin, level), onByte(byte), onUsb(up), onFlash() tell what happens, at time `us`.
+  constructor(bootrom, onPin, onByte, onUsb, onFlash) {
     this.bootrom = bootrom;
     this.onPin = onPin;
     this.onByte = onByte;
     this.onUsb = onUsb;
-    this.flash = new SpiFlash();
+    this.flash = new SpiFlash(onFlash);
     this.driven = new Array(PINS).fill(null); // by the world: null, 0 or 1
     this.baseNs = 0; // before the last reset
     this.mcu = null;
@@ -78,6 +78,9 @@ export class Board {
     const own = gpio.outputEnable && !gpio.outputDisable ? gpio.outputValue : null;
     const value = this.driven[i] ?? own ?? (gpio.pullupEnabled ? 1 : 0);
     if (Boolean(value) !== gpio.rawInputValue) gpio.setInputValue(Boolean(value));
+  }
+  cutPower(operations, half) {
+    this.flash.cutAfter(operations, half, () => { this.pending = { cause: 'power', watchdog: null }; });
   }
   drivePin(i, value) { this.driven[i] = value; this.level(i); }
   setCollects(yes) { this.collects = yes; this.host.setCollects(yes); }

@@ -9,9 +9,11 @@ const ERASE = { 0x20: [4096, 45_000], 0x52: [32_768, 120_000], 0xd8: [65_536, 15
 const PROGRAM_US = 400;
 
 export class SpiFlash {
-  constructor() {
+  constructor(onOperation = () => {}) {
+    this.onOperation = onOperation;
     this.memory = new Uint8Array(FLASH_SIZE).fill(0xff);
     this.operations = 0; // erases and programs so far
+    this.cut = null; // see cutAfter
     this.onChange = () => {};
     this.powerOn(null);
   }
@@ -21,7 +23,11 @@ export class SpiFlash {
     this.busyUntil = -1;
     this.selected = false;
     this.bytes = [];
+    this.off = false;
   }
+  // The power goes, and then() is called, with the n-th erase or program from now; that one is left half done if `half`.
+  cutAfter(n, half, then) { this.cut = { at: this.operations + n, half, then }; }
+  get isLast() { return this.cut !== null && this.cut.at === this.operations + 1; }
   get busy() { return this.clock.nanos < this.busyUntil; }
   get address() { return ((this.bytes[1] << 16) | (this.bytes[2] << 8) | this.bytes[3]) & (FLASH_SIZE - 1); }
   select() {
@@ -45,25 +51,33 @@ export class SpiFlash {
     if (!this.selected) return;
     this.selected = false;
     const command = this.bytes[0];
-    if (command === undefined || (this.busy && command !== 0x05 && command !== 0x35)) return;
+    if (this.off || command === undefined || (this.busy && command !== 0x05 && command !== 0x35)) return;
     if (command === 0x06) this.writable = true;
     else if (command === 0x04) this.writable = false;
     else if (this.writable && command in ERASE) {
       const [size, us] = ERASE[command];
       const start = this.address & ~(size - 1);
-      this.memory.fill(0xff, start, start + size);
+      this.memory.fill(0xff, start, start + this.done(size));
       this.changed(start, size, us);
     } else if (this.writable && command === 0x02) {
       const page = this.address & ~255;
-      for (let i = 4; i < this.bytes.length; i++) this.memory[page | ((this.address + i - 4) & 255)] &= this.bytes[i];
+      const count = this.done(this.bytes.length - 4);
+      for (let i = 0; i < count; i++) this.memory[page | ((this.address + i) & 255)] &= this.bytes[i + 4];
       this.changed(page, 256, PROGRAM_US);
     }
   }
+  done(count) { return this.isLast && this.cut.half ? count >> 1 : count; } // how many bytes of it are done
   changed(start, size, us) {
     this.operations++;
     this.writable = false;
     this.busyUntil = this.clock.nanos + us * 1000;
     this.onChange(start, size);
+    this.onOperation();
+    if (this.cut?.at !== this.operations) return;
+    const { then } = this.cut;
+    this.cut = null;
+    this.off = true;
+    then();
   }
 }
 

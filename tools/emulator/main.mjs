@@ -5,16 +5,19 @@
 //   FLASH    file that holds the flash's content; written back as it changes, if it is to be kept
 //
 // stdin and stdout carry the 16-byte records of host/mirrormount/virtual/fakes/_seam.py, and these:
-//   from the board  U USB is up (a = 1) or down
-//   to the board    D a program has opened the port (a = 1) or closed it     X reset: a = 0 power, 1 the RUN pin
+//   from the board  U USB is up (a = 1) or down     F the flash has been erased or programmed at a place
+//   to the board    D a program has opened the port (a = 1) or closed it
+//                   X reset: a = 0 power, 1 the RUN pin, 2 power, and the flash is what it was at the last M
+//                   M remember what the flash holds; at first that is what it held in the beginning
+//                   C cut the power for a moment with the dt-th F from now; a = 1: that one is left half done
 import fs from 'node:fs';
 import { Board } from './board.mjs';
 
 const [bootromFile, imageFile, flashFile, startText, keep] = process.argv.slice(2);
 const START_US = Number(startText);
 const RECORD = 16;
-const [EDGE, SENT, WAIT, USB] = Buffer.from('ETSU');
-const [RECEIVED, PIN, COLLECTS, GO, OPEN, RESET] = Buffer.from('RPWGDX');
+const [EDGE, SENT, WAIT, USB, FLASH] = Buffer.from('ETSUF');
+const [RECEIVED, PIN, COLLECTS, GO, OPEN, RESET, CUT, REMEMBER] = Buffer.from('RPWGDXCM');
 
 const out = [];
 function record(kind, a, b, dt) {
@@ -45,9 +48,11 @@ const board = new Board(
   (pin, level) => record(EDGE, pin, level * 65535, 0),
   byte => record(SENT, byte, 0, 0),
   up => record(USB, up ? 1 : 0, 0, 0),
+  () => record(FLASH, 0, 0, 0),
 );
 if (fs.existsSync(flashFile)) board.flash.memory.set(fs.readFileSync(flashFile));
 else for (const [address, data] of image(imageFile)) board.flash.memory.set(data, address);
+const remembered = Uint8Array.from(board.flash.memory);
 board.boot('power');
 
 let saved = 0;
@@ -69,7 +74,12 @@ function take(r) {
   else if (kind === PIN) board.drivePin(a, b);
   else if (kind === COLLECTS) board.setCollects(a === 1);
   else if (kind === OPEN) board.setOpen(a === 1);
-  else if (kind === RESET) board.pending = { cause: a === 0 ? 'power' : 'run', watchdog: null };
+  else if (kind === RESET) {
+    if (a === 2) board.flash.memory.set(remembered);
+    board.pending = { cause: a === 1 ? 'run' : 'power', watchdog: null };
+  }
+  else if (kind === REMEMBER) remembered.set(board.flash.memory);
+  else if (kind === CUT) board.cutPower(r.readUInt32LE(4), a === 1);
   else if (kind === GO) {
     const until = Number(r.readBigUInt64LE(8)) + r.readUInt32LE(4) - START_US;
     board.runUntil(until * 1000);

@@ -19,8 +19,8 @@ from mirrormount.virtual.wiring import DRIVES, LED, SWITCHES
 
 # the seam's records; virtual/fakes/_seam.py is the other side and explains them
 _RECORD = struct.Struct("<BBHIQ")
-_EDGE, _SENT, _WAIT, _USB = b"ETSU"
-_RECEIVED, _PIN, _COLLECTS, _GO, _OPEN, _RESET = b"RPWGDX"
+_EDGE, _SENT, _WAIT, _USB, _FLASH = b"ETSUF"
+_RECEIVED, _PIN, _COLLECTS, _GO, _OPEN, _RESET, _CUT, _REMEMBER = b"RPWGDXCM"
 
 # half a second before the firmware's 30-bit clock wraps: every board lives through a wrap early
 START_US = (1 << 30) - 500_000
@@ -59,6 +59,7 @@ class World:
         self._collects = True
         self._opened = True
         self.usb = True
+        self.flash_operations = 0  # erases and programs so far, of a machine that has a flash
         self._wants_us: int | None = None  # while the firmware waits to go on
         self.lit = False  # the board's LED
         try:
@@ -94,6 +95,8 @@ class World:
                 self.on_sent(a)
             elif kind == _USB:
                 self.usb = bool(a)
+            elif kind == _FLASH:
+                self.flash_operations += 1
             elif kind == _EDGE and a in DRIVES:
                 self._edge(t, DRIVES[a], b)
             elif kind == _EDGE and a == LED:
@@ -147,6 +150,21 @@ class World:
     def reset(self, *, power: bool) -> None:
         """Cut the power for a moment, or pulse the reset pin; happens with the next go()."""
         self._to_child.write(_RECORD.pack(_RESET, 0 if power else 1, 0, 0, 0))
+
+    def remember_flash(self) -> None:
+        """What the flash holds now is what start_over() gives back; at first, what it held in the beginning."""
+        self._to_child.write(_RECORD.pack(_REMEMBER, 0, 0, 0, 0))
+
+    def start_over(self) -> None:
+        """Cut the power for a moment, and give the flash back what it held; happens with the next go()."""
+        self._to_child.write(_RECORD.pack(_RESET, 2, 0, 0, 0))
+
+    def cut_power(self, operations: int, *, half: bool) -> None:
+        """Cut the power for a moment with so many more operations on the flash; half: the last one is left half done.
+
+        Counts from the next go(), on a machine that has a flash.
+        """
+        self._to_child.write(_RECORD.pack(_CUT, int(half), 0, operations, 0))
 
     def close(self) -> None:
         """Power off: what was driven is not driven any more."""
