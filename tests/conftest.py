@@ -1,8 +1,26 @@
-"""With CI=true what is not run is a failure: a skipped test fails, and says what it needs."""
+"""With CI=true what is not run is a failure: a skipped test fails, and says what it needs.
+
+Tests that are marked exhaustive take an hour; they are left out without --exhaustive.
+"""
 
 import os
 
 import pytest
+
+
+def pytest_addoption(parser):
+    parser.addoption("--exhaustive", action="store_true", help="also cut the power at every operation of the flash")
+
+
+def pytest_configure(config):
+    config.addinivalue_line("markers", "exhaustive: takes an hour, left out without --exhaustive")
+
+
+def pytest_collection_modifyitems(config, items):
+    if not config.getoption("--exhaustive"):
+        left_out = [item for item in items if item.get_closest_marker("exhaustive")]
+        items[:] = [item for item in items if item not in left_out]
+        config.hook.pytest_deselected(items=left_out)
 
 
 @pytest.hookimpl(wrapper=True)
