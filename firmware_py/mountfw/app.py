@@ -1,8 +1,8 @@
 """The loop: hear, move on, one piece of work. Joins the pure parts with a port, the hardware's verbs.
 
 A port has ticks_us(), ticks_ms(), any(wait_ms), drain(link, most), pack(ring, at, mask), writable(),
-write(c), led(on), start_watchdog(), stop_watchdog(), collect() and undisturbed(action, argument). The loop sleeps
-only in any(), which says whether a byte waits and returns as soon as one does.
+write(c), led(on), start_watchdog(), stop_watchdog(), collect() and undisturbed(action, argument). The
+loop sleeps only in any(), which says whether a byte waits and returns as soon as one does.
 
 No piece of work takes long: some bytes are parsed, or one message obeyed, or one command of a line, or a few
 bytes sent. So whatever comes, the next look at the input and at the switches is less than a millisecond away.
@@ -24,9 +24,9 @@ _SHOW_US = 32_000  # between two looks at what the LED should show
 _SLEEP_MS = 64  # the longest sleep: half a slot of the LED's patterns
 _RUN_SLEEP_MS = 20  # while a run is to be counted
 _TAKE = 64  # bytes taken in between two looks at what is due
+_TAKE_SPINNING = 2  # the same while a drive is about to end
 _STREAM = 32  # so many bytes at once are part of a stream ...
 _MUCH = 2048  # ... which is taken in before it is parsed, up to here
-_TAKE_SPINNING = 2  # the same while a drive is about to end
 _SEND = 4  # bytes sent in one pass
 _BEHIND = 64  # with so many bytes yet to be parsed, frames are obeyed without an echo
 
@@ -136,8 +136,8 @@ class App:
 
     def look(self):
         """Take in what waits, in the middle of something, for the sake of a stop in it."""
-        if self._any(0):
-            self._hear()
+        if self._any(0) and self._link.room():
+            self._take(_TAKE)
 
     def _obey(self, message):
         controller = self.controller

@@ -45,7 +45,6 @@ class Axis:
         self.negative_stop = negative_stop
         self._errors = error_queue
         self._ticks_us = ticks_us
-
         self.reset()
 
     def reset(self):
@@ -93,7 +92,8 @@ class Axis:
         self._period_us = 0
         self._timed = False  # is the end of this run its own, or the run limit?
         self._on_at = 0  # when the drive began
-        self._led = False  # has lead() driven already?
+        self._led = False  # has lead() driven already, since _led_at?
+        self._led_at = 0
         self._cut_at = 0
         self._tripped = False  # has guard() cut it?
         self._counted_at = 0  # up to when a run is counted
@@ -186,7 +186,7 @@ class Axis:
         So both motors get a frame's speeds before the longer work of counting begins.
         """
         if speed and not (self.held or self.emergency or self.watched):
-            self._on_at = self.bridge.drive(-speed if self.inverted else speed)
+            self._led_at = self.bridge.drive(-speed if self.inverted else speed)
             self._led = True
 
     def frame(self, speed, for_ms=0):
@@ -198,6 +198,7 @@ class Axis:
             self.end(errors.SUPERSEDED)
             return
         if self.emergency:
+            self.end(errors.EMERGENCY_STOP)
             self.error(errors.AXIS_EMERGENCY_STOP)
             return
         same_way = False
@@ -346,6 +347,7 @@ class Axis:
         """The one setter. False, with the move ended, if it must not drive."""
         if self._led:
             self._led = False
+            self._on_at = self._led_at
         elif self._may_drive():
             duty = self._duty * self._direction
             self._on_at = self.bridge.drive(-duty if self.inverted else duty)
@@ -471,7 +473,7 @@ class Axis:
             self._next_at = add(self._on_at, self._period_us)
             self.resting = True
         if self.state > REST:
-            self._count(self._cut_at if self.was_cut else self._on_at if self._led else self._ticks_us())
+            self._count(self._cut_at if self.was_cut else self._led_at if self._led else self._ticks_us())
             if self._part:
                 self.position += self._direction * self._part_millisteps()
                 self._part = 0

@@ -425,3 +425,21 @@ def test_status_tells_all_that_a_panel_polls():
     assert head.split(b",")[2] == b"1"
     assert one.split(b",")[1:3] == [b"1", b"-1"]
     assert rig.ask(b"1MV?;2MV?\n") == b"-; 0\r\n"
+
+
+def test_a_frame_that_takes_over_a_pulse_leaves_it_counted():
+    for frame, way in ((b"02550000", 1), (b"-2550000", -1)):
+        rig = Rig()
+        rig.ask(b"1DH0;1PR1\n")
+        began = [us for us, pin, duty in rig.port.edges if pin == 2 and duty][-1]
+        rig.run(100_000)
+        rig.send(frame)
+        rig.take_in()
+        came = rig.now()
+        rig.settle()
+        reason, _, on_us = rig.ask(b"1XE?\n").split(b",")
+        assert reason == b"8"
+        assert abs(int(on_us) - (came - began)) < 1_000, frame
+        rig.ask(b"!\n")
+        driven_us = int(on_us) + way * rig.axis1.ended_on_us
+        assert abs(rig.axis1.position - driven_us / 200) < 5, frame
