@@ -108,3 +108,43 @@ def test_the_clock_of_the_image_wraps_as_the_firmware_thinks(make_board):
     prompt = RawPrompt(make_board())
     said = prompt.run("import time; print(time.ticks_diff(0, (1 << 30) - 1), time.ticks_add((1 << 30) - 1, 2))")
     assert said == "1 1\r\n"
+
+
+AS_NATIVE = """
+import micropython, random
+from mountfw import console_micropython as console, frame, link
+random.seed(%d)
+for _ in range(400):
+    ring = bytearray([random.choice(b'000+-112255589:/\\x21\\xb0') for _ in range(16)])
+    at = random.randrange(64)
+    if console.pack(ring, at, 15) != frame.pack(ring, at, 15):
+        print('pack', ring, at)
+fast, slow = [link.Link(None, None, None, 256) for _ in range(2)]
+sent = bytes(%r)
+micropython.kbd_intr(-1)
+for start in range(0, len(sent), 200):
+    fast.unparsed = slow.unparsed = 0
+    print('more')
+    stops = []
+    while fast.unparsed < min(200, len(sent) - start):
+        if console.any(1000):
+            stops.append(console.drain(fast, 7))
+    if [s for s in stops if s] != [s for s in [slow.receive(c) for c in sent[start : start + 200]] if s]:
+        print('stops', start, stops)
+    if (fast.ring, fast.write, fast.zeros, fast.stops_ahead) != (slow.ring, slow.write, slow.zeros, slow.stops_ahead):
+        print('ring', start)
+micropython.kbd_intr(3)
+"""
+
+
+def test_the_native_code_does_what_the_readable_code_says(make_board):
+    board = make_board()
+    RawPrompt(board)
+    chosen = random.Random(3)
+    sent = bytes(chosen.choice(b"00000000000!\x03\xff\x80a1\n") for _ in range(1000))
+    board.send((AS_NATIVE % (3, sent)).encode() + b"\x04")
+    board.until(b"OK")
+    for start in range(0, len(sent), 200):
+        assert board.until(b"more\r\n") == b"more\r\n"
+        board.send(sent[start : start + 200])
+    assert board.until(b"\x04>") == b"\x04\x04>"
