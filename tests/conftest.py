@@ -1,6 +1,6 @@
 """With CI=true what is not run is a failure: a skipped test fails, and says what it needs.
 
-Tests that are marked exhaustive take an hour; they are left out without --exhaustive.
+Tests that are marked exhaustive take hours; they are left out without --exhaustive.
 """
 
 import os
@@ -13,7 +13,7 @@ def pytest_addoption(parser):
 
 
 def pytest_configure(config):
-    config.addinivalue_line("markers", "exhaustive: takes an hour, left out without --exhaustive")
+    config.addinivalue_line("markers", "exhaustive: takes hours, left out without --exhaustive")
 
 
 def pytest_collection_modifyitems(config, items):

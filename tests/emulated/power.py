@@ -167,9 +167,9 @@ def _call(line: str) -> str:
 
 
 def compiled() -> dict[str, bytes]:
-    """The firmware as .mpy, with a main.py that differs from the plain one."""
+    """The firmware as .mpy; what stays source even so differs from the plain file."""
     files = firmware(MPY)
-    return files | {"main.py": files["main.py"] + b"# compiled\n"}
+    return files | {path: text + b"# compiled\n" for path, text in files.items() if path.endswith(".py")}
 
 
 def another_version(folder: Path) -> dict[str, bytes]:
