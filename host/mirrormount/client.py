@@ -203,10 +203,7 @@ class Mount:
 
     def reset(self) -> None:
         """Re-initialise the board in place: off, all as at power-up, an emergency stop released. Raises BoardError."""
-        with self.link.lock:
-            self.send("*RST")
-            self._boot_id = None  # the next status tells the new one
-            self.status()
+        self.send("*RST")
 
     def sleep(self, seconds: float) -> None:
         """Let time pass (the board's own, on a virtual board in lockstep) with the motion kept alive."""
@@ -234,6 +231,8 @@ class Mount:
         with self.link.lock:
             self._take_old_errors()
             *answers, error = self.ask(f"{line};TB?").split("; ")
+            if "*RST" in line.upper():
+                self._boot_id = None  # the next status tells the new one
             if not error.startswith("0,"):
                 self.take_errors()
                 raise _board_error(error.rpartition(">")[2])
