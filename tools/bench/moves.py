@@ -38,8 +38,8 @@ def _ends(axis: int, way: int, keep_ms: int) -> tuple[End, ...]:
         End("zeros", "00000000", 20_000, frozenset({_STOPPED})),
         End("ST", f"{axis}ST\n", 270_000, frozenset({_STOPPED})),
         End("malformed", "255255\n", 20_000, frozenset({_STOPPED}), frozenset({60})),
-        # the frame is a move of its own, which may end with the run limit
-        End(_FRAME, "0255-255", 20_000, frozenset({_SUPERSEDED}), frozenset({140, 240})),
+        # the frame is a move of its own, which ends with the run limit, after 20 ms at least: so it is asked before
+        End(_FRAME, "0255-255", 10_000, frozenset({_SUPERSEDED}), frozenset({140, 240})),
         End(HIT, "", _REST_US, frozenset({_END_STOP}), frozenset({axis * 100 + (4 if way > 0 else 5)})),
         End(SILENCE, "", keep_ms * 1000 + 30_000, frozenset({_KEEP_ALIVE}), frozenset({62})),
     )
