@@ -183,7 +183,7 @@ def _ask(link: Link, question: bytes) -> str:
         line = link.read_line(_ANSWER_S)
     except NoAnswer:
         line = ""
-    return line + link.drain(0.05).decode("ascii", "replace")
+    return (line + "\n" + link.drain(0.05).decode("ascii", "replace")).lstrip("\n")
 
 
 def _moves(heard: str) -> bool:
@@ -208,7 +208,7 @@ def _come_back(port: str, wanted_hash: str) -> tuple[str, int]:
             link.drain(0.1)
             heard = _ask(link, b"*IDN?\n")
             if heard.startswith("mirrormount,"):
-                _, name, _, version = heard.split(",")
+                _, name, _, version = heard.splitlines()[0].split(",")  # it may answer an earlier question, too
                 return f"{name}, mountfw {version.strip()}", _check(link, wanted_hash)
             if ">>>" in heard:
                 link.write(b"\r\x04")  # once more, to hear why

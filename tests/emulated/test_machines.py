@@ -44,10 +44,10 @@ def test_a_frame_and_a_stop_give_the_same_sequence(board):
     board.send(b"!")
     board.run(30_000)
     assert [(pin, duty) for _, pin, duty in board.edges_after(start)] == [
-        ("m2_neg", 65535),
-        ("m2_en", 65535),
         ("m1_pos", 65535),
         ("m1_en", 65535),
+        ("m2_neg", 65535),
+        ("m2_en", 65535),
         ("m1_en", 0),
         ("m2_en", 0),
         ("m1_pos", 0),
