@@ -89,5 +89,7 @@ def test_wrong_arguments_move_nothing(board):
 def test_ctrl_d_starts_the_firmware_again(board):
     type_line(board, "m.x.step(1)")
     board.send(b"\x04")
+    board.until(b"soft reboot")
+    board.world.lit = False  # it was lit: the boot is over when it is so again
     board.boot()
     assert board.ask(b"*IDN?\n", 5_000_000).startswith(b"mirrormount,")
