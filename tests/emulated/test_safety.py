@@ -96,15 +96,20 @@ def with_emergency_stop(make_board):
     return board
 
 
+def off_after_opening(board, switch: str) -> int:
+    """Microseconds of the board's time from the switch's opening to the last enable's fall."""
+    start = board.world.us
+    board.world.bench.broken.add(switch)
+    assert board.run(5_000, board.off)
+    return max(us for us, pin, _ in board.edges_after(start) if pin.endswith("_en")) - start
+
+
 def test_the_emergency_stop_cuts_both_drives_and_latches(make_board):
     board = with_emergency_stop(make_board)
     board.send(b"02550255")
     board.run(20_000)
     assert not board.off()
-    board.world.bench.broken.add("emergency_stop")
-    start = board.world.us
-    assert board.run(5_000, board.off)
-    assert max(us for us, pin, _ in board.edges_after(start) if pin.endswith("_en")) - start < 1_000
+    assert off_after_opening(board, "emergency_stop") < 1_000
     assert board.ask(b"1XE?;2XE?\n").startswith(b"10,")
     board.world.bench.broken.clear()
     board.send(b"02550255")
@@ -119,10 +124,7 @@ def test_an_end_stop_cuts_the_drive_from_an_interrupt(make_board):
     board.send(b"1XL3;1DH0;1MV+\n")
     board.run(50_000)
     assert not board.off()
-    board.world.bench.broken.add("m1_sw_pos")
-    start = board.world.us
-    assert board.run(5_000, board.off)
-    assert max(us for us, pin, _ in board.edges_after(start) if pin.endswith("_en")) - start < 1_000
+    assert off_after_opening(board, "m1_sw_pos") < 1_000
     board.run(5_000)
     assert board.ask(b"1XE?\n").startswith(b"4,")
     assert board.ask(b"TE?\n") == b"104\r\n"
