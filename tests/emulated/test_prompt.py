@@ -3,6 +3,7 @@
 import random
 
 import pytest
+from lab import on_times_us
 
 from mirrormount.virtual.bench import SWITCH_REV
 
@@ -26,14 +27,7 @@ def type_line(board, line: str) -> bytes:
 
 
 def on_times(board, pin: str, since_us: int) -> list[int]:
-    times, since = [], None
-    for us, name, duty in board.edges_after(since_us):
-        if name == pin and duty and since is None:
-            since = us
-        elif name == pin and not duty and since is not None:
-            times.append(us - since)
-            since = None
-    return times
+    return on_times_us(board.edges_after(since_us), pin)
 
 
 def test_steps_and_jogs_last_what_they_should(board, capsys):
