@@ -3,7 +3,8 @@
 A move is started by steps(), run() or frame() and carried on by service(), which never waits.
 Every accepted move ends exactly once, through _finish(), with one of the reasons of errors.py.
 All driving goes through _drive(), which alone knows the switches and the stops that are about
-to be parsed; lead() runs ahead of it for a frame where there is nothing of these to know. Times are microseconds of a clock that wraps (ticks.py); positions are millisteps.
+to be parsed; lead() runs ahead of it for a frame where there is nothing of these to know. Times
+are microseconds of a clock that wraps (ticks.py); positions are millisteps.
 
 The clock is asked right before each pin write, the one that drives and the one that cuts, so that
 an on-time is what the pin had: what comes between clock and pin is the same on both sides. A drive
