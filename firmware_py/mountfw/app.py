@@ -105,7 +105,7 @@ class App:
         if diff(now_us, self._shown_at) >= _SHOW_US:
             self._shown_at = now_us
             self.show()
-        self._feed()
+            self._feed()
         controller.passed(diff(now_us, woke_at))
 
     def _hear(self):
@@ -115,7 +115,7 @@ class App:
         """
         link = self._link
         before = link.unparsed
-        while link.room() and self._take(_TAKE) and not self._must_end():
+        while self._take(_TAKE) and not self._must_end():
             pass
         self._streams = link.unparsed - before >= _STREAM and link.unparsed < _MUCH
 
@@ -127,8 +127,10 @@ class App:
         if stop:
             self.controller.stop_all(errors.ABORTED if stop == wire.STOP else errors.STOPPED)
             self.controller.hold(True)
-        self.controller.heard_at = self._ticks_us()
-        return stop != 0 or link.unparsed - before == most
+        taken = link.unparsed - before
+        if taken:
+            self.controller.heard_at = self._ticks_us()
+        return stop != 0 or taken == most
 
     def _must_end(self):
         """Serves what drives, and says whether its end is near."""
@@ -136,7 +138,7 @@ class App:
 
     def look(self):
         """Take in what waits, in the middle of something, for the sake of a stop in it."""
-        if self._any(0) and self._link.room():
+        if self._any(0):
             self._take(_TAKE)
 
     def _obey(self, message):
@@ -147,7 +149,7 @@ class App:
             frame = self._frame
             controller.frame(frame.m1, frame.m2)
             if self._link.unparsed < _BEHIND:
-                controller.echo(frame.packed)
+                self._replies.echo(frame.packed)  # best effort: nobody is told if it did not fit
         elif message == wire.LINE:
             controller.line(self._line)
         elif message == wire.STOP:
@@ -164,7 +166,7 @@ class App:
         axis = self.controller.ending(now_us, _SPIN_US)
         while axis:
             while axis.state > REST and diff(axis.ends_at, self._ticks_us()) > _LOOK_US:
-                if self._any(0) and self._link.room():
+                if self._any(0):
                     self._take(_TAKE_SPINNING)
             if axis.driving():
                 axis.cut_on_time()

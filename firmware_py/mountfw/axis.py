@@ -2,16 +2,15 @@
 
 A move is started by steps(), run() or frame() and carried on by service(), which never waits.
 Every accepted move ends exactly once, through _finish(), with one of the reasons of errors.py.
-All driving goes through _drive(), which alone knows the switches and the stops that are about
-to be parsed; lead() runs ahead of it for a frame where there is nothing of these to know. Times
-are microseconds of a clock that wraps (ticks.py); positions are millisteps.
+All driving goes through _drive(), after _may_drive() has looked at the switches and at the stops that
+are about to be parsed. Times are microseconds of a clock that wraps (ticks.py); positions are millisteps.
 
 The clock is asked right before each pin write, the one that drives and the one that cuts, so that
 an on-time is what the pin had: what comes between clock and pin is the same on both sides. A drive
 that must end on time is waited for with cut_on_time(); what service() finds overdue ends late.
 
 Two things may come from an interrupt, between any two lines here: guard(), and `emergency` set.
-They cut the drive and leave the rest to service(); _drive() looks again after it has driven.
+They cut the drive and leave the rest to service(); _started() looks again after it was driven.
 """
 
 from mountfw import errors
@@ -99,7 +98,7 @@ class Axis:
         self._tripped = False  # has guard() cut it?
         self._counted_at = 0  # up to when a run is counted
         self._step = 1  # what makes a step, microseconds times duty
-        self._part = 0  # of a step, likewise
+        self._part = 0  # of a step, likewise; 0 unless it runs
         self.resting = False  # after a move's last pulse, until _next_at
         self._next_at = 0
 
@@ -148,6 +147,7 @@ class Axis:
         self.last_relative = n
         self.target = target
         self._steps_left = abs(n)
+        self._stopping = False
         self._begin(n, self.step_duty)
         self._period_us = max(100_000_000 // self.velocity, self.pulse_us + _REST_US)
         if n == 0:
@@ -178,16 +178,17 @@ class Axis:
         if self._refused():
             return False
         self._begin(direction, self.run_duty)
+        self._timed = False
         self._run(self.run_limit_ms, False)
         return True
 
     def lead(self, speed):
-        """Drive at the speed of a frame at once, if nothing speaks against it. frame() must follow: it does the rest.
+        """Drive at a frame's speed (not 0) now, if nothing speaks against it. frame() must follow: it does the rest.
 
         So both motors get a frame's speeds before the longer work of counting begins.
         """
-        if speed and not (self.held or self.emergency or self.watched):
-            self._led_at = self.bridge.drive(-speed if self.inverted else speed)
+        if not (self.held or self.emergency or self.watched):
+            self._led_at = self._drive(speed)
             self._led = True
 
     def frame(self, speed, for_ms=0):
@@ -338,20 +339,20 @@ class Axis:
         self._steps_done = 0
         self._on_us = 0
         self._step = self.pulse_us * self.step_duty
-        self._part = 0
-        self._stopping = False
-        self._timed = False
         self.was_cut = False
         self._tripped = False
 
-    def _drive(self):
-        """The one setter. False, with the move ended, if it must not drive."""
+    def _drive(self, duty):
+        """The one setter: drive at duty, -255 ... 255 but not 0, in the axis's own direction. Returns the time."""
+        return self.bridge.drive(-duty if self.inverted else duty)
+
+    def _started(self, duty):
+        """Drive as _drive() does, unless lead() has done so. False, with the move ended, if it must not drive."""
         if self._led:
             self._led = False
             self._on_at = self._led_at
         elif self._may_drive():
-            duty = self._duty * self._direction
-            self._on_at = self.bridge.drive(-duty if self.inverted else duty)
+            self._on_at = self._drive(duty)
         else:
             return False
         if self._tripped or self.held or self.emergency:  # meanwhile, by an interrupt or a look at the input
@@ -401,7 +402,7 @@ class Axis:
     def _pulse(self):
         self.resting = False
         self.was_cut = False
-        if self._drive():
+        if self._started(self._duty * self._direction):
             self.ends_at = add(self._on_at, self.pulse_us)
             self.state = PULSE
             if self.pulse_us < _SHORT_US:
@@ -409,7 +410,7 @@ class Axis:
 
     def _run(self, limit_ms, same_way):
         self.resting = False
-        if self._drive():
+        if self._started(self._duty * self._direction):
             self.ends_at = add(self._on_at, limit_ms * 1000)
             if not same_way:
                 self._counted_at = self._on_at

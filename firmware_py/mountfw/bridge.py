@@ -41,10 +41,12 @@ class EnableBridge:
         """Drive at duty, -255 ... 255 but not 0. Returns the time."""
         direction = 1 if duty > 0 else -1
         if direction != self._direction:
-            self.off()  # the enable drops before a leg changes
+            self._enable.low()  # before a leg changes
             if direction > 0:
+                self._neg.low()
                 self._pos.high()
             else:
+                self._pos.low()
                 self._neg.high()
             self._direction = direction
             self._pause_us(self._dead_time_us)

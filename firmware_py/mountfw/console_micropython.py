@@ -47,7 +47,7 @@ def any(wait_ms):
 def drain(link, most: int) -> int:
     """What Link.receive() does with each byte that waits, at most `most` and no further than to a stop.
 
-    Returns that stop, or NEED_BYTES. The link must have room for one byte.
+    Returns that stop, or NEED_BYTES.
     """
     ring = ptr8(link.ring)  # noqa: F821 # pyright: ignore[reportUndefinedVariable] (known to viper)
     mask = int(link.mask)

@@ -169,27 +169,22 @@ class Controller:
         if m1 == 0 and m2 == 0:
             self.stop_all(errors.STOPPED)
             return
+        axis1 = self._axis1
+        axis2 = self._axis2
         if m1 == 0:  # what goes off goes first
-            self._axis1.frame(0)
-            self.look()
-        if m2 == 0:
-            self._axis2.frame(0)
-            self.look()
-        self._axis1.lead(m1)
-        self._axis2.lead(m2)
+            axis1.frame(0)
+        elif m2 == 0:
+            axis2.frame(0)
+        if m1:
+            axis1.lead(m1)
+        if m2:
+            axis2.lead(m2)
         self.look()
         if m1:
-            self._axis1.frame(m1)
+            axis1.frame(m1)
             self.look()
         if m2:
-            self._axis2.frame(m2)
-
-    def echo(self, packed):
-        """Echo a packed frame as the paper's sketch does."""
-        r = self._replies
-        r.begin()
-        r.echo(packed)
-        r.commit()  # best effort: nobody is told if it did not fit
+            axis2.frame(m2)
 
     def line(self, line):
         """A good line is in hand: next_command() executes it, and its queries are answered in one line."""

@@ -57,12 +57,8 @@ class Link:
         self._pack = pack
         self._state = _BOUNDARY
 
-    def room(self):
-        """True while receive() may be called."""
-        return self.unparsed <= self.mask
-
     def receive(self, c):
-        """Store byte c. STOP or ZEROS if it completes that stop, else NEED_BYTES."""
+        """Store byte c, if unparsed <= mask. STOP or ZEROS if it completes that stop, else NEED_BYTES."""
         stop = NEED_BYTES
         if c == _ZERO:
             self.zeros += 1
@@ -192,7 +188,7 @@ _CHARACTERS = tuple([bytes((c,)) for c in range(0x20, 0x40)])
 class Replies:
     """The sending side: a bounded queue. A reply that does not fit is dropped whole.
 
-    begin(), then add(), put() and echo(), then commit(); read() while waiting. It holds texts,
+    begin(), then add() and put(), then commit(); or echo(). read() while waiting. It holds texts,
     numbers and frames as they are and makes bytes of them as they are sent, so that answering takes
     little of one pass. A text must not change until it is sent.
     """
@@ -228,9 +224,16 @@ class Replies:
         self.add(_CHARACTERS[c - 0x20])
 
     def echo(self, packed):
-        """Add the echo of a packed frame, as the paper's sketch gives it."""
-        self.add(None)  # says that a frame follows
-        self.add(packed)
+        """The echo of a packed frame, as the paper's sketch gives it: a whole reply. False if it did not fit."""
+        head = self._head
+        mask = self._mask
+        if head - self._tail & mask > mask - 2:
+            return False
+        self._items[head] = None  # says that a frame follows
+        self._items[head + 1 & mask] = packed
+        self._head = head + 2 & mask
+        self.waiting = True
+        return True
 
     def commit(self):
         """End the reply. False if it did not fit: then nothing of it is sent."""

@@ -84,7 +84,7 @@ class Port:
 
     def drain(self, link, most):
         for _ in range(most):
-            if not link.room() or self.next_us() > self.us:
+            if link.unparsed > link.mask or self.next_us() > self.us:
                 break
             self.us += 24
             c = self.inbox[self.taken][1]
