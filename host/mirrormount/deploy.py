@@ -25,6 +25,7 @@ FLASH_IT = (
 )
 _STATUS = re.compile(r"\d+,\d+,\d+((?:\|-?\d+,[01],-?\d+,\d+,\d+,\d+)+)")
 _ANSWER_S = 1.0
+_ADDRESS = b"42>"  # a made-up one: a board gives back what it was asked with
 _BACK_S = 20.0  # how long a board may take to come back from its reset
 _SPARE_BLOCKS = 4  # room that the file system needs to rename and to write the journal
 _IN_A_BOARD_FILE = {"NAME", "BRIDGE", "AXIS_1", "AXIS_2", "PWM_HZ", "DEAD_TIME_US", "LED"}
@@ -224,10 +225,14 @@ def _come_back(port: str, wanted_hash: str) -> tuple[str, int]:
 
 def _check(link: Link, wanted_hash: str) -> int:
     """What runs must be what was sent. Returns the number of axes."""
-    found = link.ask(b"XF?\n", _ANSWER_S)
+    # the address comes back with the answers: those to earlier questions, from a board that was starting, are not ours
+    answer = link.ask(_ADDRESS + b"XF?;XH?;XS?\n", _ANSWER_S)
+    while not answer.startswith(_ADDRESS.decode()):
+        answer = link.read_line(_ANSWER_S)
+    found, health, status = answer[len(_ADDRESS) :].split("; ")
     if found != wanted_hash:
         raise DeployError(f"the board's firmware is not what was sent (XF? {found[:16]}…, not {wanted_hash[:16]}…)")
-    health = link.ask(b"XH?\n", _ANSWER_S).split(",")
-    if len(health) != 4 or not all(number.isdecimal() for number in health):
-        raise DeployError(f"the board does not tell its health: {','.join(health)[:60]!r}")
-    return link.ask(b"XS?\n", _ANSWER_S).count("|")
+    numbers = health.split(",")
+    if len(numbers) != 4 or not all(number.isdecimal() for number in numbers):
+        raise DeployError(f"the board does not tell its health: {health[:60]!r}")
+    return status.count("|")
