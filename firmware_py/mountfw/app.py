@@ -1,8 +1,9 @@
 """The loop: hear, move on, one piece of work. Joins the pure parts with a port, the hardware's verbs.
 
 A port has ticks_us(), ticks_ms(), any(wait_ms), drain(link, most), pack(ring, at, mask), writable(),
-write(c), led(on), start_watchdog(), stop_watchdog(), collect() and undisturbed(action, argument). The
-loop sleeps only in any(), which says whether a byte waits and returns as soon as one does.
+write(c), led(on), start_watchdog(), stop_watchdog(), collect() and undisturbed(action, argument), and for
+files what settings.py says. The loop sleeps only in any(), which says whether a byte waits and returns as
+soon as one does.
 
 No piece of work takes long: some bytes are parsed, or one message obeyed, or one command of a line, or a few
 bytes sent. So whatever comes, the next look at the input and at the switches is less than a millisecond away.
@@ -10,12 +11,15 @@ bytes sent. So whatever comes, the next look at the input and at the switches is
 
 from mountfw import errors
 from mountfw import link as wire
+from mountfw.answers import About
 from mountfw.axis import NEVER_US, REST, Axis
 from mountfw.bridge import EnableBridge, TwoPwmBridge
 from mountfw.command import Line
+from mountfw.commands import Commands
 from mountfw.controller import Controller
 from mountfw.endstop import EndStop
 from mountfw.frame import Frame
+from mountfw.settings import Records
 from mountfw.ticks import diff
 
 _SPIN_US = 3_000  # a drive that ends within this is waited for: more than a pass takes
@@ -40,17 +44,21 @@ def _no_watchdog():
 class App:
     """The firmware of one mount. step() is one pass of the loop and never waits longer than _SLEEP_MS."""
 
-    def __init__(self, port, controller, link, frame, line, replies):
+    def __init__(self, port, controller, commands, link, frame, replies):
         self.controller = controller
+        self._commands = commands
+        self._records = controller.records
         self._port = port
         self._link = link
         self._frame = frame
-        self._line = line
         self._replies = replies
         self._ticks_us = port.ticks_us
         self._any = port.any
         self._drain = port.drain
-        self._look = controller.look = self.look
+        self._look = self.look
+        controller.watch_input(self.look)
+        self.answers = commands.answers
+        self._passed = commands.answers.passed
         self._feed = _no_watchdog  # what feeds it
         self._streams = False  # will more input follow at once?
         self._sleep_ms = 0
@@ -95,8 +103,8 @@ class App:
         self._sleep_ms = 0
         if self._streams:
             pass  # there may be a stop in what is still coming: all else can wait
-        elif controller.busy:
-            controller.next_command()
+        elif self._commands.busy:
+            self._commands.go_on()
         elif self._link.unparsed:
             self._obey(self._link.next())
         elif not heard:  # after a byte the next pass looks at once, so that a pause is seen from its beginning
@@ -106,7 +114,7 @@ class App:
             self._shown_at = now_us
             self.show()
             self._feed()
-        controller.passed(diff(now_us, woke_at))
+        self._passed(diff(now_us, woke_at))
 
     def _hear(self):
         """Take in all that waits, unless a drive must end first.
@@ -151,7 +159,7 @@ class App:
             if self._link.unparsed < _BEHIND:
                 self._replies.echo(frame.packed)  # best effort: nobody is told if it did not fit
         elif message == wire.LINE:
-            controller.line(self._line)
+            self._commands.take()
         elif message == wire.STOP:
             controller.stop_all(errors.ABORTED)
         elif message == wire.ZEROS:
@@ -186,6 +194,8 @@ class App:
             left_us = quiet_us
         if self._link.unparsed or self.controller.watching():
             return 0
+        if self._records.waiting and not (waiting or self._link.gap_us()):
+            self._records.record(now_us, self.controller.moving())
         if waiting:
             most_ms = 0 if self._port.writable() else 1
         else:
@@ -234,6 +244,7 @@ def build(port, board):
     """An App on a port (see port_micropython.py), wired as a board file says (see boards/)."""
     global built
     error_queue = errors.ErrorQueue()
+    cause = port.reset_cause()
     replies = wire.Replies()
     frame = Frame(port.pack)
     line = Line()
@@ -265,21 +276,13 @@ def build(port, board):
     number = getattr(board, "EMERGENCY_STOP", None)
     emergency_stop = EndStop(port.reader(number))
     emergency_stop.fitted = number is not None
-    controller = Controller(
-        axes[0],
-        axes[1],
-        replies,
-        error_queue,
-        emergency_stop,
-        board.NAME,
-        port.unique_id(),
-        port.boot_id(),
-        port.ticks_ms,
-        port.firmware_hash(),
-        port.reset_cause(),
-        port.free_memory,
-    )
+    records = Records(port, axes, error_queue)
+    controller = Controller(axes[0], axes[1], error_queue, emergency_stop, records, port.boot_id(), port.ticks_ms)
+    if cause == errors.WATCHDOG:
+        error_queue.push(errors.WATCHDOG_RESET)
+    about = About(board.NAME, port.unique_id(), port.firmware_hash(), cause, port.free_memory)
     if number is not None:
         port.on_rise(number, controller.guard)
-    built = App(port, controller, wire.Link(frame, line, port.pack), frame, line, replies)
+    commands = Commands(controller, line, replies, about)
+    built = App(port, controller, commands, wire.Link(frame, line, port.pack), frame, replies)
     return built

@@ -1,9 +1,10 @@
-"""One axis: timed pulses, runs, frames and their bounds. Imports bridge, endstop, errors, ticks.
+"""One axis: timed pulses, runs, frames and their bounds. Imports bridge, endstop, errors, homing, position, ticks.
 
-A move is started by steps(), run() or frame() and carried on by service(), which never waits.
+A move is started by steps(), run(), frame() or seek() and carried on by service(), which never waits.
 Every accepted move ends exactly once, through _finish(), with one of the reasons of errors.py.
 All driving goes through _drive(), after _may_drive() has looked at the switches and at the stops that
-are about to be parsed. Times are microseconds of a clock that wraps (ticks.py); positions are millisteps.
+are about to be parsed. Times are microseconds of a clock that wraps (ticks.py); what a drive was worth
+is counted by position.py.
 
 The clock is asked right before each pin write, the one that drives and the one that cuts, so that
 an on-time is what the pin had: what comes between clock and pin is the same on both sides. A drive
@@ -14,22 +15,28 @@ They cut the drive and leave the rest to service(); _started() looks again after
 """
 
 from mountfw import errors
+from mountfw.homing import Homing
+from mountfw.position import MAX_STEPS, Position
 from mountfw.ticks import add, diff
 
 # states of an axis, in such an order that those above REST have drive
 IDLE = 0
 REST = 1  # between two steps
-PULSE = 2  # driving, one step
+PULSE = 2  # driving, one step or a take-up
 RUN = 3  # driving until told otherwise
 
 NEVER_US = 1 << 29  # "no deadline"
 
-MAX_STEPS = 1_000_000  # of position either way; millisteps then still fit a small integer
 _FINISH_PULSE_US = 250_000  # a soft stop lets a pulse end that has less than this to go
+_SHORTEST_US = 200  # no pulse is shorter, so less than that is not taken up
 _SHORT_US = 900  # a pulse that may be over before the loop comes round is waited for where it begins
 _TURN_US = 5  # half of what one turn of that waiting takes an RP2040
 _REST_US = 1_000  # least rest after a pulse
 _COUNT_US = 20_000  # a run is counted at least this often while it is served, so that its sums stay small
+
+
+def _nothing():
+    pass
 
 
 class Axis:
@@ -45,29 +52,55 @@ class Axis:
         self.negative_stop = negative_stop
         self._errors = error_queue
         self._ticks_us = ticks_us
+        self.position = Position()
+        self.homing = Homing(self)
+        self.forget = _nothing  # takes the position off the flash, where it is recorded; settings.py sets it
+        self.recorded = False  # is it there? Then nothing may drive before forget()
+        self.state = IDLE
         self.reset()
+
+    def factory(self):
+        """The settings as they were made; their names stand in the table of settings.py."""
+        self.pulse_us = 200_000
+        self.step_duty = 255
+        self.run_duty = 255
+        self.take_up_us = 0
+        self.inverted = 0
+        self.switches = 0  # bit 0: the positive end-stop is fitted, bit 1: the negative one
+        self.run_limit_ms = 10_000
+        self.move_limit_ms = 120_000
+        self.velocity = 200  # hundredths of a step per second
+        self.acceleration = 100_000  # kept for those who ask: DC pulses do not ramp
+        self.soft_minimum = -MAX_STEPS
+        self.soft_maximum = MAX_STEPS
+        self.checking = 0  # bit 0: end-stops ignored, bit 3: soft limits checked
+        self.motor_type = 3  # 0: none
+
+    def load(self, values):
+        """Have the settings as they were made, and of these (name, value) the value."""
+        inverted = self.inverted
+        self.factory()
+        for name, value in values:
+            setattr(self, name, value)
+        if self.inverted != inverted:
+            self.position.mirror()
+        self.apply()
+
+    def can_fit(self, switches):
+        """True if the board has inputs for these switches (see factory())."""
+        return not (
+            switches & ~3
+            or (switches & 1 and not self.positive_stop.can_fit())
+            or (switches & 2 and not self.negative_stop.can_fit())
+        )
 
     def reset(self):
         """Off, and everything as at power-up."""
         self.bridge.off()
-
-        # settings; the names stand in controller.py's table of parameters
-        self.pulse_us = 200_000
-        self.step_duty = 255
-        self.run_duty = 255
-        self.velocity = 200  # hundredths of a step per second
-        self.inverted = 0
-        self.run_limit_ms = 10_000
-        self.move_limit_ms = 120_000
-        self.checking = 0  # bit 0: end-stops ignored
-        self.watched = False  # is there an end-stop to look at?
-        self.fit(False, False)
-
-        # where it is
-        self.position = 0  # millisteps, whole pulses and what runs have added
-        self.certainty = errors.UNKNOWN
-        self.target = 0  # steps
-        self.defined = 0  # steps: what the last define() said
+        self.state = IDLE
+        self.factory()
+        self.apply()
+        self.position.reset()
         self.last_relative = 0  # steps
 
         # how the last move ended
@@ -80,25 +113,23 @@ class Axis:
         self.emergency = False  # the emergency stop was hit; may be set by an interrupt
 
         # the move under way
-        self.state = IDLE
         self.ends_at = 0  # while driving: when the drive ends by itself
         self.was_cut = False  # while driving: is it off already, since _cut_at?
+        self.homing.phase = 0
         self._direction = 0
         self._duty = 0
         self._steps_left = 0
-        self._steps_done = 0
         self._on_us = 0
         self._stopping = False
+        self._taking_up = False  # is this pulse for the backlash?
         self._period_us = 0
-        self._timed = False  # is the end of this run its own, or the run limit?
+        self._ends_as = errors.DONE  # why this run ends if nothing ends it earlier
         self._on_at = 0  # when the drive began
         self._led = False  # has lead() driven already, since _led_at?
         self._led_at = 0
         self._cut_at = 0
         self._tripped = False  # has guard() cut it?
         self._counted_at = 0  # up to when a run is counted
-        self._step = 1  # what makes a step, microseconds times duty
-        self._part = 0  # of a step, likewise; 0 unless it runs
         self.resting = False  # after a move's last pulse, until _next_at
         self._next_at = 0
 
@@ -119,9 +150,18 @@ class Axis:
     def position_now(self):
         """Millisteps, with the part of a step that a run has covered so far."""
         if self.state != RUN:
-            return self.position
+            return self.position.millisteps
         self._count(self._cut_at if self.was_cut else self._ticks_us())
-        return self.position + self._direction * self._part_millisteps()
+        return self.position.now(self._direction)
+
+    def whole_steps(self):
+        """The same, rounded to steps, halves away from zero."""
+        p = self.position_now()
+        return (p + 500) // 1000 if p >= 0 else -((500 - p) // 1000)
+
+    def driven_us(self):
+        """How long the move under way has driven, as far as it is counted."""
+        return self._on_us
 
     def limits(self):
         """Bit 0: positive end-stop active, bit 1: negative, bit 2: home. Switches not fitted say 0."""
@@ -130,9 +170,9 @@ class Axis:
             bits = (bits & 1) << 1 | bits >> 1
         return bits
 
-    def fitted(self):
-        """Bit 0: the positive end-stop is fitted, bit 1: the negative one."""
-        return (1 if self.positive_stop.fitted else 0) | (2 if self.negative_stop.fitted else 0)
+    def stop_towards(self, direction):
+        """The end-stop that lies in the axis's own direction 1 or -1."""
+        return self.positive_stop if (direction > 0) != (self.inverted > 0) else self.negative_stop
 
     # ---- starting
 
@@ -140,12 +180,12 @@ class Axis:
         """Move by n steps: n pulses, each with its rest. False if refused (an error says why)."""
         if self._refused():
             return False
+        position = self.position
         target = self.whole_steps() + n
-        if not -MAX_STEPS <= target <= MAX_STEPS or abs(n) > self.move_limit_ms * 1000 // self.pulse_us:
-            self.error(errors.AXIS_OUT_OF_RANGE)
+        if not self._in_reach(n, target):
             return False
         self.last_relative = n
-        self.target = target
+        position.target = target
         self._steps_left = abs(n)
         self._stopping = False
         self._begin(n, self.step_duty)
@@ -159,27 +199,63 @@ class Axis:
             self._pulse()
         return True
 
+    def _in_reach(self, n, target):
+        """May n steps to target be asked for? If not, an error says why."""
+        take_up_us = self.position.take_up(n) // self.step_duty
+        most = (self.move_limit_ms * 1000 - take_up_us) // self.pulse_us
+        if not -MAX_STEPS <= target <= MAX_STEPS or abs(n) > most:
+            self.error(errors.AXIS_OUT_OF_RANGE)
+        elif self.checking & 8 and target > self.soft_maximum:
+            self.error(errors.AXIS_POSITIVE_SOFT)
+        elif self.checking & 8 and target < self.soft_minimum:
+            self.error(errors.AXIS_NEGATIVE_SOFT)
+        else:
+            return True
+        return False
+
     def to(self, steps):
         """Move to a position, by the nearest whole number of pulses. False if refused."""
         if not -MAX_STEPS <= steps <= MAX_STEPS:
             self.error(errors.AXIS_OUT_OF_RANGE)
             return False
-        part = self.position % 1000
-        n = steps - self.position // 1000
+        part = self.position.millisteps % 1000
+        n = steps - self.position.millisteps // 1000
         if part > 500 or (part == 500 and n <= 0):  # halves go away from zero
             n -= 1
         if not self.steps(n):
             return False
-        self.target = steps
+        self.position.target = steps
         return True
 
     def run(self, direction):
-        """Run in direction 1 or -1 until stopped, at most run_limit_ms. False if refused."""
+        """Run in direction 1 or -1 until stopped, at most run_limit_ms and to the soft limit. False if refused."""
         if self._refused():
             return False
+        most_us = self.run_limit_ms * 1000
+        ends_as = errors.RUN_LIMIT
+        if self.checking & 8:
+            limit = self.soft_maximum if direction > 0 else self.soft_minimum
+            left_us = self.position.drive_to(limit, direction, self.run_duty)
+            if left_us <= 0:
+                self._soft_error(direction)
+                return False
+            if left_us < most_us:
+                most_us = left_us
+                ends_as = errors.SOFT_LIMIT
         self._begin(direction, self.run_duty)
-        self._timed = False
-        self._run(self.run_limit_ms, False)
+        self._ends_as = ends_as
+        self._run(most_us, False)
+        return True
+
+    def seek(self, direction, home):
+        """Find the end-stop in direction 1 or -1; with home, position 0 is there. False if refused."""
+        if self._refused():
+            return False
+        if not (self.watched and self.stop_towards(direction).fitted):
+            self.error(errors.AXIS_NOT_FITTED)
+            return False
+        self._begin(direction, self.run_duty)
+        self.homing.start(direction, home)
         return True
 
     def lead(self, speed):
@@ -187,7 +263,7 @@ class Axis:
 
         So both motors get a frame's speeds before the longer work of counting begins.
         """
-        if not (self.held or self.emergency or self.watched):
+        if not (self.held or self.emergency or self.watched or self.recorded):
             self._led_at = self._drive(speed)
             self._led = True
 
@@ -208,8 +284,12 @@ class Axis:
             same_way = self.state > REST and (speed > 0) == (self._direction > 0)
             self._close(errors.SUPERSEDED)  # the drive stays on, the new one may go the same way
         self._begin(speed, abs(speed))
-        self._timed = 0 < for_ms <= self.run_limit_ms
-        self._run(for_ms if self._timed else self.run_limit_ms, same_way)
+        if 0 < for_ms <= self.run_limit_ms:
+            self._ends_as = errors.DONE
+            self._run(for_ms * 1000, same_way)
+        else:
+            self._ends_as = errors.RUN_LIMIT
+            self._run(self.run_limit_ms * 1000, same_way)
 
     # ---- ending
 
@@ -221,7 +301,8 @@ class Axis:
 
     def stop_soon(self):
         """End the move; a pulse that is nearly over is finished first."""
-        if self.state == PULSE and diff(self.ends_at, self._ticks_us()) < _FINISH_PULSE_US:
+        left_us = diff(self.ends_at, self._ticks_us())
+        if self.state == PULSE and left_us < _FINISH_PULSE_US and not (self._taking_up or self.homing.phase):
             self._stopping = True
         else:
             self.end(errors.STOPPED)
@@ -242,20 +323,30 @@ class Axis:
             left_us = diff(self._next_at, now_us)
             if left_us > 0:
                 return left_us
-            self._pulse()
-            return diff(self.ends_at, self._ticks_us()) if self.state > REST else NEVER_US
-        if self.watched and self._at_stop():
-            return NEVER_US
+            if self.homing.phase:
+                self.homing.rested()
+            else:
+                self._pulse()
+            return self._next_us()
+        if self.watched and (self._at_stop() or (self.homing.phase and self.homing.watch())):
+            return self._next_us()
         left_us = diff(self.ends_at, now_us)
         if left_us <= 0 or (self.was_cut and not self._tripped):  # what guard() has just cut is for the next pass
-            return self._over()
+            self._over()
+            return self._next_us()
         if self.state == RUN and diff(now_us, self._counted_at) >= _COUNT_US:
             self._count(now_us)
-            if self.position * self._direction >= MAX_STEPS * 1000:
+            if self.position.millisteps * self._direction >= MAX_STEPS * 1000:
                 self._finish(errors.RUN_LIMIT)
                 self.error(errors.AXIS_OUT_OF_RANGE)
                 return NEVER_US
         return left_us
+
+    def _next_us(self):
+        """Until the next thing to do."""
+        if not self.state:
+            return NEVER_US
+        return diff(self._next_at if self.state == REST else self.ends_at, self._ticks_us())
 
     def left_us(self, now_us):
         """Until the drive ends by itself; NEVER_US if there is none, or it is cut already."""
@@ -278,45 +369,56 @@ class Axis:
 
     def guard(self, _pin):
         """An end-stop has opened (a hard interrupt, maybe): cut the drive that goes into it."""
-        if self.watched and self._ahead().active():
+        if self.watched and self.stop_towards(self._direction).active():
             self._tripped = True
             self._cut()
 
-    # ---- settings that need more than storing
+    # ---- settings
 
-    def fit(self, positive, negative):
-        """Say which end-stops there are."""
-        self.positive_stop.fitted = positive
-        self.negative_stop.fitted = negative
+    def set(self, name, value):
+        """Change the setting of this name; value is within its limits."""
+        if name == "inverted" and value != self.inverted:
+            self.position.mirror()
+        setattr(self, name, value)
         self.apply()
 
     def apply(self):
-        """A setting was changed."""
-        self.watched = not self.checking & 1 and self.fitted() != 0
+        """The settings have changed."""
+        self._changed = self.state != IDLE
+        self.positive_stop.fitted = self.switches & 1 != 0
+        self.negative_stop.fitted = self.switches & 2 != 0
+        self.watched = self.switches & 3 != 0 and not self.checking & 1
+        if not self._changed:
+            self._measure()
 
-    def define(self, steps):
-        """Call the present position `steps`."""
-        self.position = steps * 1000
-        self.target = steps
-        self.defined = steps
-        self.certainty = errors.COUNTED
+    # ---- what homing does
 
-    def step_changed(self):
-        """A step is no longer what was counted: a position other than 0 becomes an estimate."""
-        if self.position and self.certainty:
-            self.certainty = errors.ESTIMATED
+    def leg(self, direction, most_us):
+        """Run on in direction 1 or -1, at most for so long; then homing.ran_out() is told."""
+        self._direction = direction
+        self._duty = self.run_duty
+        self.was_cut = False
+        self._tripped = False
+        self._run(most_us, False)
 
-    def invert(self, inverted):
-        """Swap the axis's direction (0 or 1). The spot has not moved: the position changes sign."""
-        if inverted != self.inverted:
-            self.inverted = inverted
-            self.position = -self.position
-            self.target = -self.target
+    def pulse(self, direction, us):
+        """Give one pulse of this length; then homing.ran_out() is told."""
+        self._direction = direction
+        self._duty = self.step_duty
+        self.was_cut = False
+        self._tripped = False
+        self._one_pulse(us)
 
-    def whole_steps(self):
-        """The position rounded to steps, halves away from zero."""
-        p = self.position_now()
-        return (p + 500) // 1000 if p >= 0 else -((500 - p) // 1000)
+    def rest(self, us):
+        """Off; then homing.rested() is told."""
+        self.bridge.off()
+        self._book()
+        self._next_at = add(self._ticks_us(), us)
+        self.state = REST
+
+    def finish(self, reason):
+        """Off, and the move is over."""
+        self._finish(reason)
 
     def error(self, number):
         """Queue error `number` of this axis."""
@@ -327,18 +429,31 @@ class Axis:
     def _refused(self):
         if self.state:
             self.error(errors.AXIS_MOVING)
-            return True
-        if self.emergency:
+        elif self.emergency:
             self.error(errors.AXIS_EMERGENCY_STOP)
-        return self.emergency
+        elif not self.motor_type:
+            self.error(errors.AXIS_NOT_CONNECTED)
+        else:
+            return False
+        return True
+
+    def _measure(self):
+        """What makes a step, and a gap."""
+        step = self.pulse_us * self.step_duty
+        if step != self.position.step:
+            self.position.step_changed()
+            self.position.step = step
+        self.position.set_gap(self.take_up_us * self.step_duty)
+
+    def _soft_error(self, direction):
+        self.error(errors.AXIS_POSITIVE_SOFT if direction > 0 else errors.AXIS_NEGATIVE_SOFT)
 
     def _begin(self, direction, duty):
         """A move is accepted: from here on it must reach _finish() or _close()."""
+        self.position.made = 0
         self._direction = 1 if direction > 0 else -1
         self._duty = duty
-        self._steps_done = 0
         self._on_us = 0
-        self._step = self.pulse_us * self.step_duty
         self.was_cut = False
         self._tripped = False
 
@@ -361,38 +476,40 @@ class Axis:
 
     def _may_drive(self):
         """False, with the move ended, if something forbids it."""
-        if not (self.held or self.emergency or self.watched):
+        if not (self.held or self.emergency or self.watched or self.recorded):
             return True
+        if self.recorded:
+            self.forget()  # which takes long, and looks at the input after it
         if self.held:
             self._finish(errors.ABORTED)
         elif self.emergency:
             self._finish(errors.EMERGENCY_STOP)
             self.error(errors.AXIS_EMERGENCY_STOP)
+        elif self.recorded:  # still: after a power cut that record would tell a wrong position
+            self._finish(errors.FAULT)
         else:
             return not self._at_stop()
         return False
 
-    def _ahead(self):
-        """The end-stop that this move goes towards."""
-        return self.positive_stop if (self._direction > 0) != (self.inverted > 0) else self.negative_stop
-
     def _at_stop(self):
         """True, with the move ended and its error queued, if a switch forbids this direction."""
-        positive = self.positive_stop
-        negative = self.negative_stop
         if not self.watched:
             return False
-        ahead = self._ahead()
-        if not (self._tripped or ahead.active()):
+        if not (self._tripped or self.stop_towards(self._direction).active()):
             return False
-        behind = negative if ahead is positive else positive
-        both = behind.active()
-        self._finish(errors.FAULT if both else errors.END_STOP)
-        if both:
+        if self.stop_towards(-self._direction).active():
+            self._finish(errors.FAULT)
             self.error(errors.AXIS_BOTH_STOPS)
+        elif self.homing.phase:
+            self.homing.hit()
         else:
-            self.error(errors.AXIS_POSITIVE_STOP if self._direction > 0 else errors.AXIS_NEGATIVE_STOP)
+            self._finish(errors.END_STOP)
+            self.stop_error(self._direction)
         return True
+
+    def stop_error(self, direction):
+        """Queue the error of the end-stop in this direction."""
+        self.error(errors.AXIS_POSITIVE_STOP if direction > 0 else errors.AXIS_NEGATIVE_STOP)
 
     def _cut(self):
         self._cut_at = self._ticks_us()
@@ -400,68 +517,80 @@ class Axis:
         self.was_cut = True
 
     def _pulse(self):
-        self.resting = False
+        """The next pulse of a move by steps: first one for the backlash, if there is any to take up."""
+        us = self.position.take_up(self._direction) // self._duty
+        self._taking_up = us >= _SHORTEST_US
         self.was_cut = False
+        self._one_pulse(us if self._taking_up else self.pulse_us)
+
+    def _one_pulse(self, us):
+        self.resting = False
         if self._started(self._duty * self._direction):
-            self.ends_at = add(self._on_at, self.pulse_us)
+            self.ends_at = add(self._on_at, us)
             self.state = PULSE
-            if self.pulse_us < _SHORT_US:
+            if us < _SHORT_US:
                 self.cut_on_time()
 
-    def _run(self, limit_ms, same_way):
+    def _run(self, most_us, same_way):
         self.resting = False
         if self._started(self._duty * self._direction):
-            self.ends_at = add(self._on_at, limit_ms * 1000)
+            self.ends_at = add(self._on_at, most_us)
             if not same_way:
                 self._counted_at = self._on_at
             self.state = RUN
 
     def _over(self):
-        """The drive has come to its own end, a pulse's or a run's. Returns as service() does."""
+        """The drive has come to its own end, a pulse's or a run's."""
         if not self.was_cut:
             self._cut()
-        if self.state == RUN:
-            timed = self._timed
-            self._finish(errors.DONE if timed else errors.RUN_LIMIT)
-            if not timed:
+        if self.homing.phase:
+            self.homing.ran_out(self.state == PULSE)
+        elif self.state == RUN:
+            ends_as = self._ends_as
+            self._finish(ends_as)
+            if ends_as == errors.RUN_LIMIT:
                 self.error(errors.AXIS_RUN_LIMIT)
-            return NEVER_US
+            elif ends_as == errors.SOFT_LIMIT:
+                self._soft_error(self._direction)
+        else:
+            self._pulse_over()
+
+    def _pulse_over(self):
         self.bridge.off()
         self._on_us += diff(self._cut_at, self._on_at)
-        self._steps_done += 1
+        self.state = REST
+        if self._taking_up:
+            self.position.taken_up(self._direction)
+            self._next_at = add(self._cut_at, _REST_US)
+            return
+        self.position.pulsed(self._direction)
         self._steps_left -= 1
-        self.position += self._direction * 1000
         self._next_at = add(self._on_at, self._period_us)
         self.resting = True
-        self.state = REST
         if self._steps_left == 0:
             self._finish(errors.DONE)
         elif self._stopping:
             self._finish(errors.STOPPED)
-        else:
-            return diff(self._next_at, self._ticks_us())
-        return NEVER_US
 
     def _count(self, now_us):
-        """Add what a run has driven up to now_us, as steps: on-time / pulse_us x duty / step_duty."""
-        d = diff(now_us, self._counted_at)
+        """Count what has driven up to now_us."""
+        us = diff(now_us, self._counted_at)
         self._counted_at = now_us
-        self._on_us += d
-        part = self._part + d * self._duty
-        if part >= self._step:
-            whole = part // self._step
-            part -= whole * self._step
-            self._steps_done += whole
-            self.position += self._direction * whole * 1000
-        self._part = part
-        if self.certainty:  # unless it is unknown anyway
-            self.certainty = errors.ESTIMATED
+        self._on_us += us
+        self.position.driven(self._direction, us * self._duty, False)
 
-    def _part_millisteps(self):
-        if self._step < 1_000_000:
-            return (self._part * 1000 + self._step // 2) // self._step
-        step = self._step // 1000
-        return (self._part + step // 2) // step  # the product would not fit a small integer
+    def _book(self):
+        """The drive is over: count what was not counted yet."""
+        if self.state == PULSE:  # cut short
+            self._counted_at = self._on_at
+            self._next_at = add(self._on_at, self._period_us)
+            self.resting = True
+        if self.state > REST:
+            at = self._cut_at if self.was_cut else self._led_at if self._led else self._ticks_us()
+            us = diff(at, self._counted_at)
+            self._counted_at = at
+            self._on_us += us
+            self.position.driven(self._direction, us * self._duty, True)
 
     def _finish(self, reason):
         """Off, and the move is over."""
@@ -469,17 +598,13 @@ class Axis:
         self._close(reason)
 
     def _close(self, reason):
-        """The move is over: count what was not counted, and remember how it ended."""
-        if self.state == PULSE:  # cut short
-            self._counted_at = self._on_at
-            self._next_at = add(self._on_at, self._period_us)
-            self.resting = True
-        if self.state > REST:
-            self._count(self._cut_at if self.was_cut else self._led_at if self._led else self._ticks_us())
-            if self._part:
-                self.position += self._direction * self._part_millisteps()
-                self._part = 0
-        self.reason = reason
-        self.ended_steps = self._direction * self._steps_done
+        """The move is over: book it, and remember how it ended."""
+        self._book()
+        self.ended_steps = self.position.made
         self.ended_on_us = self._on_us
+        self.reason = reason
+        self.homing.phase = 0
         self.state = IDLE
+        if self._changed:
+            self._changed = False
+            self._measure()

@@ -28,7 +28,8 @@ _AT_ONCE = 4  # bytes that one call of advance() reads at most: a piece of work 
 _MAX_NAME = 6  # letters that fit an integer below 2**30 to the base 28
 
 # Each state, and what it becomes with which byte. Where a byte is not named, it cannot continue the line.
-# 0 stands for a digit, A for a letter, + for a sign, $ for LF (CR counts as LF).
+# 0 stands for a digit, A for a letter, + for a sign, $ for LF (CR counts as LF), a comma for other punctuation.
+# Names of six letters and more (HOSTNAME, IPADDR ...) are a network's: what follows them is text.
 _GRAMMAR = """
 first    0 first1  A name  * star  space first
 first1   0 first2  A name  * star  space axis_  > start
@@ -38,7 +39,12 @@ axis1    0 axis2   A name  * star  space axis_
 axis2              A name  * star  space axis_
 axis_              A name  * star  space axis_
 star               A name
-name     0 whole1  A name          space name_  + sign  ? after  ; start  $ end
+name     0 whole1  A name2         space name_  + sign  ? after  ; start  $ end
+name2    0 whole1  A name3         space name_  + sign  ? after  ; start  $ end
+name3    0 whole1  A name4         space name_  + sign  ? after  ; start  $ end
+name4    0 whole1  A name5         space name_  + sign  ? after  ; start  $ end
+name5    0 whole1  A long          space name_  + sign  ? after  ; start  $ end
+long     0 text    A long          space text   + text  ? after  ; start  $ end  . text   , text
 name_    0 whole1                  space name_  + sign  ? after  ; start  $ end
 sign     0 whole1                  space after                   ; start  $ end
 whole1   0 whole2  . point         space after                   ; start  $ end
@@ -56,10 +62,11 @@ part4    0 part5                   space after                   ; start  $ end
 part5    0 part6                   space after                   ; start  $ end
 part6                              space after                   ; start  $ end
 after                              space after                   ; start  $ end
+text     0 text    A text          space text   + text  ? text   ; start  $ end  . text   , text  > text  * text
 end
 """
-_CLASSES = "0A* >;\n+?."  # the kinds of bytes; what is none of them is class 10
-_COLUMNS = 11
+_CLASSES = "0A* >;\n+?.,"  # the kinds of bytes; what is none of them is class 11
+_COLUMNS = 12
 _NOT_ALLOWED = 255
 
 
@@ -69,11 +76,13 @@ def _class_of(c):
     if 0x41 <= c & 0xDF <= 0x5A:
         return 1
     kind = {_CR: "\n", 0x2D: "+"}.get(c, chr(c))
-    return _CLASSES.find(kind) if kind not in "0A" else 10
+    if kind in _CLASSES:
+        return _CLASSES.find(kind)
+    return _CLASSES.find(",") if 0x22 <= c < 0x7F else _COLUMNS - 1
 
 
 def _table():
-    """The grammar as bytes: 11 for each state, the number of the next state or _NOT_ALLOWED."""
+    """The grammar as bytes: 12 for each state, the number of the next state or _NOT_ALLOWED."""
     rows = [row.split() for row in _GRAMMAR.strip().split("\n")]
     number = {row[0]: i for i, row in enumerate(rows)}
     table = bytearray([_NOT_ALLOWED] * (_COLUMNS * len(rows)))
@@ -84,14 +93,14 @@ def _table():
     return bytes(table), number["end"]
 
 
-_CLASS = bytes([_class_of(c) % _COLUMNS for c in range(0x80)])  # find() says -1, which is class 10
+_CLASS = bytes([_class_of(c) for c in range(0x80)])
 _NEXT, _END = _table()
 
 
 def key(name):
-    """The integer that stands for a mnemonic (bytes, at most 6 letters, `*` allowed first)."""
+    """The integer that stands for a mnemonic (bytes, `*` allowed first), told by its first 6 letters."""
     k = 0
-    for c in name:
+    for c in name[:_MAX_NAME]:
         k = k * 28 + (27 if c == 0x2A else c - 0x40)
     return k
 
@@ -99,8 +108,8 @@ def key(name):
 class Line:
     """One command line: feed() while it arrives, then rewind() and advance().
 
-    After advance() returned COMMAND: axis (-1 if none), name (see key(); 0 if too long to be
-    known), kind (NOTHING, QUERY, PLUS, MINUS or NUMBER) and, for a number, negative, whole
+    After advance() returned COMMAND: axis (-1 if none), name (see key()), kind (NOTHING, QUERY, PLUS, MINUS
+    or NUMBER) and, for a number, negative, whole
     (at most 7 digits) and millionths. text[:address_length] is the address prefix, `>` included.
     """
 
@@ -175,6 +184,8 @@ class Line:
         self._place = 0  # what the next digit after the point counts, in millionths
 
     def _field(self, c):
+        if self._letters == _MAX_NAME and c != 0x3F:
+            return  # more of a long name, or the text after it
         if 0x30 <= c <= 0x39:
             d = c - 0x30
             if not self._letters:
@@ -188,9 +199,6 @@ class Line:
         elif c >= 0x41 or c == 0x2A:
             self._letters += 1
             self.name = self.name * 28 + (27 if c == 0x2A else (c & 0xDF) - 0x40)
-            if self._letters > _MAX_NAME:
-                self.name = 0
-                self._letters = _MAX_NAME
         elif c == 0x2E:
             self._place = 100000
         elif c == 0x3F:

@@ -129,6 +129,25 @@ def free_memory():
     return gc.mem_free()  # pyright: ignore[reportAttributeAccessIssue]
 
 
+def load(name):
+    """The bytes of a file; None if there is none."""
+    try:
+        with open(name, "rb") as f:
+            return f.read()
+    except OSError:
+        return None
+
+
+def store(name, data):
+    """Make a file of these bytes. Raises OSError."""
+    with open(name, "wb") as f:
+        f.write(data)
+
+
+rename = os.rename  # littlefs does it whole or not at all, even onto a file that is there
+remove = os.remove
+
+
 def firmware_hash():
     """SHA-256, as hex (bytes), over the files that are on this board: main.py and every .py and .mpy of mountfw.
 

@@ -11,15 +11,20 @@ call serves them until its move is over, listens to Ctrl-C only, and leaves the 
 
 from mountfw import app, errors
 from mountfw import port_micropython as hardware
-from mountfw.axis import MAX_STEPS
+from mountfw.position import MAX_STEPS
 
 _SPIN_US = 1_000  # this long before a deadline only the clock is watched: more than one pass takes on an RP2040
 _PAUSE_US = 500  # the longest pause while something moves: Ctrl-C waits for it
 
 REASONS = ("none yet", "done", "stopped", "aborted", "end-stop reached", "soft limit reached", "run limit reached")
 REASONS += ("keep-alive lost", "superseded by another command", "fault")
+REASONS += ("emergency stop", "closed loop failed", "homing failed")
 _CERTAINTY = ("unknown", "counted", "homed", "estimated")
 _LIMITS = ("-", "positive", "negative", "both")
+
+
+def _nothing():
+    pass
 
 
 class MoveEnded(Exception):
@@ -73,9 +78,10 @@ class Mount:
         self.x = Axis(self, "x", self._controller.axes[1])
         for a in (self.x, self.y):
             if a.axis.moving():  # the firmware was cut off so hard that nobody has counted
-                a.axis.certainty = errors.UNKNOWN
+                a.axis.position.certainty = errors.UNKNOWN
         self.stop()
         self._controller.hold(False)
+        self._controller.watch_input(_nothing)  # what is typed is the prompt's
 
     def drive(self, m1, m2, ms):
         """Drive motor 1 (y) and motor 2 (x) at -255 ... 255 for ms milliseconds. Raises ValueError, MoveEnded."""
@@ -96,7 +102,7 @@ class Mount:
     def status(self):
         """Print what is known of both axes, and the errors that wait to be read."""
         for a in (self.x, self.y):
-            known = (a.name, a.position, _CERTAINTY[a.axis.certainty], _LIMITS[a.axis.limits() & 3])
+            known = (a.name, a.position, _CERTAINTY[a.axis.position.certainty], _LIMITS[a.axis.limits() & 3])
             print("%s: %+.3f steps (%s), end-stops: %s," % known, "last move:", REASONS[a.axis.reason])
         while self._controller.errors.waiting:
             print("error", self._take_error())

@@ -77,14 +77,14 @@ REASONS = {
     wire.STOPPED: "stopped",
     wire.ABORTED: "aborted",
     wire.END_STOP: "end-stop reached",
-    5: "soft limit reached",
+    wire.SOFT_LIMIT: "soft limit reached",
     wire.RUN_LIMIT: "run limit reached",
     wire.KEEP_ALIVE: "keep-alive lost",
     wire.SUPERSEDED: "superseded by another command",
     wire.FAULT: "fault",
-    10: "emergency stop",
+    wire.EMERGENCY_STOP: "emergency stop",
     11: "closed loop failed",
-    12: "homing failed",
+    wire.HOMING_FAILED: "homing failed",
 }
 
 

@@ -56,6 +56,8 @@ class Port:
         self.instants = -1  # ... after so many readings of the clock or writes to a pin
         self.fed_at = None  # when the watchdog was fed last; None: it is off
         self.shown = []  # (us since start, LED on?)
+        self.files = {}  # name: bytes
+        self.full = False  # does the file system refuse to change?
 
     def ticks_us(self):
         self.us += 3
@@ -134,6 +136,31 @@ class Port:
 
     def boot_id(self):
         return 4711
+
+    def load(self, name):
+        return self.files.get(name)
+
+    def store(self, name, data):
+        self._change()
+        self.files[name] = bytes(data)
+        self.lock()
+
+    def rename(self, old, new):
+        self._change()
+        self.files[new] = self.files.pop(old)
+        self.lock()
+
+    def remove(self, name):
+        self._change()
+        del self.files[name]
+        self.lock()
+
+    def _change(self):
+        self.us += 45_000  # about a flash sector's erase
+        self.unlock()
+        if self.full:
+            self.lock()
+            raise OSError(28)
 
     def firmware_hash(self):
         return b"5a" * 32
@@ -217,12 +244,15 @@ class Output:
 class Rig:
     """An app on such a port. send() now or later, run(), then look."""
 
-    def __init__(self, board=None):
+    def __init__(self, board=None, files=None):
         self.board = board or Board()
         self.port = Port()
+        self.port.files = files or {}
         self.app = app.build(self.port, self.board)
         self.controller = self.app.controller
         self.axis1, self.axis2 = self.controller.axes
+        self.answers = self.app.answers
+        self.about = self.answers.about
 
     def now(self):
         """Microseconds since the start."""

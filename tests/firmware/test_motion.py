@@ -123,21 +123,21 @@ def test_a_run_counts_its_time_and_duty_as_an_estimate():
     rig.run(2_000_000)
     rig.ask(b"!\n")
     on_us = rig.axis1.ended_on_us
-    assert abs(rig.axis1.position - on_us * 51 // 255 // 200) <= 1
+    assert abs(rig.axis1.position.millisteps - on_us * 51 // 255 // 200) <= 1
     assert rig.ask(b"XS?\n").split(b"|")[1].split(b",")[5] == b"3\r\n"[:1]
 
 
 def test_whole_steps_after_a_reset_of_the_count_are_counted():
     rig = Rig()
-    assert rig.axis1.certainty == 0
+    assert rig.axis1.position.certainty == 0
     rig.ask(b"1PR1\n")
     rig.run(300_000)
-    assert rig.axis1.certainty == 0  # nobody knows where it began
+    assert rig.axis1.position.certainty == 0  # nobody knows where it began
     rig.ask(b"1DH0;1PR1\n")
     rig.run(800_000)
-    assert rig.axis1.certainty == 1
+    assert rig.axis1.position.certainty == 1
     rig.ask(b"1XP100000\n")
-    assert rig.axis1.certainty == 3  # a step is another thing now
+    assert rig.axis1.position.certainty == 3  # a step is another thing now
 
 
 def test_absolute_moves_from_a_fraction_make_the_nearest_whole_number_of_pulses():
@@ -150,7 +150,7 @@ def test_absolute_moves_from_a_fraction_make_the_nearest_whole_number_of_pulses(
         (500, 0, -1),
     ):
         rig = Rig()
-        rig.axis1.position = millisteps
+        rig.axis1.position.millisteps = millisteps
         rig.ask(b"1PA%d\n" % target)
         assert rig.axis1.last_relative == pulses, millisteps
 
@@ -442,4 +442,4 @@ def test_a_frame_that_takes_over_a_pulse_leaves_it_counted():
         assert abs(int(on_us) - (came - began)) < 1_000, frame
         rig.ask(b"!\n")
         driven_us = int(on_us) + way * rig.axis1.ended_on_us
-        assert abs(rig.axis1.position - driven_us / 200) < 5, frame
+        assert abs(rig.axis1.position.millisteps - driven_us / 200) < 5, frame

@@ -164,7 +164,7 @@ def test_soft_stop_finishes_a_pulse_that_is_nearly_over_and_nothing_else():
     rig.run(100_000)
     rig.ask(b"1ST\n")
     assert rig.drives() == (0, 0)
-    assert rig.axis1.position == (rig.axis1.ended_on_us + 500) // 1000
+    assert rig.axis1.position.millisteps == (rig.axis1.ended_on_us + 500) // 1000
 
 
 def test_a_stop_with_a_stray_value_stops_all_the_same():
@@ -183,7 +183,7 @@ def test_a_fault_inside_the_loop_leaves_nothing_running_and_is_told():
     def broken():
         raise ValueError
 
-    passed, rig.controller.passed = rig.controller.passed, broken
+    passed, rig.app._passed = rig.app._passed, broken
     step = rig.app.step
     calls = [0]
 
@@ -201,7 +201,7 @@ def test_a_fault_inside_the_loop_leaves_nothing_running_and_is_told():
         rig.app.run()
     except Enough:
         pass
-    rig.app.step, rig.controller.passed = step, passed
+    rig.app.step, rig.app._passed = step, passed
     assert rig.drives() == (0, 0)
     assert rig.errors()[0] == 64
     assert rig.ask(b"1XE?\n").split(b",")[0] == b"9"

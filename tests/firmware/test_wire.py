@@ -180,14 +180,14 @@ def test_spaces_case_and_decimals_of_the_dialect():
         rig = Rig()
         rig.ask(text)
         assert rig.drives() == (255, 0), text
-        assert rig.axis1.target == 3, text
+        assert rig.axis1.position.target == 3, text
 
 
 def test_halves_round_away_from_zero():
     for text, target in ((b"2.5", 3), (b"-2.5", -3), (b"2.499999", 2), (b"-0.5", -1)):
         rig = Rig()
         rig.ask(b"1PA" + text + b"\n")
-        assert rig.axis1.target == target, text
+        assert rig.axis1.position.target == target, text
 
 
 def test_answers_of_a_line_are_joined_and_the_address_is_echoed():
@@ -317,7 +317,7 @@ def test_memory_is_not_counted_while_a_motor_has_drive():
         counted.append(1)
         return 77
 
-    rig.controller._free_memory = free_memory
+    rig.about.free_memory = free_memory
     rig.send(b"1MV+\n")
     rig.run(50_000)
     assert health(rig)[0] == 100_000 and not counted
@@ -328,6 +328,6 @@ def test_memory_is_not_counted_while_a_motor_has_drive():
 
 def test_passes_wrap_before_they_would_need_memory():
     rig = Rig()
-    rig.controller._passes = (1 << 30) - 1
+    rig.answers._passes = (1 << 30) - 1
     rig.step()
-    assert rig.controller._passes == 0
+    assert rig.answers._passes == 0

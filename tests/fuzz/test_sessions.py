@@ -120,8 +120,8 @@ def outcome(first: bytes, second: bytes, apart_us: int) -> tuple:
     rig.run(500)
     drives = rig.drives()
     rig.run(700_000)
-    positions = tuple(axis.position for axis in rig.controller.axes)
-    targets = tuple(axis.target for axis in rig.controller.axes)
+    positions = tuple(axis.position.millisteps for axis in rig.controller.axes)
+    targets = tuple(axis.position.target for axis in rig.controller.axes)
     return drives, targets, positions
 
 

@@ -200,7 +200,7 @@ def test_an_exception_in_mid_move_turns_the_motors_off_before_it_goes_on(prompt)
 def near_the_end(prompt: Prompt) -> None:
     prompt.bench.has_switches = True
     prompt.bench.horizontal.screw_rev = prompt.bench.horizontal.shaft_rev = SWITCH_REV - 0.06  # three steps and a bit
-    prompt.type("m.x.axis.fit(True, True)")
+    prompt.type("m.x.axis.set('switches', 3)")
 
 
 def test_an_end_stop_is_an_exception_in_words(prompt):
@@ -221,7 +221,7 @@ def test_an_end_stop_of_one_axis_ends_the_drive_of_both(prompt):
     ends = {leg: to for leg, _, _, to in prompt.pulses()}
     assert ends["m1_pos"] - ends["m2_pos"] < 1_000
     prompt.bench.broken.add("m1_sw_pos")
-    prompt.type("m.y.axis.fit(True, False)")
+    prompt.type("m.y.axis.set('switches', 1)")
     assert "y: positive end-stop reached" in prompt.refused("m.drive(255, -255, ms=5000)")
     assert all(to - start < 1_000 for _, _, start, to in prompt.pulses())
 
@@ -316,7 +316,7 @@ def test_the_led_blinks_while_a_motor_is_driven(prompt):
 
 def test_its_words_are_the_hosts(prompt):
     prompt.type("from mountfw.repl import REASONS")
-    assert eval(prompt.type("REASONS")) == tuple(REASONS[n] for n in range(10))
+    assert eval(prompt.type("REASONS")) == tuple(REASONS[n] for n in range(13))
 
 
 def test_the_readmes_session_is_what_a_board_says(board):

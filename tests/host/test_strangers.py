@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
 
@@ -67,7 +68,8 @@ class Board:
     lockstep = True
 
     def __init__(self, **options) -> None:
-        self.world = World(machines.cpython(**options))
+        scratch = TemporaryDirectory()
+        self.world = World(machines.cpython(Path(scratch.name), **options), scratch=scratch)
         self.stepped = Stepped(self.world)
 
     def monotonic(self) -> float:

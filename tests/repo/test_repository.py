@@ -22,10 +22,16 @@ ALLOWED = {
     **{name: set() for name in PURE},
     "bridge": set(),
     "endstop": set(),
-    "axis": {"bridge", "endstop", "errors", "ticks"},
-    "controller": {"axis", "command", "errors", "ticks", "settings"},
-    "app": {"axis", "bridge", "command", "controller", "endstop", "errors", "frame", "link", "ticks"},
-    "repl": {"app", "axis", "errors", "port_micropython", "ticks"},
+    "position": {"errors"},
+    "homing": {"errors"},
+    "axis": {"bridge", "endstop", "errors", "homing", "position", "ticks"},
+    "settings": {"errors", "position", "ticks"},
+    "controller": {"axis", "errors", "ticks"},
+    "answers": {"errors"},
+    "commands": {"answers", "command", "errors", "position", "settings"},
+    "app": {"answers", "axis", "bridge", "command", "commands", "controller", "endstop", "errors", "frame", "link"}
+    | {"settings", "ticks"},
+    "repl": {"app", "errors", "port_micropython", "position", "ticks"},
 }
 PLATFORM = {"machine", "board", "pwmio", "digitalio", "usb_cdc", "supervisor", "microcontroller", "rp2", "esp32"}
 

@@ -28,9 +28,9 @@ BOARDS = {"pico": machines.PICO, "pico_drv8833": "pico_drv8833"}
 
 @dataclass(frozen=True)
 class Options:
-    """What a virtual board is. machine: see machines.py. files: its file system (micropython; default: a new
-    one with the firmware on it). image and flash are the rp2040 machine's. firmware: the folder that holds
-    `mountfw` (cpython; default: the installed one)."""
+    """What a virtual board is. machine: see machines.py. files: its file system (default: a new one with the
+    firmware on it; the cpython machine keeps what it saves there, and nothing else). image and flash are the rp2040
+    machine's. firmware: the folder that holds `mountfw` (cpython; default: the installed one)."""
 
     machine: str = "cpython"
     bench: str = "paper"
@@ -60,16 +60,21 @@ def make_world(options: Options | None = None) -> World:
     options = options or Options()
     options.check()
     scratch = None
-    if options.machine == "cpython":
-        command = machines.cpython(BOARDS[options.board], options.firmware)
-    elif options.machine == "micropython":
-        files = options.files
-        if files is None:
-            scratch = tempfile.TemporaryDirectory(prefix="mirrormount-")
-            files = new_files(Path(scratch.name))
-        command = machines.micropython(files, BOARDS[options.board])
-    else:
+    if options.machine == "rp2040":
         command = machines.rp2040(options.image, options.flash)
+    else:
+        if options.files is None:
+            scratch = tempfile.TemporaryDirectory(prefix="mirrormount-")
+            files = Path(scratch.name)
+            if options.machine == "micropython":
+                new_files(files)
+        else:
+            files = options.files.absolute()
+            files.mkdir(parents=True, exist_ok=True)
+        if options.machine == "cpython":
+            command = machines.cpython(files, BOARDS[options.board], options.firmware)
+        else:
+            command = machines.micropython(files, BOARDS[options.board])
     try:
         file = options.edges.open("w", encoding="utf-8") if options.edges else None
     except OSError as e:

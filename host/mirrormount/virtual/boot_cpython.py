@@ -1,10 +1,11 @@
 """Boots the firmware on CPython: a child process of World, never imported by the host.
 
-usage: python -I -S boot_cpython.py FIRMWARE_DIR MACHINE_NAME START_US
+usage: python -I -S boot_cpython.py FIRMWARE_DIR FILES_DIR MACHINE_NAME START_US
 
 The seam is this process's stdin and stdout. After Ctrl-C, or when the firmware has ended, there is
 as much of a prompt as a host needs to tell where it is: `>>> `, and Ctrl-D to start again.
-FIRMWARE_DIR is the folder that holds `mountfw`; one without it makes a board without firmware.
+FIRMWARE_DIR is the folder that holds `mountfw`; one without it makes a board without firmware. FILES_DIR is
+where the board keeps what it saves.
 """
 
 import builtins
@@ -16,7 +17,7 @@ import signal
 import sys
 import types
 
-FIRMWARE_DIR, MACHINE_NAME, START_US = sys.argv[1], sys.argv[2], int(sys.argv[3])
+FIRMWARE_DIR, FILES_DIR, MACHINE_NAME, START_US = sys.argv[1], sys.argv[2], sys.argv[3], int(sys.argv[4])
 FAKES = os.path.join(os.path.dirname(os.path.abspath(__file__)), "fakes")
 
 
@@ -37,7 +38,8 @@ def _install():
     mp.heap_lock = mp.heap_unlock = lambda: 0
     sys.modules["micropython"] = mp
     gc.mem_free = lambda: 0  # CPython has no such number
-    sys.path[:0] = [FAKES, FIRMWARE_DIR]
+    sys.path[:0] = [FAKES, os.path.abspath(FIRMWARE_DIR)]
+    os.chdir(FILES_DIR)
     import _seam
 
     rd, wr = sys.stdin.buffer, open(os.dup(1), "wb", buffering=0)  # noqa: SIM115 (lives as long as the process)

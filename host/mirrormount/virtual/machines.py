@@ -16,18 +16,18 @@ from mirrormount.virtual.world import START_US
 
 # the VM's print() writes to descriptor 1, so its seam is on two others: sh moves it there
 READ_FD, WRITE_FD = 3, 4
-HEAP_KB = 192  # what a Pico has left, roughly; objects of a 64-bit VM are twice as large
+HEAP_KB = 320  # what a Pico has left, 192 KB, in the twice as large words of a 64-bit VM
 
 NAMES = ("cpython", "micropython", "rp2040")
 PICO = "Raspberry Pi Pico with RP2040"
 
 
-def cpython(name: str = PICO, firmware: Path | None = None) -> list[str]:
-    """A child CPython. name is what MicroPython would call the board; firmware the folder that holds
-    `mountfw` (default: the installed one)."""
+def cpython(files: Path, name: str = PICO, firmware: Path | None = None) -> list[str]:
+    """A child CPython that keeps its settings in the folder files. name is what MicroPython would call the board;
+    firmware the folder that holds `mountfw` (default: the installed one)."""
     package = firmware or firmware_folder()
     boot = Path(__file__).parent / "boot_cpython.py"
-    return [sys.executable, "-I", "-S", str(boot), str(package), name, str(START_US)]
+    return [sys.executable, "-I", "-S", str(boot), str(package), str(files), name, str(START_US)]
 
 
 def micropython(root: Path, name: str = PICO, heap_kb: int = HEAP_KB) -> list[str]:

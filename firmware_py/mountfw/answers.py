@@ -1,0 +1,158 @@
+"""What queries are answered with. Each answer adds its parts to a Replies. Imports errors."""
+
+from mountfw import __version__, errors
+
+_VERSION = __version__.encode()
+
+
+class About:
+    """What a board tells of itself: board, unique_id and firmware_hash are bytes, reset_cause one of errors.py's
+    numbers, free_memory() the heap's free bytes."""
+
+    def __init__(self, board, unique_id, firmware_hash, reset_cause, free_memory):
+        self.identity = b"mirrormount," + board + b"," + unique_id + b"," + _VERSION
+        self.firmware_hash = firmware_hash
+        self.reset_cause = reset_cause
+        self.free_memory = free_memory
+
+
+class Answers:
+    """One method a query; axis is the Axis that was asked about, or None."""
+
+    def __init__(self, controller, replies, about):
+        self._controller = controller
+        self._replies = replies
+        self.about = about
+        self._free = about.free_memory()
+        self._longest_us = 0  # pass of the loop since XH? was asked; -1: that very pass does not count
+        self._passes = 0
+
+    def passed(self, us):
+        """A pass of the loop took us microseconds."""
+        self._passes = self._passes + 1 & 0x3FFFFFFF
+        if us > self._longest_us:
+            self._longest_us = us if self._longest_us >= 0 else 0
+
+    # ---- motion
+
+    def relative(self, axis):
+        self._replies.add(axis.last_relative)
+
+    def target(self, axis):
+        self._replies.add(axis.position.target)
+
+    def position(self, axis):
+        self._replies.add(axis.whole_steps())
+
+    def defined(self, axis):
+        self._replies.add(axis.position.defined)
+
+    def done(self, axis):
+        self._replies.add(0 if axis.moving() else 1)
+
+    def direction(self, axis):
+        d = axis.direction()
+        self._replies.add(b"+" if d > 0 else b"-" if d else b"0")
+
+    def velocity(self, axis):
+        r = self._replies
+        r.add(axis.velocity // 100)
+        part = axis.velocity % 100
+        if part:
+            r.add(b".")
+            r.add(part // 10)
+            if part % 10:
+                r.add(part % 10)
+
+    def home_offset(self, axis):
+        """Was it known where home was, and how many millisteps off was the count there?"""
+        r = self._replies
+        r.add(1 if axis.position.offset_known else 0)
+        r.add(b",")
+        r.add(axis.position.offset)
+
+    def ended(self, axis):
+        r = self._replies
+        r.add(axis.reason)
+        r.add(b",")
+        r.add(axis.ended_steps)
+        r.add(b",")
+        r.add(axis.ended_on_us)
+
+    # ---- the mount
+
+    def limits(self, _axis):
+        axis1, axis2 = self._controller.axes
+        self._replies.add(axis1.limits() | axis2.limits() << 3)
+
+    def keep_alive(self, _axis):
+        self._replies.add(self._controller.keep_alive_ms)
+
+    def status(self, _axis):
+        r = self._replies
+        r.add(self._controller.boot_id)
+        r.add(b",")
+        r.add(self._controller.uptime_ms())
+        r.add(b",")
+        r.add(self._controller.errors.waiting)
+        axis1, axis2 = self._controller.axes
+        self._status_of(axis1)
+        self._controller.look()
+        self._status_of(axis2)
+
+    def _status_of(self, axis):
+        r = self._replies
+        r.add(b"|")
+        r.add(axis.position_now())
+        r.add(b",")
+        r.add(1 if axis.moving() else 0)
+        r.add(b",")
+        r.add(axis.direction())
+        r.add(b",")
+        r.add(axis.limits())
+        r.add(b",")
+        r.add(axis.reason)
+        r.add(b",")
+        r.add(axis.position.certainty)
+
+    def error(self, _axis):
+        self._replies.add(self._controller.errors.pop())
+
+    def error_text(self, _axis):
+        code = self._controller.errors.pop()
+        r = self._replies
+        r.add(code)
+        r.add(b", ")
+        if code >= 100:
+            r.add(b"AXIS ")
+            r.add(code // 100)
+            r.add(b" ")
+        r.add(errors.message(code))
+
+    # ---- the board
+
+    def identity(self, _axis):
+        self._replies.add(self.about.identity)
+
+    def version(self, _axis):
+        self._replies.add(b"MM2 mirrormount ")
+        self._replies.add(_VERSION)
+
+    def firmware_hash(self, _axis):
+        self._replies.add(self.about.firmware_hash)
+
+    def health(self, _axis):
+        r = self._replies
+        if not self._controller.driving():  # it walks the heap, 8 ms on a Pico: a pulse and a stop must not wait for it
+            self._free = self.about.free_memory()
+        r.add(self._free)
+        r.add(b",")
+        r.add(self._longest_us if self._longest_us > 0 else 0)
+        r.add(b",")
+        r.add(self._passes)
+        r.add(b",")
+        r.add(self.about.reset_cause)
+        self._longest_us = -1
+
+    def zero(self, _axis):
+        self._replies.add(0)

@@ -1,0 +1,304 @@
+"""The command set: what each command of a line does. Imports answers, command, errors, settings.
+
+A line is executed little by little: go_on() does one piece of it, while busy is set. Answers
+go to a Replies, errors to an ErrorQueue. The table in __init__ is the command set: each command
+says whether it needs an axis, what sets it and what answers its query.
+"""
+
+from mountfw import errors
+from mountfw.answers import Answers
+from mountfw.command import COMMAND, END, MINUS, NOTHING, NUMBER, PLUS, QUERY, key
+from mountfw.position import MAX_STEPS
+from mountfw.settings import SETTINGS, allowed
+
+_CONNECTED = 2  # axes this mount has
+_DIALECT_AXES = 4  # axes the dialect knows; those above _CONNECTED answer as not connected
+
+# one axis's settings by key: attribute, least, most, is it refused while the axis moves?
+_SETTINGS = {key(entry[0]): entry[1:] for entry in SETTINGS}
+_VA = key(b"VA")
+_XL = key(b"XL")
+_MD = key(b"MD")
+
+# what a controller with a network, other motors or an encoder has: nothing is set, a query is answered so
+_CONSTANT = {
+    b"SA": b"1",
+    b"SC": b"2",  # one unit, at address 1
+    b"SD": b"1",
+    b"RS": b"0",
+    b"ZZ": b"0",
+    b"IPMODE": b"0",
+    b"HOSTNAME": b"mirrormount",
+    b"IPADDR": b"0.0.0.0",
+    b"GATEWAY": b"0.0.0.0",
+    b"NETMASK": b"0.0.0.0",
+    b"MACADDR": b"00,00,00,00,00,00",
+}
+_CONSTANTS = {key(name): answer for name, answer in _CONSTANT.items()}
+_NO_ENCODER = (b"SN", b"MM", b"DB", b"CL", b"FE")
+
+
+class Commands:
+    """Executes a Line on a Controller's axes. about is what answers.py is to tell of the board."""
+
+    def __init__(self, controller, line, replies, about):
+        self.busy = False  # is a line in hand?
+        self._controller = controller
+        self._axes = controller.axes
+        self._records = controller.records
+        self._replies = replies
+        self._errors = controller.errors
+        self._line = line
+        self._read = False  # is its next command read and to be executed?
+        self._stage = 0  # of a command that takes several pieces
+        self._answers = 0  # of the line in hand
+        self.answers = answers = Answers(controller, replies, about)
+        # (needs an axis, set, query); set(axis, line) and query(axis) of the axis, or of None
+        commands = {
+            b"*IDN": (False, None, answers.identity),
+            b"*RST": (False, self._restart, None),
+            b"*RCL": (False, self._recall, None),
+            b"SM": (False, self._save, None),
+            b"VE": (False, None, answers.version),
+            b"PR": (True, self._move_by, answers.relative),
+            b"PA": (True, self._move_to, answers.target),
+            b"TP": (True, None, answers.position),
+            b"MD": (True, None, answers.done),
+            b"MV": (True, self._run, answers.direction),
+            b"MT": (True, self._find_stop, None),
+            b"OR": (True, self._home, answers.home_offset),
+            b"ST": (False, self._stop, None),
+            b"AB": (False, self._abort, None),
+            b"DH": (True, self._define, answers.defined),
+            b"TE": (False, None, answers.error),
+            b"TB": (False, None, answers.error_text),
+            b"PH": (False, None, answers.limits),
+            b"MC": (False, self._accept, None),
+            b"MZ": (True, self._accept, answers.zero),
+            b"XK": (False, self._keep_alive, answers.keep_alive),
+            b"XS": (False, None, answers.status),
+            b"XE": (True, None, answers.ended),
+            b"XF": (False, None, answers.firmware_hash),
+            b"XH": (False, None, answers.health),
+        }
+        for name in _NO_ENCODER:
+            commands[name] = (True, self._not_fitted, answers.zero)
+        self._commands = {key(name): entry for name, entry in commands.items()}
+        for name in _SETTINGS:
+            self._commands[name] = (True, self._set, self._ask_setting)
+        self._commands[_VA] = (True, self._velocity, answers.velocity)
+        for name in _CONSTANTS:
+            self._commands[name] = (False, self._accept, self._ask_constant)
+
+    # ---- a line
+
+    def take(self):
+        """The line is whole, and good: go_on() executes it, and its queries are answered in one line."""
+        self._line.rewind()
+        self._answers = 0
+        self._read = False
+        self.busy = True
+
+    def go_on(self):
+        """Go on with the line in hand: read a little of it, or execute a command or a piece of it, or end it."""
+        if self._read:
+            self._read = self._execute(self._line) is True
+            return
+        found = self._line.advance()
+        self._read = found == COMMAND
+        if found != END:
+            return
+        self.busy = False
+        if self._answers:
+            self._replies.add(b"\r\n")
+            if not self._replies.commit():
+                self._errors.push(errors.ANSWER_DROPPED)
+
+    def _execute(self, line):
+        """Do the command that was read. True if it is to be called again: there is more to do."""
+        entry = self._commands.get(line.name)
+        if entry is None:
+            return self._errors.push(errors.NO_SUCH_COMMAND)
+        action = entry[2] if line.kind == QUERY else entry[1]
+        if action is None:
+            return self._errors.push(errors.NO_SUCH_COMMAND)
+        axis = None
+        if entry[0] or (line.axis >= 0 and line.kind != QUERY):
+            if line.axis < 0:
+                return self._errors.push(errors.AXIS_MISSING)
+            if not 1 <= line.axis <= _DIALECT_AXES:
+                return self._errors.push(errors.NO_SUCH_AXIS)
+            if line.axis > _CONNECTED:
+                return self._not_connected(line)
+            axis = self._axes[line.axis - 1]
+        if line.kind == QUERY:
+            self._next_answer()
+            return action(axis)
+        return action(axis, line)
+
+    def _not_connected(self, line):
+        if line.kind == QUERY:
+            self._next_answer()
+            self._replies.add(1 if line.name == _MD else 0)
+        else:
+            self._errors.push(line.axis * 100 + errors.AXIS_NOT_CONNECTED)
+
+    def _next_answer(self):
+        r = self._replies
+        if self._answers:
+            r.add(b"; ")
+        else:
+            r.begin()
+            for i in range(self._line.address_length):
+                r.put(self._line.text[i])
+        self._answers += 1
+
+    # ---- values
+
+    def _number(self, line):
+        """True if the command carries a number; else its error is queued."""
+        if line.kind == NUMBER:
+            return True
+        self._errors.push(errors.VALUE_MISSING if line.kind == NOTHING else errors.OUT_OF_RANGE)
+        return False
+
+    def _integer(self, line, least, most):
+        """True if the command carries a whole number within least ... most."""
+        if not self._number(line):
+            return False
+        if line.millionths == 0 and least <= line.rounded() <= most:
+            return True
+        self._errors.push(errors.OUT_OF_RANGE)
+        return False
+
+    def _sign(self, line):
+        """1 or -1 if the command carries a sign; else 0, and its error is queued."""
+        if line.kind == PLUS or line.kind == MINUS:
+            return 1 if line.kind == PLUS else -1
+        self._errors.push(errors.VALUE_MISSING if line.kind == NOTHING else errors.OUT_OF_RANGE)
+        return 0
+
+    def _nothing(self, line):
+        """True if the command carries no value; else its error is queued."""
+        if line.kind != NOTHING:
+            self._errors.push(errors.OUT_OF_RANGE)
+        return line.kind == NOTHING
+
+    def _refused(self, axis):
+        if axis.moving():
+            axis.error(errors.AXIS_MOVING)
+            return True
+        return False
+
+    def _any_moves(self):
+        return self._refused(self._axes[0]) or self._refused(self._axes[1])
+
+    # ---- motion
+
+    def _move_by(self, axis, line):
+        if self._number(line):
+            axis.steps(line.rounded())
+
+    def _move_to(self, axis, line):
+        if self._number(line):
+            axis.to(line.rounded())
+
+    def _run(self, axis, line):
+        sign = self._sign(line)
+        if sign:
+            axis.run(sign)
+
+    def _find_stop(self, axis, line):
+        sign = self._sign(line)
+        if sign:
+            axis.seek(sign, False)
+
+    def _home(self, axis, line):
+        """Home is the negative end-stop; the positive one where that is the only one."""
+        if self._nothing(line):
+            axis.seek(-1 if axis.stop_towards(-1).fitted or not axis.stop_towards(1).fitted else 1, True)
+
+    def _stop(self, axis, line):
+        self._nothing(line)  # stopped all the same: a damaged stop must stop
+        if axis is None:
+            self._axes[0].stop_soon()
+            self._axes[1].stop_soon()
+        else:
+            axis.stop_soon()
+
+    def _abort(self, _axis, line):
+        self._nothing(line)
+        self._controller.stop_all(errors.ABORTED)
+
+    def _restart(self, _axis, line):
+        if self._nothing(line):
+            self._controller.restart()
+
+    # ---- settings
+
+    def _set(self, axis, line):
+        entry = _SETTINGS[line.name]
+        if not self._integer(line, entry[1], entry[2]) or (entry[3] and self._refused(axis)):
+            return
+        n = line.rounded()
+        if line.name == _XL and not axis.can_fit(n):
+            axis.error(errors.AXIS_NOT_FITTED)
+        elif not allowed(entry[0], n):
+            self._errors.push(errors.OUT_OF_RANGE)
+        else:
+            axis.set(entry[0], n)
+
+    def _ask_setting(self, axis):
+        self._replies.add(getattr(axis, _SETTINGS[self._line.name][0]))
+
+    def _velocity(self, axis, line):
+        if not self._number(line):
+            return
+        n = line.hundredths()
+        if n < 1:
+            self._errors.push(errors.OUT_OF_RANGE)
+        elif n > 100_000_000 // (axis.pulse_us + 1000):
+            axis.error(errors.AXIS_TOO_FAST)
+        else:
+            axis.set("velocity", n)
+
+    def _define(self, axis, line):
+        if (line.kind != NOTHING and not self._number(line)) or self._refused(axis):
+            return
+        n = line.rounded()
+        if not -MAX_STEPS <= n <= MAX_STEPS:
+            axis.error(errors.AXIS_OUT_OF_RANGE)
+        elif not axis.recorded or self._records.forget():  # the record would tell another number
+            axis.position.define(n)
+
+    def _keep_alive(self, _axis, line):
+        if self._integer(line, 0, 60_000):
+            self._controller.keep_alive_ms = line.rounded()
+
+    def _save(self, _axis, line):
+        if self._stage:
+            self._stage = 0
+            self._records.save_end()
+            return False
+        if not self._nothing(line) or self._any_moves() or not self._records.save_begin():
+            return False
+        self._stage = 1
+        return True
+
+    def _recall(self, _axis, line):
+        if self._integer(line, 0, 1) and not self._any_moves():
+            if line.rounded():
+                self._records.recall()
+            else:
+                self._records.factory()
+
+    # ---- what the dialect has and this mount has not
+
+    def _accept(self, _axis, _line):
+        pass
+
+    def _not_fitted(self, axis, _line):
+        axis.error(errors.AXIS_NOT_FITTED)
+
+    def _ask_constant(self, _axis):
+        self._replies.add(_CONSTANTS[self._line.name])

@@ -1,0 +1,124 @@
+"""Homing: an end-stop is found so that the same place is found again. Imports errors.
+
+    FAST       run towards the switch until it opens
+    CONFIRM    at rest: is it still open? If not, it was a bump, and the run goes on
+    BACK       run away from it until it closes
+    RELEASED   at rest: is it still closed?
+    SLOW       towards it in short pulses; where it opens is the place
+
+The axis drives, counts and ends the move; this only says what comes next. In all it may drive for
+move_limit_ms. A switch at the other end that opens meanwhile is a fault of the wiring, and ends it.
+"""
+
+from mountfw import errors
+
+_FAST = 1
+_CONFIRM = 2
+_BACK = 3
+_RELEASED = 4
+_SLOW = 5
+
+_SETTLE_US = 20_000  # at rest before a switch is believed: contacts bounce for some milliseconds
+_BACK_OFF_STEPS = 20  # a switch must close within so many steps, or it never will
+_SLOW_PART = 8  # a slow pulse is that part of a step's
+_SHORTEST_US = 200
+
+
+class Homing:
+    """The search of one axis. phase is 0 while there is none; offset is what it found (millisteps)."""
+
+    def __init__(self, axis):
+        self._axis = axis
+        self.phase = 0
+        self._direction = 0
+        self._home = False
+        self._other_was_closed = False
+
+    def start(self, direction, home):
+        """Begin; the axis has begun its move."""
+        self._direction = direction
+        self._home = home
+        self._other_was_closed = False
+        self._go(_FAST)
+
+    # ---- what the axis tells
+
+    def hit(self):
+        """The switch ahead has opened, and must not be driven into."""
+        if self.phase == _BACK:
+            self._axis.finish(errors.HOMING_FAILED)
+            self._axis.stop_error(-self._direction)
+        elif self.phase == _SLOW:
+            self._found()
+        else:
+            self.phase = _CONFIRM
+            self._axis.rest(_SETTLE_US)
+
+    def watch(self):
+        """While it drives: True if that was ended, because of what a switch says."""
+        if self.phase == _BACK:
+            if self._opened(self._direction):
+                return False
+            self.phase = _RELEASED
+            self._axis.rest(_SETTLE_US)
+            return True
+        if not self._opened(-self._direction):
+            self._other_was_closed = True
+            return False
+        if self._other_was_closed:
+            self._axis.finish(errors.HOMING_FAILED)
+            self._axis.stop_error(-self._direction)
+        elif self._axis.driven_us() > self._back_off_us():
+            self._fail(errors.AXIS_NOT_RELEASED)
+        else:
+            return False
+        return True
+
+    def rested(self):
+        """The rest is over."""
+        if self.phase == _SLOW:
+            self._go(_SLOW)
+        elif self._opened(self._direction):
+            self._go(_BACK)
+        else:
+            self._go(_FAST if self.phase == _CONFIRM else _SLOW)
+
+    def ran_out(self, pulse):
+        """The drive has come to its end: a slow pulse, or as much as there may be."""
+        if pulse:
+            self._axis.rest(max(self._slow_us(), _SETTLE_US))
+        else:
+            self._fail(errors.AXIS_NOT_RELEASED if self.phase == _BACK else errors.AXIS_NOT_FOUND)
+
+    # ---- inside
+
+    def _go(self, phase):
+        self.phase = phase
+        left_us = self._axis.move_limit_ms * 1000 - self._axis.driven_us()
+        if left_us <= 0:
+            self.ran_out(False)
+        elif phase == _FAST:
+            self._axis.leg(self._direction, left_us)
+        elif phase == _BACK:
+            self._axis.leg(-self._direction, min(left_us, self._back_off_us()))
+        else:
+            self._axis.pulse(self._direction, min(left_us, self._slow_us()))
+
+    def _opened(self, direction):
+        return self._axis.stop_towards(direction).active()
+
+    def _slow_us(self):
+        return max(self._axis.pulse_us // _SLOW_PART, _SHORTEST_US)
+
+    def _back_off_us(self):
+        return self._axis.pulse_us * _BACK_OFF_STEPS + self._axis.take_up_us
+
+    def _fail(self, error):
+        self._axis.finish(errors.HOMING_FAILED)
+        self._axis.error(error)
+
+    def _found(self):
+        axis = self._axis
+        axis.finish(errors.DONE)
+        if self._home:
+            axis.position.homed()

@@ -1,0 +1,199 @@
+"""Where an axis is: its position, what that is worth, and where in the backlash gap its drive stands. Imports errors.
+
+A drive is counted as microseconds times duty. `step` of it, one pulse's, is a step. A drive that has
+changed direction first turns through the gap, `gap` of it (both in axis.py's units), and the mirror
+stands still meanwhile: that much is no part of a step. `inside` is how far the drive is from the gap's
+negative end, 0 ... gap. Whatever drives says so here, so the gap is known whoever drove last.
+
+No sum here reaches 2**30, where MicroPython's integers begin to allocate: a pulse is at most 2 s at 255.
+"""
+
+from mountfw import errors
+
+MAX_STEPS = 1_000_000  # either way; millisteps then still fit a small integer
+MOST_US = 400_000_000  # nothing drives longer: the greatest run limit
+
+
+class Position:
+    """Position of one axis in millisteps, and target in steps."""
+
+    def __init__(self):
+        self.step = 1  # what makes a step
+        self.gap = 0
+        self.reset()
+
+    def reset(self):
+        """As at power-up: nothing is known."""
+        self.millisteps = 0  # whole pulses and what runs have added
+        self.certainty = errors.UNKNOWN
+        self.target = 0
+        self.defined = 0  # steps: what the last define() said
+        self.home_known = False  # was it homed, and every step since counted?
+        self.home = 0  # millisteps: where home is then
+        self.offset_known = False  # when it was homed last: was it known where home was,
+        self.offset = 0  # and how far off (millisteps) was the count?
+        self.part = 0  # of a step that a run is in the middle of
+        self.made = 0  # whole steps of the move under way, signed
+        self.lose_gap()
+
+    # ---- what has driven
+
+    def pulsed(self, direction):
+        """A whole pulse has moved the mirror."""
+        self.millisteps += direction * 1000
+        self.made += direction
+        if self.gap:
+            self._through_gap(direction, self.step)
+
+    def driven(self, direction, amount, over):
+        """A run, or a part of a pulse, has driven by amount. If it is over, the part of a step becomes millisteps."""
+        if self.gap:
+            amount = self._through_gap(direction, amount)
+        if self.certainty and amount:  # unless it is unknown anyway
+            self.certainty = errors.ESTIMATED
+        part = self.part + amount
+        if part >= self.step:
+            whole = part // self.step
+            part -= whole * self.step
+            self.millisteps += direction * whole * 1000
+            self.made += direction * whole
+        self.part = part
+        if over and part:
+            self.millisteps += direction * self._part_millisteps()
+            self.part = 0
+
+    def now(self, direction):
+        """Millisteps, with the part of a step so far."""
+        return self.millisteps + direction * self._part_millisteps()
+
+    def whole_steps(self, direction=0):
+        """The position rounded to steps, halves away from zero."""
+        p = self.now(direction)
+        return (p + 500) // 1000 if p >= 0 else -((500 - p) // 1000)
+
+    def _part_millisteps(self):
+        if self.step < 1_000_000:
+            return (self.part * 1000 + self.step // 2) // self.step
+        step = self.step // 1000
+        return (self.part + step // 2) // step  # the product would not fit a small integer
+
+    def drive_to(self, steps, direction, duty):
+        """How long to drive in direction at duty to come to a position; 0 if it lies behind, at most MOST_US."""
+        us = self._steps_us(direction * (steps - self.millisteps // 1000), direction * -(self.millisteps % 1000), duty)
+        if us > 0:
+            us += self.take_up(direction) // duty
+        return us if us < MOST_US else MOST_US
+
+    def _steps_us(self, steps, thousandths, duty):
+        """How long for so many steps and thousandths of one; 0 if there are none to go."""
+        if steps < 0 or (steps == 0 and thousandths <= 0):
+            return 0
+        us = self.step // duty  # of a step
+        if us and steps > MOST_US // us:
+            return MOST_US
+        part = thousandths * us // 1000 if us < 1_000_000 else us // 1000 * thousandths  # no product is too large
+        return part + steps * us + steps * (self.step % duty) // duty
+
+    # ---- the gap
+
+    def lose_gap(self):
+        """Nobody knows where in the gap the drive stands: nothing is taken up until it is found."""
+        self.gap_known = False
+        self.inside = 0
+        self._way = 0  # the direction of the last drive ...
+        self._one_way = 0  # ... and how much went that way, to find an end of the gap
+
+    def set_gap(self, gap):
+        """Have a gap of this size. A new size says that the old one was wrong: it is to be found again."""
+        if gap != self.gap:
+            self.gap = gap
+            self.lose_gap()
+
+    def take_up(self, direction):
+        """What must be driven in this direction before the mirror moves, as far as is known."""
+        if not self.gap_known:
+            return 0
+        return self.gap - self.inside if direction > 0 else self.inside
+
+    def taken_up(self, direction):
+        """The drive has turned through the gap."""
+        self.inside = self.gap if direction > 0 else 0
+
+    def _through_gap(self, direction, amount):
+        """What of a drive's amount has moved the mirror."""
+        if self.gap_known:
+            left = self.take_up(direction)
+            if amount < left:
+                self.inside += direction * amount
+                return 0
+            self.taken_up(direction)
+            return amount - left
+        if direction != self._way:
+            self._way = direction
+            self._one_way = 0
+        self._one_way += amount
+        if self._one_way >= self.gap:
+            self.gap_known = True
+            self.taken_up(direction)
+        return amount
+
+    # ---- what is said of it
+
+    def define(self, steps):
+        """Call the present position `steps`."""
+        home = self.home // 1000 + steps - self.millisteps // 1000
+        if -MAX_STEPS <= home < MAX_STEPS:
+            self.home = home * 1000 + self.home % 1000 - self.millisteps % 1000
+        else:
+            self.home_known = False
+        self.millisteps = steps * 1000
+        self.target = steps
+        self.defined = steps
+        self.certainty = errors.COUNTED
+
+    def homed(self):
+        """This is home, position 0."""
+        self.offset_known = self.home_known and abs(self.millisteps // 1000 - self.home // 1000) < MAX_STEPS
+        self.offset = self.millisteps - self.home if self.offset_known else 0
+        self.define(0)
+        self.home = 0
+        self.home_known = True
+        self.certainty = errors.HOMED
+
+    def step_changed(self):
+        """A step is no longer what was counted: a position other than 0 becomes an estimate."""
+        if self.millisteps and self.certainty:
+            self.certainty = errors.ESTIMATED
+        self.home_known = False
+
+    def recorded(self, number, inverted):
+        """A line that restore() understands, for axis `number`."""
+        numbers = (number, inverted, self.step, self.gap, self.gap_known, self.inside, self.millisteps, self.certainty)
+        return "%d %d %d %d %d %d %d %d %d %d %d %d\n" % (
+            numbers + (self.target, self.defined, self.home_known, self.home)
+        )
+
+    def restore(self, numbers, inverted):
+        """Be what such a line says. Nothing is known if a step is another thing now."""
+        _, was_inverted, step, gap, gap_known, inside, millisteps, certainty, target, defined, home_known, home = (
+            numbers
+        )
+        if step != self.step or was_inverted != inverted:
+            return
+        self.millisteps = millisteps
+        self.certainty = certainty
+        self.target = target
+        self.defined = defined
+        self.home_known = home_known != 0
+        self.home = home
+        if gap == self.gap:
+            self.gap_known = gap_known != 0
+            self.inside = inside
+
+    def mirror(self):
+        """The axis's direction was swapped. The spot has not moved: the position changes sign."""
+        self.millisteps = -self.millisteps
+        self.target = -self.target
+        self.home = -self.home
+        self.inside = self.gap - self.inside if self.gap_known else 0
+        self._way = -self._way

@@ -1,0 +1,199 @@
+"""What outlives a power cut: settings, when told to, and positions, by themselves. Imports errors, position, ticks.
+
+Both are small text files with a checksum in their last line. A file is replaced in two steps, each of
+which the file system does whole or not at all: a new one is written beside it, and renamed.
+
+A recorded position is true only until something drives. So the record goes before the first drive after it,
+and comes back when all has rested for a while: after a power cut in a motion there is none, and
+the position is unknown. That bounds the flash's wear, too: not more than one record in ten seconds.
+"""
+
+from binascii import crc32
+
+from mountfw import errors
+from mountfw.position import MAX_STEPS
+from mountfw.ticks import diff
+
+# command, attribute of the axis, least, most, is it refused while the axis moves?
+SETTINGS = (
+    (b"XP", "pulse_us", 200, 2_000_000, True),
+    (b"XD", "step_duty", 1, 255, False),
+    (b"XV", "run_duty", 1, 255, False),
+    (b"XB", "take_up_us", 0, 2_000_000, False),
+    (b"XI", "inverted", 0, 1, True),
+    (b"XL", "switches", 0, 7, True),
+    (b"XM", "run_limit_ms", 1, 400_000, False),
+    (b"XT", "move_limit_ms", 1, 400_000, False),
+    (b"VA", "velocity", 1, 100_000_000 // 1200, False),
+    (b"AC", "acceleration", 1, 200_000, False),
+    (b"SL", "soft_minimum", -MAX_STEPS, MAX_STEPS, False),
+    (b"SR", "soft_maximum", -MAX_STEPS, MAX_STEPS, False),
+    (b"ZH", "checking", 0, 9, False),
+    (b"QM", "motor_type", 0, 3, True),
+)
+
+_SETTINGS = "mountfw.settings"
+_POSITION = "mountfw.position"
+_NEW = ".new"
+_REST_US = 10_000_000  # how long all must have rested before the position is recorded
+
+# what record() has to do next
+_NOTHING = 0
+_WAIT = 1
+_WRITE = 2
+_RENAME = 3
+
+
+def allowed(name, value):
+    """May the setting of this name (of its attribute) have this value?"""
+    for _, attribute, least, most, _ in SETTINGS:
+        if attribute == name:
+            return least <= value <= most and (name != "checking" or value & ~9 == 0)
+    return False
+
+
+def seal(text):
+    """Text as the bytes of a file."""
+    data = text.encode()
+    return data + b"%08x\n" % (crc32(data) & 0xFFFFFFFF)
+
+
+def unseal(data):
+    """The lines of such a file; None if it is damaged."""
+    text = data[:-9]
+    if len(data) < 9 or data[-9:] != b"%08x\n" % (crc32(text) & 0xFFFFFFFF):
+        return None
+    return text.decode().split("\n")[:-1]
+
+
+def _no_look():
+    pass
+
+
+class Records:
+    """Both files of a mount. port has load(name), store(name, data), rename(old, new) and remove(name).
+
+    load gives bytes, or None if there is no such file; the others raise OSError if they cannot.
+    look is called after what takes long.
+    """
+
+    def __init__(self, port, axes, error_queue):
+        self._port = port
+        self._axes = axes
+        self._errors = error_queue
+        self.look = _no_look
+        self.waiting = False  # has record() something to do?
+        self._next = _NOTHING
+        self._rested_at = 0  # since when nothing moves
+        self._on_flash = False  # is there a record of the positions?
+        for axis in axes:
+            axis.forget = self.forget
+
+    # ---- settings
+
+    def save_begin(self):
+        """Save the settings, first half. False if it could not be done (an error says so)."""
+        text = "".join(
+            ["%d %s %d\n" % (a.number, entry[1], getattr(a, entry[1])) for a in self._axes for entry in SETTINGS]
+        )
+        return self.forget() and self._try(self._port.store, _SETTINGS + _NEW, seal(text))
+
+    def save_end(self):
+        """The second half."""
+        return self._try(self._port.rename, _SETTINGS + _NEW, _SETTINGS)
+
+    def recall(self):
+        """Take the saved settings into use; those as made if none were saved, or (error 63) if they are damaged."""
+        data = self._port.load(_SETTINGS)
+        values = [] if data is None else self._parsed(data)
+        if values is None:
+            self._errors.push(errors.SETTINGS_DAMAGED)
+            values = []
+        for axis in self._axes:
+            axis.load([(name, value) for number, name, value in values if number == axis.number])
+
+    def factory(self):
+        """Take the settings into use as they were made."""
+        for axis in self._axes:
+            axis.load(())
+
+    def _parsed(self, data):
+        lines = unseal(data)
+        if lines is None:
+            return None
+        values = []
+        for line in lines:
+            words = line.split(" ")
+            if len(words) != 3 or words[0] not in ("1", "2"):
+                return None
+            try:
+                number, name, value = int(words[0]), words[1], int(words[2])
+            except ValueError:
+                return None
+            if not allowed(name, value) or (name == "switches" and not self._axes[number - 1].can_fit(value)):
+                return None
+            values.append((number, name, value))
+        return values
+
+    # ---- positions
+
+    def restore(self):
+        """Know the positions again, if they were recorded and nothing has driven since."""
+        for axis in self._axes:
+            axis.recorded = True
+        self.waiting = False
+        data = self._port.load(_POSITION)
+        self._on_flash = data is not None
+        if data is None:
+            return
+        try:
+            lines = unseal(data)
+            if lines is None or len(lines) != len(self._axes):
+                raise ValueError
+            for axis, line in zip(self._axes, lines):
+                axis.position.restore([int(word) for word in line.split(" ")], axis.inverted)
+        except ValueError:
+            for axis in self._axes:
+                axis.position.reset()
+            self._errors.push(errors.SETTINGS_DAMAGED)
+
+    def forget(self):
+        """The positions are to change: take them off the flash. False if that could not be done."""
+        if self._on_flash:
+            if not self._try(self._port.remove, _POSITION):
+                return False
+            self._on_flash = False
+        for axis in self._axes:
+            axis.recorded = False
+        self.waiting = True
+        self._next = _WAIT
+        self._rested_at = None
+        self.look()
+        return True
+
+    def record(self, now_us, moving):
+        """Nothing waits to be heard or said: record the positions if it is time. One file operation at most."""
+        if moving or self._rested_at is None:
+            self._rested_at = now_us
+            self._next = _WAIT
+        elif self._next == _WAIT:
+            if diff(now_us, self._rested_at) >= _REST_US:
+                self._next = _WRITE
+        elif self._next == _WRITE:
+            lines = [a.position.recorded(a.number, a.inverted) for a in self._axes]
+            self._next = _RENAME
+            self.waiting = self._try(self._port.store, _POSITION + _NEW, seal("".join(lines)))
+        else:
+            self.waiting = False
+            if self._try(self._port.rename, _POSITION + _NEW, _POSITION):
+                self._on_flash = True
+                for axis in self._axes:
+                    axis.recorded = True
+
+    def _try(self, action, *arguments):
+        try:
+            action(*arguments)
+        except OSError:
+            self._errors.push(errors.NOT_SAVED)
+            return False
+        return True
