@@ -283,7 +283,7 @@ class Axis:
         if self.state:
             same_way = self.state > REST and (speed > 0) == (self._direction > 0)
             self._close(errors.SUPERSEDED)  # the drive stays on, the new one may go the same way
-        self._begin(speed, abs(speed))
+        self._begin(speed, speed if speed > 0 else -speed)
         if 0 < for_ms <= self.run_limit_ms:
             self._ends_as = errors.DONE
             self._run(for_ms * 1000, same_way)
@@ -462,14 +462,10 @@ class Axis:
         return self.bridge.drive(-duty if self.inverted else duty)
 
     def _started(self, duty):
-        """Drive as _drive() does, unless lead() has done so. False, with the move ended, if it must not drive."""
-        if self._led:
-            self._led = False
-            self._on_at = self._led_at
-        elif self._may_drive():
-            self._on_at = self._drive(duty)
-        else:
+        """Drive as _drive() does. False, with the move ended, if it must not."""
+        if not self._may_drive():
             return False
+        self._on_at = self._drive(duty)
         if self._tripped or self.held or self.emergency:  # meanwhile, by an interrupt or a look at the input
             return self._may_drive()
         return True
@@ -533,11 +529,17 @@ class Axis:
 
     def _run(self, most_us, same_way):
         self.resting = False
-        if self._started(self._duty * self._direction):
-            self.ends_at = add(self._on_at, most_us)
-            if not same_way:
-                self._counted_at = self._on_at
-            self.state = RUN
+        if self._led:  # a frame that drives already
+            self._led = False
+            self._on_at = self._led_at
+            if (self._tripped or self.held or self.emergency) and not self._may_drive():
+                return
+        elif not self._started(self._duty * self._direction):
+            return
+        self.ends_at = add(self._on_at, most_us)
+        if not same_way:
+            self._counted_at = self._on_at
+        self.state = RUN
 
     def _over(self):
         """The drive has come to its own end, a pulse's or a run's."""

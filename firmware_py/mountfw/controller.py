@@ -113,9 +113,10 @@ class Controller:
             axis2.frame(0)
         if m1:
             axis1.lead(m1)
+            self.look()
         if m2:
             axis2.lead(m2)
-        self.look()
+            self.look()
         if m1:
             axis1.frame(m1)
             self.look()
