@@ -13,9 +13,11 @@ import contextlib
 import logging
 import threading
 import time
-from dataclasses import dataclass
+from collections.abc import Mapping
 from typing import Self
 
+from mirrormount import settings
+from mirrormount.axis import Axis
 from mirrormount.errors import (
     AtPrompt,
     BadValue,
@@ -29,12 +31,15 @@ from mirrormount.errors import (
     PortBusy,
 )
 from mirrormount.link import Link, find_one, open_port
+from mirrormount.status import AxisStatus, Ended, Homed, Limits, QueuedError, Status, parse_error, parse_status
+from mirrormount.values import whole_number
 from mountfw import errors as wire
 from mountfw.frame import encode
 
+__all__ = ["Axis", "AxisStatus", "Ended", "Homed", "Limits", "Mount", "QueuedError", "Status"]
+
 KEEP_ALIVE_MS = 500
 _FEED_S = 0.1
-_POLL_S = 0.05
 _ANSWER_S = 1.0
 _SLACK_S = 2.0  # on top of what a move must take, before it is called stuck
 
@@ -47,44 +52,6 @@ RESET_CAUSES = {
     str(wire.ASKED): "it was told to",
     str(wire.WATCHDOG): "its watchdog: the firmware had hung",
 }
-CERTAINTY = {0: "unknown", 1: "counted", 2: "homed", 3: "estimated"}
-
-
-@dataclass(frozen=True)
-class AxisStatus:
-    """What the board knows of one axis. position in steps; limits bit 0 positive, 1 negative, 2 home."""
-
-    position: float
-    moving: bool
-    direction: int
-    limits: int
-    reason: int
-    certainty: str
-
-
-@dataclass(frozen=True)
-class Status:
-    """What the board knows of itself."""
-
-    boot_id: int
-    uptime_s: float
-    errors_waiting: int
-    x: AxisStatus
-    y: AxisStatus
-
-    @property
-    def moving(self) -> bool:
-        """True while either axis moves."""
-        return self.x.moving or self.y.moving
-
-
-@dataclass(frozen=True)
-class Ended:
-    """How a move ended: the board's reason number, steps made (signed), time under drive in seconds."""
-
-    reason: int
-    steps: int
-    on_time_s: float
 
 
 class Mount:
@@ -201,6 +168,34 @@ class Mount:
                 raise NotAMount(f"the error queue does not end: {line!r}")
         return errors
 
+    def errors(self) -> list[QueuedError]:
+        """The same as take_errors(), each with its number and its text. They are taken from the board's queue."""
+        return [parse_error(line) for line in self.take_errors()]
+
+    @property
+    def board_id(self) -> str:
+        """The board's unique id: what its scales are filed under."""
+        return self.identity.split(",")[2]
+
+    def settings(self) -> dict[str, dict[str, int | float]]:
+        """All settings that the board can save: {"x": {"pulse_us": 200000, …}, "y": {…}}; see mirrormount.settings."""
+        return settings.read(self)
+
+    def apply(self, wanted: Mapping[str, Mapping[str, int | float]]) -> None:
+        """Change settings: all that are named, or none. They last until the board restarts, unless saved.
+
+        Raises BadValue if one cannot be (nothing was sent), SettingRefused if the board takes one not.
+        """
+        settings.write(self, wanted)
+
+    def save(self) -> None:
+        """Keep the present settings on the board, for its next start. Raises BoardError (n14: it moves; 67)."""
+        self.send("SM")
+
+    def recall(self, *, factory: bool = False) -> None:
+        """Go back to the saved settings, or to the factory's. Raises BoardError (n14: it moves; 63: damaged)."""
+        self.send("*RCL0" if factory else "*RCL1")
+
     def reset(self) -> None:
         """Re-initialise the board in place: off, all as at power-up, an emergency stop released. Raises BoardError."""
         self.send("*RST")
@@ -294,22 +289,8 @@ class Mount:
         return RESET_CAUSES.get(health[-1], "it does not say why")
 
     def _parse_status(self, line: str) -> Status:
-        try:
-            head, *axes = (tuple(int(n) for n in part.split(",")) for part in line.split("|"))
-            boot_id, uptime_ms, errors_waiting = head
-            by_number = [
-                AxisStatus(position / 1000, bool(moving), direction, limits, reason, CERTAINTY[certainty])
-                for position, moving, direction, limits, reason, certainty in axes
-            ]
-            status = Status(
-                boot_id,
-                uptime_ms / 1000,
-                errors_waiting,
-                by_number[self.x.number - 1],
-                by_number[self.y.number - 1],
-            )
-        except (ValueError, KeyError, IndexError) as e:
-            raise NotAMount(f"not a mount's status: {line[:80]!r}") from e
+        status = parse_status(line, self.x.number)
+        boot_id = status.boot_id
         if self._boot_id is None:
             self._boot_id = boot_id
         elif boot_id != self._boot_id:
@@ -318,119 +299,6 @@ class Mount:
                 f"the board has restarted ({self._why_restarted()}): what was moving has stopped, positions start anew"
             )
         return status
-
-
-class Axis:
-    """One axis of a Mount: x (right positive) or y (up positive)."""
-
-    def __init__(self, mount: Mount, name: str, number: int) -> None:
-        self._mount = mount
-        self.name = name
-        self.number = number
-        self._deadline = 0.0
-        self._wanted: int | None = None
-
-    @property
-    def position(self) -> float:
-        """Where the board counts this axis to be, in steps; status() says how certain that is."""
-        return self.status().position
-
-    def status(self) -> AxisStatus:
-        """What the board knows of this axis."""
-        return getattr(self._mount.status(), self.name)
-
-    def step(self, n: int, *, wait: bool = True) -> None:
-        """Move by n steps. With wait, returns when they are done, else at once.
-
-        Raises BadValue, BoardError if refused, MoveEnded if an end-stop, a limit or somebody else
-        ended it, ConnectionLost, NoAnswer.
-        """
-        n = whole_number(n, 1_000_000, "steps")
-        self._move("PR", n, n, wait)
-
-    def move_to(self, steps: int, *, wait: bool = True) -> None:
-        """Move to the position `steps`, by the nearest whole number of steps. Raises as step() does."""
-        steps = whole_number(steps, 1_000_000, "position")
-        self._move("PA", steps, round(steps - self.position), wait)
-
-    def zero(self, steps: int = 0) -> None:
-        """Call the present position `steps`; from here on it is certain as far as it is counted."""
-        self._mount.send(f"{self.number}DH{whole_number(steps, 1_000_000, 'position')}")
-
-    @property
-    def run_limit_s(self) -> float:
-        """How long the board lets one jog or drive run, in seconds (`XM`)."""
-        return int(self._mount.ask(f"{self.number}XM?")) / 1000
-
-    def jog(self, speed: float) -> None:
-        """Run at speed, -1 ... 1 of full duty and not 0, until stop(), a limit, or this program's end.
-
-        The duty comes in steps of 1/255; the nearest is taken.
-        """
-        if isinstance(speed, bool) or not isinstance(speed, int | float) or not 0 < abs(speed) <= 1:
-            raise BadValue(f"a jog's speed is a number within -1 … 1 and not 0, not {speed!r}")
-        duty = round(abs(speed) * 255)
-        if duty == 0:
-            raise BadValue(f"a jog's speed comes in steps of 1/255: {speed!r} is none")
-        a, mount = self.number, self._mount
-        stops = mount._stops
-        if self.status().moving:  # what is under way gives way
-            self.stop()
-        run_duty, limit_ms = mount.ask(f"{a}XV?;{a}XM?").split("; ")
-        sign = "+" if speed > 0 else "-"
-        # the stored run duty is put back in the same line
-        mount._start(f"{a}XV{duty};{a}MV{sign};{a}XV{run_duty}", stops)
-        self._wanted = None
-        self._deadline = mount.link.monotonic() + int(limit_ms) / 1000 + _SLACK_S
-        mount._feed()
-
-    def stop(self) -> None:
-        """End this axis's move soon: a step that is nearly done is finished. mount.stop() is for hurry."""
-        self._mount.ask(f"{self.number}ST;{self.number}MD?")
-        self.wait()
-
-    def wait(self) -> Ended:
-        """Wait for the end of this axis's move and tell how it ended.
-
-        Raises NoAnswer (and stops) if it takes longer than it can, ConnectionLost.
-        """
-        mount = self._mount
-        while self.status().moving:
-            mount._check_lost()
-            if self._deadline and mount.link.monotonic() > self._deadline:
-                mount.stop()
-                raise NoAnswer(f"{self.name}: still moving when it should have ended; stopped")
-            mount.link.sleep(_POLL_S)
-        answer = mount.ask(f"{self.number}XE?")
-        try:
-            reason, steps, on_us = (int(n) for n in answer.split(","))
-        except ValueError as e:
-            raise NotAMount(f"not how a move ended: {answer[:80]!r}") from e
-        return Ended(reason, steps, on_us * 1e-6)
-
-    def _move(self, mnemonic: str, value: int, n: int, wait: bool) -> None:
-        a, mount = self.number, self._mount
-        stops = mount._stops
-        pulse_us, velocity = mount.ask(f"{a}XP?;{a}VA?").split("; ")
-        period_s = max(1 / float(velocity), int(pulse_us) * 1e-6 + 1e-3)
-        mount._start(f"{a}{mnemonic}{value}", stops)
-        self._wanted = n
-        self._deadline = mount.link.monotonic() + (abs(n) + 1) * period_s + _SLACK_S
-        if not wait:
-            mount._feed()
-            return
-        ended = self.wait()
-        if ended.reason != wire.DONE:
-            raise MoveEnded(self.name, ended.reason, ended.steps, n, mount.take_errors())
-
-
-def whole_number(value: object, most: int, what: str) -> int:
-    """value as an int within -most ... most. Raises BadValue; nothing is rounded or clamped."""
-    if isinstance(value, bool) or not isinstance(value, int):
-        raise BadValue(f"{what} is a whole number, not {value!r}")
-    if abs(value) > most:
-        raise BadValue(f"{what} is within -{most} … {most}, not {value}")
-    return value
 
 
 def _identify(link: Link) -> str:
@@ -468,5 +336,5 @@ def _identify(link: Link) -> str:
 
 
 def _board_error(line: str) -> BoardError:
-    code, _, text = line.partition(",")
-    return BoardError(int(code), text.strip())
+    error = parse_error(line)
+    return BoardError(error.code, error.text)

@@ -99,6 +99,26 @@ class MoveEnded(MountError):
         self.steps = steps
 
 
+class SettingRefused(MountError):
+    """The board does not take a setting; all settings are as they were."""
+
+
+class NotCalibrated(MountError):
+    """An angle was asked for, and there is no scale for the step that the board makes now."""
+
+
+class BadFile(MountError):
+    """A file of settings or of scales cannot be read, or says what cannot be."""
+
+
+class CheckFailed(MountError):
+    """The self-test found something wrong."""
+
+
+class SetupEnded(MountError):
+    """`mirrormount setup` ended before its end; the message says what was saved."""
+
+
 class EmulatorMissing(MountError):
     """The rp2040 machine cannot be started: something that it is made of is missing."""
 

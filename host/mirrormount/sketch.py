@@ -7,9 +7,9 @@ are spaced, each is confirmed by its echo, and a stop is sent until it was obeye
 
 from typing import Self
 
-from mirrormount.client import whole_number
 from mirrormount.errors import ConnectionLost, MountError, NoAnswer, NotAMount, NotSupported
 from mirrormount.link import Link, open_port
+from mirrormount.values import whole_number
 from mountfw.frame import encode
 
 LIMITS = (

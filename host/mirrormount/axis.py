@@ -1,0 +1,219 @@
+"""One axis of a mount: steps, moves, jogs, homing. Imports calibration, errors, status.
+
+An Axis speaks through its Mount, which keeps the motion alive and knows of stops.
+"""
+
+from typing import TYPE_CHECKING
+
+from mirrormount.errors import BadValue, MoveEnded, NoAnswer, NotAMount
+from mirrormount.status import AxisStatus, Ended, Homed, Limits
+from mirrormount.values import whole_number
+from mountfw import errors as wire
+
+if TYPE_CHECKING:
+    from mirrormount.client import Mount
+
+_POLL_S = 0.05
+_SLACK_S = 4.0  # on top of what a move must take, before it is called stuck; 2 s of it for the backlash
+_SOFT_LIMITS_CHECKED = 8  # the bit of ZH
+
+
+class Axis:
+    """One axis of a Mount: x (right positive) or y (up positive)."""
+
+    def __init__(self, mount: "Mount", name: str, number: int) -> None:
+        self._mount = mount
+        self.name = name
+        self.number = number
+        self._deadline = 0.0
+        self._wanted: int | None = None
+
+    @property
+    def position(self) -> float:
+        """Where the board counts this axis to be, in steps; status() says how certain that is."""
+        return self.status().position
+
+    def status(self) -> AxisStatus:
+        """What the board knows of this axis."""
+        return getattr(self._mount.status(), self.name)
+
+    def step(self, n: int, *, wait: bool = True) -> None:
+        """Move by n steps. With wait, returns when they are done, else at once.
+
+        Raises BadValue, BoardError if refused, MoveEnded if an end-stop, a limit or somebody else
+        ended it, ConnectionLost, NoAnswer.
+        """
+        n = whole_number(n, 1_000_000, "steps")
+        self._move("PR", n, n, wait)
+
+    def move_to(self, steps: int, *, wait: bool = True) -> None:
+        """Move to the position `steps`, by the nearest whole number of steps. Raises as step() does."""
+        steps = whole_number(steps, 1_000_000, "position")
+        self._move("PA", steps, round(steps - self.position), wait)
+
+    def zero(self, steps: int = 0) -> None:
+        """Call the present position `steps`; from here on it is certain as far as it is counted."""
+        self._mount.send(f"{self.number}DH{whole_number(steps, 1_000_000, 'position')}")
+
+    def move_by(self, amount: float, unit: str = "steps", *, wait: bool = True) -> float:
+        """Move by an amount of steps, of mrad or of urad; the angle is the mirror's. Returns what was moved.
+
+        An angle becomes the nearest whole number of steps, by the scale of that direction in the
+        calibration file (docs/calibration.md). Raises NotCalibrated without one that belongs to the
+        board's present step, BadFile, and what step() raises.
+        """
+        if unit == "steps":
+            self.step(amount, wait=wait)  # type: ignore[arg-type]  # refused there if it is not whole
+            return amount
+        per_mrad = {"mrad": 1.0, "urad": 1000.0}.get(unit)
+        if per_mrad is None:
+            raise BadValue(f"a unit is steps, mrad or urad, not {unit!r}")
+        if isinstance(amount, bool) or not isinstance(amount, int | float) or not abs(amount) < 1e9:
+            raise BadValue(f"an angle is a number, not {amount!r}")
+        mrad_per_step = self._scale(1 if amount > 0 else -1)
+        n = round(amount / per_mrad / mrad_per_step)
+        if n == 0 and amount:
+            raise BadValue(f"{amount:g} {unit} is less than half a step of {mrad_per_step * per_mrad:.3g} {unit}")
+        self.step(n, wait=wait)
+        return n * mrad_per_step * per_mrad
+
+    def home(self) -> Homed:
+        """Find the home switch (or the end-stop that stands in for it); position 0 is there. Returns when done.
+
+        Raises BoardError (n35: no switch fitted), MoveEnded (n45: switch not found, n46: it did not
+        release, n04 or n05: the other end's switch came first), ConnectionLost, NoAnswer.
+        """
+        self._seek("OR")
+        known, millisteps = self._ask_numbers(f"{self.number}OR?", 2)
+        return Homed(millisteps / 1000 if known else None)
+
+    def find_end_stop(self, direction: int) -> None:
+        """Go to the end-stop in direction 1 or -1, and stand at it. Raises as home() does."""
+        if isinstance(direction, bool) or direction not in (1, -1):
+            raise BadValue(f"an end-stop's direction is 1 or -1, not {direction!r}")
+        self._seek("MT+" if direction > 0 else "MT-")
+
+    @property
+    def limits(self) -> Limits:
+        """The soft limits, in steps. Settable; the board refuses to have the minimum above the maximum."""
+        a = self.number
+        low, high, checking = self._ask_numbers(f"{a}SL?;{a}SR?;{a}ZH?", 3)
+        return Limits(low, high, bool(checking & _SOFT_LIMITS_CHECKED))
+
+    @limits.setter
+    def limits(self, limits: Limits) -> None:
+        checking = self._ask_numbers(f"{self.number}ZH?", 1)[0] & ~_SOFT_LIMITS_CHECKED
+        wanted = {
+            "soft_minimum": limits.minimum,
+            "soft_maximum": limits.maximum,
+            "checking": checking | (_SOFT_LIMITS_CHECKED if limits.checked else 0),
+        }
+        self._mount.apply({self.name: wanted})
+
+    @property
+    def take_up_us(self) -> int:
+        """Drive in microseconds that takes up the backlash after a reversal; 0 is off. Settable."""
+        return self._ask_numbers(f"{self.number}XB?", 1)[0]
+
+    @take_up_us.setter
+    def take_up_us(self, us: int) -> None:
+        self._mount.apply({self.name: {"take_up_us": us}})
+
+    @property
+    def run_limit_s(self) -> float:
+        """How long the board lets one jog or drive run, in seconds (`XM`)."""
+        return int(self._mount.ask(f"{self.number}XM?")) / 1000
+
+    def jog(self, speed: float) -> None:
+        """Run at speed, -1 ... 1 of full duty and not 0, until stop(), a limit, or this program's end.
+
+        The duty comes in steps of 1/255; the nearest is taken.
+        """
+        if isinstance(speed, bool) or not isinstance(speed, int | float) or not 0 < abs(speed) <= 1:
+            raise BadValue(f"a jog's speed is a number within -1 … 1 and not 0, not {speed!r}")
+        duty = round(abs(speed) * 255)
+        if duty == 0:
+            raise BadValue(f"a jog's speed comes in steps of 1/255: {speed!r} is none")
+        a, mount = self.number, self._mount
+        stops = mount._stops
+        if self.status().moving:  # what is under way gives way
+            self.stop()
+        run_duty, limit_ms = mount.ask(f"{a}XV?;{a}XM?").split("; ")
+        sign = "+" if speed > 0 else "-"
+        # the stored run duty is put back in the same line
+        mount._start(f"{a}XV{duty};{a}MV{sign};{a}XV{run_duty}", stops)
+        self._wanted = None
+        self._deadline = mount.link.monotonic() + int(limit_ms) / 1000 + _SLACK_S
+        mount._feed()
+
+    def stop(self) -> None:
+        """End this axis's move soon: a step that is nearly done is finished. mount.stop() is for hurry."""
+        self._mount.ask(f"{self.number}ST;{self.number}MD?")
+        self.wait()
+
+    def wait(self) -> Ended:
+        """Wait for the end of this axis's move and tell how it ended.
+
+        Raises NoAnswer (and stops) if it takes longer than it can, ConnectionLost.
+        """
+        mount = self._mount
+        while self.status().moving:
+            mount._check_lost()
+            if self._deadline and mount.link.monotonic() > self._deadline:
+                mount.stop()
+                raise NoAnswer(f"{self.name}: still moving when it should have ended; stopped")
+            mount.link.sleep(_POLL_S)
+        answer = mount.ask(f"{self.number}XE?")
+        try:
+            reason, steps, on_us = (int(n) for n in answer.split(","))
+        except ValueError as e:
+            raise NotAMount(f"not how a move ended: {answer[:80]!r}") from e
+        return Ended(reason, steps, on_us * 1e-6)
+
+    def _scale(self, direction: int) -> float:
+        """mrad of the mirror a step, in that direction."""
+        from mirrormount import calibration  # what only stops, or counts in steps, needs no file
+
+        a, mount = self.number, self._mount
+        pulse_us, step_duty, inverted = self._ask_numbers(f"{a}XP?;{a}XD?;{a}XI?", 3)
+        step = calibration.Step(pulse_us, step_duty, inverted)
+        return calibration.mrad_per_step(mount.board_id, a, self.name, direction, step)
+
+    def _move(self, mnemonic: str, value: int, n: int, wait: bool) -> None:
+        a, mount = self.number, self._mount
+        stops = mount._stops
+        pulse_us, velocity = mount.ask(f"{a}XP?;{a}VA?").split("; ")
+        period_s = max(1 / float(velocity), int(pulse_us) * 1e-6 + 1e-3)
+        mount._start(f"{a}{mnemonic}{value}", stops)
+        self._wanted = n
+        self._deadline = mount.link.monotonic() + (abs(n) + 1) * period_s + _SLACK_S
+        if wait:
+            self._wait_until_done(n)
+        else:
+            mount._feed()
+
+    def _seek(self, command: str) -> None:
+        """Look for a switch. The board's move limit bounds the time under drive; there are pauses between."""
+        mount = self._mount
+        stops = mount._stops
+        limit_s = int(mount.ask(f"{self.number}XT?")) / 1000
+        mount._start(f"{self.number}{command}", stops)
+        self._wanted = None
+        self._deadline = mount.link.monotonic() + 2 * limit_s + _SLACK_S
+        self._wait_until_done(None)
+
+    def _wait_until_done(self, wanted: int | None) -> None:
+        ended = self.wait()
+        if ended.reason != wire.DONE:
+            raise MoveEnded(self.name, ended.reason, ended.steps, wanted, self._mount.take_errors())
+
+    def _ask_numbers(self, query: str, count: int) -> list[int]:
+        """What a query of this axis answers: so many whole numbers. Raises BoardError, NotAMount."""
+        answer = self._mount.send(query)
+        try:
+            numbers = [int(n) for n in answer.replace(";", ",").split(",")]
+        except ValueError:
+            numbers = []
+        if len(numbers) != count:
+            raise NotAMount(f"not an answer to {query}: {answer[:80]!r}")
+        return numbers

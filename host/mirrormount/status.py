@@ -1,0 +1,91 @@
+"""What a board tells of itself and of its axes, as plain data. Imports errors."""
+
+from dataclasses import dataclass
+
+from mirrormount.errors import NotAMount
+
+CERTAINTY = {0: "unknown", 1: "counted", 2: "homed", 3: "estimated"}
+
+
+@dataclass(frozen=True)
+class AxisStatus:
+    """What the board knows of one axis. position in steps; limits bit 0 positive, 1 negative, 2 home."""
+
+    position: float
+    moving: bool
+    direction: int
+    limits: int
+    reason: int
+    certainty: str
+
+
+@dataclass(frozen=True)
+class Status:
+    """What the board knows of itself."""
+
+    boot_id: int
+    uptime_s: float
+    errors_waiting: int
+    x: AxisStatus
+    y: AxisStatus
+
+    @property
+    def moving(self) -> bool:
+        """True while either axis moves."""
+        return self.x.moving or self.y.moving
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a move ended: the board's reason number, steps made (signed), time under drive in seconds."""
+
+    reason: int
+    steps: int
+    on_time_s: float
+
+
+@dataclass(frozen=True)
+class Homed:
+    """How homing ended. discrepancy_steps: by how much the count was off; None if no earlier home was known."""
+
+    discrepancy_steps: float | None
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Soft limits, in steps: a move beyond them is refused, and a run ends there, while they are checked."""
+
+    minimum: int
+    maximum: int
+    checked: bool = True
+
+
+@dataclass(frozen=True)
+class QueuedError:
+    """One error of the board's queue: its number (docs/errors.md has cause and remedy) and its text."""
+
+    code: int
+    text: str
+
+
+def parse_status(line: str, x_axis: int) -> Status:
+    """The answer to XS?, with the axis that the board calls x_axis as x. Raises NotAMount."""
+    try:
+        head, *axes = (tuple(int(n) for n in part.split(",")) for part in line.split("|"))
+        boot_id, uptime_ms, errors_waiting = head
+        by_number = [
+            AxisStatus(position / 1000, bool(moving), direction, limits, reason, CERTAINTY[certainty])
+            for position, moving, direction, limits, reason, certainty in axes
+        ]
+        return Status(boot_id, uptime_ms / 1000, errors_waiting, by_number[x_axis - 1], by_number[2 - x_axis])
+    except (ValueError, KeyError, IndexError) as e:
+        raise NotAMount(f"not a mount's status: {line[:80]!r}") from e
+
+
+def parse_error(line: str) -> QueuedError:
+    """The answer to TB?: "62, KEEP-ALIVE LOST". Raises NotAMount."""
+    code, _, text = line.partition(",")
+    try:
+        return QueuedError(int(code), text.strip())
+    except ValueError as e:
+        raise NotAMount(f"not an error of a mount: {line[:80]!r}") from e

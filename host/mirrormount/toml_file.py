@@ -1,0 +1,84 @@
+"""Small TOML files: read with a clear error, written whole or not at all. Imports errors."""
+
+import contextlib
+import json
+import os
+import re
+import tempfile
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from mirrormount.errors import BadFile, CannotWrite
+
+_BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
+
+
+def parse(text: str, name: str) -> dict[str, Any]:
+    """The tables of a TOML text; name is what an error calls it. Raises BadFile, which tells the line."""
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as e:
+        raise BadFile(f"{name}: not TOML: {e}") from e
+
+
+def read(path: Path) -> dict[str, Any]:
+    """The tables of a file; none if it does not exist. Raises BadFile."""
+    try:
+        return parse(path.read_text(encoding="utf-8"), str(path))
+    except FileNotFoundError:
+        return {}
+    except UnicodeDecodeError as e:
+        raise BadFile(f"{path}: not a text file (byte {e.start})") from e
+    except OSError as e:
+        raise BadFile(f"{path}: {e.strerror}") from e
+
+
+def text(tables: Mapping[str, Any], heading: str) -> str:
+    """Tables of numbers, truth values and texts as TOML, below a heading of comments."""
+    lines = [f"# {line}" for line in heading.splitlines()]
+    _add(lines, tables, ())
+    return "\n".join(lines) + "\n"
+
+
+def _add(lines: list[str], table: Mapping[str, Any], path: tuple[str, ...]) -> None:
+    values = {key: value for key, value in table.items() if not isinstance(value, Mapping)}
+    if path and (values or not table):
+        lines += ["", f"[{'.'.join(map(_key, path))}]"]
+    lines += [f"{_key(key)} = {_value(value)}" for key, value in values.items()]
+    for key, value in table.items():
+        if isinstance(value, Mapping):
+            _add(lines, value, (*path, key))
+
+
+def _key(key: str) -> str:
+    return key if _BARE_KEY.fullmatch(key) else _value(key)
+
+
+def _value(value: object) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, int | float):
+        return repr(value)
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")  # a TOML string escapes as JSON does
+    raise BadFile(f"{value!r} is none of the values that these files hold: number, truth value, text")
+
+
+def write(path: Path, content: str) -> None:
+    """Put content into a file: it then holds the old or the new, never a part. Raises CannotWrite."""
+    scratch = None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile("w", encoding="utf-8", dir=path.parent, delete=False) as file:
+            scratch = Path(file.name)
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        scratch.replace(path)
+    except OSError as e:
+        if scratch:
+            with contextlib.suppress(OSError):
+                scratch.unlink()
+        raise CannotWrite(f"cannot write {path}: {e.strerror}") from e
