@@ -64,9 +64,12 @@ def read(board_id: str, axis: int) -> Scale | None:
     if name not in table:
         return None
     entry = table[name]
-    scales = [_number(entry, key, where) for key in ("positive", "negative")]
-    numbers = [_whole(entry, key, where) for key in ("pulse_us", "step_duty")]
-    return Scale(*scales, Step(*numbers, _whole(entry | {"inverted": entry.get("inverted", 0)}, "inverted", where)))
+    step = Step(
+        _whole(entry, "pulse_us", where),
+        _whole(entry, "step_duty", where),
+        _whole({"inverted": 0} | entry, "inverted", where),
+    )
+    return Scale(_number(entry, "positive", where), _number(entry, "negative", where), step)
 
 
 def write(board_id: str, scales: Mapping[int, Scale]) -> Path:

@@ -19,31 +19,27 @@ from typing import Self
 from mirrormount import settings
 from mirrormount.axis import Axis
 from mirrormount.errors import (
-    AtPrompt,
     BadValue,
     BoardError,
     ConnectionLost,
-    FirmwareMissing,
     MountError,
     MoveEnded,
     NoAnswer,
     NotAMount,
-    PortBusy,
 )
+from mirrormount.identify import TAKEN, identify
 from mirrormount.link import Link, find_one, open_port
 from mirrormount.status import AxisStatus, Ended, Homed, Limits, QueuedError, Status, parse_error, parse_status
 from mirrormount.values import whole_number
 from mountfw import errors as wire
 from mountfw.frame import encode
 
-__all__ = ["Axis", "AxisStatus", "Ended", "Homed", "Limits", "Mount", "QueuedError", "Status"]
+__all__ = ["TAKEN", "Axis", "AxisStatus", "Ended", "Homed", "Limits", "Mount", "QueuedError", "Status"]
 
 KEEP_ALIVE_MS = 500
 _FEED_S = 0.1
 _ANSWER_S = 1.0
 _SLACK_S = 2.0  # on top of what a move must take, before it is called stuck
-
-TAKEN = "mirrormount: this board has a client already"  # what a served board says to a second client
 
 _log = logging.getLogger("mirrormount")
 
@@ -64,7 +60,7 @@ class Mount:
         if x_axis not in (1, 2):
             raise BadValue(f"x_axis is 1 or 2, not {x_axis!r}")
         self.link = link
-        self.identity = _identify(link)
+        self.identity = identify(link)
         self.x = Axis(self, "x", x_axis)
         self.y = Axis(self, "y", 3 - x_axis)
         self._feeder: threading.Thread | None = None
@@ -299,40 +295,6 @@ class Mount:
                 f"the board has restarted ({self._why_restarted()}): what was moving has stopped, positions start anew"
             )
         return status
-
-
-def _identify(link: Link) -> str:
-    """Stop whatever moves, throw away what is old, and ask who is there."""
-    try:
-        link.write(b"!\n")
-        if TAKEN.encode() in link.drain(0.1):
-            raise PortBusy("another program drives this board")
-        link.write(b"*IDN?\n")
-        answer = link.read_line(_ANSWER_S)
-        if answer.endswith("soft reboot"):  # it is just starting
-            answer = link.read_line(_ANSWER_S)
-    except ConnectionLost as e:
-        raise NotAMount("it hung up when asked who it is: not a mount") from e
-    except NoAnswer as e:
-        answer = link.drain(0.05).decode("ascii", "replace")
-        if not answer:
-            raise NotAMount("nothing answers: not a mount, or its firmware hangs") from e
-    if answer == TAKEN:
-        raise PortBusy("another program drives this board")
-    if not answer.startswith("mirrormount,"):
-        link.write(b"\r")  # a prompt that is in the middle of a line does not show itself before its end
-        answer += link.drain(0.3).decode("ascii", "replace")
-    rest = link.drain(0.05).decode("ascii", "replace")
-    if answer.startswith("mirrormount,") and not rest:
-        return answer
-    if ">>>" in answer + rest:
-        link.write(b"\r\x03\r")
-        link.drain(0.1)
-        link.write(b"import mountfw\r")
-        if "ImportError" in link.drain(0.3).decode("ascii", "replace"):
-            raise FirmwareMissing("MicroPython answers, but mountfw is not on this board: deploy it first")
-        raise AtPrompt("the board is at its Python prompt: press Ctrl-D there, or reset it, to start mountfw")
-    raise NotAMount(f"this is not a mount; it answered {(answer + rest)[:60]!r}")
 
 
 def _board_error(line: str) -> BoardError:

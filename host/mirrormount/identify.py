@@ -1,0 +1,45 @@
+"""Who is there? The first words to a board. Imports errors, link."""
+
+from mirrormount.errors import AtPrompt, ConnectionLost, FirmwareMissing, NoAnswer, NotAMount, PortBusy
+from mirrormount.link import Link
+
+TAKEN = "mirrormount: this board has a client already"  # what a served board says to a second client
+
+_ANSWER_S = 1.0
+
+
+def identify(link: Link) -> str:
+    """Stop whatever moves, throw away what is old, and ask who is there. Returns the answer to *IDN?.
+
+    Raises NotAMount, AtPrompt, FirmwareMissing, PortBusy.
+    """
+    try:
+        link.write(b"!\n")
+        if TAKEN.encode() in link.drain(0.1):
+            raise PortBusy("another program drives this board")
+        link.write(b"*IDN?\n")
+        answer = link.read_line(_ANSWER_S)
+        if answer.endswith("soft reboot"):  # it is just starting
+            answer = link.read_line(_ANSWER_S)
+    except ConnectionLost as e:
+        raise NotAMount("it hung up when asked who it is: not a mount") from e
+    except NoAnswer as e:
+        answer = link.drain(0.05).decode("ascii", "replace")
+        if not answer:
+            raise NotAMount("nothing answers: not a mount, or its firmware hangs") from e
+    if answer == TAKEN:
+        raise PortBusy("another program drives this board")
+    if not answer.startswith("mirrormount,"):
+        link.write(b"\r")  # a prompt that is in the middle of a line does not show itself before its end
+        answer += link.drain(0.3).decode("ascii", "replace")
+    rest = link.drain(0.05).decode("ascii", "replace")
+    if answer.startswith("mirrormount,") and not rest:
+        return answer
+    if ">>>" in answer + rest:
+        link.write(b"\r\x03\r")
+        link.drain(0.1)
+        link.write(b"import mountfw\r")
+        if "ImportError" in link.drain(0.3).decode("ascii", "replace"):
+            raise FirmwareMissing("MicroPython answers, but mountfw is not on this board: deploy it first")
+        raise AtPrompt("the board is at its Python prompt: press Ctrl-D there, or reset it, to start mountfw")
+    raise NotAMount(f"this is not a mount; it answered {(answer + rest)[:60]!r}")
