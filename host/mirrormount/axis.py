@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from mirrormount.errors import BadValue, MoveEnded, NoAnswer, NotAMount
 from mirrormount.status import AxisStatus, Ended, Homed, Limits
-from mirrormount.values import whole_number
+from mirrormount.values import whole_number, whole_numbers
 from mountfw import errors as wire
 
 if TYPE_CHECKING:
@@ -77,6 +77,17 @@ class Axis:
         self.step(n, wait=wait)
         return n * mrad_per_step * per_mrad
 
+    def ask(self, *queries: str) -> list[str]:
+        """What queries of this axis answer: axis.ask("XP?", "VA?"). Raises BoardError, NotAMount."""
+        answers = self._mount.send(";".join(f"{self.number}{query}" for query in queries)).split("; ")
+        if len(answers) != len(queries):
+            raise NotAMount(f"not the answers to {', '.join(queries)}: {'; '.join(answers)[:80]!r}")
+        return answers
+
+    def ask_whole(self, *queries: str) -> list[int]:
+        """The same for queries whose answers are whole numbers."""
+        return whole_numbers(",".join(self.ask(*queries)), len(queries))
+
     def home(self) -> Homed:
         """Find the home switch (or the end-stop that stands in for it); position 0 is there. Returns when done.
 
@@ -84,7 +95,7 @@ class Axis:
         release, n04 or n05: the other end's switch came first), ConnectionLost, NoAnswer.
         """
         self._seek("OR")
-        known, millisteps = self._ask_numbers(f"{self.number}OR?", 2)
+        known, millisteps = whole_numbers(self.ask("OR?")[0], 2)
         return Homed(millisteps / 1000 if known else None)
 
     def find_end_stop(self, direction: int) -> None:
@@ -96,13 +107,12 @@ class Axis:
     @property
     def limits(self) -> Limits:
         """The soft limits, in steps. Settable; the board refuses to have the minimum above the maximum."""
-        a = self.number
-        low, high, checking = self._ask_numbers(f"{a}SL?;{a}SR?;{a}ZH?", 3)
+        low, high, checking = self.ask_whole("SL?", "SR?", "ZH?")
         return Limits(low, high, bool(checking & _SOFT_LIMITS_CHECKED))
 
     @limits.setter
     def limits(self, limits: Limits) -> None:
-        checking = self._ask_numbers(f"{self.number}ZH?", 1)[0] & ~_SOFT_LIMITS_CHECKED
+        checking = self.ask_whole("ZH?")[0] & ~_SOFT_LIMITS_CHECKED
         wanted = {
             "soft_minimum": limits.minimum,
             "soft_maximum": limits.maximum,
@@ -113,7 +123,7 @@ class Axis:
     @property
     def take_up_us(self) -> int:
         """Drive in microseconds that takes up the backlash after a reversal; 0 is off. Settable."""
-        return self._ask_numbers(f"{self.number}XB?", 1)[0]
+        return self.ask_whole("XB?")[0]
 
     @take_up_us.setter
     def take_up_us(self, us: int) -> None:
@@ -163,21 +173,19 @@ class Axis:
                 mount.stop()
                 raise NoAnswer(f"{self.name}: still moving when it should have ended; stopped")
             mount.link.sleep(_POLL_S)
-        answer = mount.ask(f"{self.number}XE?")
-        try:
-            reason, steps, on_us = (int(n) for n in answer.split(","))
-        except ValueError as e:
-            raise NotAMount(f"not how a move ended: {answer[:80]!r}") from e
+        return self.last_move()
+
+    def last_move(self) -> Ended:
+        """How this axis's last move ended."""
+        reason, steps, on_us = whole_numbers(self._mount.ask(f"{self.number}XE?"), 3)
         return Ended(reason, steps, on_us * 1e-6)
 
     def _scale(self, direction: int) -> float:
         """mrad of the mirror a step, in that direction."""
         from mirrormount import calibration  # what only stops, or counts in steps, needs no file
 
-        a, mount = self.number, self._mount
-        pulse_us, step_duty, inverted = self._ask_numbers(f"{a}XP?;{a}XD?;{a}XI?", 3)
-        step = calibration.Step(pulse_us, step_duty, inverted)
-        return calibration.mrad_per_step(mount.board_id, a, self.name, direction, step)
+        step = calibration.Step(*self.ask_whole("XP?", "XD?", "XI?"))
+        return calibration.mrad_per_step(self._mount.board_id, self.number, self.name, direction, step)
 
     def _move(self, mnemonic: str, value: int, n: int, wait: bool) -> None:
         a, mount = self.number, self._mount
@@ -196,7 +204,7 @@ class Axis:
         """Look for a switch. The board's move limit bounds the time under drive; there are pauses between."""
         mount = self._mount
         stops = mount._stops
-        limit_s = int(mount.ask(f"{self.number}XT?")) / 1000
+        limit_s = self.ask_whole("XT?")[0] / 1000
         mount._start(f"{self.number}{command}", stops)
         self._wanted = None
         self._deadline = mount.link.monotonic() + 2 * limit_s + _SLACK_S
@@ -206,14 +214,3 @@ class Axis:
         ended = self.wait()
         if ended.reason != wire.DONE:
             raise MoveEnded(self.name, ended.reason, ended.steps, wanted, self._mount.take_errors())
-
-    def _ask_numbers(self, query: str, count: int) -> list[int]:
-        """What a query of this axis answers: so many whole numbers. Raises BoardError, NotAMount."""
-        answer = self._mount.send(query)
-        try:
-            numbers = [int(n) for n in answer.replace(";", ",").split(",")]
-        except ValueError:
-            numbers = []
-        if len(numbers) != count:
-            raise NotAMount(f"not an answer to {query}: {answer[:80]!r}")
-        return numbers

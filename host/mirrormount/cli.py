@@ -80,6 +80,13 @@ def _parser() -> argparse.ArgumentParser:
     add("stop", do_stop, "both motors off, now")
     sub = add("send", do_send, "send one command line of docs/protocol.md, for instance 2XI1 or 2TP?")
     sub.add_argument("line", metavar="LINE")
+    config = add("config", do_config, "show, change, save, export and import settings", port=False)
+    from mirrormount import config_command  # plain argument lists; nothing heavy
+
+    config_command.add_arguments(config, at)
+    sub = add("check", do_check, "test the mount step by step; nothing moves without --move")
+    sub.add_argument("--move", action="store_true", help="also make a few steps on each axis")
+    add("setup", do_setup, "go through a new mount: directions, switches, scale and backlash, with questions")
     sub = add("virtual", do_virtual, "serve a virtual board until Ctrl-C", port=False)
     sub.add_argument(
         "--machine", choices=("cpython", "micropython", "rp2040"), default="cpython", help="what runs the firmware"
@@ -123,6 +130,13 @@ def _open(args: argparse.Namespace):
         if args.port is None:
             raise BadValue("an Arduino's port must be named: --port PORT --sketch")
         return SketchMount.open(args.port)
+    return Mount.open(args.port)
+
+
+def _open_mount(args: argparse.Namespace) -> Mount:
+    """A mount with mountfw on it."""
+    if args.sketch:
+        raise NotSupported(f"`{args.command}` needs mountfw on the board: {LIMITS}")
     return Mount.open(args.port)
 
 
@@ -269,6 +283,30 @@ def do_send(args: argparse.Namespace) -> None:
         answers = mount.send(args.line)
         if answers:
             print(answers)
+
+
+def do_config(args: argparse.Namespace) -> None:
+    """Show and change settings."""
+    from mirrormount import config_command
+
+    config_command.check_arguments(args)
+    with _open_mount(args) as mount:
+        config_command.run(mount, args)
+
+
+def do_check(args: argparse.Namespace) -> None:
+    """Test the mount."""
+    from mirrormount.check_command import run
+
+    run(lambda: _open_mount(args), move=args.move)
+
+
+def do_setup(args: argparse.Namespace) -> None:
+    """Go through a new mount."""
+    from mirrormount.setup_command import run
+
+    with _open_mount(args) as mount:
+        run(mount)
 
 
 def do_virtual(args: argparse.Namespace) -> None:

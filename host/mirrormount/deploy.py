@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mirrormount.client import TAKEN
-from mirrormount.deploy_plan import THIS, Plan, firmware, firmware_hash, plan
+from mirrormount.deploy_plan import THIS, Plan, board_choice, boards, firmware, firmware_hash, plan
 from mirrormount.errors import CannotOpen, ConnectionLost, DeployError, NoAnswer, NoBoardFound, PortBusy
 from mirrormount.link import Link, find_one, open_port
 from mirrormount.progress import Progress
@@ -59,8 +59,8 @@ def deploy(options: Options, progress: Progress | None = None) -> str:
     with board.reset_if_it_fails():
         progress.phase("compiling")
         wanted = firmware(None if options.source else there["mpy"]) | this
-        if options.board and options.board not in (boards := _boards([*wanted, *there["files"]])):
-            raise DeployError(f"there is no board file {options.board!r}, only {', '.join(boards)}")
+        if options.board and options.board not in (known := boards([*wanted, *there["files"]])):
+            raise DeployError(f"there is no board file {options.board!r}, only {', '.join(known)}")
         todo = plan(wanted, there["files"], there["manifest"], may_replace(options))
         _check_room(todo, there["room"])
         board.install(todo, progress)
@@ -89,7 +89,7 @@ def _board_choice(options: Options) -> dict[str, bytes]:
     if options.board:
         if not options.board.isidentifier():
             raise DeployError(f"a board's name is that of its file, for instance pico, not {options.board!r}")
-        return {THIS: f"from mountfw.boards.{options.board} import *\n".encode()}
+        return {THIS: board_choice(options.board)}
     if not options.pins:
         return {}
     try:
@@ -105,12 +105,6 @@ def _board_choice(options: Options) -> dict[str, bytes]:
     if missing and not any(isinstance(node, ast.ImportFrom) for node in tree.body):
         raise DeployError(f"{options.pins}: a board file also says {', '.join(sorted(missing))} (see boards/pico.py)")
     return {THIS: text}
-
-
-def _boards(paths: list[str]) -> list[str]:
-    """Names of the board files among these paths."""
-    names = {re.fullmatch(r"mountfw/boards/(\w+)\.m?py", path) for path in paths}
-    return sorted({name[1] for name in names if name} - {"__init__", "this"})
 
 
 def _check_room(todo: Plan, room: list[int]) -> None:

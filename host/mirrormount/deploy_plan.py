@@ -6,9 +6,10 @@ No board is needed here: plan() is a function of what the board holds.
 import hashlib
 import importlib.resources
 import json
+import re
 import subprocess
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -68,6 +69,31 @@ def firmware_hash(files: dict[str, str]) -> str:
             if path == "main.py" or (folder and path.endswith((".py", ".mpy"))):
                 total.update(path.encode() + bytes.fromhex(files[path]))
     return total.hexdigest()
+
+
+def known_hashes() -> Iterator[str]:
+    """What XF? answers for each board that this host's deploy can make, but for those with a file of somebody's own.
+
+    The virtual board of the cpython machine has no main.py. Raises DeployError.
+    """
+    for mpy in (None, _MPY_VERSION):
+        files = {path: hashlib.sha256(content).hexdigest() for path, content in firmware(mpy).items()}
+        without_main = {path: sha for path, sha in files.items() if path != "main.py"}
+        yield firmware_hash(without_main)
+        for name in (None, *boards(files)):
+            this = {THIS: hashlib.sha256(board_choice(name)).hexdigest()} if name else {}
+            yield firmware_hash(files | this)
+
+
+def board_choice(name: str) -> bytes:
+    """The file boards/this.py that chooses the board file called name."""
+    return f"from mountfw.boards.{name} import *\n".encode()
+
+
+def boards(paths: Iterable[str]) -> list[str]:
+    """Names of the board files among these paths."""
+    names = {re.fullmatch(r"mountfw/boards/(\w+)\.m?py", path) for path in paths}
+    return sorted({name[1] for name in names if name} - {"__init__", "this"})
 
 
 @dataclass(frozen=True)

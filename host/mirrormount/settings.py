@@ -9,7 +9,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from mirrormount.errors import BadValue, BoardError, NotAMount, SettingRefused
+from mirrormount.errors import BadValue, BoardError, NotAMount, NotSupported, SettingRefused
+from mountfw import errors as wire
 
 if TYPE_CHECKING:
     from mirrormount.client import Mount
@@ -74,7 +75,12 @@ def read(mount: "Mount") -> dict[str, dict[str, int | float]]:
 
 
 def _read_axis(mount: "Mount", number: int) -> dict[str, int | float]:
-    answers = mount.send(";".join(f"{number}{setting.command}?" for setting in SETTINGS.values()))
+    try:
+        answers = mount.send(";".join(f"{number}{setting.command}?" for setting in SETTINGS.values()))
+    except BoardError as e:
+        if e.code == wire.NO_SUCH_COMMAND:
+            raise NotSupported("the board's firmware is older than its settings: `mirrormount deploy`") from e
+        raise
     try:
         pairs = zip(SETTINGS.items(), answers.split("; "), strict=True)
         return {name: setting.parse(text) for (name, setting), text in pairs}

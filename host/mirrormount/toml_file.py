@@ -4,7 +4,6 @@ import contextlib
 import json
 import os
 import re
-import tempfile
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
@@ -68,17 +67,17 @@ def _value(value: object) -> str:
 
 def write(path: Path, content: str) -> None:
     """Put content into a file: it then holds the old or the new, never a part. Raises CannotWrite."""
-    scratch = None
+    new = path.with_name(path.name + ".new")
     try:
+        if path.exists() and not path.is_file():
+            raise CannotWrite(f"cannot write {path}: it is not a file")
         path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile("w", encoding="utf-8", dir=path.parent, delete=False) as file:
-            scratch = Path(file.name)
+        with new.open("w", encoding="utf-8") as file:
             file.write(content)
             file.flush()
             os.fsync(file.fileno())
-        scratch.replace(path)
+        new.replace(path)
     except OSError as e:
-        if scratch:
-            with contextlib.suppress(OSError):
-                scratch.unlink()
+        with contextlib.suppress(OSError):
+            new.unlink()
         raise CannotWrite(f"cannot write {path}: {e.strerror}") from e
