@@ -201,13 +201,15 @@ class Axis:
             mount._feed()
 
     def _seek(self, command: str) -> None:
-        """Look for a switch. The board's move limit bounds the time under drive; there are pauses between."""
+        """Look for a switch. The board's move limit bounds the time under drive; slow pulses have rests between."""
         mount = self._mount
         stops = mount._stops
-        limit_s = self.ask_whole("XT?")[0] / 1000
+        limit_ms, pulse_us = self.ask_whole("XT?", "XP?")
+        slow_us = max(pulse_us // 8, 200)
+        longest_s = limit_ms / 1000 * (1 + max(slow_us, 20_000) / slow_us)
         mount._start(f"{self.number}{command}", stops)
         self._wanted = None
-        self._deadline = mount.link.monotonic() + 2 * limit_s + _SLACK_S
+        self._deadline = mount.link.monotonic() + longest_s + _SLACK_S
         self._wait_until_done(None)
 
     def _wait_until_done(self, wanted: int | None) -> None:

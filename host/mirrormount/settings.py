@@ -53,14 +53,14 @@ class Setting:
 # pulse before the velocity that it bounds.
 SETTINGS = {
     "inverted": Setting("XI", 0, 1, "1: the axis runs the other way", among=(0, 1)),
-    "motor_type": Setting("QM", 0, 3, "3: motor connected, 0: none", among=(0, 3)),
+    "motor_type": Setting("QM", 0, 3, "3: DC motor connected, 0: none"),
     "pulse_us": Setting("XP", 200, 2_000_000, "length of a step's pulse, us"),
     "step_duty": Setting("XD", 1, 255, "duty of a step, 1 … 255"),
     "run_duty": Setting("XV", 1, 255, "duty of a run, 1 … 255"),
     "take_up_us": Setting("XB", 0, 2_000_000, "drive that takes up the backlash, us; 0: off"),
     "run_limit_ms": Setting("XM", 1, 400_000, "longest run, ms"),
     "move_limit_ms": Setting("XT", 1, 400_000, "most time under drive of one move, ms"),
-    "velocity": Setting("VA", 0.01, 5000, "steps per second", decimals=2),
+    "velocity": Setting("VA", 0.01, 833.33, "steps per second", decimals=2),
     "acceleration": Setting("AC", 1, 200_000, "kept for other programs; pulses do not ramp"),
     "switches": Setting("XL", 0, 7, "switches fitted: 1 positive + 2 negative + 4 home"),
     "soft_minimum": Setting("SL", -_MOST_STEPS, _MOST_STEPS, "negative soft limit, steps"),

@@ -134,6 +134,7 @@ def _approach(n: int) -> int:
 
 
 def _marks(mount: Mount, axis: Axis, talk: Dialogue, n: int) -> Marks:
+    _step(mount, axis, -_approach(n), talk)  # and back, so that all of it stays within n steps of here
     readings = []
     for steps in (_approach(n), n, -n, -n, n):
         _step(mount, axis, steps, talk)

@@ -1,0 +1,256 @@
+"""`mirrormount setup` with a person who looks at the virtual screen and presses virtual switches."""
+
+import math
+import re
+
+import pytest
+
+from mirrormount import Mount, calibration, errors
+from mirrormount.marks import Marks, beam_per_mirror, measure
+from mirrormount.setup_command import run
+from mirrormount.virtual.bench import SCREEN_MM
+
+
+@pytest.fixture(autouse=True)
+def own_folder(tmp_path, monkeypatch):
+    monkeypatch.setenv("MIRRORMOUNT_CONFIG", str(tmp_path))
+
+
+@pytest.fixture
+def mount():
+    with Mount.open("virtual://?speed=max&bench=switches") as mount:
+        yield mount
+
+
+class Person:
+    """Answers what setup asks from what is to be seen on the bench. said: what setup told; asked: its questions.
+
+    answers: {part of a question: answers to give, one after the other, before looking at the bench}. An
+    answer that is an exception is raised.
+    """
+
+    def __init__(
+        self,
+        mount: Mount,
+        answers: dict[str, list] | None = None,
+        *,
+        distance_mm: float = 0,
+        wires_swapped: bool = False,
+    ) -> None:
+        self.bench = mount.link.port.world.bench
+        self.answers = answers or {}
+        self.spot = self.bench.spot_mm()
+        self.said: list[str] = []
+        self.asked: list[str] = []
+        self.distance_mm = distance_mm
+        self.swapped = wires_swapped
+
+    def say(self, text: str) -> None:
+        self.said.append(text)
+
+    def __call__(self, question: str) -> str:
+        self.asked.append(question)
+        self.bench.broken.clear()
+        for part, answers in self.answers.items():
+            if part in question and answers:
+                answer = answers.pop(0)
+                if isinstance(answer, BaseException):
+                    raise answer
+                return answer
+        return next(reply(self, question) for part, reply in REPLIES.items() if part in question)
+
+    def way(self, _question: str) -> str:
+        before, self.spot = self.spot, self.bench.spot_mm()
+        x, y = self.spot[0] - before[0], self.spot[1] - before[1]
+        if max(abs(x), abs(y)) < 0.5:
+            return "nothing"
+        return ("right" if x > 0 else "left") if abs(x) > abs(y) else ("up" if y > 0 else "down")
+
+    def press(self, question: str) -> str:
+        side = re.search(r"the (\w+) switch", question)[1]
+        motor = "m2" if side in ("right", "left") else "m1"
+        positive = (side in ("right", "up")) != self.swapped
+        self.bench.broken.add(f"{motor}_sw_{'pos' if positive else 'neg'}")
+        self.swapped = False  # and exchanges the wires when told to
+        return ""
+
+    def read(self, question: str) -> str:
+        return f"{self.bench.spot_mm()['right' not in question]:.1f}"
+
+
+REPLIES = {
+    "May it move": lambda person, question: "yes",
+    "Which way": Person.way,
+    "End-stop switches": lambda person, question: "both",
+    "Press the": Person.press,
+    "Distance": lambda person, question: f"{person.distance_mm:g}",
+    "Angle": lambda person, question: "45",
+    "Steps from": lambda person, question: "8",
+    "Where is the spot": Person.read,
+    "Save this": lambda person, question: "yes",
+}
+
+
+def set_up(mount: Mount, answers: dict[str, list] | None = None, **more) -> Person:
+    person = Person(mount, answers, **more)
+    run(mount, person, person.say)
+    return person
+
+
+def mirror_mrad(train) -> float:
+    return train.mirror_rad * 1e3
+
+
+def test_the_scale_that_setup_finds_is_that_of_the_mirror(mount):
+    set_up(mount, {"Steps from": [""]}, distance_mm=SCREEN_MM)
+    for axis, train in ((mount.x, "horizontal"), (mount.y, "vertical")):
+        scale = calibration.read(mount.board_id, axis.number)
+        mirror = getattr(mount.link.port.world.bench, train)
+        axis.step(5)
+        before = mirror_mrad(mirror)
+        axis.step(20)
+        assert scale.positive == pytest.approx((mirror_mrad(mirror) - before) / 20, rel=0.02)
+        axis.step(-5)
+        before = mirror_mrad(mirror)
+        axis.step(-20)
+        assert scale.negative == pytest.approx((before - mirror_mrad(mirror)) / 20, rel=0.02)
+
+
+def test_the_take_up_that_setup_finds_closes_the_gap_of_a_turn(mount):
+    train = mount.link.port.world.bench.horizontal
+
+    def lost_in_a_turn() -> float:
+        mount.x.step(8)
+        marks = [train.screw_rev]
+        for _ in range(2):
+            mount.x.step(-8)
+            marks.append(train.screw_rev)
+        return abs(marks[2] - marks[1]) - abs(marks[1] - marks[0])
+
+    before = lost_in_a_turn()
+    set_up(mount, distance_mm=SCREEN_MM)
+    assert abs(lost_in_a_turn()) < before / 4
+
+
+def test_what_setup_has_found_is_kept_through_a_recall(mount):
+    set_up(mount, {"End-stop switches on y": ["none"]}, distance_mm=SCREEN_MM)
+    found = mount.settings()
+    assert found["x"]["take_up_us"] > 100_000
+    assert (found["x"]["switches"], found["y"]["switches"]) == (3, 0)
+    mount.recall(factory=True)
+    assert mount.settings()["x"]["take_up_us"] == 0
+    mount.recall()
+    assert mount.settings() == found
+
+
+def test_an_axis_that_goes_the_wrong_way_is_inverted_and_looked_at_again(mount):
+    mount.apply({"y": {"inverted": 1}})
+    person = set_up(mount)
+    assert mount.settings()["y"]["inverted"] == 0
+    assert sum("Which way" in question for question in person.asked) == 3
+    before = mount.link.port.world.bench.spot_mm()[1]
+    mount.y.step(5)
+    assert mount.link.port.world.bench.spot_mm()[1] > before + 5
+
+
+def test_exchanged_motors_are_told_with_what_to_do(mount):
+    with pytest.raises(errors.SetupEnded, match=r"exchange their plugs.*nothing was saved"):
+        set_up(mount, {"Which way": ["up"]})
+    assert not calibration.path().exists()
+
+
+def test_an_axis_that_never_moves_the_spot_ends_setup_after_three_tries(mount):
+    edges = mount.link.port.world.edges
+    with pytest.raises(errors.SetupEnded, match="motor supply"):
+        set_up(mount, {"Which way": ["nothing"] * 3})
+    assert len([e for e in edges if e[1] == "m2_en" and e[2]]) == 5 + 10 + 20
+
+
+def test_switches_whose_wires_are_exchanged_are_told(mount):
+    person = set_up(mount, wires_swapped=True)
+    assert any("exchange the two switches' wires" in text for text in person.said)
+    assert mount.settings()["x"]["switches"] == 3
+
+
+def test_a_switch_that_is_never_seen_is_not_called_fitted(mount):
+    set_up(mount, {"Press the right": ["skip"]})
+    assert mount.settings()["x"]["switches"] == 2
+
+
+def test_a_switch_on_an_inverted_axis_is_fitted_at_the_input_that_it_is_on(mount):
+    train = mount.link.port.world.bench.horizontal
+    train.lever_mm = -train.lever_mm  # the screw pushes from the other side: positive is left
+    set_up(mount, {"End-stop switches on x": ["left"], "Press the left": [""] * 3 + ["skip"]})
+    assert mount.settings()["x"]["inverted"] == 1
+    assert mount.settings()["x"]["switches"] == 0  # nothing was pressed
+
+
+def test_wrong_answers_are_asked_again(mount):
+    person = set_up(
+        mount,
+        {"May it move": ["", "perhaps"], "Distance": ["far", "-1", "nan"], "Which way": ["sideways", ""]},
+        distance_mm=SCREEN_MM,
+    )
+    assert sum("Distance" in question for question in person.asked) == 4
+    assert mount.settings()["x"]["take_up_us"] > 0
+
+
+@pytest.mark.parametrize("question", ["May it", "Which way", "Press the", "Distance", "Where is", "Save this"])
+def test_input_that_ends_leaves_nothing_changed(mount, question):
+    mount.apply({"x": {"inverted": 1, "take_up_us": 1234}})
+    before = mount.settings()
+    with pytest.raises(errors.SetupEnded, match=r"input has ended: nothing was saved") as ended:
+        set_up(mount, {question: [EOFError()]}, distance_mm=SCREEN_MM)
+    assert "\n" not in str(ended.value)
+    assert mount.settings() == before
+    assert not calibration.path().exists()
+
+
+def test_ctrl_c_leaves_the_motors_off_and_nothing_changed(mount):
+    mount.apply({"x": {"inverted": 1}})
+    before = mount.settings()
+    person = Person(mount, {"Where is": [KeyboardInterrupt()]}, distance_mm=SCREEN_MM)
+    with pytest.raises(KeyboardInterrupt):
+        run(mount, person, person.say)
+    assert "nothing was saved" in person.said[-1]
+    assert mount.settings() == before
+    assert not any(mount.link.port.world.bench.duties().values())
+
+
+def test_a_no_at_the_end_saves_nothing(mount):
+    before = mount.settings()
+    person = set_up(mount, {"Save this": ["no"]})
+    assert "nothing was saved" in person.said[-1]
+    assert mount.settings() == before
+    assert not calibration.path().exists()
+
+
+def test_a_damaged_calibration_file_is_told_before_anything_moves(mount):
+    calibration.path().write_text("x = = 3")
+    with pytest.raises(errors.BadFile, match="line 1"):
+        set_up(mount)
+    assert not [e for e in mount.link.port.world.edges if e[1].endswith("_en") and e[2]]
+    assert calibration.path().read_text() == "x = = 3"
+
+
+def test_readings_that_go_the_wrong_way_are_taken_again(mount):
+    person = set_up(mount, {"(more is right)": ["0", "-26", "-20", "10", "0"]}, distance_mm=SCREEN_MM)
+    assert any("must grow to the right" in text for text in person.said)
+    assert calibration.read(mount.board_id, mount.x.number) is not None
+
+
+def test_the_arithmetic_gives_back_what_made_the_marks():
+    n, mrad, lost, distance = 20, 0.2, 1.5, 5000.0
+
+    def mm(steps: float) -> float:
+        return distance * math.tan(2 * mrad * 1e-3 * steps)
+
+    found = measure(Marks(0, mm(n), mm(lost), mm(lost - n), mm(0)), n, distance, beam_per_mirror("x", 45))
+    assert found.positive == pytest.approx(mrad)
+    assert found.negative == pytest.approx(mrad, rel=1e-4)
+    assert found.lost == pytest.approx((lost, lost), abs=1e-3)
+
+
+def test_a_folding_mirror_turns_the_beam_less_when_it_tips():
+    assert beam_per_mirror("y", 45) == pytest.approx(math.sqrt(2))
+    assert beam_per_mirror("x", 45) == beam_per_mirror("y", 0) == 2
