@@ -1,0 +1,138 @@
+"""Angles: only by a scale that somebody measured for that axis, that direction and that step."""
+
+from itertools import pairwise
+
+import pytest
+
+from mirrormount import Mount, calibration, errors
+from mirrormount.calibration import Scale, Step
+
+USUAL = Step(pulse_us=200_000, step_duty=255)
+
+
+@pytest.fixture(autouse=True)
+def own_folder(tmp_path, monkeypatch):
+    monkeypatch.setenv("MIRRORMOUNT_CONFIG", str(tmp_path / "settings"))
+
+
+@pytest.fixture
+def mount():
+    with Mount.open("virtual://?speed=max") as mount:
+        yield mount
+
+
+def pulses(mount: Mount, pin: str) -> int:
+    edges = [duty for _, name, duty in mount.link.port.world.edges if name == pin]
+    return sum(1 for on, off in pairwise(edges) if on and not off)
+
+
+def test_an_angle_is_that_many_pulses_of_its_own_direction(mount):
+    calibration.write(mount.board_id, {2: Scale(0.2, 0.25, USUAL)})
+    assert mount.x.move_by(1.0, "mrad") == pytest.approx(1.0)
+    assert pulses(mount, "m2_pos") == 5
+    assert mount.x.move_by(-1000, "urad") == pytest.approx(-1000)
+    assert pulses(mount, "m2_neg") == 4
+    assert mount.x.position == 1
+
+
+def test_what_was_really_moved_is_told_when_the_angle_is_no_whole_number_of_steps(mount):
+    calibration.write(mount.board_id, {2: Scale(0.2, 0.25, USUAL)})
+    assert mount.x.move_by(0.5, "mrad") == pytest.approx(0.4)
+    assert pulses(mount, "m2_pos") == 2
+
+
+def test_steps_need_no_scale(mount):
+    assert mount.x.move_by(2) == 2
+    assert pulses(mount, "m2_pos") == 2
+
+
+def test_an_angle_without_a_scale_is_refused_with_the_remedy_and_nothing_moves(mount):
+    with pytest.raises(errors.NotCalibrated) as refusal:
+        mount.y.move_by(0.5, "mrad")
+    for part in ("mirrormount setup", str(calibration.path()), f"[{mount.board_id}.axis1]", "positive"):
+        assert part in str(refusal.value)
+    assert not pulses(mount, "m1_en")
+
+
+def test_a_scale_is_for_its_direction_axis_and_board_only(mount):
+    calibration.write(mount.board_id, {2: Scale(0.2, None, USUAL)})
+    calibration.write("another", {1: Scale(0.2, 0.2, USUAL)})
+    for axis, angle in ((mount.x, -1), (mount.y, 1)):
+        with pytest.raises(errors.NotCalibrated):
+            axis.move_by(angle, "mrad")
+    mount.x.move_by(1, "mrad")
+
+
+@pytest.mark.parametrize("line", ["2XP100000", "2XD128", "2XI1"])
+def test_a_scale_of_another_step_is_refused(mount, line):
+    calibration.write(mount.board_id, {2: Scale(0.2, 0.2, USUAL)})
+    mount.send(line)
+    with pytest.raises(errors.NotCalibrated, match="200000 us at duty 255"):
+        mount.x.move_by(1, "mrad")
+    assert not pulses(mount, "m2_en")
+
+
+@pytest.mark.parametrize(
+    ("amount", "unit"),
+    [("1", "mrad"), (True, "mrad"), (float("nan"), "mrad"), (1, "degrees"), (0.05, "mrad"), (1.5, "steps")],
+)
+def test_an_amount_that_is_none_is_refused(mount, amount, unit):
+    calibration.write(mount.board_id, {2: Scale(0.2, 0.2, USUAL)})
+    with pytest.raises(errors.BadValue):
+        mount.x.move_by(amount, unit)
+    assert not pulses(mount, "m2_en")
+
+
+def test_what_is_written_is_read_again_and_other_boards_stay():
+    calibration.write("a1", {1: Scale(0.21, 0.22, USUAL), 2: Scale(None, 0.3, Step(1000, 7, 1))})
+    path = calibration.write("b.2 ", {1: Scale(1e-7, 1, USUAL)})
+    assert calibration.read("a1", 1) == Scale(0.21, 0.22, USUAL)
+    assert calibration.read("a1", 2) == Scale(None, 0.3, Step(1000, 7, 1))
+    assert calibration.read("b.2 ", 1) == Scale(1e-7, 1, USUAL)
+    assert calibration.read("a2", 1) is None
+    assert [file.name for file in path.parent.iterdir()] == ["calibration.toml"]
+
+
+def test_a_file_that_a_person_wrote_is_taken():
+    calibration.path().parent.mkdir()
+    calibration.path().write_text(
+        "[e661.axis2] # mine\npositive = 1\nnegative = 0.5\npulse_us = 200_000\nstep_duty = 255\n"
+    )
+    assert calibration.read("e661", 2) == Scale(1, 0.5, USUAL)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("[a1.axis1]\npositive = = 1", "line 2"),
+        ("[a1.axis1]\npositive = 0", "pulse_us"),
+        ("[a1.axis1]\npulse_us = 200000\nstep_duty = 255\npositive = -1", "positive is a number above 0"),
+        ("[a1.axis1]\npulse_us = 200000\nstep_duty = 255\npositive = inf", "positive"),
+        ("[a1.axis1]\npulse_us = 200000\nstep_duty = true", "step_duty"),
+        ("[a1]\naxis1 = 3", "not a table"),
+        ("a1 = 3", "not a table"),
+    ],
+)
+def test_a_damaged_file_is_one_line_with_its_place_and_stays_as_it_is(text, says):
+    calibration.path().parent.mkdir()
+    calibration.path().write_text(text)
+    with pytest.raises(errors.BadFile, match=says) as damage:
+        calibration.read("a1", 1)
+    assert str(calibration.path()) in str(damage.value) and "\n" not in str(damage.value)
+    assert calibration.path().read_text() == text
+
+
+def test_a_file_that_is_no_toml_is_not_written_over():
+    calibration.path().parent.mkdir()
+    calibration.path().write_bytes(b"\xff\xfe")
+    with pytest.raises(errors.BadFile):
+        calibration.write("a1", {1: Scale(0.2, 0.2, USUAL)})
+    assert calibration.path().read_bytes() == b"\xff\xfe"
+
+
+def test_a_folder_that_cannot_be_written_is_one_line(tmp_path, monkeypatch):
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("MIRRORMOUNT_CONFIG", str(tmp_path / "file"))
+    with pytest.raises(errors.MountError) as refusal:
+        calibration.write("a1", {1: Scale(0.2, 0.2, USUAL)})
+    assert "\n" not in str(refusal.value)

@@ -1,0 +1,201 @@
+"""Settings: all that are named are changed, or none; they are shown, saved, exported and imported."""
+
+import io
+import tomllib
+
+import pytest
+
+from mirrormount import Mount, cli, errors
+from mirrormount.client import Limits
+from mirrormount.config_command import export, import_, load
+from mirrormount.settings import SETTINGS
+
+
+@pytest.fixture
+def mount():
+    with Mount.open("virtual://?speed=max") as mount:
+        yield mount
+
+
+OTHER = {
+    "inverted": 1,
+    "motor_type": 0,
+    "pulse_us": 150_000,
+    "step_duty": 200,
+    "run_duty": 100,
+    "take_up_us": 250_000,
+    "run_limit_ms": 5000,
+    "move_limit_ms": 60_000,
+    "velocity": 3.25,
+    "acceleration": 10,
+    "switches": 3,
+    "soft_minimum": -40,
+    "soft_maximum": 60,
+    "checking": 8,
+}
+
+
+def test_every_setting_can_be_changed_and_is_read_as_it_was_written(mount):
+    before = mount.settings()
+    assert list(before["x"]) == list(SETTINGS) == list(OTHER)
+    mount.apply({"x": OTHER})
+    assert mount.settings() == {"x": OTHER, "y": before["y"]}
+
+
+def test_saved_settings_are_there_again_after_the_factorys(mount):
+    factory = mount.settings()
+    mount.apply({"x": OTHER, "y": {"pulse_us": 1000}})
+    mine = mount.settings()
+    mount.save()
+    mount.recall(factory=True)
+    assert mount.settings() == factory
+    mount.recall()
+    assert mount.settings() == mine
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("pulse_us", 199),
+        ("pulse_us", 2_000_001),
+        ("pulse_us", 1000.5),
+        ("pulse_us", "1000"),
+        ("pulse_us", True),
+        ("pulse_us", None),
+        ("velocity", 2.005),
+        ("velocity", 0),
+        ("velocity", float("nan")),
+        ("switches", 8),
+        ("checking", 2),
+        ("soft_minimum", 1_000_001),
+        ("speed", 1),
+    ],
+)
+def test_one_wrong_setting_refuses_all_by_name_and_nothing_is_sent(mount, name, value):
+    before = mount.settings()
+    with pytest.raises(errors.BadValue, match=rf"y\.{name}"):
+        mount.apply({"x": {"pulse_us": 1000}, "y": {name: value}})
+    assert mount.settings() == before
+
+
+@pytest.mark.parametrize("wanted", [{"z": {}}, {"x": 3}, [1], {"x": {"soft_minimum": 5, "soft_maximum": 4}}])
+def test_what_are_no_settings_is_refused(mount, wanted):
+    with pytest.raises(errors.BadValue):
+        mount.apply(wanted)
+
+
+def test_what_the_board_refuses_is_named_and_all_are_put_back(mount):
+    before = mount.settings()
+    with pytest.raises(errors.SettingRefused, match=r"y\.velocity = 100.*110.*as they were"):
+        mount.apply({"x": {"pulse_us": 1000, "inverted": 1}, "y": {"step_duty": 7, "velocity": 100}})
+    assert mount.settings() == before
+
+
+def test_settings_are_refused_while_the_axis_moves_and_the_move_goes_on(mount):
+    before = mount.settings()
+    mount.x.step(3, wait=False)
+    with pytest.raises(errors.SettingRefused, match="214"):
+        mount.apply({"x": {"pulse_us": 1000, "run_duty": 9}})
+    assert mount.x.wait().steps == 3
+    assert mount.settings() == before
+
+
+def test_a_setting_that_is_so_already_is_not_written_again(mount):
+    mount.x.step(1)
+    mount.x.zero(5)
+    mount.apply({"x": {"pulse_us": 200_000}})  # another pulse would make the position an estimate
+    assert mount.x.status().certainty == "counted"
+
+
+def test_soft_limits_are_a_pair_and_whether_they_are_checked(mount):
+    mount.apply({"x": {"checking": 1}})
+    mount.x.limits = Limits(-3, 7)
+    assert mount.x.limits == Limits(-3, 7, checked=True)
+    assert mount.settings()["x"]["checking"] == 9
+    mount.x.limits = Limits(-3, 7, checked=False)
+    assert mount.settings()["x"]["checking"] == 1
+
+
+def test_take_up_is_read_and_set(mount):
+    mount.y.take_up_us = 300_000
+    assert mount.y.take_up_us == 300_000
+    assert mount.x.take_up_us == 0
+    with pytest.raises(errors.BadValue, match=r"y\.take_up_us"):
+        mount.y.take_up_us = -1
+
+
+def test_what_is_exported_can_be_imported(mount, tmp_path, capsys):
+    mount.apply({"x": OTHER})
+    file = tmp_path / "mine.toml"
+    export(mount, str(file))
+    mine = mount.settings()
+    assert tomllib.loads(file.read_text()) == mine
+    mount.recall(factory=True)
+    import_(mount, str(file))
+    assert mount.settings() == mine
+    export(mount, "-")
+    assert tomllib.loads(capsys.readouterr().out.split("restarts; to keep it: mirrormount config save)\n")[1]) == mine
+
+
+def test_settings_come_from_standard_input_too(mount, monkeypatch):
+    monkeypatch.setattr("sys.stdin", io.StringIO("[y]\nvelocity = 1.5\n"))
+    import_(mount, "-")
+    assert mount.settings()["y"]["velocity"] == 1.5
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("", "no settings"),
+        ("[x]\npulse_us = 1e", "line 2"),
+        ("[x]\npulse_us = 3", r"x\.pulse_us"),
+        ("[z]\n", "no 'z'"),
+        ("[x]\ntilt = 3", r"x\.tilt"),
+        ("[x]\npulse_us = 2020-01-01", r"x\.pulse_us"),
+    ],
+)
+def test_a_file_that_is_wrong_is_one_line_that_names_it_before_a_port_is_opened(tmp_path, capsys, text, says):
+    file = tmp_path / "wrong.toml"
+    file.write_text(text)
+    assert cli.main(["config", "import", str(file), "--port", "/dev/does-not-exist"]) == 1
+    err = capsys.readouterr().err
+    assert str(file) in err and err.count("\n") == 1
+    with pytest.raises(errors.BadFile, match=says):
+        load(str(file))
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("get", "x.speed"), "no setting 'x.speed'"),
+        (("set", "pulse_us", "3"), "no setting 'pulse_us'"),
+        (("set", "x.pulse_us", "fast"), "x.pulse_us is a number"),
+        (("set", "x.pulse_us", "3"), "within 200"),
+        (("import", "missing.toml"), "no such file"),
+        (("save", "--sketch"), "needs mountfw"),
+    ],
+)
+def test_wrong_words_are_one_line_before_a_port_is_opened(words, says, capsys):
+    assert cli.main(["config", *words, "--port", "/dev/does-not-exist"]) == 1
+    err = capsys.readouterr().err
+    assert says in err and err.count("\n") == 1
+
+
+def test_a_place_that_cannot_be_written_is_one_line(mount, tmp_path):
+    (tmp_path / "file").touch()
+    for place in (tmp_path, tmp_path / "file" / "mine.toml"):
+        with pytest.raises(errors.CannotWrite):
+            export(mount, str(place))
+
+
+def test_get_and_set_from_the_shell(capsys):
+    port = ["--port", "virtual://?speed=max"]
+    assert cli.main(["config", "get", "x.pulse_us", *port]) == 0
+    assert capsys.readouterr().out == "200000\n"
+    assert cli.main(["config", "get", *port]) == 0
+    shown = capsys.readouterr().out
+    assert all(f"{axis}.{name} = " in shown for axis in "xy" for name in SETTINGS)
+    assert cli.main(["config", "set", "y.velocity", "1.25", *port]) == 0
+    assert "y.velocity = 1.25 (until the board restarts" in capsys.readouterr().out
+    for words in (["save"], ["restore"], ["restore", "--factory"]):
+        assert cli.main(["config", *words, *port]) == 0
