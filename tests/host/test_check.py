@@ -46,7 +46,9 @@ def test_with_move_each_axis_makes_its_steps_and_ends_near_where_it_was(mount, c
     for what in ("one step forward", "one step back", "stop in a move", "keep-alive"):
         assert lines[f"x {what}"].startswith("ok") and lines[f"y {what}"].startswith("ok")
     assert {pin for _, pin, _ in drives(mount)} == {"m1_en", "m2_en"}
-    assert not any(mount.link.port.world.bench.duties().values())
+    bench = mount.link.port.world.bench
+    assert not any(bench.duties().values())
+    assert max(map(abs, bench.spot_mm())) < 10  # three steps
 
 
 def test_end_stops_that_are_fitted_are_looked_at(mount, capsys):

@@ -271,6 +271,25 @@ def test_a_move_that_somebody_else_ends_is_not_called_done(mount):
     mount.x.step(-2)  # the way out is open
 
 
+def test_queued_errors_are_read_with_number_and_text(mount):
+    mount.ask("AT;1XP5;XK?")
+    assert [(error.code, error.text) for error in mount.errors()] == [
+        (6, "COMMAND DOES NOT EXIST"),
+        (7, "PARAMETER OUT OF RANGE"),
+    ]
+    assert mount.errors() == []
+
+
+def test_an_axis_answers_queries_of_its_own(mount):
+    mount.send("2XP1000;2VA1.5")
+    assert mount.x.ask("XP?", "VA?") == ["1000", "1.5"]
+    assert mount.x.ask_whole("XP?", "XD?") == [1000, 255]
+    with pytest.raises(errors.BoardError, match="6"):
+        mount.x.ask("AT?")
+    with pytest.raises(errors.NotAMount):
+        mount.x.ask_whole("VA?")
+
+
 def test_keep_alive_is_fed_while_a_program_sleeps(mount):
     mount.x.jog(1)
     mount.sleep(3)

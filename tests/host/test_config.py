@@ -53,6 +53,16 @@ def test_saved_settings_are_there_again_after_the_factorys(mount):
     assert mount.settings() == mine
 
 
+def test_saved_settings_outlive_a_power_cut(tmp_path):
+    address = f"virtual://?speed=max&files={tmp_path}"
+    with Mount.open(address) as mount:
+        mount.apply({"x": OTHER})
+        mount.save()
+        mine = mount.settings()
+    with Mount.open(address) as mount:
+        assert mount.settings() == mine
+
+
 @pytest.mark.parametrize(
     ("name", "value"),
     [

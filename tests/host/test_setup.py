@@ -4,6 +4,7 @@ import math
 import re
 
 import pytest
+from served import run_cli
 
 from mirrormount import Mount, calibration, errors
 from mirrormount.marks import Marks, beam_per_mirror, measure
@@ -237,6 +238,13 @@ def test_readings_that_go_the_wrong_way_are_taken_again(mount):
     person = set_up(mount, {"(more is right)": ["0", "-26", "-20", "10", "0"]}, distance_mm=SCREEN_MM)
     assert any("must grow to the right" in text for text in person.said)
     assert calibration.read(mount.board_id, mount.x.number) is not None
+
+
+def test_without_anybody_to_answer_setup_is_one_line_and_moves_nothing(tmp_path):
+    run = run_cli("setup", "--port", f"virtual://?speed=max&edges={tmp_path / 'edges'}")
+    assert run.returncode == 1
+    assert run.stderr.count("\n") == 1 and "the input has ended: nothing was saved" in run.stderr
+    assert "_en" not in (tmp_path / "edges").read_text()
 
 
 def test_the_arithmetic_gives_back_what_made_the_marks():
