@@ -33,6 +33,7 @@ KNOWN_IDS = {(0x2E8A, 0x0005): "MicroPython on RP2040/RP2350"}
 
 _TICK_S = 0.02  # a serial read returns at least this often
 _WRITE_S = 2.0
+_LATE_S = 0.1  # after that much silence nothing of an old answer comes any more
 
 
 class Port(Protocol):
@@ -177,7 +178,7 @@ class Link:
         self.port = port
         self.lock = threading.RLock()
         self._buffer = bytearray()
-        self._stale = False  # an answer that came too late may still arrive
+        self._stale = False  # an answer that nobody waits for any more may still arrive
 
     @property
     def lockstep(self) -> bool:
@@ -204,21 +205,23 @@ class Link:
         """Send, and return the next line. Raises NoAnswer, ConnectionLost."""
         with self.lock:
             if self._stale:
-                self.drain(0.1)
+                self.drain(_LATE_S)
+            self._stale = True  # until the answer is here: Ctrl-C may come before it
             self.port.write(data)
             return self.read_line(timeout_s)
 
     def read_line(self, timeout_s: float) -> str:
         """The next line, without its end. Raises NoAnswer, ConnectionLost."""
         end = self.monotonic() + timeout_s
+        self._stale = True
         while b"\n" not in self._buffer:
             left = end - self.monotonic()
             if left <= 0:
-                self._stale = True
                 raise NoAnswer(f"no answer within {timeout_s:g} s")
             self._buffer += self.port.read(left)
         line, _, rest = bytes(self._buffer).partition(b"\n")
         self._buffer[:] = rest
+        self._stale = False
         return line.decode("ascii", "replace").strip("\r")
 
     def drain(self, quiet_s: float, longest_s: float = 2.0) -> bytes:
@@ -236,7 +239,8 @@ class Link:
             if not data:
                 break
             taken += data
-        self._stale = False
+        if quiet_s >= _LATE_S:
+            self._stale = False
         return taken
 
     def close(self) -> None:

@@ -271,6 +271,29 @@ def test_a_move_that_somebody_else_ends_is_not_called_done(mount):
     mount.x.step(-2)  # the way out is open
 
 
+def test_an_answer_that_ctrl_c_has_cut_is_not_taken_for_the_next_one(mount, monkeypatch):
+    port = mount.link.port
+    read, cut = port.read, []
+
+    def interrupted(timeout_s: float) -> bytes:
+        cut.append(read(timeout_s))
+        monkeypatch.setattr(port, "read", late)
+        raise KeyboardInterrupt
+
+    def late(timeout_s: float) -> bytes:
+        """The rest of the answer comes after some silence."""
+        if timeout_s < 0.05:
+            return b""
+        monkeypatch.setattr(port, "read", read)
+        return cut[0][-9:] + read(timeout_s)
+
+    monkeypatch.setattr(port, "read", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        mount.status()
+    mount.stop()
+    assert not mount.status().moving
+
+
 def test_queued_errors_are_read_with_number_and_text(mount):
     mount.ask("AT;1XP5;XK?")
     assert [(error.code, error.text) for error in mount.errors()] == [
