@@ -5,8 +5,8 @@ with Mount.open() as mount:
     mount.x.step(5)
 """
 
-from mirrormount.client import Mount
+from mirrormount.client import Limits, Mount
 from mirrormount.errors import MountError
 from mountfw import __version__
 
-__all__ = ["Mount", "MountError", "__version__"]
+__all__ = ["Limits", "Mount", "MountError", "__version__"]

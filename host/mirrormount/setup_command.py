@@ -35,6 +35,7 @@ def run(mount: Mount, ask: Callable[[str], str] = input, say: Callable[[str], No
             say(_put_back(mount, before))
             return
     except EOFError:
+        say("")  # the question stands without an answer
         raise SetupEnded(f"the input has ended: {_put_back(mount, before)}") from None
     except KeyboardInterrupt:
         say(f"\n{_put_back(mount, before)}")
