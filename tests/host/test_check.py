@@ -51,6 +51,12 @@ def test_with_move_each_axis_makes_its_steps_and_ends_near_where_it_was(mount, c
     assert max(map(abs, bench.spot_mm())) < 10  # three steps
 
 
+def test_a_take_up_of_the_backlash_is_not_taken_for_a_wrong_pulse(mount, capsys):
+    mount.apply({"x": {"take_up_us": 280_000}, "y": {"take_up_us": 280_000}})
+    lines, passed = check(mount, capsys, move=True)
+    assert passed, lines
+
+
 def test_end_stops_that_are_fitted_are_looked_at(mount, capsys):
     mount.send("1XL3;2XL3")
     lines, passed = check(mount, capsys)
@@ -87,10 +93,13 @@ def test_errors_that_wait_are_shown_and_fail(mount, capsys):
     assert "6 COMMAND DOES NOT EXIST" in lines["errors waiting"]
 
 
-def test_damaged_settings_fail_with_what_to_do(mount, capsys, monkeypatch):
-    waiting = iter(["63, SETTINGS DAMAGED, DEFAULTS IN USE"])
-    monkeypatch.setattr(mount, "take_errors", lambda: list(waiting))
-    lines, passed = check(mount, capsys)
+def test_damaged_settings_fail_with_what_to_do(tmp_path, capsys):
+    address = f"virtual://?speed=max&files={tmp_path}"
+    with Mount.open(address) as mount:
+        mount.save()
+    file = tmp_path / "mountfw.settings"
+    file.write_bytes(file.read_bytes().replace(b"200000", b"200001", 1))
+    lines, passed = check(Mount.open(address), capsys)
     assert not passed
     assert lines["settings"].startswith("FAILED") and "config import" in lines["settings"]
     assert lines["errors waiting"].startswith("ok")
