@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Protocol
 
+from mirrormount.turned_away import GRACE_S, TAKEN_LINE, TurnedAway
 from mirrormount.virtual.world import World
 
 _QUANTUM_US = 1000  # a busy firmware never leads the wall's clock by more
@@ -21,7 +22,6 @@ _BUFFER = 512  # bytes that a board takes in before its host has to wait
 _UNREAD = 512  # bytes of output that wait in the board before it says that nobody collects
 _HANGUP_S = 0.02  # how often to look whether somebody has opened the pty
 _LAG_US = 100_000  # by how much virtual time may fall behind before it gives up catching up
-_GRACE_S = 0.2  # how long a newcomer waits for the client before him to be gone
 
 
 class Port(Protocol):
@@ -140,7 +140,7 @@ class TcpPort:
         self._client: socket.socket | None = None
         self._newcomer: socket.socket | None = None
         self._since = 0.0
-        self._leaving: list[socket.socket] = []  # told to go; they close, so that they can read why
+        self._away = TurnedAway()
         self.address = f"socket://127.0.0.1:{self._server.getsockname()[1]}"
 
     def watched(self) -> list[int]:
@@ -180,12 +180,13 @@ class TcpPort:
     def refuse(self, line: bytes) -> None:
         client, self._client = self._client, None
         if client:
-            self._send_off(client, line)
+            self._away.add(client, line)
 
     def close(self) -> None:
-        for s in (self._client, self._newcomer, *self._leaving):
+        for s in (self._client, self._newcomer):
             if s:
                 s.close()
+        self._away.close()
         self._server.close()
 
     def _accept(self) -> None:
@@ -197,18 +198,10 @@ class TcpPort:
                 self._since = time.monotonic()
         if self._newcomer and not self._client:
             self._client, self._newcomer = self._newcomer, None
-        elif self._newcomer and time.monotonic() - self._since > _GRACE_S:
-            self._send_off(self._newcomer, _TAKEN)
+        elif self._newcomer and time.monotonic() - self._since > GRACE_S:
+            self._away.add(self._newcomer, TAKEN_LINE)
             self._newcomer = None
-        for s in [s for s in self._leaving if _has_left(s)]:
-            s.close()
-            self._leaving.remove(s)
-
-    def _send_off(self, client: socket.socket, line: bytes) -> None:
-        with contextlib.suppress(OSError):
-            client.send(line)
-            client.shutdown(socket.SHUT_WR)
-        self._leaving.append(client)
+        self._away.look()
 
 
 class PairPort:
@@ -245,18 +238,6 @@ class PairPort:
 
     def close(self) -> None:
         self._end.close()
-
-
-_TAKEN = b"mirrormount: this board has a client already\r\n"
-
-
-def _has_left(client: socket.socket) -> bool:
-    try:
-        return not client.recv(4096)
-    except BlockingIOError:
-        return False
-    except OSError:
-        return True
 
 
 def serve(world: World, ports: Sequence[Port], stopped: Callable[[], bool]) -> None:
@@ -315,8 +296,8 @@ class _Choice:
         for port in self._ports:
             if port is self.client or not port.connected():
                 self._waiting.pop(port, None)
-            elif time.monotonic() - self._waiting.setdefault(port, time.monotonic()) > _GRACE_S:
-                port.refuse(_TAKEN)
+            elif time.monotonic() - self._waiting.setdefault(port, time.monotonic()) > GRACE_S:
+                port.refuse(TAKEN_LINE)
         return self.client
 
 
