@@ -100,6 +100,14 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument("--bench", choices=("paper", "switches"), default="paper", help="with or without end-stops")
     sub.add_argument("--board", choices=("pico", "pico_drv8833"), default="pico", help="which H-bridge")
     sub.add_argument("--speed", choices=("1", "max"), default="1", help="max is for virtual://?speed=max only")
+    sub = add("serve", do_serve, "put the board on TCP, as a New Focus 8742 on Ethernet, until Ctrl-C", port=False)
+    sub.add_argument("at", nargs="?", metavar="PORT", help="serial port (default: the one board there is)")
+    sub.add_argument("--port", default=os.environ.get("MIRRORMOUNT_PORT"), help="the same")
+    sub.add_argument("--tcp", default="127.0.0.1:23", metavar="HOST:PORT", help="where to listen (port 0: any)")
+    sub.add_argument(
+        "--no-telnet", dest="telnet", action="store_false", help="no greeting, and no telnet bytes removed"
+    )
+    sub.add_argument("--token", help="a client's first line must be this (default: $MIRRORMOUNT_TOKEN)")
     sub = add("deploy", do_deploy, "put the firmware on a board that runs MicroPython", port=False)
     _add_deploy_port(sub)
     sub.add_argument("--source", action="store_true", help="plain .py files instead of compiled ones")
@@ -312,6 +320,13 @@ def do_setup(args: argparse.Namespace) -> None:
 def do_virtual(args: argparse.Namespace) -> None:
     """Serve a virtual board."""
     from mirrormount.virtual.command import run
+
+    run(args)
+
+
+def do_serve(args: argparse.Namespace) -> None:
+    """Serve a board on TCP."""
+    from mirrormount.serve import run
 
     run(args)
 

@@ -55,6 +55,14 @@ class FirmwareMissing(NotAMount):
     """MicroPython answers, without mountfw."""
 
 
+class CannotListen(MountError):
+    """The board cannot be served at this network address."""
+
+
+class TokenNeeded(MountError):
+    """A network wider than this computer, and no token, or not the right one."""
+
+
 class ConnectionLost(MountError):
     """The port has gone. The board's keep-alive stops what was moving."""
 

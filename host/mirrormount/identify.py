@@ -1,9 +1,12 @@
 """Who is there? The first words to a board. Imports errors, link."""
 
-from mirrormount.errors import AtPrompt, ConnectionLost, FirmwareMissing, NoAnswer, NotAMount, PortBusy
+from mirrormount.errors import AtPrompt, ConnectionLost, FirmwareMissing, NoAnswer, NotAMount, PortAbsent, PortBusy, TokenNeeded
 from mirrormount.link import Link
 
-TAKEN = "mirrormount: this board has a client already"  # what a served board says to a second client
+# what those who serve a board say to a client that they turn away
+TAKEN = "mirrormount: this board has a client already"
+NO_BOARD = "mirrormount: the board is not there"
+TOKEN_REFUSED = "mirrormount: the first line must be the token"
 
 _ANSWER_S = 1.0
 
@@ -11,12 +14,11 @@ _ANSWER_S = 1.0
 def identify(link: Link) -> str:
     """Stop whatever moves, throw away what is old, and ask who is there. Returns the answer to *IDN?.
 
-    Raises NotAMount, AtPrompt, FirmwareMissing, PortBusy.
+    Raises NotAMount, AtPrompt, FirmwareMissing, PortBusy, PortAbsent, TokenNeeded.
     """
     try:
         link.write(b"!\n")
-        if TAKEN.encode() in link.drain(0.1):
-            raise PortBusy("another program drives this board")
+        _check_served(link.drain(0.1).decode("ascii", "replace"))
         link.write(b"*IDN?\n")
         answer = link.read_line(_ANSWER_S)
         if answer.endswith("soft reboot"):  # it is just starting
@@ -27,8 +29,8 @@ def identify(link: Link) -> str:
         answer = link.drain(0.05).decode("ascii", "replace")
         if not answer:
             raise NotAMount("nothing answers: not a mount, or its firmware hangs") from e
-    if answer == TAKEN:
-        raise PortBusy("another program drives this board")
+    _check_served(answer)
+    answer = answer.lstrip("\ufffd\x01\x03")  # telnet's greeting, where the board is served on TCP and it came late
     if not answer.startswith("mirrormount,"):
         link.write(b"\r")  # a prompt that is in the middle of a line does not show itself before its end
         answer += link.drain(0.3).decode("ascii", "replace")
@@ -43,3 +45,13 @@ def identify(link: Link) -> str:
             raise FirmwareMissing("MicroPython answers, but mountfw is not on this board: deploy it first")
         raise AtPrompt("the board is at its Python prompt: press Ctrl-D there, or reset it, to start mountfw")
     raise NotAMount(f"this is not a mount; it answered {(answer + rest)[:60]!r}")
+
+
+def _check_served(heard: str) -> None:
+    """Raise what it means if a served board has turned us away."""
+    if TAKEN in heard:
+        raise PortBusy("another program drives this board")
+    if NO_BOARD in heard:
+        raise PortAbsent("the program that serves this board has lost it: plug the board in")
+    if TOKEN_REFUSED in heard:
+        raise TokenNeeded("this board is served with a token, which only its own clients send: use ssh -L")
