@@ -1,0 +1,369 @@
+"""`mirrormount serve`: a virtual board served on TCP; what its pins do when clients come, go and misbehave."""
+
+import os
+import select
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from served import PATIENCE_S, ServedBoard, run_cli, wait_for
+
+from mirrormount import Mount, errors
+
+GREETING = bytes.fromhex("fffb01fffb03")
+RUN = b"1XM60000;1MV+\n"
+
+
+class Served:
+    """A `mirrormount serve` process, and its clients."""
+
+    def __init__(self, folder: Path, port: str, *options: str, **environment: str) -> None:
+        words = ["serve", port, "--tcp", "127.0.0.1:0", *options]
+        self.log = folder / "serve.log"
+        with self.log.open("w") as log:
+            self.process = subprocess.Popen(
+                [sys.executable, "-m", "mirrormount", *words],
+                stdout=subprocess.PIPE,
+                stderr=log,
+                text=True,
+                env=os.environ | environment,
+            )
+        self.identity = self.process.stdout.readline().strip()
+        self.ready = self.process.stdout.readline().strip()
+        self.tcp = self.ready.split()[1]
+        self.clients: list[socket.socket] = []
+
+    def connect(self, first: bytes = b"") -> socket.socket:
+        client = socket.create_connection(("127.0.0.1", int(self.tcp.rsplit(":", 1)[1])))
+        client.settimeout(PATIENCE_S)
+        self.clients.append(client)
+        client.sendall(first)
+        return client
+
+    def says(self, text: str) -> None:
+        """Wait until its log has this text."""
+        wait_for(lambda: text in self.log.read_text(), text)
+
+    def end(self, number: int) -> int:
+        """End it; its exit status."""
+        self.process.send_signal(number)
+        return self.process.wait(PATIENCE_S)
+
+    def clear_up(self) -> None:
+        for client in self.clients:
+            client.close()
+        self.process.kill()
+        self.process.communicate()
+
+
+@pytest.fixture
+def served(board, tmp_path) -> Iterator[Callable[..., Served]]:
+    all_served: list[Served] = []
+
+    def start(*options: str, **environment: str) -> Served:
+        all_served.append(Served(tmp_path, str(board.link), *options, **environment))
+        return all_served[-1]
+
+    yield start
+    for each in all_served:
+        each.clear_up()
+
+
+class Cable:
+    """Joins a board and whoever connects to it, so that a test can press keys on the board's console."""
+
+    def __init__(self, board: ServedBoard) -> None:
+        self._server = socket.create_server(("127.0.0.1", 0))
+        self.address = f"socket://127.0.0.1:{self._server.getsockname()[1]}"
+        self.board = socket.create_connection(("127.0.0.1", int(board.tcp.rsplit(":", 1)[1])))
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._carry)
+
+    def __enter__(self) -> "Cable":
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._ended.set()
+        self._thread.join()
+        self.board.close()
+        self._server.close()
+
+    def _carry(self) -> None:
+        host, _ = self._server.accept()
+        other = {host: self.board, self.board: host}
+        with host:
+            while not self._ended.is_set():
+                for end in select.select(list(other), [], [], 0.01)[0]:
+                    if not (data := end.recv(4096)):
+                        return
+                    other[end].sendall(data)
+
+
+def hear(client: socket.socket, n: int) -> bytes:
+    """Exactly n bytes, or what came before the end."""
+    heard = b""
+    while len(heard) < n and (data := client.recv(n - len(heard))):
+        heard += data
+    return heard
+
+
+def hear_line(client: socket.socket) -> bytes:
+    heard = b""
+    while not heard.endswith(b"\n") and (data := client.recv(1)):
+        heard += data
+    return heard
+
+
+def ask(client: socket.socket, query: bytes) -> bytes:
+    client.sendall(query + b"\n")
+    return hear_line(client).strip()
+
+
+def runs(board: ServedBoard) -> None:
+    wait_for(board.driving, "the motor to run")
+
+
+def rests(board: ServedBoard) -> None:
+    wait_for(lambda: not board.driving(), "the motors to stop")
+
+
+def test_a_client_is_greeted_as_a_new_focus_controller_does_and_answered(served):
+    serve = served()
+    client = serve.connect()
+    assert hear(client, 6) == GREETING
+    assert ask(client, b"*IDN?").decode() == serve.identity
+    assert ask(client, b"1>VE?").startswith(b"1>MM2 mirrormount")
+
+
+def test_without_telnet_the_first_bytes_are_the_answer(served):
+    assert ask(served("--no-telnet").connect(), b"*IDN?").startswith(b"mirrormount,")
+
+
+def test_the_answers_of_a_clients_telnet_do_not_reach_the_board(served, board):
+    client = served().connect(b"1XM60000;1M\xff\xfd")
+    hear(client, 6)
+    client.sendall(b"\x01V+\n\xff\xfd\x03\xff\xff\xff\xfa\x18\x00xterm\xff\xf0")
+    assert ask(client, b"1MV?;TB?") == b"+; 0, NO ERROR DETECTED"
+    assert board.driving()
+
+
+def test_without_telnet_such_bytes_are_damage_and_stop(served, board):
+    client = served("--no-telnet").connect(RUN)
+    runs(board)
+    client.sendall(b"\xff\xfd\x03\n")
+    rests(board)
+    assert ask(client, b"TE?") == b"60"
+
+
+def test_motion_through_it_drives_the_pins(served, board):
+    client = served().connect()
+    hear(client, 6)
+    client.sendall(b"1PR-1\n")
+    wait_for(lambda: len(board.edges()) == 4, "the step to end")
+    assert [e["pin"] for e in board.edges()] == ["m1_neg", "m1_en", "m1_en", "m1_neg"]
+    assert ask(client, b"1TP?") == b"-1"
+
+
+def test_a_mount_can_be_opened_through_it(served, board):
+    serve = served()
+    with Mount.open(serve.tcp) as mount:
+        mount.x.step(2)
+        assert mount.x.position == 2
+        with pytest.raises(errors.PortBusy):
+            Mount.open(serve.tcp)
+    with Mount.open(serve.tcp) as mount:
+        assert mount.x.position == 2
+
+
+def test_a_second_client_is_told_and_closed_while_the_first_goes_on(served, board):
+    serve = served()
+    first = serve.connect(RUN)
+    runs(board)
+    second = serve.connect(b"!\n")
+    assert hear(second, 1000) == b"mirrormount: this board has a client already\r\n"
+    hear(first, 6)
+    assert ask(first, b"1MV?") == b"+"
+    assert board.driving()
+
+
+@pytest.mark.parametrize("how", ["closed", "reset", "half a message"])
+def test_when_the_client_goes_what_it_started_stops(served, board, how):
+    client = served().connect(RUN)
+    runs(board)
+    if how == "reset":
+        client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\1\0\0\0\0\0\0\0")
+    elif how == "half a message":
+        client.sendall(b"2PR")
+    client.close()
+    rests(board)
+
+
+def test_a_client_gone_behind_a_flood_of_frames_stops_the_motors_with_it(served, board):
+    serve = served("--no-telnet")
+    client = serve.connect(b"02550255\n" * 20_000)
+    runs(board)
+    client.close()
+    serve.says("has gone: motors stopped")
+    rests(board)
+    assert ask(serve.connect(), b"1MD?;2MD?") == b"1; 1"
+    assert not board.driving()
+
+
+def test_a_stop_overtakes_a_flood_of_frames(served, board):
+    client = served("--no-telnet").connect(b"1XM60000;2XM60000\n" + b"02550255\n" * 20_000)
+    runs(board)
+    client.sendall(b"!\n2DH7;2DH?\n")
+    rests(board)
+    while hear_line(client) != b"7\r\n":  # the echoes of frames obeyed before
+        pass
+    assert not board.driving()
+    assert len([e for e in board.edges() if e["pin"] == "m1_en"]) == 2
+
+
+def test_the_next_client_sees_no_answer_that_was_meant_for_the_last(served):
+    serve = served("--no-telnet")
+    serve.connect(b"*IDN?\n" * 300 + b"02550255\n" * 100).close()
+    serve.says("has gone")
+    assert ask(serve.connect(), b"2DH41;2DH?") == b"41"
+
+
+def test_the_next_client_does_not_inherit_a_keep_alive(served):
+    serve = served("--no-telnet")
+    first = serve.connect()
+    assert ask(first, b"XK5000;XK?") == b"5000"
+    first.close()
+    assert ask(serve.connect(), b"XK?") == b"0"
+
+
+def test_ctrl_c_from_the_network_is_a_stop_and_leaves_the_firmware_running(served, board):
+    client = served("--no-telnet").connect(RUN)
+    runs(board)
+    client.sendall(b"\x03\n")
+    rests(board)
+    assert ask(client, b"\x01\x02\x04\x05\x181XE?").startswith(b"3,")
+
+
+def test_a_client_that_never_reads_is_still_obeyed_and_its_stop_too(served, board):
+    serve = served()
+    client = serve.connect()
+    client.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    client.sendall(b"1XM60000;1MV+\n")
+    runs(board)
+    client.settimeout(PATIENCE_S)
+    client.sendall(b"*IDN?\n" * 3000 + b"!\n")
+    rests(board)
+    client.sendall(b"2PR1\n")
+    wait_for(lambda: any(e["pin"] == "m2_en" for e in board.edges()), "the step of a client that never reads")
+
+
+def test_a_board_unplugged_and_back_is_served_again_at_rest(served, board):
+    serve = served("--no-telnet")
+    client = serve.connect(RUN)
+    runs(board)
+    board.kill()
+    assert hear(client, 1) == b""
+    serve.says("waiting for the board")
+    assert hear_line(serve.connect()) == b"mirrormount: the board is not there\r\n"
+    again = ServedBoard(board.link.parent)
+    try:
+        serve.says("the board is back")
+        assert ask(serve.connect(), b"1MV?") == b"0"
+        assert again.edges() == []
+    finally:
+        again.kill()
+        again.process.stdout.close()
+
+
+def test_at_the_boards_prompt_nothing_from_the_network_is_obeyed(board, tmp_path):
+    with Cable(board) as cable:
+        served = Served(tmp_path, cable.address, "--no-telnet")
+        try:
+            client = served.connect()
+            assert ask(client, b"1MD?") == b"1"
+            cable.board.sendall(b"\x03")
+            served.says("at its Python prompt")
+            assert hear(client, 1000) == b""
+        finally:
+            served.clear_up()
+
+
+@pytest.mark.parametrize("first", [b"token-of-the-test\n", b"token-of-the-test\r\n"])
+def test_with_the_right_token_a_client_is_greeted_and_served(served, first):
+    client = served("--token", "token-of-the-test").connect(first + b"1TP?\n")
+    assert hear(client, 6) == GREETING
+    assert hear_line(client) == b"0\r\n"
+
+
+@pytest.mark.parametrize("first", [b"wrong\n", RUN, b"token-of-the-tes\n", b"\n", b"x" * 300])
+def test_without_the_right_token_nothing_reaches_the_board_and_no_client_is_stopped(served, board, first):
+    serve = served(MIRRORMOUNT_TOKEN="token-of-the-test")
+    controls = serve.connect(b"token-of-the-test\n2XM60000;2MV+\n")
+    runs(board)
+    assert hear(serve.connect(first), 1000) == b"mirrormount: the first line must be the token\r\n"
+    hear(controls, 6)
+    assert ask(controls, b"1MV?;2MV?;TB?") == b"0; +; 0, NO ERROR DETECTED"
+
+
+def test_a_mount_that_meets_a_token_says_so(served):
+    with pytest.raises(errors.TokenNeeded, match="ssh"):
+        Mount.open(served("--token", "token-of-the-test").tcp)
+
+
+def test_a_browser_that_posts_commands_is_not_obeyed(served, board):
+    body = b"1XM60000;1MV+\n"
+    serve = served("--no-telnet")
+    serve.connect(b"POST / HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 14\r\n\r\n" + body)
+    serve.says("web browser")
+    assert ask(serve.connect(), b"1XM?;1MV?") == b"10000; 0"
+    assert board.edges() == []
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGTERM, 0), (signal.SIGINT, 130), (signal.SIGHUP, 0)])
+def test_ending_the_server_stops_the_motors_first(served, board, number, status):
+    serve = served()
+    client = serve.connect(RUN)
+    runs(board)
+    assert serve.end(number) == status
+    rests(board)
+    assert hear(client, 1000) == GREETING
+    assert "Traceback" not in serve.log.read_text()
+    with Mount.open(str(board.link)) as mount:
+        assert mount.y.status().reason == 3
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("--tcp", "0.0.0.0:0"), "--token"),
+        (("--tcp", "[::]:0"), "--token"),
+        (("--tcp", "127.0.0.1:70000"), "HOST:PORT"),
+        (("--tcp", ":5000"), "HOST:PORT"),
+        (("--tcp", "no.such.host.invalid:5000"), "no such host"),
+        (("--tcp", "127.0.0.1:0", "--token", ""), "printable"),
+        (("--tcp", "127.0.0.1:0", "--token", "two\nlines"), "printable"),
+        (("--tcp", "127.0.0.1:0", "--port", "virtual://?speed=max"), "pace"),
+        (("--tcp", "127.0.0.1:0", "--port", "/dev/does-not-exist"), "no such port"),
+    ],
+)
+def test_what_cannot_be_served_is_one_line(words, says):
+    run = run_cli("serve", *words)
+    assert run.returncode == 1
+    assert run.stderr.startswith("mirrormount: ") and run.stderr.count("\n") == 1 and says in run.stderr
+
+
+def test_a_wider_network_with_a_token_is_served(tmp_path):
+    served = Served(tmp_path, "virtual://", "--tcp", "0.0.0.0:0", "--token", "token-of-the-test")
+    assert served.ready.startswith("ready socket://0.0.0.0:")
+    served.clear_up()
+
+
+def test_a_port_in_use_is_one_line_with_the_remedy(board):
+    run = run_cli("serve", "virtual://", "--tcp", board.tcp.removeprefix("socket://"))
+    assert run.returncode == 1
+    assert run.stderr.count("\n") == 1 and "another port" in run.stderr
