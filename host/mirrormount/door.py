@@ -21,6 +21,7 @@ TOKEN_S = 10.0  # how long a client may take to send its token: a person may be 
 _LINE_MOST = 256  # and how long that line may be
 _CROWD = 8  # clients at the door at a time; more, and the one who has waited longest goes
 
+_UNSENT = 1 << 14  # bytes on their way to a client, beside those that a Guest keeps
 _LOST_AFTER = (10, 5, 3)  # a silent connection is probed after 10 s, then each 5 s; 3 times in vain, it is dead
 
 
@@ -162,6 +163,7 @@ def _watch_over(client: socket.socket) -> None:
     """Send small answers at once, and notice a client whose computer has vanished."""
     with contextlib.suppress(OSError):  # gone already: whoever reads from it will see
         client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        client.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _UNSENT)
         client.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
         for name, value in zip(("TCP_KEEPIDLE", "TCP_KEEPINTVL", "TCP_KEEPCNT"), _LOST_AFTER, strict=True):
             if hasattr(socket, name):

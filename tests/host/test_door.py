@@ -1,0 +1,117 @@
+"""What is taken out of a network client's bytes, who is let in, and what a client that does not read loses."""
+
+import socket
+
+import pytest
+from served import PATIENCE_S, wait_for
+
+from mirrormount import door, errors
+from mirrormount.door import Door
+from mirrormount.guest import Guest
+from mirrormount.telnet import Inlet
+
+
+@pytest.mark.parametrize(
+    ("sent", "for_the_board"),
+    [
+        (b"1PR5\r\n", b"1PR5\r\n"),
+        (b"\xff\xfb\x01\xff\xfe\x031TP?\n", b"1TP?\n"),
+        (b"1P\xff\xfd\x01R5\n", b"1PR5\n"),
+        (b"\xff\xff1TP?\n", b"1TP?\n"),
+        (b"\xff\xf11TP?\n", b"1TP?\n"),
+        (b"\xff\xfa\x18\x00XTERM\xff\xff-1MV+\xff\xf01TP?\n", b"1TP?\n"),
+        (b"\xff\xf4\xff\xfd\x06", b"!"),
+        (b"\xff\xf3", b"!"),
+        (b"\xff!\n", b"!\n"),
+        (b"\xff\xfa!\n", b"!\n"),
+        (b"\xff\xfa\x18\xff!\n", b"!\n"),
+        (b"\xff\xfa" + b"0" * 64 + b"1TP?\n", b"!1TP?\n"),
+        (b"\x7f\x80\xfe", b"\x7f\x80\xfe"),
+        (b"\x03\x01\x02\x04\x05\x181TP?\n", b"!1TP?\n"),
+    ],
+)
+def test_telnets_bytes_are_taken_out_and_a_stop_never_is(sent, for_the_board):
+    assert Inlet(True).feed(sent) == for_the_board
+    one_by_one = Inlet(True)
+    assert b"".join(one_by_one.feed(bytes((c,))) for c in sent) == for_the_board
+
+
+def test_without_telnet_only_the_keys_of_the_boards_prompt_are_kept_back():
+    every = bytes(range(256))
+    passed = every.replace(b"\x03", b"!").translate(None, b"\x01\x02\x04\x05\x18")
+    assert Inlet(False).feed(every) == passed
+
+
+@pytest.fixture
+def at_door():
+    here = Door("127.0.0.1", 0, b"secret", telnet=True)
+    clients: list[socket.socket] = []
+
+    def come() -> socket.socket:
+        clients.append(socket.create_connection(("127.0.0.1", int(here.address.rsplit(":", 1)[1])), PATIENCE_S))
+        return clients[-1]
+
+    yield here, come
+    here.close()
+    for client in clients:
+        client.close()
+
+
+def test_a_token_that_comes_too_late_is_not_taken(at_door, monkeypatch):
+    here, come = at_door
+    client = come()
+    wait_for(lambda: here.look() or here.busy(), "the client to be seen")
+    monkeypatch.setattr(door, "TOKEN_S", 0.0)
+    here.look()
+    assert client.recv(100) == b"mirrormount: the first line must be the token\r\n"
+    client.sendall(b"secret\n")
+    assert client.recv(100) == b""
+    assert here.next() is None
+
+
+def test_what_follows_the_token_is_kept_for_the_board(at_door):
+    here, come = at_door
+    client = come()
+    for part in (b"\xff\xfd\x03sec", b"ret\r\n1TP?\n"):
+        client.sendall(part)
+        here.look()
+    guest = wait_for(lambda: here.look() or here.next(), "the client to be let in")
+    assert guest.held == b"1TP?\n"
+    guest.socket.close()
+
+
+def test_a_crowd_without_a_token_does_not_keep_out_the_one_who_has_it(at_door):
+    here, come = at_door
+    for _ in range(40):
+        come()
+        here.look()
+    come().sendall(b"secret\n")
+    guest = wait_for(lambda: here.look() or here.next(), "the client to be let in")
+    guest.socket.close()
+
+
+def test_a_port_that_this_user_may_not_use_is_an_error_with_the_remedy(monkeypatch):
+    def refuse(*_args, **_kw):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(socket, "create_server", refuse)
+    with pytest.raises(errors.CannotListen, match=r"below 1024.*another port"):
+        Door("127.0.0.1", 23, None, telnet=True)
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "::", "192.0.2.1"])
+def test_more_than_this_computer_needs_a_token(host):
+    with pytest.raises(errors.TokenNeeded, match="--token"):
+        Door(host, 0, None, telnet=True)
+
+
+def test_answers_that_nobody_takes_are_dropped_in_whole_lines():
+    ours, theirs = socket.socketpair()
+    with ours, theirs:
+        ours.setblocking(False)
+        guest = Guest(ours, "a client", Inlet(True))
+        assert [guest.answer(b"12345\r\n" * 10_000) for _ in range(3)] == [True, False, False]
+        assert not guest.answer(b"1")
+        assert not guest.answer(b"7\r\n2")
+        guest.flush()
+        assert theirs.recv(100) == b"17\r\n"
