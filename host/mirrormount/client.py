@@ -297,6 +297,167 @@ class Mount:
         return status
 
 
+<<<<<<< HEAD
+=======
+class Axis:
+    """One axis of a Mount: x (right positive) or y (up positive)."""
+
+    def __init__(self, mount: Mount, name: str, number: int) -> None:
+        self._mount = mount
+        self.name = name
+        self.number = number
+        self._deadline = 0.0
+        self._wanted: int | None = None
+
+    @property
+    def position(self) -> float:
+        """Where the board counts this axis to be, in steps; status() says how certain that is."""
+        return self.status().position
+
+    def status(self) -> AxisStatus:
+        """What the board knows of this axis."""
+        return getattr(self._mount.status(), self.name)
+
+    def step(self, n: int, *, wait: bool = True) -> None:
+        """Move by n steps. With wait, returns when they are done, else at once.
+
+        Raises BadValue, BoardError if refused, MoveEnded if an end-stop, a limit or somebody else
+        ended it, ConnectionLost, NoAnswer.
+        """
+        n = whole_number(n, 1_000_000, "steps")
+        self._move("PR", n, n, wait)
+
+    def move_to(self, steps: int, *, wait: bool = True) -> None:
+        """Move to the position `steps`, by the nearest whole number of steps. Raises as step() does."""
+        steps = whole_number(steps, 1_000_000, "position")
+        self._move("PA", steps, round(steps - self.position), wait)
+
+    def zero(self, steps: int = 0) -> None:
+        """Call the present position `steps`; from here on it is certain as far as it is counted."""
+        self._mount.send(f"{self.number}DH{whole_number(steps, 1_000_000, 'position')}")
+
+    @property
+    def run_limit_s(self) -> float:
+        """How long the board lets one jog or drive run, in seconds (`XM`)."""
+        return int(self._mount.ask(f"{self.number}XM?")) / 1000
+
+    def jog(self, speed: float) -> None:
+        """Run at speed, -1 ... 1 of full duty and not 0, until stop(), a limit, or this program's end.
+
+        The duty comes in steps of 1/255; the nearest is taken.
+        """
+        if isinstance(speed, bool) or not isinstance(speed, int | float) or not 0 < abs(speed) <= 1:
+            raise BadValue(f"a jog's speed is a number within -1 … 1 and not 0, not {speed!r}")
+        duty = round(abs(speed) * 255)
+        if duty == 0:
+            raise BadValue(f"a jog's speed comes in steps of 1/255: {speed!r} is none")
+        a, mount = self.number, self._mount
+        stops = mount._stops
+        if self.status().moving:  # what is under way gives way
+            self.stop()
+        run_duty, limit_ms = mount.ask(f"{a}XV?;{a}XM?").split("; ")
+        sign = "+" if speed > 0 else "-"
+        # the stored run duty is put back in the same line
+        mount._start(f"{a}XV{duty};{a}MV{sign};{a}XV{run_duty}", stops)
+        self._wanted = None
+        self._deadline = mount.link.monotonic() + int(limit_ms) / 1000 + _SLACK_S
+        mount._feed()
+
+    def stop(self) -> None:
+        """End this axis's move soon: a step that is nearly done is finished. mount.stop() is for hurry."""
+        self._mount.ask(f"{self.number}ST;{self.number}MD?")
+        self.wait()
+
+    def wait(self) -> Ended:
+        """Wait for the end of this axis's move and tell how it ended.
+
+        Raises NoAnswer (and stops) if it takes longer than it can, ConnectionLost.
+        """
+        mount = self._mount
+        while self.status().moving:
+            mount._check_lost()
+            if self._deadline and mount.link.monotonic() > self._deadline:
+                mount.stop()
+                raise NoAnswer(f"{self.name}: still moving when it should have ended; stopped")
+            mount.link.sleep(_POLL_S)
+        answer = mount.ask(f"{self.number}XE?")
+        try:
+            reason, steps, on_us = (int(n) for n in answer.split(","))
+        except ValueError as e:
+            raise NotAMount(f"not how a move ended: {answer[:80]!r}") from e
+        return Ended(reason, steps, on_us * 1e-6)
+
+    def _move(self, mnemonic: str, value: int, n: int, wait: bool) -> None:
+        a, mount = self.number, self._mount
+        stops = mount._stops
+        pulse_us, velocity = mount.ask(f"{a}XP?;{a}VA?").split("; ")
+        period_s = max(1 / float(velocity), int(pulse_us) * 1e-6 + 1e-3)
+        mount._start(f"{a}{mnemonic}{value}", stops)
+        self._wanted = n
+        self._deadline = mount.link.monotonic() + (abs(n) + 1) * period_s + _SLACK_S
+        if not wait:
+            mount._feed()
+            return
+        ended = self.wait()
+        if ended.reason != wire.DONE:
+            raise MoveEnded(self.name, ended.reason, ended.steps, n, mount.take_errors())
+
+
+def whole_number(value: object, most: int, what: str) -> int:
+    """value as an int within -most ... most. Raises BadValue; nothing is rounded or clamped."""
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise BadValue(f"{what} is a whole number, not {value!r}")
+    if abs(value) > most:
+        raise BadValue(f"{what} is within -{most} … {most}, not {value}")
+    return value
+
+
+def _identify(link: Link) -> str:
+    """Stop whatever moves, throw away what is old, and ask who is there."""
+    try:
+        link.write(b"!\n")
+        _check_served(link.drain(0.1).decode("ascii", "replace"))
+        link.write(b"*IDN?\n")
+        answer = link.read_line(_ANSWER_S)
+        if answer.endswith("soft reboot"):  # it is just starting
+            answer = link.read_line(_ANSWER_S)
+    except ConnectionLost as e:
+        raise NotAMount("it hung up when asked who it is: not a mount") from e
+    except NoAnswer as e:
+        answer = link.drain(0.05).decode("ascii", "replace")
+        if not answer:
+            raise NotAMount("nothing answers: not a mount, or its firmware hangs") from e
+    _check_served(answer)
+    answer = answer.lstrip("\ufffd\x01\x03")  # telnet's greeting, where the board is served on TCP and it came late
+    if not answer.startswith("mirrormount,"):
+        link.write(b"\r")  # a prompt that is in the middle of a line does not show itself before its end
+        answer += link.drain(0.3).decode("ascii", "replace")
+    rest = link.drain(0.05).decode("ascii", "replace")
+    if answer.startswith("mirrormount,") and not rest:
+        return answer
+    if ">>>" in answer + rest:
+        link.write(b"\r\x03\r")
+        link.drain(0.1)
+        link.write(b"import mountfw\r")
+        if "ImportError" in link.drain(0.3).decode("ascii", "replace"):
+            raise FirmwareMissing("MicroPython answers, but mountfw is not on this board: deploy it first")
+        raise AtPrompt("the board is at its Python prompt: press Ctrl-D there, or reset it, to start mountfw")
+    raise NotAMount(f"this is not a mount; it answered {(answer + rest)[:60]!r}")
+
+
+def _check_served(heard: str) -> None:
+    """Raise what it means if a served board has turned us away."""
+    if TAKEN in heard:
+        raise PortBusy("another program drives this board")
+    if NO_BOARD in heard:
+        raise PortAbsent("the program that serves this board has lost it: plug the board in")
+    if TOKEN_REFUSED in heard:
+        raise TokenNeeded(
+            "this board is served with a token, which Mount does not send: go through ssh -L (docs/network.md)"
+        )
+
+
+>>>>>>> bf67aac (Let a lost log or nohup not end the service)
 def _board_error(line: str) -> BoardError:
     error = parse_error(line)
     return BoardError(error.code, error.text)

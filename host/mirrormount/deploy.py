@@ -12,9 +12,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from mirrormount.client import TAKEN
 from mirrormount.deploy_plan import THIS, Plan, board_choice, boards, firmware, firmware_hash, plan
 from mirrormount.errors import CannotOpen, ConnectionLost, DeployError, NoAnswer, NoBoardFound, PortBusy
+from mirrormount.identify import TAKEN
 from mirrormount.link import Link, find_one, open_port
 from mirrormount.progress import Progress
 from mirrormount.remote import Mpremote

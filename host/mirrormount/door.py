@@ -11,9 +11,9 @@ import os
 import socket
 import time
 
-from mirrormount.client import TOKEN_REFUSED
 from mirrormount.errors import BadAddress, BadValue, CannotListen, TokenNeeded
 from mirrormount.guest import Guest
+from mirrormount.identify import TOKEN_REFUSED
 from mirrormount.telnet import Inlet
 from mirrormount.turned_away import GRACE_S, TurnedAway
 

@@ -1,6 +1,15 @@
 """Who is there? The first words to a board. Imports errors, link."""
 
-from mirrormount.errors import AtPrompt, ConnectionLost, FirmwareMissing, NoAnswer, NotAMount, PortAbsent, PortBusy, TokenNeeded
+from mirrormount.errors import (
+    AtPrompt,
+    ConnectionLost,
+    FirmwareMissing,
+    NoAnswer,
+    NotAMount,
+    PortAbsent,
+    PortBusy,
+    TokenNeeded,
+)
 from mirrormount.link import Link
 
 # what those who serve a board say to a client that they turn away

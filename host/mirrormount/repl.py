@@ -7,8 +7,9 @@ import subprocess
 import sys
 import time
 
-from mirrormount.client import TAKEN, Mount
+from mirrormount.client import Mount
 from mirrormount.errors import AtPrompt, BadAddress, FirmwareMissing, MountError, NoAnswer, NotAMount, PortBusy
+from mirrormount.identify import TAKEN
 from mirrormount.link import Link, find_one, open_port
 
 _GET_M = "from mountfw.repl import m"

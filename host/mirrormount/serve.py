@@ -5,6 +5,7 @@ and silent. One thread does all but listening to the board, so nothing here need
 """
 
 import argparse
+import contextlib
 import os
 import re
 import select
@@ -13,11 +14,12 @@ import sys
 import time
 from types import FrameType
 
-from mirrormount.client import NO_BOARD, Mount
+from mirrormount.client import Mount
 from mirrormount.door import Door, check_token, parse_where
 from mirrormount.ear import Ear
 from mirrormount.errors import BadValue, ConnectionLost, MountError
 from mirrormount.guest import Guest
+from mirrormount.identify import NO_BOARD
 from mirrormount.telnet import GREETING
 from mirrormount.turned_away import TAKEN_LINE
 
@@ -32,10 +34,11 @@ _SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if
 
 def run(args: argparse.Namespace) -> None:
     """Serve until told to end. Raises MountError."""
-    token = check_token(args.token if args.token is not None else os.environ.get("MIRRORMOUNT_TOKEN"))
+    token = check_token(args.token if args.token is not None else os.environ.get("MIRRORMOUNT_TOKEN") or None)
     host, port = parse_where(args.tcp)
     for number in _SIGNALS:
-        signal.signal(number, _end)
+        if number == signal.SIGINT or signal.getsignal(number) != signal.SIG_IGN:  # nohup ignores one
+            signal.signal(number, _end)
     door = Door(host, port, token, telnet=args.telnet)
     try:
         server = Server(args.at or args.port, door, GREETING if args.telnet else b"")
@@ -225,7 +228,8 @@ def _who(identity: str) -> str:
 
 
 def _say(line: str) -> None:
-    print(f"mirrormount: {line}", file=sys.stderr, flush=True)
+    with contextlib.suppress(OSError):  # a log that nobody takes must not end the service
+        print(f"mirrormount: {line}", file=sys.stderr, flush=True)
 
 
 def _end(number: int, _frame: FrameType | None) -> None:

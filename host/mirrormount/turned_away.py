@@ -4,7 +4,7 @@ import contextlib
 import socket
 import time
 
-from mirrormount.client import TAKEN
+from mirrormount.identify import TAKEN
 
 TAKEN_LINE = TAKEN.encode() + b"\r\n"
 GRACE_S = 0.2  # how long a newcomer waits: the client before him may just have gone without our having seen it
