@@ -63,4 +63,6 @@ def _check_served(heard: str) -> None:
     if NO_BOARD in heard:
         raise PortAbsent("the program that serves this board has lost it: plug the board in")
     if TOKEN_REFUSED in heard:
-        raise TokenNeeded("this board is served with a token, which only its own clients send: use ssh -L")
+        raise TokenNeeded(
+            "this board is served with a token, which Mount does not send: go through ssh -L (docs/network.md)"
+        )
