@@ -36,6 +36,9 @@ class Served:
             )
         self.identity = self.process.stdout.readline().strip()
         self.ready = self.process.stdout.readline().strip()
+        if not self.ready.startswith("ready "):
+            self.process.communicate()
+            pytest.fail(f"it does not serve: {self.log.read_text()}")
         self.tcp = self.ready.split()[1]
         self.clients: list[socket.socket] = []
 
@@ -276,7 +279,7 @@ def test_a_board_unplugged_and_back_is_served_again_at_rest(served, board):
     serve = served("--no-telnet")
     client = serve.connect(RUN)
     runs(board)
-    board.kill()
+    board.end()  # takes the port's name away, too, as unplugging does
     assert hear(client, 1) == b""
     serve.says("waiting for the board")
     assert hear_line(serve.connect()) == b"mirrormount: the board is not there\r\n"
