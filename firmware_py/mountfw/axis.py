@@ -563,7 +563,8 @@ class Axis:
         self.state = REST
         if self._taking_up:
             self.position.taken_up(self._direction)
-            self._next_at = add(self._cut_at, _REST_US)
+            # the same rest as between two steps: a motor that still turns would make the first one longer
+            self._next_at = add(self._cut_at, self._period_us - self.pulse_us)
             return
         self.position.pulsed(self._direction)
         self._steps_left -= 1

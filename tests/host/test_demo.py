@@ -59,6 +59,28 @@ def test_another_screw_fails_it():
     assert {"step, vertical"} <= bad(measure(coarsen))
 
 
+def closures(spoil_us: int = 0) -> list[demo.Closure]:
+    with Mount.open("virtual://?speed=max") as mount:
+        x_us, y_us = demo.take_up(mount, demo.table(demo.square(mount)[0]))
+        mount.x.take_up_us, mount.y.take_up_us = x_us + spoil_us, y_us - spoil_us
+        return demo.closure(demo.square(mount)[0])
+
+
+def test_the_square_closes_with_the_backlash_taken_up():
+    assert [row.measured for row in closures()] == pytest.approx([0, 0], abs=0.03)
+
+
+def test_a_wrong_take_up_leaves_it_open():
+    # 30 ms is 0.06 mrad
+    assert not any(row.good for row in closures(spoil_us=30_000))
+
+
+def test_a_take_up_that_fails_is_an_error_after_the_picture_was_drawn(tmp_path, monkeypatch):
+    monkeypatch.setattr(demo, "take_up", lambda mount, rows: (0, 0))
+    with pytest.raises(DemoFailed, match="the backlash was not taken up: left open, horizontal, left open, vertical"):
+        demo.run("virtual://?speed=max", tmp_path / "square.png")
+
+
 def test_a_bad_table_is_an_error_after_the_picture_was_drawn(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(demo, "STEP_X_MRAD", 0.5)
     output = tmp_path / "square.png"
