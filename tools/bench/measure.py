@@ -11,6 +11,7 @@ from mountfw.frame import encode
 
 IDLE_US = 64_000  # the longest sleep of an idle loop: moments are chosen from as long a stretch
 STREAM_US = 1_000  # a frame each millisecond
+RECORDED_US = 10_500_000  # the position is recorded after 10 s of rest
 LATE_US = 10_000  # a frame that shows later than this did not keep up
 FRAMES = 500
 KEEP_ALIVE_US = 500_000
@@ -48,6 +49,21 @@ def frame_to_level(lab: Lab, *, together: bool, full: bool) -> list[float]:
             _level_us(board.edges, landed_us, motor, speed > 0) for motor, speed in zip((1, 2), speeds, strict=True)
         ]
         times.append((max(rises) - landed_us) / 1000)
+    return times
+
+
+def first_after_record(lab: Lab, *, start: bytes) -> list[float]:
+    """ms from the last byte of a motion to the first enable high, where the position is recorded on the flash."""
+    board = lab.board()
+    times = []
+    for _ in lab.trials():
+        board.do(b"1MV+\n")
+        board.clear()
+        board.run(RECORDED_US + lab.random.randrange(IDLE_US))
+        landed_us = board.give(start)
+        board.run(400_000)
+        rises = [us for us, pin, duty in board.edges if us >= landed_us and pin in ENABLES and duty]
+        times.append((min(rises, default=LOST) - landed_us) / 1000)
     return times
 
 

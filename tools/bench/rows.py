@@ -12,6 +12,7 @@ from measure import (
     PULSES,
     SHORTEST_US,
     end_stop,
+    first_after_record,
     frame_rate,
     frame_to_level,
     keep_alive,
@@ -59,6 +60,7 @@ SHORTEST = Figure("ms", 1, 0.21)  # 0.2 ms, to WIDTH's aim
 RATE = Figure("1/s", 500, 1000, more_is_better=True)
 END_STOP = Figure("ms", 1, 0.1)
 END_STOP_POLLED = Figure("ms", 2, 0.5)
+RECORD = Figure("ms", 150, None)
 RESET = Figure("ms", 1500, 500)
 ANY = Figure("ms", None, None)
 PASS = Figure("ms", 2, 0.5)
@@ -101,6 +103,11 @@ def _pass(name: str, what: str, messages: tuple[bytes, ...]) -> Row:
     return Row(name, _PASS + what, PASS, paper.LONGEST_PASS, partial(longest_pass, messages=messages))
 
 
+def _recorded(name: str, what: str, start: bytes) -> Row:
+    what = f"first motion after the position was recorded, {what}: last byte to the enable at level"
+    return Row(name, what, RECORD, paper.NONE, partial(first_after_record, start=start), most_n=100)
+
+
 def _keep(name: str, what: str, start: bytes) -> Row:
     return Row(name, _KEEP + what, KEEP, paper.NEVER_STOPS, partial(keep_alive, start=start))
 
@@ -133,6 +140,8 @@ ROWS = (
     _end_stop("end-stop-run", "in a run", pulse=False),
     _end_stop("end-stop-pulse", "in a pulse", pulse=True),
     _end_stop("end-stop-polled", "in a run, on a port without interrupts", pulse=False, polled=True),
+    _recorded("record-run", "a run", b"1MV+\n"),
+    _recorded("record-frame", "a frame", b"02550000"),
     Row("reset", "reset to the answer to `*IDN?`", RESET, "", partial(reset_to_answer, source=False), most_n=20),
     Row("reset-source", "the same, deployed as .py", ANY, "", partial(reset_to_answer, source=True), most_n=20),
     _pass("pass-idle", "idle", (b"",)),
