@@ -1,4 +1,4 @@
-"""One axis: timed pulses, runs, frames and their bounds. Imports bridge, endstop, errors, homing, position, ticks.
+"""One axis: timed pulses, runs, frames and their bounds. Imports errors, homing, parameters, position, ticks.
 
 A move is started by steps(), run(), frame() or seek() and carried on by service(), which never waits.
 Every accepted move ends exactly once, through _finish(), with one of the reasons of errors.py.
@@ -16,7 +16,8 @@ They cut the drive and leave the rest to service(); _started() looks again after
 
 from mountfw import errors
 from mountfw.homing import Homing
-from mountfw.position import MAX_STEPS, Position
+from mountfw.parameters import Parameters
+from mountfw.position import MAX_STEPS
 from mountfw.ticks import add, diff
 
 # states of an axis, in such an order that those above REST have drive
@@ -39,60 +40,22 @@ def _nothing():
     pass
 
 
-class Axis:
+class Axis(Parameters):
     """Axis number (1 or 2) on a bridge, with its two EndStops named for the electrical direction.
 
     ticks_us is the clock. error_queue takes this axis's errors.
     """
 
     def __init__(self, number, bridge, positive_stop, negative_stop, error_queue, ticks_us):
+        super().__init__(positive_stop, negative_stop)
         self.number = number
         self.bridge = bridge
-        self.positive_stop = positive_stop
-        self.negative_stop = negative_stop
         self._errors = error_queue
         self._ticks_us = ticks_us
-        self.position = Position()
         self.homing = Homing(self)
         self.forget = _nothing  # takes the position off the flash, where it is recorded; settings.py sets it
         self.recorded = False  # is it there? Then nothing may drive before forget()
-        self.state = IDLE
         self.reset()
-
-    def factory(self):
-        """The settings as they were made; their names stand in the table of settings.py."""
-        self.pulse_us = 200_000
-        self.step_duty = 255
-        self.run_duty = 255
-        self.take_up_us = 0
-        self.inverted = 0
-        self.switches = 0  # bit 0: the positive end-stop is fitted, bit 1: the negative one
-        self.run_limit_ms = 10_000
-        self.move_limit_ms = 120_000
-        self.velocity = 200  # hundredths of a step per second
-        self.acceleration = 100_000  # kept for those who ask: DC pulses do not ramp
-        self.soft_minimum = -MAX_STEPS
-        self.soft_maximum = MAX_STEPS
-        self.checking = 0  # bit 0: end-stops ignored, bit 3: soft limits checked
-        self.motor_type = 3  # 0: none
-
-    def load(self, values):
-        """Have the settings as they were made, and of these (name, value) the value."""
-        inverted = self.inverted
-        self.factory()
-        for name, value in values:
-            setattr(self, name, value)
-        if self.inverted != inverted:
-            self.position.mirror()
-        self.apply()
-
-    def can_fit(self, switches):
-        """True if the board has inputs for these switches (see factory())."""
-        return not (
-            switches & ~3
-            or (switches & 1 and not self.positive_stop.can_fit())
-            or (switches & 2 and not self.negative_stop.can_fit())
-        )
 
     def reset(self):
         """Off, and everything as at power-up."""
@@ -135,10 +98,6 @@ class Axis:
 
     # ---- what it is doing
 
-    def moving(self):
-        """True from a move's acceptance to its last pulse's end."""
-        return self.state != IDLE
-
     def driving(self):
         """True while the motor has drive."""
         return self.state > REST
@@ -162,17 +121,6 @@ class Axis:
     def driven_us(self):
         """How long the move under way has driven, as far as it is counted."""
         return self._on_us
-
-    def limits(self):
-        """Bit 0: positive end-stop active, bit 1: negative, bit 2: home. Switches not fitted say 0."""
-        bits = (1 if self.positive_stop.active() else 0) | (2 if self.negative_stop.active() else 0)
-        if self.inverted:  # the switches stay with the electrical direction; their names swap
-            bits = (bits & 1) << 1 | bits >> 1
-        return bits
-
-    def stop_towards(self, direction):
-        """The end-stop that lies in the axis's own direction 1 or -1."""
-        return self.positive_stop if (direction > 0) != (self.inverted > 0) else self.negative_stop
 
     # ---- starting
 
@@ -373,24 +321,6 @@ class Axis:
             self._tripped = True
             self._cut()
 
-    # ---- settings
-
-    def set(self, name, value):
-        """Change the setting of this name; value is within its limits."""
-        if name == "inverted" and value != self.inverted:
-            self.position.mirror()
-        setattr(self, name, value)
-        self.apply()
-
-    def apply(self):
-        """The settings have changed."""
-        self._changed = self.state != IDLE
-        self.positive_stop.fitted = self.switches & 1 != 0
-        self.negative_stop.fitted = self.switches & 2 != 0
-        self.watched = self.switches & 3 != 0 and not self.checking & 1
-        if not self._changed:
-            self._measure()
-
     # ---- what homing does
 
     def leg(self, direction, most_us):
@@ -436,14 +366,6 @@ class Axis:
         else:
             return False
         return True
-
-    def _measure(self):
-        """What makes a step, and a gap."""
-        step = self.pulse_us * self.step_duty
-        if step != self.position.step:
-            self.position.step_changed()
-            self.position.step = step
-        self.position.set_gap(self.take_up_us * self.step_duty)
 
     def _soft_error(self, direction):
         self.error(errors.AXIS_POSITIVE_SOFT if direction > 0 else errors.AXIS_NEGATIVE_SOFT)
@@ -608,6 +530,6 @@ class Axis:
         self.reason = reason
         self.homing.phase = 0
         self.state = IDLE
-        if self._changed:
-            self._changed = False
-            self._measure()
+        if self.changed:
+            self.changed = False
+            self.measure()
