@@ -72,6 +72,37 @@ def test_a_duty_shows_on_the_enable_as_that_share_of_the_time(board, duty):
     assert on / (end - start) == pytest.approx(duty / 255, abs=0.02)
 
 
+def pulses_ms(edges, pin: str) -> list[int]:
+    rises = [us for us, name, duty in edges if name == pin and duty]
+    falls = [us for us, name, duty in edges if name == pin and not duty]
+    return [round((off - on) / 1000) for on, off in zip(rises, falls, strict=True)]
+
+
+def test_the_backlash_is_taken_up_before_the_first_step_back(board):
+    board.send(b"1XP20000;1XB30000;1VA20;1PR2\n")
+    board.run(200_000)
+    start = board.world.us
+    board.send(b"1PR-1\n")
+    board.run(200_000)
+    assert pulses_ms(board.edges_after(start), "m1_en") == [30, 20]
+    assert board.ask(b"1TP?\n") == b"1\r\n"
+
+
+def test_saved_settings_and_a_rested_position_are_there_after_a_restart(board):
+    board.send(b"1XP20000;SM\n")
+    board.run(500_000)
+    board.send(b"1DH0;1PR3\n")
+    board.run(12_500_000)
+    board.send(b"\x03")
+    board.until(b">>> ")
+    board.send(b"\x04")
+    board.until(b"soft reboot")
+    board.world.lit = False
+    board.boot()
+    assert board.ask(b"1XP?;1TP?;TE?\n", 3_000_000) == b"20000; 3; 0\r\n"
+    assert board.ask(b"XS?\n").split(b"|")[1].endswith(b",1")  # certainty: counted
+
+
 def test_a_host_that_collects_nothing_does_not_keep_a_stop_from_being_obeyed(board):
     board.world.collects(False)
     for _ in range(60):
