@@ -106,12 +106,16 @@ class Axis:
 
     @property
     def limits(self) -> Limits:
-        """The soft limits, in steps. Settable; the board refuses to have the minimum above the maximum."""
+        """The soft limits, in steps. Settable; raises BadValue if the minimum is above the maximum."""
         low, high, checking = self.ask_whole("SL?", "SR?", "ZH?")
         return Limits(low, high, bool(checking & _SOFT_LIMITS_CHECKED))
 
     @limits.setter
     def limits(self, limits: Limits) -> None:
+        if limits.minimum > limits.maximum:
+            raise BadValue(
+                f"a soft minimum of {limits.minimum} above the maximum of {limits.maximum} forbids everything"
+            )
         checking = self.ask_whole("ZH?")[0] & ~_SOFT_LIMITS_CHECKED
         wanted = {
             "soft_minimum": limits.minimum,

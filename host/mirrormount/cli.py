@@ -65,6 +65,8 @@ def _parser() -> argparse.ArgumentParser:
     sub = add("move", do_move, "move to a position, in steps")
     sub.add_argument("axis", choices=("x", "y"), help=axis_help)
     sub.add_argument("position", metavar="STEPS", help="a whole number")
+    sub = add("home", do_home, "find an axis's end-stop; position 0 is there")
+    sub.add_argument("axis", choices=("x", "y"), help=axis_help)
     sub = add("jog", do_jog, "run at SPEED until Ctrl-C, or for S seconds")
     sub.add_argument("axis", choices=("x", "y"), help=axis_help)
     sub.add_argument("speed", metavar="SPEED", help="-1 ... 1, of full speed")
@@ -216,6 +218,15 @@ def do_move(args: argparse.Namespace) -> None:
         axis = getattr(mount, args.axis)
         axis.move_to(position)
         print(f"{args.axis}: {axis.position:+.3f} steps")
+
+
+def do_home(args: argparse.Namespace) -> None:
+    """Home an axis."""
+    with _open(args) as mount:
+        if isinstance(mount, SketchMount):
+            raise NotSupported(f"no end-stops: {LIMITS}")
+        off = getattr(mount, args.axis).home().discrepancy_steps
+        print(f"{args.axis}: at home" + ("" if off is None else f"; the count was off by {off:+.3f} steps"))
 
 
 def do_jog(args: argparse.Namespace) -> None:

@@ -9,7 +9,7 @@ import pytest
 from served import run_cli, wait_for
 
 import mirrormount.link
-from mirrormount import cli
+from mirrormount import Mount, cli
 
 VIRTUAL = ("--port", "virtual://?speed=max")
 
@@ -42,6 +42,7 @@ def one_line(run: subprocess.CompletedProcess) -> str:
         (("status", "--port", "gopher://x"), "not a port's address"),
         (("status", "--sketch"), "must be named"),
         (("demo", "--port", "/dev/ttyACM0"), "virtual"),
+        (("home", "x"), "not fitted or switched off"),
     ],
 )
 def test_wrong_input_is_one_line(words, says):
@@ -182,3 +183,11 @@ def test_stopping_imports_nothing_heavy():
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout == "[]\n"
+
+
+def test_home_drives_to_the_switch_and_says_so(tmp_path):
+    port = f"virtual://?speed=max&bench=switches&files={tmp_path}"
+    with Mount.open(port) as mount:
+        mount.apply({"x": {"switches": 3}})
+        mount.save()
+    assert run_cli("home", "x", "--port", port).stdout == "x: at home\n"

@@ -122,6 +122,8 @@ def test_soft_limits_are_a_pair_and_whether_they_are_checked(mount):
     mount.x.limits = Limits(-3, 7)
     assert mount.x.limits == Limits(-3, 7, checked=True)
     assert mount.settings()["x"]["checking"] == 9
+    with pytest.raises(errors.BadValue, match="forbids everything"):
+        mount.x.limits = Limits(7, -3)
     mount.x.limits = Limits(-3, 7, checked=False)
     assert mount.settings()["x"]["checking"] == 1
 
