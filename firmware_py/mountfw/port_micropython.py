@@ -36,6 +36,10 @@ _ENABLE = 1 << 30
 _SCRATCH4 = 0x1C
 _TIMED_OUT = 0x6AB73121  # what the SDK leaves there: the watchdog was armed, not used for a wanted reset
 
+_HERE = os.getcwd().rstrip("/") + "/"  # the loop's folder: at the prompt, where a drive removes a file, it may change
+_MOST_BYTES = 4096  # more than any file of ours: another one of that name must not fill the memory
+_NO_SUCH_FILE = 2  # ENOENT
+
 _led = None
 
 
@@ -130,12 +134,12 @@ def free_memory():
 
 
 def load(name):
-    """The bytes of a file; None if there is none."""
+    """The first bytes of a file, up to _MOST_BYTES; none if it cannot be read; None if there is no such file."""
     try:
-        with open(name, "rb") as f:
-            return f.read()
-    except OSError:
-        return None
+        with open(_HERE + name, "rb") as f:
+            return f.read(_MOST_BYTES)
+    except OSError as e:
+        return None if e.errno == _NO_SUCH_FILE else b""
 
 
 def store(name, data):
@@ -145,7 +149,11 @@ def store(name, data):
 
 
 rename = os.rename  # littlefs does it whole or not at all, even onto a file that is there
-remove = os.remove
+
+
+def remove(name):
+    """Remove a file. Raises OSError."""
+    os.remove(_HERE + name)
 
 
 def firmware_hash():

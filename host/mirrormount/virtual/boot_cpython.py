@@ -40,6 +40,7 @@ def _install():
     gc.mem_free = lambda: 0  # CPython has no such number
     sys.path[:0] = [FAKES, os.path.abspath(FIRMWARE_DIR)]
     os.chdir(FILES_DIR)
+    os.rename = os.replace  # a board's renames onto a file that is there, Windows's does not
     import _seam
 
     rd, wr = sys.stdin.buffer, open(os.dup(1), "wb", buffering=0)  # noqa: SIM115 (lives as long as the process)
