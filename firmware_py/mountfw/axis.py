@@ -54,7 +54,8 @@ class Axis(Parameters):
         self._ticks_us = ticks_us
         self.homing = Homing(self)
         self.forget = _nothing  # takes the position off the flash, where it is recorded; settings.py sets it
-        self.recorded = False  # is it there? Then nothing may drive before forget()
+        self.recorded = False  # is it there, or on its way? Then nothing may drive before forget()
+        self.has_moved = False  # has a move ended since settings.py looked last?
         self.reset()
 
     def reset(self):
@@ -529,6 +530,7 @@ class Axis(Parameters):
         self.ended_on_us = self._on_us
         self.reason = reason
         self.homing.phase = 0
+        self.has_moved = True
         self.state = IDLE
         if self.changed:
             self.changed = False

@@ -174,10 +174,15 @@ class Position:
         )
 
     def restore(self, numbers, inverted):
-        """Be what such a line says. Nothing is known if a step is another thing now."""
+        """Be what such a line says. Nothing is known if a step is another thing now. Raises ValueError."""
         _, was_inverted, step, gap, gap_known, inside, millisteps, certainty, target, defined, home_known, home = (
             numbers
         )
+        if not (errors.UNKNOWN <= certainty <= errors.ESTIMATED and 0 <= inside <= gap):
+            raise ValueError
+        for n in numbers:
+            if not -(1 << 30) <= n < 1 << 30:
+                raise ValueError
         if step != self.step or was_inverted != inverted:
             return
         self.millisteps = millisteps

@@ -63,7 +63,10 @@ def unseal(data):
     text = data[:-9]
     if len(data) < 9 or data[-9:] != b"%08x\n" % (crc32(text) & 0xFFFFFFFF):
         return None
-    return text.decode().split("\n")[:-1]
+    try:
+        return text.decode().split("\n")[:-1]
+    except ValueError:  # somebody else's file
+        return None
 
 
 def _no_look():
@@ -73,7 +76,8 @@ def _no_look():
 class Records:
     """Both files of a mount. port has load(name), store(name, data), rename(old, new) and remove(name).
 
-    load gives bytes, or None if there is no such file; the others raise OSError if they cannot.
+    load gives bytes, none if the file cannot be read, or None if there is no such file; the others raise OSError
+    if they cannot.
     look is called after what takes long.
     """
 
@@ -85,7 +89,7 @@ class Records:
         self.waiting = False  # has record() something to do?
         self._next = _NOTHING
         self._rested_at = 0  # since when nothing moves
-        self._on_flash = False  # is there a record of the positions?
+        self._on_flash = False  # may there be a record of the positions?
         for axis in axes:
             axis.forget = self.forget
 
@@ -159,10 +163,8 @@ class Records:
 
     def forget(self):
         """The positions are to change: take them off the flash. False if that could not be done."""
-        if self._on_flash:
-            if not self._try(self._port.remove, _POSITION):
-                return False
-            self._on_flash = False
+        if self._on_flash and not self._remove():
+            return False
         for axis in self._axes:
             axis.recorded = False
         self.waiting = True
@@ -173,22 +175,39 @@ class Records:
 
     def record(self, now_us, moving):
         """Nothing waits to be heard or said: record the positions if it is time. One file operation at most."""
-        if moving or self._rested_at is None:
+        rests = self._rested_at is not None and not moving
+        for axis in self._axes:
+            if axis.has_moved:
+                axis.has_moved = rests = False
+        if not rests:
             self._rested_at = now_us
             self._next = _WAIT
         elif self._next == _WAIT:
             if diff(now_us, self._rested_at) >= _REST_US:
                 self._next = _WRITE
         elif self._next == _WRITE:
+            self.waiting = False  # if this fails it is not tried again before something has moved
+            for axis in self._axes:
+                axis.recorded = True  # from here on all that moves or counts anew comes to forget() first
             lines = [a.position.recorded(a.number, a.inverted) for a in self._axes]
-            self._next = _RENAME
-            self.waiting = self._try(self._port.store, _POSITION + _NEW, seal("".join(lines)))
+            if self._try(self._port.store, _POSITION + _NEW, seal("".join(lines))):
+                self._next = _RENAME
+                self.waiting = True
         else:
             self.waiting = False
-            if self._try(self._port.rename, _POSITION + _NEW, _POSITION):
-                self._on_flash = True
-                for axis in self._axes:
-                    axis.recorded = True
+            self._on_flash = True  # before it is: a Ctrl-C may come right after the renaming
+            self._try(self._port.rename, _POSITION + _NEW, _POSITION)
+
+    def _remove(self):
+        """Take the record off the flash. False if it is still there."""
+        try:
+            self._port.remove(_POSITION)
+        except OSError:
+            if self._port.load(_POSITION) is not None:
+                self._errors.push(errors.NOT_SAVED)
+                return False
+        self._on_flash = False
+        return True
 
     def _try(self, action, *arguments):
         try:

@@ -39,7 +39,7 @@ class Board:
 class Port:
     """Virtual time, scheduled input, recorded pins."""
 
-    def __init__(self):
+    def __init__(self, files=None):
         self.us = START_US  # absolute; the firmware sees it modulo 2**30
         self.horizon_us = START_US  # a wait ends here, so that a test gets its turn
         self.inbox = []  # (absolute us, byte), in order
@@ -56,7 +56,8 @@ class Port:
         self.instants = -1  # ... after so many readings of the clock or writes to a pin
         self.fed_at = None  # when the watchdog was fed last; None: it is off
         self.shown = []  # (us since start, LED on?)
-        self.files = {}  # name: bytes
+        self.files = {} if files is None else files  # name: bytes
+        self.file_log = []  # (us since start, what was done, name)
         self.full = False  # does the file system refuse to change?
 
     def ticks_us(self):
@@ -141,26 +142,32 @@ class Port:
         return self.files.get(name)
 
     def store(self, name, data):
-        self._change()
-        self.files[name] = bytes(data)
-        self.lock()
+        self._change("store", name, self._store, data)
 
     def rename(self, old, new):
-        self._change()
-        self.files[new] = self.files.pop(old)
-        self.lock()
+        self._change("rename", old, self._rename, new)
 
     def remove(self, name):
-        self._change()
-        del self.files[name]
-        self.lock()
+        self._change("remove", name, self.files.pop)
 
-    def _change(self):
+    def _store(self, name, data):
+        self.files[name] = bytes(data)
+
+    def _rename(self, old, new):
+        self.files[new] = self.files.pop(old)
+
+    def _change(self, what, name, action, *arguments):
         self.us += 45_000  # about a flash sector's erase
         self.unlock()
-        if self.full:
+        try:
+            if self.full:
+                raise OSError(28)
+            if what != "store" and name not in self.files:
+                raise OSError(2)
+            action(name, *arguments)
+            self.file_log.append((self.us - START_US, what, name))
+        finally:
             self.lock()
-            raise OSError(28)
 
     def firmware_hash(self):
         return b"5a" * 32
@@ -244,10 +251,9 @@ class Output:
 class Rig:
     """An app on such a port. send() now or later, run(), then look."""
 
-    def __init__(self, board=None, files=None):
+    def __init__(self, board=None, files=None, port=None):
         self.board = board or Board()
-        self.port = Port()
-        self.port.files = files or {}
+        self.port = port or Port(files)
         self.app = app.build(self.port, self.board)
         self.controller = self.app.controller
         self.axis1, self.axis2 = self.controller.axes
