@@ -133,8 +133,9 @@ class App:
         before = link.unparsed
         stop = self._drain(link, most)
         if stop:
-            self.controller.stop_all(errors.ABORTED if stop == wire.STOP else errors.STOPPED)
-            self.controller.hold(True)
+            reason = errors.ABORTED if stop == wire.STOP else errors.STOPPED
+            self.controller.stop_all(reason)
+            self.controller.hold(reason)
         taken = link.unparsed - before
         if taken:
             self.controller.heard_at = self._ticks_us()
@@ -167,7 +168,7 @@ class App:
         else:
             controller.malformed(errors.MALFORMED if message == wire.MALFORMED else errors.LINE_TOO_LONG)
         if controller.held and not self._link.stops_ahead:
-            controller.hold(False)
+            controller.hold(errors.NONE_YET)
 
     def _end_drives(self, now_us):
         """The last stretch of what drives: the clock, and bytes that may be a stop; all else waits."""

@@ -73,7 +73,7 @@ class Axis(Parameters):
         self.ended_on_us = 0
 
         # what must not be: nothing may start while one of these is set
-        self.held = False  # a stop was received but not yet parsed
+        self.held = errors.NONE_YET  # the reason of a stop that was received but not yet parsed
         self.emergency = False  # the emergency stop was hit; may be set by an interrupt
 
         # the move under way
@@ -400,7 +400,7 @@ class Axis(Parameters):
         if self.recorded:
             self.forget()  # which takes long, and looks at the input after it
         if self.held:
-            self._finish(errors.ABORTED)
+            self._finish(self.held)
         elif self.emergency:
             self._finish(errors.EMERGENCY_STOP)
             self.error(errors.AXIS_EMERGENCY_STOP)

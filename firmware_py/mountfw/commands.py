@@ -96,6 +96,7 @@ class Commands:
         """The line is whole, and good: go_on() executes it, and its queries are answered in one line."""
         self._line.rewind()
         self._answers = 0
+        self._stage = 0
         self._read = False
         self.busy = True
 
@@ -276,14 +277,10 @@ class Commands:
             self._controller.keep_alive_ms = line.rounded()
 
     def _save(self, _axis, line):
-        if self._stage:
-            self._stage = 0
-            self._records.save_end()
+        if self._stage == 0 and (not self._nothing(line) or self._any_moves()):
             return False
-        if not self._nothing(line) or self._any_moves() or not self._records.save_begin():
-            return False
-        self._stage = 1
-        return True
+        self._stage = self._records.save(self._stage)
+        return self._stage > 0
 
     def _recall(self, _axis, line):
         if self._integer(line, 0, 1) and not self._any_moves():

@@ -29,7 +29,7 @@ class Controller:
         self._booted_ms = 0
         self.keep_alive_ms = 0
         self.heard_at = 0  # when the last byte came: whoever sent it was alive
-        self.held = False
+        self.held = errors.NONE_YET
         self.look = records.look  # called in the middle of what takes long: a stop must not wait for it
         self.reset()
 
@@ -89,11 +89,14 @@ class Controller:
             self._cut1()
             self._cut2()
 
-    def hold(self, held):
-        """While a stop was received but not yet parsed, nothing that comes before it may drive."""
-        self.held = held
-        self._axis1.held = held
-        self._axis2.held = held
+    def hold(self, reason):
+        """A stop was received but is not yet parsed: nothing that comes before it may drive. NONE_YET lets go.
+
+        What would have driven ends with that stop's reason.
+        """
+        self.held = reason
+        self._axis1.held = reason
+        self._axis2.held = reason
 
     def malformed(self, code):
         """A message could not be understood. It may have been a stop, so it stops."""

@@ -80,7 +80,7 @@ class Mount:
             if a.axis.moving():  # the firmware was cut off so hard that nobody has counted
                 a.axis.position.certainty = errors.UNKNOWN
         self.stop()
-        self._controller.hold(False)
+        self._controller.hold(errors.NONE_YET)
         self._controller.watch_input(_nothing)  # what is typed is the prompt's
 
     def drive(self, m1, m2, ms):

@@ -74,7 +74,7 @@ def _no_look():
 
 
 class Records:
-    """Both files of a mount. port has load(name), store(name, data), rename(old, new) and remove(name).
+    """Both files of a mount. port has load(name), store(name, data), rename(old, new), remove(name) and collect().
 
     load gives bytes, none if the file cannot be read, or None if there is no such file; the others raise OSError
     if they cannot.
@@ -95,16 +95,21 @@ class Records:
 
     # ---- settings
 
-    def save_begin(self):
-        """Save the settings, first half. False if it could not be done (an error says so)."""
-        text = "".join(
-            ["%d %s %d\n" % (a.number, entry[1], getattr(a, entry[1])) for a in self._axes for entry in SETTINGS]
-        )
-        return self.forget() and self._try(self._port.store, _SETTINGS + _NEW, seal(text))
+    def save(self, stage):
+        """Save the settings: what is done in one pass, one file operation, so that the watchdog is fed between two.
 
-    def save_end(self):
-        """The second half."""
-        return self._try(self._port.rename, _SETTINGS + _NEW, _SETTINGS)
+        Stage 0 is the first. Returns the next stage; 0 when it is over (an error says if it could not be done).
+        """
+        if stage == 0:
+            return 1 if self.forget() else 0
+        if stage == 1:
+            lines = [
+                "%d %s %d\n" % (a.number, entry[1], getattr(a, entry[1])) for a in self._axes for entry in SETTINGS
+            ]
+            return 2 if self._try(self._port.store, _SETTINGS + _NEW, seal("".join(lines))) else 0
+        self._try(self._port.rename, _SETTINGS + _NEW, _SETTINGS)
+        self._port.collect()
+        return 0
 
     def recall(self):
         """Take the saved settings into use; those as made if none were saved, or (error 63) if they are damaged."""
@@ -115,6 +120,7 @@ class Records:
             values = []
         for axis in self._axes:
             axis.load([(name, value) for number, name, value in values if number == axis.number])
+        self._port.collect()
 
     def factory(self):
         """Take the settings into use as they were made."""
@@ -197,6 +203,7 @@ class Records:
             self.waiting = False
             self._on_flash = True  # before it is: a Ctrl-C may come right after the renaming
             self._try(self._port.rename, _POSITION + _NEW, _POSITION)
+            self._port.collect()  # file work leaves something behind; now nothing waits
 
     def _remove(self):
         """Take the record off the flash. False if it is still there."""

@@ -281,7 +281,7 @@ def test_a_firmware_that_was_cut_off_anyhow_is_taken_over_at_rest(board):
     board.type("c = app.built.controller")
     board.type("c.axes[0].define(5)")
     board.type("c.axes[0].run(1)")
-    board.type("c.hold(True)")  # a stop was received and not yet parsed
+    board.type("c.hold(3)")  # a stop was received and not yet parsed
     assert board.driving()
     board.type("from mountfw.repl import m")
     assert not any(board.bench.duties().values())
