@@ -258,6 +258,7 @@ class Rig:
         self.controller = self.app.controller
         self.axis1, self.axis2 = self.controller.axes
         self.answers = self.app.answers
+        self.line = self.app._commands._line
         self.about = self.answers.about
 
     def now(self):

@@ -7,7 +7,9 @@ the board must understand: a list of events. Written from docs/protocol.md, not 
 import re
 
 FRAME = re.compile(r"[0+-]\d{3}[0+-]\d{3}")
-COMMAND = r" *(\d{1,2} *)?\*?[A-Za-z][A-Za-z]* *(\?|[+-]|[+-]?\d{1,7}(\.\d{1,6})?)? *"
+SHORT = r"\*?[A-Za-z]+ *(\?|[+-]|[+-]?\d{1,7}(\.\d{1,6})?)? *"
+LONG = r"\*?[A-Za-z]{6,}(\? *|[ \"-)+-:<=@[-`{-~][ \"-:<-~]*)?"  # a network's name, and text
+COMMAND = rf" *(\d{{1,2}} *)?({SHORT}|{LONG})"
 LINE = re.compile(rf"(\d{{1,2}}>)?{COMMAND}(;{COMMAND})*")
 
 IGNORED = {1, 2, 4, 5, 0x18}

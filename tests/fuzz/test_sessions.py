@@ -35,7 +35,7 @@ def note_events(rig: Rig, events: list[tuple]) -> None:
         if message == 3:
             events.append(("frame", rig.app._frame.m1, rig.app._frame.m2))
         elif message == 4:
-            events.append(("line", bytes(rig.app._line.text[: rig.app._line.length]).decode()))
+            events.append(("line", bytes(rig.line.text[: rig.line.length]).decode()))
         elif message:
             events.append((words[message],))
         obey(message)
