@@ -19,6 +19,7 @@ _SETTINGS = {key(entry[0]): entry[1:] for entry in SETTINGS}
 _VA = key(b"VA")
 _XL = key(b"XL")
 _MD = key(b"MD")
+_ST = key(b"ST")
 
 # what a controller with a network, other motors or an encoder has: nothing is set, a query is answered so
 _CONSTANT = {
@@ -141,6 +142,8 @@ class Commands:
         if line.kind == QUERY:
             self._next_answer()
             self._replies.add(1 if line.name == _MD else 0)
+        elif line.name == _ST:  # drivers stop all four in turn, and there it is done: errors would fill the queue
+            self._nothing(line)
         else:
             self._errors.push(line.axis * 100 + errors.AXIS_NOT_CONNECTED)
 

@@ -204,6 +204,15 @@ def test_axes_that_the_dialect_has_and_this_mount_has_not_answer_as_unconnected(
     assert rig.errors() == [308]
 
 
+def test_a_stop_of_an_axis_that_is_not_there_is_no_error_and_stops_no_other():
+    rig = Rig()
+    rig.ask(b"1MV+;3ST;4ST\n")
+    assert rig.drives() == (255, 0)
+    assert rig.errors() == []
+    rig.ask(b"3ST1\n")
+    assert rig.errors() == [7]
+
+
 def test_what_mpremote_knocks_with_is_ignored():
     rig = Rig()
     rig.ask(b"01000000")
