@@ -18,7 +18,7 @@ from mirrormount.client import Mount
 from mirrormount.door import Door, check_token, parse_where
 from mirrormount.ear import Ear
 from mirrormount.errors import BadValue, ConnectionLost, MountError
-from mirrormount.guest import Guest
+from mirrormount.guest import Guest, acknowledge
 from mirrormount.identify import NO_BOARD
 from mirrormount.telnet import GREETING
 from mirrormount.turned_away import TAKEN_LINE
@@ -114,6 +114,7 @@ class Server:
             return
         except OSError:
             data = b""
+        acknowledge(client.socket)
         if not data:
             self._dismiss("has gone")
         elif client.new and _WEB.match(data):  # a web page may make a browser on this computer post commands here

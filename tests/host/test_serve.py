@@ -293,6 +293,23 @@ def test_a_board_unplugged_and_back_is_served_again_at_rest(served, board):
         again.process.stdout.close()
 
 
+@pytest.mark.skipif(not hasattr(socket, "TCP_QUICKACK"), reason="acknowledging at once is Linux's")
+def test_a_stop_right_behind_a_command_is_not_held_back_for_want_of_an_acknowledgement(served, board):
+    client = served().connect(b"1XM60000\n")
+    assert hear(client, 6) == GREETING
+    for _ in range(20):  # from the first ones on, what comes is acknowledged at once anyway
+        ask(client, b"1TP?")
+    lengths_us = []
+    for _ in range(5):
+        client.sendall(b"1MV+\n")
+        runs(board)
+        client.sendall(b"!\n")
+        rests(board)
+        lengths_us.append(board.off_after_us("m1_en"))
+        ask(client, b"1TP?")
+    assert min(lengths_us) < 30_000  # 40 ms, each time, if it is held back
+
+
 def test_at_the_boards_prompt_nothing_from_the_network_is_obeyed(board, tmp_path):
     with Cable(board) as cable:
         served = Served(tmp_path, cable.address, "--no-telnet")
