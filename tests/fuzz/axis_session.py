@@ -1,0 +1,294 @@
+"""A rig and axis_model.py side by side: what the firmware did is told to the model, and what it says is compared.
+
+Every write to `Axis.reason` is taken as an end, for that is what XE? and XS? tell. The model has one move under way
+or none, so a second end of a move, or one of none, fails at once, and a move that does not end is overdue.
+"""
+
+from axis_gap import Unclear
+from axis_model import AxisModel
+from axis_move import (
+    COUNTED,
+    DONE,
+    END_STOP,
+    HOMING_FAILED,
+    RUN_LIMIT,
+    SOFT_LIMIT,
+    STOPPED,
+    SUPERSEDED,
+    outcomes,
+    started,
+)
+from rig import Rig
+
+from mountfw.axis import Axis
+
+MOTIONS = ("PR", "PA", "MV", "MT", "OR", "frame")
+STOPS = {"!": 3, "AB": 3, "ST": STOPPED, "1ST": STOPPED, "00000000": STOPPED}
+AT_REST = ("XP", "XI", "DH")  # refused with n14 while it moves
+ERRORS_OF = {END_STOP: (104, 105), SOFT_LIMIT: (106, 107), RUN_LIMIT: (140,), HOMING_FAILED: (145, 146, 104, 105)}
+
+
+class Switches(dict):
+    """Axis 1's end-stops, which follow its pins to the microsecond. The rig asks get(pin, 1)."""
+
+    def __init__(self, rig: Rig, ends: tuple[int, int]) -> None:
+        self.rig, self.ends = rig, ends
+        self.screw, self.seen, self.at = 0, len(rig.port.edges), rig.now()
+        self.levels = {2: 0, 3: 0, 4: 0}
+
+    def get(self, pin: int, _default: int = 1) -> int:
+        edges = self.rig.port.edges
+        for us, number, duty in edges[self.seen :]:
+            self._go_on(us)
+            self.levels[number] = duty
+        self.seen = len(edges)
+        self._go_on(self.rig.now())
+        return int({10: self.screw >= self.ends[1], 11: self.screw <= self.ends[0]}.get(pin, False))
+
+    def _go_on(self, us: int) -> None:
+        duty = self.levels[2] // 257
+        self.screw += (duty if self.levels[3] else -duty) * (us - self.at)
+        self.at = us
+
+
+class Session:
+    """A rig and the model of its axis 1."""
+
+    def __init__(self, values: dict[str, int], ends_us: tuple[int, int]) -> None:
+        self.values = values
+        self.rig = rig = Rig()
+        for name in ("XP", *values):  # the pulse first: VA must go with it
+            rig.ask(text_of(name, values[name]))
+        assert rig.errors() == []
+        rig.port.edges.clear()
+        ends = (ends_us[0] * 255, ends_us[1] * 255)
+        self.model = AxisModel({"XI": 0, "ZH": 0, "SL": -1_000_000, "SR": 1_000_000, **values}, ends, rig.now())
+        rig.port.switches = Switches(rig, ends)
+        self.ends: list[tuple[int, int]] = []  # (us, reason)
+        self.note_ends()
+
+    def note_ends(self) -> None:
+        rig, ends = self.rig, self.ends
+
+        class Noted(Axis):
+            @property
+            def reason(self) -> int:
+                return ends[-1][1] if ends else 0
+
+            @reason.setter
+            def reason(self, value: int) -> None:
+                ends.append((rig.now(), value))
+
+        rig.axis1.__class__ = Noted
+
+    # ---- what happens
+
+    def happened(self) -> tuple[list, list, list]:
+        """Edges, ends with their errors, and the errors that are left, since it was asked last."""
+        errors, ends = [], []
+        while code := self.rig.controller.errors.pop():
+            if code < 200:
+                errors.append(code)
+        for us, reason in self.ends[self.told :]:
+            code = next((code for code in errors if code in ERRORS_OF.get(reason, ())), 0)
+            if code:
+                errors.remove(code)
+            ends.append((us, reason, code))
+        self.told = len(self.ends)
+        self.rig.port.switches.get(0)  # it follows the edges
+        edges = list(self.rig.port.edges)
+        self.rig.port.edges.clear()
+        self.rig.port.switches.seen = 0
+        return edges, ends, errors
+
+    told = 0
+
+    def go_on(self, edges: list, ends: list) -> None:
+        """Tell the model, in order."""
+        events = sorted([(e[0], 0, e) for e in edges] + [(e[0], 1, e) for e in ends], key=lambda event: event[:2])
+        for _, is_end, event in events:
+            (self.model.end if is_end else self.model.edge)(*event)
+        self.model.advance(self.rig.now())
+
+    def wait(self, us: int) -> None:
+        self.rig.run(us)
+        edges, ends, errors = self.happened()
+        assert not errors, f"error {errors} for no reason"
+        self.go_on(edges, ends)
+        self.model.check_not_overdue()
+
+    def obey(self, name: str, value: int, stop: str) -> None:
+        """Send a command, with a stop in the same breath or ""."""
+        model, rig = self.model, self.rig
+        if name == "ZH" and model.move:
+            return
+        self.wait(0)
+        before = rig.now()
+        moved = model.move
+        rig.send(text_of(name, value) + stop.encode() + b"\n")
+        rig.take_in()
+        while rig.app._link.unparsed or rig.app._commands.busy:
+            rig.step()
+        edges, ends, errors = self.happened()
+        accepted = name in MOTIONS and not errors and not (name == "frame" and value == 0)
+        causes(model, name, value, stop)
+        if accepted:
+            self._accept(name, value, before, edges, ends, stop)
+        else:
+            self.go_on(edges, ends)
+            self._refused(name, value, errors, moved)
+        model.check_not_overdue()
+
+    def _accept(self, name: str, value: int, before: int, edges: list, ends: list, stop: str) -> None:
+        model, n = self.model, self.rig.axis1.last_relative
+        if model.move:
+            assert ends, f"{name} was accepted although it moved"
+            us, reason, code = ends.pop(0)
+            if reason == SUPERSEDED:
+                us = min([e[0] for e in edges if us - 300 <= e[0] <= us and e[1] in (2, 3, 4)] + [us])
+                self._feed(edges, us)
+                model.take_over(us, started(model, name, value, n), code)
+                return self._rest(edges, ends, us, stop)
+            self._feed(edges, us + 1)
+            model.end(us, reason, code)
+            before = us
+        assert n in outcomes(model, name, value).get(0, ()) or name not in ("PR", "PA"), "accepted, or so many steps"
+        assert 0 in outcomes(model, name, value), f"{name}{value} was accepted"
+        model.begin(started(model, name, value, n))
+        return self._rest(edges, ends, before, stop)
+
+    def _feed(self, edges: list, until: int) -> None:
+        while edges and edges[0][0] < until:
+            self.model.edge(*edges.pop(0))
+
+    def _rest(self, edges: list, ends: list, _us: int, stop: str) -> None:
+        if stop:
+            assert self.model.move
+            self.model.move.causes |= {STOPS[stop], 3}  # it was held: ended before the stop was parsed
+        self.go_on(edges, ends)
+
+    def _refused(self, name: str, value: int, errors: list, moved: object) -> None:
+        model = self.model
+        if not errors:
+            assert not (name in AT_REST and model.move), f"{name} was accepted although it moves"
+            self._set(name, value)
+            return
+        (code,) = errors
+        if code == 114:
+            assert moved, f"{name} was refused although nothing moves"
+            assert name in MOTIONS or name in AT_REST, f"{name} was refused"
+        elif code == 110:
+            assert name == "VA" and value > 100_000_000 // (model.settings["XP"] + 1000)
+        else:
+            assert not model.move, f"{name}: error {code} instead of 114"
+            assert code in outcomes(model, name, value), f"{name}{value} was refused with {code}"
+
+    def _set(self, name: str, value: int) -> None:
+        model = self.model
+        if name == "DH":
+            model.define(value, COUNTED)
+        if name == "XI":
+            model.invert(value)
+        if name in model.settings:
+            model.settings[name] = value
+            if not model.move:
+                model.measure()
+
+    # ---- what is asked
+
+    def check(self) -> None:
+        """What the firmware says agrees with the model."""
+        for _ in range(10):
+            self.wait(0)
+            model, before = self.model, self.model.position
+            low_slack = model.position_slack()
+            answer = self._ask(b"XS?;1XE?;1TP?;1MD?;1PR?\n")
+            edges, ends, errors = self.happened()
+            self.go_on(edges, ends)
+            assert not errors
+            if not (edges or ends):
+                return self._compare(answer, before, max(low_slack, model.position_slack()))
+        return None
+
+    def _ask(self, line: bytes) -> list[str]:
+        rig = self.rig
+        rig.port.sent.clear()
+        rig.send(line)
+        rig.take_in()
+        while not rig.port.sent.endswith(b"\r\n") or b"|" not in rig.port.sent:
+            rig.step()
+        return rig.port.sent.decode().split("\r\n")[-2].split("; ")
+
+    def _compare(self, answer: list[str], before: float, slack: float) -> None:
+        model, rig = self.model, self.rig
+        millisteps, moving, way, limits, reason, certainty = map(int, answer[0].split("|")[1].split(","))
+        _, steps, on_us = map(int, answer[1].split(","))
+        low, high = sorted((before, model.position))
+        said = f"{millisteps / 1000} instead of {low} to {high} +- {slack}"
+        assert low - slack <= millisteps / 1000 <= high + slack, said
+        assert abs(int(answer[2]) - millisteps / 1000) <= 0.5 + abs(high - low) + 0.001
+        assert moving == (model.move is not None) == (answer[3] == "0"), f"moving {moving}, MD? {answer[3]}"
+        assert not model.move or model.move.kind == "home" or way == model.move.way
+        assert model.move or (way == 0 and rig.drives()[0] == 0 and rig.port.pins[2] == 0)
+        assert rig.axis2.moving() or rig.port.pins[5] == 0
+        assert limits == self._limits(), "limits"
+        assert certainty in model.certainty, f"certainty {certainty} instead of {model.certainty}"
+        model.certainty = {certainty}
+        last = model.last
+        assert reason == int(answer[1].split(",")[0]) == model.reason
+        assert abs(on_us - last.on_us) <= last.slack_us, f"{on_us} us under drive instead of {last}"
+        part = abs(steps - last.moved)
+        assert part < 0.0001 or (part < last.drives + 0.1 and last.kind != "steps") or (last.cut and part < 1.1), (
+            f"{steps} steps: {last}"
+        )
+
+    def _limits(self) -> int:
+        model, fitted = self.model, self.model.settings["XL"]
+        positive = bool(fitted & 1) and model.screw >= model.ends[1]
+        negative = bool(fitted & 2) and model.screw <= model.ends[0]
+        return negative | positive << 1 if model.settings["XI"] else positive | negative << 1
+
+    def finish(self) -> None:
+        """Whatever moves comes to its end by itself."""
+        for _ in range(200):
+            if not self.model.move:
+                break
+            self.wait(300_000)
+        assert not self.model.move, f"never ends: {self.model.move}"
+        self.check()
+        self.wait(600_000)
+        assert self.rig.drives()[0] == 0
+        assert self.model.last.causes or self.model.reason in (0, DONE, *ERRORS_OF)
+
+
+def causes(model: AxisModel, name: str, value: int, stop: str) -> None:
+    """Note why the move under way may end now."""
+    m = model.move
+    if not m:
+        return
+    if name == "frame":
+        m.causes.add(SUPERSEDED)
+        m.finishing = False
+    for text in (name, stop):
+        if text in ("ST", "1ST") and m.kind == "steps" and model.duty and not model.taking_up:
+            left_us = model.nominal_us - (model.now - model.on_at)
+            if abs(left_us - 250_000) < 2_000:
+                raise Unclear
+            m.finishing = left_us < 250_000
+        elif text in STOPS:
+            m.finishing = False
+        if text in STOPS:
+            m.causes.add(STOPS[text])
+
+
+def text_of(name: str, value: int) -> bytes:
+    """A command as it goes over the wire; a frame's other motor rests."""
+    if name == "frame":
+        return f"{value:04d}{0 if value else 77:04d}\n".encode()
+    if name in STOPS:
+        return name.encode() + b"\n"
+    if name in ("MV", "MT"):
+        return b"1%s%s\n" % (name.encode(), b"+" if value > 0 else b"-")
+    if name == "OR":
+        return b"1OR\n"
+    return b"1%s%s\n" % (name.encode(), (str(value / 100) if name == "VA" else str(value)).encode())
