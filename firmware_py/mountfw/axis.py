@@ -324,18 +324,18 @@ class Axis(Parameters):
 
     # ---- what homing does
 
-    def leg(self, direction, most_us):
+    def leg(self, direction, duty, most_us):
         """Run on in direction 1 or -1, at most for so long; then homing.ran_out() is told."""
         self._direction = direction
-        self._duty = self.run_duty
+        self._duty = duty
         self.was_cut = False
         self._tripped = False
         self._run(most_us, False)
 
-    def pulse(self, direction, us):
+    def pulse(self, direction, duty, us):
         """Give one pulse of this length; then homing.ran_out() is told."""
         self._direction = direction
-        self._duty = self.step_duty
+        self._duty = duty
         self.was_cut = False
         self._tripped = False
         self._one_pulse(us)

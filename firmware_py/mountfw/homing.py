@@ -33,12 +33,22 @@ class Homing:
         self._direction = 0
         self._home = False
         self._other_was_closed = False
+        # the settings it began with: new ones are the next move's
+        self._run_duty = 0
+        self._step_duty = 0
+        self._limit_us = 0
+        self._back_off_us = 0
 
     def start(self, direction, home):
         """Begin; the axis has begun its move."""
         self._direction = direction
         self._home = home
         self._other_was_closed = False
+        axis = self._axis
+        self._run_duty = axis.run_duty
+        self._step_duty = axis.step_duty
+        self._limit_us = axis.move_limit_ms * 1000
+        self._back_off_us = axis.pulse_us * _BACK_OFF_STEPS + axis.take_up_us
         self._go(_FAST)
 
     # ---- what the axis tells
@@ -68,7 +78,7 @@ class Homing:
         if self._other_was_closed:
             self._axis.finish(errors.HOMING_FAILED)
             self._axis.stop_error(-self._direction)
-        elif self._axis.driven_us() > self._back_off_us():
+        elif self._axis.driven_us() > self._back_off_us:
             self._fail(errors.AXIS_NOT_RELEASED)
         else:
             return False
@@ -94,24 +104,21 @@ class Homing:
 
     def _go(self, phase):
         self.phase = phase
-        left_us = self._axis.move_limit_ms * 1000 - self._axis.driven_us()
+        left_us = self._limit_us - self._axis.driven_us()
         if left_us <= 0:
             self.ran_out(False)
         elif phase == _FAST:
-            self._axis.leg(self._direction, left_us)
+            self._axis.leg(self._direction, self._run_duty, left_us)
         elif phase == _BACK:
-            self._axis.leg(-self._direction, min(left_us, self._back_off_us()))
+            self._axis.leg(-self._direction, self._run_duty, min(left_us, self._back_off_us))
         else:
-            self._axis.pulse(self._direction, min(left_us, self._slow_us()))
+            self._axis.pulse(self._direction, self._step_duty, min(left_us, self._slow_us()))
 
     def _opened(self, direction):
         return self._axis.stop_towards(direction).active()
 
     def _slow_us(self):
         return max(self._axis.pulse_us // _SLOW_PART, _SHORTEST_US)
-
-    def _back_off_us(self):
-        return self._axis.pulse_us * _BACK_OFF_STEPS + self._axis.take_up_us
 
     def _fail(self, error):
         self._axis.finish(errors.HOMING_FAILED)

@@ -168,3 +168,12 @@ def test_both_switches_open_is_a_fault():
     rig.port.switches[POSITIVE] = rig.port.switches[NEGATIVE] = 1
     assert rig.until_done(b"1OR\n") == 9
     assert rig.errors() == [142]
+
+
+def test_what_is_set_while_it_homes_is_the_next_moves():
+    rig = Track(0)
+    rig.ask(b"1OR\n")
+    rig.run(100_000)
+    assert rig.until_done(b"1XV50;1XD60;1XT200\n") == 1
+    assert {duty for _, pin, duty in rig.port.edges if pin == 2} == {0, 65535}
+    assert rig.errors() == []

@@ -72,7 +72,7 @@ def keep(session: Session, commands: list) -> None:
     except Unclear:
         judged["unclear"] += 1
     except AssertionError as e:
-        e.add_note(f"after {session.values}, {session.model.ends}: {done}")
+        e.add_note(f"after {(session.values, session.ends_us, done)}")
         raise
 
 
