@@ -11,7 +11,7 @@ from axis_session import STOPS, Session
 from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
 
-EXAMPLES = int(os.environ.get("MIRRORMOUNT_FUZZ_EXAMPLES", "150"))
+EXAMPLES = int(os.environ.get("MIRRORMOUNT_FUZZ_EXAMPLES", "60"))
 SEED = os.environ.get("MIRRORMOUNT_FUZZ_SEED")  # not set: the same sessions each time
 
 
@@ -89,7 +89,7 @@ def examples(most: int):
     return lambda test: common(test if SEED is None else seed(int(SEED))(test))
 
 
-@examples(EXAMPLES)
+@examples(2 * EXAMPLES)
 @given(session=FREE)
 def test_an_axis_is_where_its_pins_have_driven_it_and_every_move_ends_once(session):
     keep(Session(session[0], (-1, 1)), session[1])
