@@ -31,7 +31,6 @@ TAKEOVER_US = 100
 ENABLE, POS, NEG = 2, 3, 4  # axis 1 on the Pico
 SHORTEST_US = 200  # less is not taken up
 REST_US = 1_000
-NEARLY_OVER_US = 250_000  # ST lets a pulse end that has less to go
 LATE_US = 4_000  # a switch that opens in a drive's last milliseconds is seen at its end
 
 
@@ -147,7 +146,6 @@ class AxisModel:
         whole = us >= self.nominal_us - self.tolerance_us
         if not whole or self.opened(self.way):  # then the end-stop has ended it
             m.cut = True
-            m.whole_at_stop = whole and not self.taking_up
             self._count(us * self.duty)
             self.loosen(EDGE_US)
         elif self.taking_up:

@@ -32,7 +32,6 @@ class Move:
     finishing: bool = False  # by ST: the pulse under way is the last one
     pulses: int = 0
     cut: bool = False  # a pulse was
-    whole_at_stop: bool = False
     on_us: int = 0
     slack_us: int = 0
     moved: float = 0.0  # steps

@@ -4,16 +4,11 @@ Every write to `Axis.reason` is taken as an end, for that is what XE? and XS? te
 or none, so a second end of a move, or one of none, fails at once, and a move that does not end is overdue.
 """
 
-from axis_gap import Unclear
+from axis_commands import AT_REST, ERRORS_OF, MOTIONS, STOPS, Switches, causes, text_of
 from axis_model import AxisModel
 from axis_move import (
     COUNTED,
     DONE,
-    END_STOP,
-    HOMING_FAILED,
-    RUN_LIMIT,
-    SOFT_LIMIT,
-    STOPPED,
     SUPERSEDED,
     outcomes,
     started,
@@ -21,34 +16,6 @@ from axis_move import (
 from rig import Rig
 
 from mountfw.axis import Axis
-
-MOTIONS = ("PR", "PA", "MV", "MT", "OR", "frame")
-STOPS = {"!": 3, "AB": 3, "ST": STOPPED, "1ST": STOPPED, "00000000": STOPPED}
-AT_REST = ("XP", "XI", "DH")  # refused with n14 while it moves
-ERRORS_OF = {END_STOP: (104, 105), SOFT_LIMIT: (106, 107), RUN_LIMIT: (140,), HOMING_FAILED: (145, 146, 104, 105)}
-
-
-class Switches(dict):
-    """Axis 1's end-stops, which follow its pins to the microsecond. The rig asks get(pin, 1)."""
-
-    def __init__(self, rig: Rig, ends: tuple[int, int]) -> None:
-        self.rig, self.ends = rig, ends
-        self.screw, self.seen, self.at = 0, len(rig.port.edges), rig.now()
-        self.levels = {2: 0, 3: 0, 4: 0}
-
-    def get(self, pin: int, _default: int = 1) -> int:
-        edges = self.rig.port.edges
-        for us, number, duty in edges[self.seen :]:
-            self._go_on(us)
-            self.levels[number] = duty
-        self.seen = len(edges)
-        self._go_on(self.rig.now())
-        return int({10: self.screw >= self.ends[1], 11: self.screw <= self.ends[0]}.get(pin, False))
-
-    def _go_on(self, us: int) -> None:
-        duty = self.levels[2] // 257
-        self.screw += (duty if self.levels[3] else -duty) * (us - self.at)
-        self.at = us
 
 
 class Session:
@@ -65,9 +32,11 @@ class Session:
         self.model = AxisModel({"XI": 0, "ZH": 0, "SL": -1_000_000, "SR": 1_000_000, **values}, ends, rig.now())
         rig.port.switches = Switches(rig, ends)
         self.ends: list[tuple[int, int]] = []  # (us, reason)
+        self.told = 0  # of these
         self.note_ends()
 
     def note_ends(self) -> None:
+        """Write down each time that the firmware says why a move has ended."""
         rig, ends = self.rig, self.ends
 
         class Noted(Axis):
@@ -101,8 +70,6 @@ class Session:
         self.rig.port.switches.seen = 0
         return edges, ends, errors
 
-    told = 0
-
     def go_on(self, edges: list, ends: list) -> None:
         """Tell the model, in order."""
         events = sorted([(e[0], 0, e) for e in edges] + [(e[0], 1, e) for e in ends], key=lambda event: event[:2])
@@ -111,6 +78,7 @@ class Session:
         self.model.advance(self.rig.now())
 
     def wait(self, us: int) -> None:
+        """Let time pass; nothing but ends may happen."""
         self.rig.run(us)
         edges, ends, errors = self.happened()
         assert not errors, f"error {errors} for no reason"
@@ -123,7 +91,6 @@ class Session:
         if name == "ZH" and model.move:
             return
         self.wait(0)
-        before = rig.now()
         moved = model.move
         rig.send(text_of(name, value) + stop.encode() + b"\n")
         rig.take_in()
@@ -133,13 +100,13 @@ class Session:
         accepted = name in MOTIONS and not errors and not (name == "frame" and value == 0)
         causes(model, name, value, stop)
         if accepted:
-            self._accept(name, value, before, edges, ends, stop)
+            self._accept(name, value, edges, ends, stop)
         else:
             self.go_on(edges, ends)
             self._refused(name, value, errors, moved)
         model.check_not_overdue()
 
-    def _accept(self, name: str, value: int, before: int, edges: list, ends: list, stop: str) -> None:
+    def _accept(self, name: str, value: int, edges: list, ends: list, stop: str) -> None:
         model, n = self.model, self.rig.axis1.last_relative
         if model.move:
             assert ends, f"{name} was accepted although it moved"
@@ -148,20 +115,19 @@ class Session:
                 us = min([e[0] for e in edges if us - 300 <= e[0] <= us and e[1] in (2, 3, 4)] + [us])
                 self._feed(edges, us)
                 model.take_over(us, started(model, name, value, n), code)
-                return self._rest(edges, ends, us, stop)
+                return self._rest(edges, ends, stop)
             self._feed(edges, us + 1)
             model.end(us, reason, code)
-            before = us
         assert n in outcomes(model, name, value).get(0, ()) or name not in ("PR", "PA"), "accepted, or so many steps"
         assert 0 in outcomes(model, name, value), f"{name}{value} was accepted"
         model.begin(started(model, name, value, n))
-        return self._rest(edges, ends, before, stop)
+        return self._rest(edges, ends, stop)
 
     def _feed(self, edges: list, until: int) -> None:
         while edges and edges[0][0] < until:
             self.model.edge(*edges.pop(0))
 
-    def _rest(self, edges: list, ends: list, _us: int, stop: str) -> None:
+    def _rest(self, edges: list, ends: list, stop: str) -> None:
         if stop:
             assert self.model.move
             self.model.move.causes |= {STOPS[stop], 3}  # it was held: ended before the stop was parsed
@@ -261,36 +227,3 @@ class Session:
         self.wait(600_000)
         assert self.rig.drives()[0] == 0
         assert self.model.last.causes or self.model.reason in (0, DONE, *ERRORS_OF)
-
-
-def causes(model: AxisModel, name: str, value: int, stop: str) -> None:
-    """Note why the move under way may end now."""
-    m = model.move
-    if not m:
-        return
-    if name == "frame":
-        m.causes.add(SUPERSEDED)
-        m.finishing = False
-    for text in (name, stop):
-        if text in ("ST", "1ST") and m.kind == "steps" and model.duty and not model.taking_up:
-            left_us = model.nominal_us - (model.now - model.on_at)
-            if abs(left_us - 250_000) < 2_000:
-                raise Unclear
-            m.finishing = left_us < 250_000
-        elif text in STOPS:
-            m.finishing = False
-        if text in STOPS:
-            m.causes.add(STOPS[text])
-
-
-def text_of(name: str, value: int) -> bytes:
-    """A command as it goes over the wire; a frame's other motor rests."""
-    if name == "frame":
-        return f"{value:04d}{0 if value else 77:04d}\n".encode()
-    if name in STOPS:
-        return name.encode() + b"\n"
-    if name in ("MV", "MT"):
-        return b"1%s%s\n" % (name.encode(), b"+" if value > 0 else b"-")
-    if name == "OR":
-        return b"1OR\n"
-    return b"1%s%s\n" % (name.encode(), (str(value / 100) if name == "VA" else str(value)).encode())
