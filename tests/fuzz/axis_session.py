@@ -218,9 +218,9 @@ class Session:
 
     def finish(self) -> None:
         """Whatever moves comes to its end by itself."""
-        for _ in range(200):
-            if not self.model.move:
-                break
+        m = self.model.move
+        until = self.rig.now() + (2 * m.limit_us + abs(m.n) * m.period_us + 1_000_000 if m else 0)
+        while self.model.move and self.rig.now() < until:
             self.wait(300_000)
         assert not self.model.move, f"never ends: {self.model.move}"
         self.check()
