@@ -89,6 +89,15 @@ class Controller:
             self._cut1()
             self._cut2()
 
+    def guard_stops(self):
+        """Look at the switches ahead, for a port without interrupts: what drives into one is cut."""
+        a = self._axis1
+        b = self._axis2
+        if a.watched and a.state > REST and not a.was_cut:
+            a.guard(None)
+        if b.watched and b.state > REST and not b.was_cut:
+            b.guard(None)
+
     def hold(self, reason):
         """A stop was received but is not yet parsed: nothing that comes before it may drive. NONE_YET lets go.
 

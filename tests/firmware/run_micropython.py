@@ -5,7 +5,17 @@ Prints a line per failure and a last line "N passed, N failed"; exit status 1 if
 
 import sys
 
-TESTS = ("test_wire", "test_stops", "test_motion", "test_emergency", "test_memory", "test_settings", "test_recorded")
+TESTS = (
+    "test_wire",
+    "test_stops",
+    "test_motion",
+    "test_backlash",
+    "test_homing",
+    "test_emergency",
+    "test_memory",
+    "test_settings",
+    "test_recorded",
+)
 
 
 class NoTicks:

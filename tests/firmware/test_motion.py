@@ -443,3 +443,15 @@ def test_a_frame_that_takes_over_a_pulse_leaves_it_counted():
         rig.ask(b"!\n")
         driven_us = int(on_us) + way * rig.axis1.ended_on_us
         assert abs(rig.axis1.position.millisteps - driven_us / 200) < 5, frame
+
+
+def test_a_switch_that_opens_shortly_before_a_pulse_ends_cuts_it_without_an_interrupt():
+    rig = with_switches()
+    rig.ask(b"1PR1\n")
+    began = [us for us, pin, duty in rig.port.edges if pin == 2 and duty][-1]
+    rig.axis1.positive_stop._read = lambda: 1 if rig.now() > began + 198_500 else 0
+    rig.run(250_000)
+    on_us = rig.on_times(2)[-1]
+    assert 198_490 < on_us < 198_700, on_us
+    assert abs(rig.axis1.ended_on_us - on_us) < 50
+    assert rig.errors() == [104]
