@@ -93,7 +93,7 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument(
         "--machine", choices=("cpython", "micropython", "rp2040"), default="cpython", help="what runs the firmware"
     )
-    sub.add_argument("--files", type=Path, metavar="FOLDER", help="micropython: the board's file system")
+    sub.add_argument("--files", type=Path, metavar="FOLDER", help="the board's file system (cpython: what it saves)")
     sub.add_argument("--image", type=Path, metavar="FILE", help="rp2040: the MicroPython image, .uf2 or .bin")
     sub.add_argument("--flash", type=Path, metavar="FILE", help="rp2040: keeps the flash from run to run")
     sub.add_argument("--link", type=Path, metavar="PATH", help="make PATH a symlink to the board's pty")
