@@ -25,7 +25,7 @@ _SHORTEST_US = 200
 
 
 class Homing:
-    """The search of one axis. phase is 0 while there is none; offset is what it found (millisteps)."""
+    """The search of one axis. phase is 0 while there is none."""
 
     def __init__(self, axis):
         self._axis = axis
