@@ -177,7 +177,8 @@ class App:
             while axis.state > REST and diff(axis.ends_at, self._ticks_us()) > _LOOK_US:
                 if self._any(0):
                     self._take(_TAKE_SPINNING)
-                self.controller.guard_stops()
+                else:
+                    self.controller.guard_stops()
             if axis.driving():
                 axis.cut_on_time()
                 self._look()

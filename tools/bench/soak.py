@@ -109,6 +109,8 @@ def main(arguments: list[str]) -> int:
                 soak(board, tally, options)
             except (Hung, BoardGone) as e:
                 ended = f"the board was lost: {type(e).__name__}"
+            except KeyboardInterrupt:
+                ended = "by Ctrl-C"
             about = {
                 "seed": options.seed,
                 "board": identity,
