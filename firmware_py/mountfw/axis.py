@@ -91,9 +91,11 @@ class Axis(Parameters):
         self._on_at = 0  # when the drive began
         self._led = False  # has lead() driven already, since _led_at?
         self._led_at = 0
+        self._led_speed = 0
         self._cut_at = 0
         self._tripped = False  # has guard() cut it?
         self._counted_at = 0  # up to when a run is counted
+        self._counting = False  # is a drive that is over being counted?
         self.resting = False  # after a move's last pulse, until _next_at
         self._next_at = 0
 
@@ -141,12 +143,16 @@ class Axis(Parameters):
         self._period_us = max(100_000_000 // self.velocity, self.pulse_us + _REST_US)
         if n == 0:
             self._finish(errors.DONE)
-        elif self.resting:  # after the pulse before: this move's period counts
-            self._next_at = add(self._on_at, self._period_us)
+        elif self._rests():
             self.state = REST
         else:
             self._pulse()
         return True
+
+    def _rests(self):
+        """After the pulse before this move's period counts; at the prompt that may be so long ago that time wrapped."""
+        self._next_at = add(self._on_at, self._period_us)
+        return self.resting and 0 < diff(self._next_at, self._ticks_us()) <= self._period_us
 
     def _in_reach(self, n, target):
         """May n steps to target be asked for? If not, an error says why."""
@@ -213,21 +219,22 @@ class Axis(Parameters):
         So both motors get a frame's speeds before the longer work of counting begins.
         """
         if not (self.held or self.emergency or self.watched or self.recorded):
+            self._led_speed = speed
             self._led_at = self._drive(speed)
             self._led = True
 
     def frame(self, speed, for_ms=0):
-        """Obey a frame: drive at speed, -255 ... 255; 0 is off. Takes over from any move.
+        """Obey a frame: drive at speed, -255 ... 255; 0 is off. Takes over from any move. False if refused.
 
         With for_ms (at most run_limit_ms) it is done after that time; else it runs as run() does.
         """
         if speed == 0:
             self.end(errors.SUPERSEDED)
-            return
+            return True
         if self.emergency:
             self.end(errors.EMERGENCY_STOP)
             self.error(errors.AXIS_EMERGENCY_STOP)
-            return
+            return False
         same_way = False
         if self.state:
             same_way = self.state > REST and (speed > 0) == (self._direction > 0)
@@ -239,14 +246,21 @@ class Axis(Parameters):
         else:
             self._ends_as = errors.RUN_LIMIT
             self._run(self.run_limit_ms * 1000, same_way)
+        return True
 
     # ---- ending
 
     def end(self, reason):
         """End the move now, if there is one."""
-        self._led = False
+        if self._counting:  # Ctrl-C, or a fault, came in the middle of that
+            self._counting = False
+            self.position.certainty = errors.UNKNOWN
         if self.state:
             self._finish(reason)
+        if self._led:  # a frame has driven since, and nobody else will count that
+            self._led = False
+            us = diff(self._ticks_us(), self._led_at)
+            self.position.driven(1 if self._led_speed > 0 else -1, us * abs(self._led_speed), True)
 
     def stop_soon(self):
         """End the move; a pulse that is nearly over is finished first."""
@@ -285,10 +299,10 @@ class Axis(Parameters):
             return self._next_us()
         if self.state == RUN and diff(now_us, self._counted_at) >= _COUNT_US:
             self._count(now_us)
-            if self.position.millisteps * self._direction >= MAX_STEPS * 1000:
-                self._finish(errors.RUN_LIMIT)
-                self.error(errors.AXIS_OUT_OF_RANGE)
-                return NEVER_US
+        if self.state == RUN and self.position.millisteps * self._direction >= MAX_STEPS * 1000:
+            self._finish(errors.RUN_LIMIT)  # whoever counted: status queries and frames do, too
+            self.error(errors.AXIS_OUT_OF_RANGE)
+            return NEVER_US
         return left_us
 
     def _next_us(self):
@@ -482,15 +496,18 @@ class Axis(Parameters):
 
     def _pulse_over(self):
         self.bridge.off()
+        self._counting = True
         self._on_us += diff(self._cut_at, self._on_at)
         self.state = REST
         if self._taking_up:
             self.position.taken_up(self._direction)
             # the same rest as between two steps: a motor that still turns would make the first one longer
             self._next_at = add(self._cut_at, self._period_us - self.pulse_us)
+            self._counting = False
             return
         self.position.pulsed(self._direction)
         self._steps_left -= 1
+        self._counting = False
         self._next_at = add(self._on_at, self._period_us)
         self.resting = True
         if self._steps_left == 0:
@@ -525,6 +542,7 @@ class Axis(Parameters):
 
     def _close(self, reason):
         """The move is over: book it, and remember how it ended."""
+        self._counting = True
         self._book()
         self.ended_steps = self.position.made
         self.ended_on_us = self._on_us
@@ -532,6 +550,7 @@ class Axis(Parameters):
         self.homing.phase = 0
         self.has_moved = True
         self.state = IDLE
+        self._counting = False
         if self.changed:
             self.changed = False
             self.measure()

@@ -62,7 +62,7 @@ part4    0 part5                   space after                   ; start  $ end
 part5    0 part6                   space after                   ; start  $ end
 part6                              space after                   ; start  $ end
 after                              space after                   ; start  $ end
-text     0 text    A text          space text   + text  ? text   ; start  $ end  . text   , text  > text  * text
+text     0 text    A text          space text   + text  ? text   ; start  $ end  . text   , text  * text
 end
 """
 _CLASSES = "0A* >;\n+?.,"  # the kinds of bytes; what is none of them is class 11

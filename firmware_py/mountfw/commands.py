@@ -104,6 +104,7 @@ class Commands:
     def go_on(self):
         """Go on with the line in hand: read a little of it, or execute a command or a piece of it, or end it."""
         if self._read:
+            self._read = False  # what fails within is not begun again
             self._read = self._execute(self._line) is True
             return
         found = self._line.advance()

@@ -128,7 +128,7 @@ class Link:
             c = _ZERO
         message = NEED_BYTES
         if state == _IN_LINE:
-            message = self._in_line(c)
+            message = self._refuse(c, MALFORMED) if stopped else self._in_line(c)  # in text, zeros would go on
         elif state == _IN_FRAME:
             message = self._in_frame(c)
         elif state == _BOUNDARY:

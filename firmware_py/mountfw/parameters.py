@@ -59,7 +59,8 @@ class Parameters:
     def set(self, name, value):
         """Change the setting of this name; value is within its limits."""
         if name == "inverted" and value != self.inverted:
-            self.position.mirror()
+            self.position.mirror()  # and the soft limits stay where they are
+            self.soft_minimum, self.soft_maximum = -self.soft_maximum, -self.soft_minimum
         setattr(self, name, value)
         self.apply()
 

@@ -90,8 +90,7 @@ class Mount:
             a.check_ms(ms)
 
         def start():
-            self.y.axis.frame(m1, ms)
-            self.x.axis.frame(m2, ms)
+            return self.y.axis.frame(m1, ms) is not False and self.x.axis.frame(m2, ms) is not False
 
         self.move([a for duty, a in ((m1, self.y), (m2, self.x)) if duty], start)
 

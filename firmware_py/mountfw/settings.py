@@ -28,7 +28,7 @@ SETTINGS = (
     (b"AC", "acceleration", 1, 200_000, False),
     (b"SL", "soft_minimum", -MAX_STEPS, MAX_STEPS, False),
     (b"SR", "soft_maximum", -MAX_STEPS, MAX_STEPS, False),
-    (b"ZH", "checking", 0, 9, False),
+    (b"ZH", "checking", 0, 9, True),
     (b"QM", "motor_type", 0, 3, True),
 )
 

@@ -28,7 +28,7 @@ _AT_ONCE = 512  # bytes handed to the board between two looks at the network
 _WAITING_MOST = 1 << 20  # bytes of a client that may wait for the board
 _QUIET_S, _QUIET_LONGEST_S = 0.1, 10.0  # the board has no more to say to the client before
 _RETRY_S, _GIVE_UP_S = 1.0, 600.0  # looking for a board that has gone
-_WEB = re.compile(rb"[A-Z]+ \S+ HTTP/")
+_WEB = re.compile(rb"[A-Z]+ (/|https?:|\S+ HTTP/)")  # of a long request the end may be still to come
 _SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
 
@@ -127,7 +127,8 @@ class Server:
         """Put bytes in line for the board. A stop overtakes, and what waited before it is void."""
         waited = len(self._to_board)
         self._to_board += data
-        stop = self._to_board.rfind(b"!", waited)
+        zeros = self._to_board.rfind(b"00000000", max(0, waited - 7))
+        stop = max(self._to_board.rfind(b"!", waited), zeros)
         if stop > _AT_ONCE:
             self._to_board[:stop] = b"!\n"  # the board may be in the middle of a message: this ends it
         if len(self._to_board) > _WAITING_MOST:

@@ -139,6 +139,12 @@ def check_together(before: Mapping[str, Mapping[str, Any]], wanted: Mapping[str,
         after = {**before[axis], **wanted[axis]}
         if after["soft_minimum"] > after["soft_maximum"]:
             raise BadValue(f"{axis}.soft_minimum {after['soft_minimum']} is above its maximum {after['soft_maximum']}")
+        if "velocity" in wanted[axis]:  # the board would refuse it (n10), with the pulse already changed
+            most = 100_000_000 // (after["pulse_us"] + 1000) / 100
+            if after["velocity"] > most:
+                raise BadValue(
+                    f"{axis}.velocity {after['velocity']} is above {most}: that is all that its pulses fit in"
+                )
 
 
 def setting(name: str) -> Setting:

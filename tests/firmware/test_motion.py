@@ -455,3 +455,27 @@ def test_a_switch_that_opens_shortly_before_a_pulse_ends_cuts_it_without_an_inte
     assert 198_490 < on_us < 198_700, on_us
     assert abs(rig.axis1.ended_on_us - on_us) < 50
     assert rig.errors() == [104]
+
+
+def test_no_query_and_no_frame_takes_a_position_beyond_what_can_be_counted():
+    for often in (b"XS?\n", b"02550000\n"):
+        rig = Rig()
+        rig.ask(b"1XP200;1XD1;1DH999000;1MV+\n")
+        for _ in range(200):
+            rig.ask(often)
+            rig.port.sent = bytearray()
+        assert rig.axis1.position.millisteps < 1 << 30, often
+        assert 101 in rig.errors()
+
+
+def test_soft_limits_stay_where_they_are_when_the_axis_is_inverted():
+    rig = Rig()
+    rig.ask(b"1DH0;1SL-50;1SR3;1XI1\n")
+    assert rig.ask(b"1SL?;1SR?\n") == b"-3; 50\r\n"
+
+
+def test_checking_is_not_switched_off_in_a_move():
+    rig = with_switches()
+    rig.ask(b"1MV+;1ZH1\n")
+    assert rig.errors() == [114]
+    assert rig.ask(b"1ZH?\n") == b"0\r\n"

@@ -2,6 +2,8 @@
 
 from rig import Rig
 
+from mountfw.command import key
+
 ZEROS = b"00000000"
 MOTIONS = (b"02550255", b"1MV+;2MV-\n", b"1PR5;2PR-5\n")
 # messages and pieces of messages that a stop may meet
@@ -205,3 +207,36 @@ def test_a_fault_inside_the_loop_leaves_nothing_running_and_is_told():
     assert rig.drives() == (0, 0)
     assert rig.errors()[0] == 64
     assert rig.ask(b"1XE?\n").split(b",")[0] == b"9"
+
+
+def test_a_stop_that_comes_while_a_frame_is_counted_leaves_its_drive_counted():
+    for after_us in range(0, 3_000, 100):
+        rig = Rig()
+        rig.ask(b"1XP200;1DH0;1PR0\n")
+        rig.port.edges.clear()
+        rig.send(b"02550000\n")
+        rig.send(b"!\n", after_us=after_us)
+        rig.run(30_000)
+        on_us = sum(rig.on_times(2))
+        assert abs(rig.axis1.position.millisteps - 5 * on_us) < 500, (after_us, on_us)  # 40 us of the clock and the pin
+        assert rig.axis1.position.certainty == (3 if on_us else 1), after_us
+
+
+def test_what_fails_within_a_command_is_not_begun_again():
+    rig = Rig()
+    calls = []
+
+    def broken(_axis):
+        calls.append(1)
+        raise ValueError
+
+    name = key(b"VE")
+    rig.app._commands._commands[name] = (False, None, broken)
+    rig.send(b"VE?\n")
+    rig.take_in()
+    for _ in range(20):
+        try:
+            rig.step()
+        except ValueError:
+            pass
+    assert len(calls) == 1

@@ -340,3 +340,18 @@ def test_passes_wrap_before_they_would_need_memory():
     rig.answers._passes = (1 << 30) - 1
     rig.step()
     assert rig.answers._passes == 0
+
+
+def test_the_text_after_a_long_name_moves_nothing_and_hides_nothing():
+    rig = Rig()
+    rig.ask(b"2MV+\n")
+    for line in (b"HOSTNAME a>1MV+\n", b"ST;HOSTNAME a>b\n"):  # `>` is no text, so it stops
+        rig.ask(b"2MV+\n")
+        rig.ask(line)
+        assert rig.drives() == (0, 0), line
+        assert rig.errors()[-1] == 60
+    for line in (b"1MV+;IPADDR00000000\n", b"1MV+;MACADDR 000000000000\n"):
+        rig.ask(line)
+        assert rig.drives() == (0, 0), line
+        assert rig.errors()[-1] == 60
+    assert rig.ask(b"HOSTNAME?;IPADDR 192.168.0.1;VE?\n") == b"mirrormount; MM2 mirrormount 0.1.0\r\n"

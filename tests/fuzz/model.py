@@ -8,7 +8,7 @@ import re
 
 FRAME = re.compile(r"[0+-]\d{3}[0+-]\d{3}")
 SHORT = r"\*?[A-Za-z]+ *(\?|[+-]|[+-]?\d{1,7}(\.\d{1,6})?)? *"
-LONG = r"\*?[A-Za-z]{6,}(\? *|[ \"-)+-:<=@[-`{-~][ \"-:<-~]*)?"  # a network's name, and text
+LONG = r"\*?[A-Za-z]{6,}(\? *|[ \"-)+-:<=@[-`{-~][ \"-:<=?-~]*)?"  # a network's name, and text
 COMMAND = rf" *(\d{{1,2}} *)?({SHORT}|{LONG})"
 LINE = re.compile(rf"(\d{{1,2}}>)?{COMMAND}(;{COMMAND})*")
 
@@ -92,6 +92,8 @@ def parse(session: list[tuple[int, int]]) -> list[tuple]:
                     text, mode = "", ""
                 else:
                     text, mode = refuse("bad", c)
+            elif eight:
+                text, mode = refuse("bad", c)
             elif len(text) == 128:
                 text, mode = refuse("long", c)
             elif not line_may_begin_with(seen):

@@ -94,10 +94,18 @@ def test_what_are_no_settings_is_refused(mount, wanted):
         mount.apply(wanted)
 
 
+def test_a_velocity_that_the_pulses_do_not_fit_in_changes_nothing(mount):
+    mount.x.zero()
+    mount.x.step(1)
+    with pytest.raises(errors.BadValue, match=r"x\.velocity 500 is above 9\.9"):
+        mount.apply({"x": {"pulse_us": 100_000, "velocity": 500}})
+    assert mount.x.status().certainty == "counted"
+
+
 def test_what_the_board_refuses_is_named_and_all_are_put_back(mount):
     before = mount.settings()
-    with pytest.raises(errors.SettingRefused, match=r"y\.velocity = 100.*110.*as they were"):
-        mount.apply({"x": {"pulse_us": 1000, "inverted": 1}, "y": {"step_duty": 7, "velocity": 100}})
+    with pytest.raises(errors.SettingRefused, match=r"y\.switches = 4.*135.*as they were"):
+        mount.apply({"x": {"pulse_us": 1000, "inverted": 1}, "y": {"step_duty": 7, "switches": 4}})
     assert mount.settings() == before
 
 
