@@ -19,6 +19,7 @@ from mountfw.commands import Commands
 from mountfw.controller import Controller
 from mountfw.endstop import EndStop
 from mountfw.frame import Frame
+from mountfw.room import make_room
 from mountfw.settings import Records
 from mountfw.ticks import diff
 
@@ -287,5 +288,11 @@ def build(port, board):
     if number is not None:
         port.on_rise(number, controller.guard)
     commands = Commands(controller, line, replies, about)
-    built = App(port, controller, commands, wire.Link(frame, line, port.pack), frame, replies)
+    link = wire.Link(frame, line, port.pack)
+    built = App(port, controller, commands, link, frame, replies)
+    for thing, most in ((link, 13), (frame, 13), (replies, 13), (controller, 18)):
+        make_room(thing, most)
+    for axis in axes:
+        for thing, most in ((axis, 60), (axis.position, 18), (axis.bridge, 13)):
+            make_room(thing, most)
     return built

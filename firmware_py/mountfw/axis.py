@@ -299,8 +299,8 @@ class Axis(Parameters):
             return self._next_us()
         if self.state == RUN and diff(now_us, self._counted_at) >= _COUNT_US:
             self._count(now_us)
-        if self.state == RUN and self.position.millisteps * self._direction >= MAX_STEPS * 1000:
-            self._finish(errors.RUN_LIMIT)  # whoever counted: status queries and frames do, too
+        if self.position.is_at_edge and self.state == RUN and self.position.millisteps * self._direction > 0:
+            self._finish(errors.RUN_LIMIT)
             self.error(errors.AXIS_OUT_OF_RANGE)
             return NEVER_US
         return left_us

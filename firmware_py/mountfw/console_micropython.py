@@ -36,6 +36,7 @@ _stop = STOP
 _zeros = ZEROS
 
 
+@micropython.native
 def any(wait_ms):
     """True as soon as a byte waits; False after wait_ms without one."""
     for _ in _ipoll_in(wait_ms):

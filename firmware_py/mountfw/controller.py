@@ -128,7 +128,6 @@ class Controller:
             self.look()
         if m2:
             axis2.lead(m2)
-            self.look()
         if m1:
             axis1.frame(m1)
             self.look()

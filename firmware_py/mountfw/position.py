@@ -11,6 +11,7 @@ No sum here reaches 2**30, where MicroPython's integers begin to allocate: a pul
 from mountfw import errors
 
 MAX_STEPS = 1_000_000  # either way; millisteps then still fit a small integer
+_MOST = MAX_STEPS * 1000
 MOST_US = 400_000_000  # nothing drives longer: the greatest run limit
 
 
@@ -33,6 +34,7 @@ class Position:
         self.offset_known = False  # when it was homed last: was it known where home was,
         self.offset = 0  # and how far off (millisteps) was the count?
         self.part = 0  # of a step that a run is in the middle of
+        self.is_at_edge = False  # of what can be counted?
         self.made = 0  # whole steps of the move under way, signed
         self.lose_gap()
 
@@ -57,6 +59,7 @@ class Position:
             part -= whole * self.step
             self.millisteps += direction * whole * 1000
             self.made += direction * whole
+            self.is_at_edge = not -_MOST < self.millisteps < _MOST
         self.part = part
         if over and part:
             self.millisteps += direction * self._part_millisteps()
@@ -147,6 +150,7 @@ class Position:
         else:
             self.home_known = False
         self.millisteps = steps * 1000
+        self.is_at_edge = False
         self.target = steps
         self.defined = steps
         self.certainty = errors.COUNTED

@@ -93,6 +93,7 @@ class Board(Stepped):
         self.run(STARTED_US)
         self.send(b"\x03")
         prompt = RawPrompt(self)
+        prompt.reset()  # as deploy does: the firmware would still take its part of the memory
         prompt.run(program)
         return prompt
 

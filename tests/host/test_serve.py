@@ -358,7 +358,9 @@ def test_a_browser_that_posts_commands_is_not_obeyed(served, board):
 
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGTERM, 0), (signal.SIGINT, 130), (signal.SIGHUP, 0)])
 def test_ending_the_server_stops_the_motors_first(served, board, number, status):
+    ignored = signal.signal(number, signal.SIG_DFL)  # under nohup a child would ignore it, and rightly
     serve = served()
+    signal.signal(number, ignored)
     client = serve.connect(RUN)
     runs(board)
     assert serve.end(number) == status

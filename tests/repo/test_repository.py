@@ -31,7 +31,7 @@ ALLOWED = {
     "answers": {"errors"},
     "commands": {"answers", "command", "errors", "position", "settings"},
     "app": {"answers", "axis", "bridge", "command", "commands", "controller", "endstop", "errors", "frame", "link"}
-    | {"settings", "ticks"},
+    | {"room", "settings", "ticks"},
     "repl": {"app", "errors", "port_micropython", "position", "ticks"},
 }
 PLATFORM = {"machine", "board", "pwmio", "digitalio", "usb_cdc", "supervisor", "microcontroller", "rp2", "esp32"}

@@ -126,6 +126,11 @@ class RawPrompt:
             raise EmulatorMissing(f"the emulated board says: {last_line(error.decode())}")
         return out.decode()
 
+    def reset(self) -> None:
+        """Soft-reset the board, without main.py."""
+        self._board.send(b"\x04")
+        self._until(b"raw REPL; CTRL-B to exit\r\n>")
+
     def put(self, name: str, data: bytes) -> None:
         """Write a file."""
         self.run(f"f = open({name!r}, 'wb')")
