@@ -88,8 +88,6 @@ class Session:
     def obey(self, name: str, value: int, stop: str) -> None:
         """Send a command, with a stop in the same breath or ""."""
         model, rig = self.model, self.rig
-        if name == "ZH" and model.move:
-            return
         self.wait(0)
         moved = model.move
         rig.send(text_of(name, value) + stop.encode() + b"\n")
@@ -155,6 +153,8 @@ class Session:
             model.define(value, COUNTED)
         if name == "XI":
             model.invert(value)
+            if value != model.settings["XI"]:  # the soft limits stay where they are
+                model.settings["SL"], model.settings["SR"] = -model.settings["SR"], -model.settings["SL"]
         if name in model.settings:
             model.settings[name] = value
             if not model.move:
