@@ -78,6 +78,16 @@ def pulses_ms(edges, pin: str) -> list[int]:
     return [round((off - on) / 1000) for on, off in zip(rises, falls, strict=True)]
 
 
+def restart(board) -> None:
+    """To the prompt, and from there into the firmware again."""
+    board.send(b"\x03")
+    board.until(b">>> ")
+    board.send(b"\x04")
+    board.until(b"soft reboot")
+    board.world.lit = False
+    board.boot()
+
+
 def test_the_backlash_is_taken_up_before_the_first_step_back(board):
     board.send(b"1XP20000;1XB30000;1VA20;1PR2\n")
     board.run(200_000)
@@ -93,12 +103,7 @@ def test_saved_settings_and_a_rested_position_are_there_after_a_restart(board):
     board.run(500_000)
     board.send(b"1DH0;1PR3\n")
     board.run(12_500_000)
-    board.send(b"\x03")
-    board.until(b">>> ")
-    board.send(b"\x04")
-    board.until(b"soft reboot")
-    board.world.lit = False
-    board.boot()
+    restart(board)
     assert board.ask(b"1XP?;1TP?;TE?\n", 3_000_000) == b"20000; 3; 0\r\n"
     assert board.ask(b"XS?\n").split(b"|")[1].endswith(b",1")  # certainty: counted
 
@@ -125,10 +130,5 @@ def test_ctrl_c_turns_the_motors_off_and_gives_the_prompt(board):
 
 
 def test_ctrl_d_at_the_prompt_starts_the_firmware_again(board):
-    board.send(b"\x03")
-    board.until(b">>> ")
-    board.send(b"\x04")
-    board.until(b"soft reboot")
-    board.world.lit = False
-    board.boot()
+    restart(board)
     assert board.ask(b"*IDN?\n", 3_000_000).startswith(b"mirrormount,")
