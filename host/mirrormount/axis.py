@@ -26,7 +26,6 @@ class Axis:
         self.name = name
         self.number = number
         self._deadline = 0.0
-        self._wanted: int | None = None
 
     @property
     def position(self) -> float:
@@ -37,19 +36,21 @@ class Axis:
         """What the board knows of this axis."""
         return getattr(self._mount.status(), self.name)
 
-    def step(self, n: int, *, wait: bool = True) -> None:
+    def step(self, n: int, *, wait: bool = True, feed: bool = True) -> None:
         """Move by n steps. With wait, returns when they are done, else at once.
+
+        Without wait and feed the caller keeps the move alive, as in Mount.drive().
 
         Raises BadValue, BoardError if refused, MoveEnded if an end-stop, a limit or somebody else
         ended it, ConnectionLost, NoAnswer.
         """
         n = whole_number(n, 1_000_000, "steps")
-        self._move("PR", n, n, wait)
+        self._move("PR", n, n, wait, feed)
 
-    def move_to(self, steps: int, *, wait: bool = True) -> None:
+    def move_to(self, steps: int, *, wait: bool = True, feed: bool = True) -> None:
         """Move to the position `steps`, by the nearest whole number of steps. Raises as step() does."""
         steps = whole_number(steps, 1_000_000, "position")
-        self._move("PA", steps, round(steps - self.position), wait)
+        self._move("PA", steps, round(steps - self.position), wait, feed)
 
     def zero(self, steps: int = 0) -> None:
         """Call the present position `steps`; from here on it is certain as far as it is counted."""
@@ -94,15 +95,21 @@ class Axis:
         Raises BoardError (n35: no switch fitted), MoveEnded (n45: switch not found, n46: it did not
         release, n04 or n05: the other end's switch came first), ConnectionLost, NoAnswer.
         """
-        self._seek("OR")
+        self.start_homing()
+        self._wait_until_done(None)
         known, millisteps = whole_numbers(self.ask("OR?")[0], 2)
         return Homed(millisteps / 1000 if known else None)
+
+    def start_homing(self) -> None:
+        """Begin what home() does, and return; the caller keeps it alive, as in Mount.drive(). Raises BoardError."""
+        self._seek("OR")
 
     def find_end_stop(self, direction: int) -> None:
         """Go to the end-stop in direction 1 or -1, and stand at it. Raises as home() does."""
         if isinstance(direction, bool) or direction not in (1, -1):
             raise BadValue(f"an end-stop's direction is 1 or -1, not {direction!r}")
         self._seek("MT+" if direction > 0 else "MT-")
+        self._wait_until_done(None)
 
     @property
     def limits(self) -> Limits:
@@ -138,10 +145,11 @@ class Axis:
         """How long the board lets one jog or drive run, in seconds (`XM`)."""
         return int(self._mount.ask(f"{self.number}XM?")) / 1000
 
-    def jog(self, speed: float) -> None:
+    def jog(self, speed: float, *, feed: bool = True) -> None:
         """Run at speed, -1 ... 1 of full duty and not 0, until stop(), a limit, or this program's end.
 
-        The duty comes in steps of 1/255; the nearest is taken.
+        The duty comes in steps of 1/255; the nearest is taken. Without feed the caller keeps it alive,
+        as in Mount.drive().
         """
         if isinstance(speed, bool) or not isinstance(speed, int | float) or not 0 < abs(speed) <= 1:
             raise BadValue(f"a jog's speed is a number within -1 … 1 and not 0, not {speed!r}")
@@ -156,9 +164,9 @@ class Axis:
         sign = "+" if speed > 0 else "-"
         # the stored run duty is put back in the same line
         mount._start(f"{a}XV{duty};{a}MV{sign};{a}XV{run_duty}", stops)
-        self._wanted = None
         self._deadline = mount.link.monotonic() + int(limit_ms) / 1000 + _SLACK_S
-        mount._feed()
+        if feed:
+            mount._feed()
 
     def stop(self) -> None:
         """End this axis's move soon: a step that is nearly done is finished. mount.stop() is for hurry."""
@@ -191,30 +199,27 @@ class Axis:
         step = calibration.Step(*self.ask_whole("XP?", "XD?", "XI?"))
         return calibration.mrad_per_step(self._mount.board_id, self.number, self.name, direction, step)
 
-    def _move(self, mnemonic: str, value: int, n: int, wait: bool) -> None:
+    def _move(self, mnemonic: str, value: int, n: int, wait: bool, feed: bool) -> None:
         a, mount = self.number, self._mount
         stops = mount._stops
         pulse_us, velocity = mount.ask(f"{a}XP?;{a}VA?").split("; ")
         period_s = max(1 / float(velocity), int(pulse_us) * 1e-6 + 1e-3)
         mount._start(f"{a}{mnemonic}{value}", stops)
-        self._wanted = n
         self._deadline = mount.link.monotonic() + (abs(n) + 1) * period_s + _SLACK_S
         if wait:
             self._wait_until_done(n)
-        else:
+        elif feed:
             mount._feed()
 
     def _seek(self, command: str) -> None:
-        """Look for a switch. The board's move limit bounds the time under drive; slow pulses have rests between."""
+        """Begin to look for a switch. The move limit bounds the time under drive; slow pulses have rests between."""
         mount = self._mount
         stops = mount._stops
         limit_ms, pulse_us = self.ask_whole("XT?", "XP?")
         slow_us = max(pulse_us // 8, 200)
         longest_s = limit_ms / 1000 * (1 + max(slow_us, 20_000) / slow_us)
         mount._start(f"{self.number}{command}", stops)
-        self._wanted = None
         self._deadline = mount.link.monotonic() + longest_s + _SLACK_S
-        self._wait_until_done(None)
 
     def _wait_until_done(self, wanted: int | None) -> None:
         ended = self.wait()

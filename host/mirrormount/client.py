@@ -115,20 +115,28 @@ class Mount:
 
         Sent without waiting for any other thread's exchange. Raises ConnectionLost, NoAnswer.
         """
-        self._stops += 1
-        self.link.port.write(b"!\n")
-        self._feeding.clear()
+        self.halt()
         with self.link.lock:
             self.link.write(b"!\n")  # again: another thread may have been in the middle of starting
             self.link.drain(0.02)
             if self.status().moving:
                 raise NoAnswer("the board still moves after a stop: cut the motors' supply")
 
-    def drive(self, m1: int, m2: int) -> None:
+    def halt(self) -> None:
+        """Send the stop and return at once, whatever another thread is doing; stop() also makes sure of it.
+
+        What was about to start in another thread may still start: call stop() next. Raises ConnectionLost.
+        """
+        self._stops += 1
+        self._feeding.clear()
+        self.link.port.write(b"!\n")
+
+    def drive(self, m1: int, m2: int, *, feed: bool = True) -> None:
         """Drive motor 1 (vertical) and motor 2 (horizontal) at -255 ... 255, 0 is off.
 
         Both change together; what moved before is superseded. The board's run limit (10 s unless
-        set otherwise) ends it, and so does the death of this program. Raises BadValue.
+        set otherwise) ends it, and so does the death of this program. Without feed the caller keeps
+        it alive: by asking for status(), say, every KEEP_ALIVE_MS at least. Raises BadValue.
         """
         frame = encode(whole_number(m1, 255, "m1"), whole_number(m2, 255, "m2"))
         stops = self._stops
@@ -146,7 +154,8 @@ class Mount:
         if status.moving:
             for axis in (self.x, self.y):
                 axis._deadline = self.link.monotonic() + limit_s + _SLACK_S
-            self._feed()
+            if feed:
+                self._feed()
         if status.errors_waiting:
             self.stop()
             raise _board_error(self.take_errors()[0])
