@@ -119,6 +119,14 @@ class BadFile(MountError):
     """A file of settings or of scales cannot be read, or says what cannot be."""
 
 
+class ExtraMissing(MountError):
+    """This part of mirrormount needs a package that was not installed with it."""
+
+
+class PanelFault(MountError):
+    """The panel's own program failed; the motors were stopped."""
+
+
 class CheckFailed(MountError):
     """The self-test found something wrong."""
 
