@@ -110,6 +110,16 @@ def _parser() -> argparse.ArgumentParser:
         "--no-telnet", dest="telnet", action="store_false", help="no greeting, and no telnet bytes removed"
     )
     sub.add_argument("--token", help="a client's first line must be this (default: $MIRRORMOUNT_TOKEN)")
+    sub = add("panel", do_panel, "the web panel: drive the mount from a browser, until Ctrl-C", port=False)
+    sub.add_argument("at", nargs="?", metavar="PORT", help="serial port (default: the one board there is)")
+    sub.add_argument("--port", default=os.environ.get("MIRRORMOUNT_PORT"), help="the same")
+    sub.add_argument("--virtual", action="store_true", help="a virtual board, with its screen; no hardware needed")
+    sub.add_argument(
+        "--host", default="127.0.0.1", help="where to listen; 0.0.0.0: all networks of this computer, with a token"
+    )
+    sub.add_argument("--http", metavar="PORT", help="the web server's port (default: 8080, or the next free one)")
+    sub.add_argument("--token", help="what the link must carry (default: $MIRRORMOUNT_TOKEN, or made up where needed)")
+    sub.add_argument("--no-browser", dest="browser", action="store_false", help="do not open the browser")
     sub = add("deploy", do_deploy, "put the firmware on a board that runs MicroPython", port=False)
     _add_deploy_port(sub)
     sub.add_argument("--source", action="store_true", help="plain .py files instead of compiled ones")
@@ -338,6 +348,13 @@ def do_virtual(args: argparse.Namespace) -> None:
 def do_serve(args: argparse.Namespace) -> None:
     """Serve a board on TCP."""
     from mirrormount.serve import run
+
+    run(args)
+
+
+def do_panel(args: argparse.Namespace) -> None:
+    """Serve the web panel."""
+    from mirrormount.panel.command import run
 
     run(args)
 

@@ -1,0 +1,93 @@
+"""The three ways to drive: press and hold, numbers of steps, typed speeds. What they send: static/panel.js."""
+
+import json
+from collections.abc import Callable
+
+from nicegui import ui
+
+from mirrormount.panel.orders import COARSE_STEPS, FINE_STEPS, FULL
+from mirrormount.panel.pilot import HOLD_S
+
+_PAD = (
+    ("up", "y+", "▲", "UP"),
+    ("left", "x-", "◀", "LEFT"),
+    ("right", "x+", "▶", "RIGHT"),
+    ("down", "y-", "▼", "DOWN"),
+)
+
+_SLIDER = (
+    f'<input type="range" name="speed" min="1" max="{FULL}" value="{FULL}" aria-label="Speed">'
+    f'<output class="mono" data-shows="speed">{FULL}</output>'
+)
+
+
+def hold() -> Callable[[], None]:
+    """The pad: a short press is one step, a long one runs at the slider's speed while it lasts."""
+    with card("Press and hold"):
+        with ui.element("div").classes("pad"):
+            for place, press, arrow, word in _PAD:
+                with (
+                    ui.element("button")
+                    .classes(f"press {place}")
+                    .props(f'type=button data-press="{press}" aria-label="{word}"')
+                ):
+                    ui.label(arrow).classes("arrow")
+                    ui.label(word).classes("word")
+        with ui.element("div").classes("line"):
+            ui.label("Speed").classes("name")
+            # as plain HTML: Vue would put an input's first value back whenever anything on the page changes
+            ui.html(_SLIDER, sanitize=False).classes("slider")
+        ui.label(
+            f"Short press: {FINE_STEPS} step. Longer than {HOLD_S:g} s: runs until you let go. Arrow keys do the same;"
+            f" with Shift {COARSE_STEPS} steps, and full speed."
+        ).classes("hint")
+    return _nothing
+
+
+def by_numbers() -> Callable[[], None]:
+    """Steps by a stated number, and speeds for both motors with OK."""
+    with card("Fine steps"):
+        with ui.element("div").classes("line"):
+            ui.label("Steps").classes("name")
+            number("steps", "1", "Number of steps")
+        with ui.element("div").classes("fine"):
+            for axis, words in (("x", ("◀ left", "right ▶")), ("y", ("▼ down", "up ▲"))):
+                for way, word in zip((-1, 1), words, strict=True):
+                    send(word, {"do": "steps", "axis": axis}, "n:steps", sign=way).props("outline")
+    with card("Speeds of both motors"):
+        with ui.element("div").classes("line speeds"):
+            ui.label("Motor 1").classes("name")
+            number("m1", "0", "Speed of motor 1, up and down")
+            ui.label("Motor 2").classes("name")
+            number("m2", "0", "Speed of motor 2, right and left")
+            send("OK", {"do": "drive"}, "m1:m1 m2:m2", enter="m1 m2").classes("ok")
+        ui.label(
+            f"−{FULL} … {FULL}, 0 is off. Motor 1 up and down, motor 2 right and left. They run until STOP,"
+            " the board's run limit, or the end of this page."
+        ).classes("hint")
+    return _nothing
+
+
+def card(title: str) -> ui.element:
+    """A box with a title, to be filled."""
+    box = ui.element("section").classes("card")
+    with box:
+        ui.label(title).classes("title").props("role=heading aria-level=2")
+    return box
+
+
+def number(name: str, value: str, label: str) -> ui.input:
+    """A field for a whole number, as text: what is in it is checked when it is sent, and never changed unasked."""
+    return ui.input(value=value).props(
+        f'name={name} inputmode=numeric autocomplete=off dense outlined hide-bottom-space aria-label="{label}"'
+    )
+
+
+def send(word: str, order: dict, fields: str = "", *, sign: int = 1, enter: str = "") -> ui.button:
+    """A button that gives an order."""
+    props = f"no-caps unelevated data-send='{json.dumps(order)}' data-fields='{fields}' data-sign='{sign}'"
+    return ui.button(word).props(f"{props} data-enter='{enter}'")
+
+
+def _nothing() -> None:
+    pass

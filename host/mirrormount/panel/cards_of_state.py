@@ -1,0 +1,204 @@
+"""What is known of the mount: an axis's position and lamps, its past, what happened, and the virtual screen."""
+
+import time
+from collections.abc import Callable
+
+from nicegui import ui
+
+from mirrormount.errors import REASONS
+from mirrormount.panel.cards_of_motion import card, number, send
+from mirrormount.panel.desk import Page
+from mirrormount.panel.pilot import Notice, Pilot
+from mirrormount.remedies import remedy_of
+from mirrormount.status import AxisStatus
+
+_TITLES = {"x": "X · right and left", "y": "Y · up and down"}
+_CERTAINTY = {
+    "unknown": ("position unknown", "The last number known. Zero it, or home it."),
+    "counted": ("counted", "Counted in steps since it was called zero."),
+    "homed": ("homed", "Counted from its home switch."),
+    "estimated": ("estimated", "Part of it was run by time, not by steps."),
+}
+_SWITCHES = ((1, "+ end-stop"), (2, "− end-stop"), (4, "home"))
+_PLOT_S = 60.0
+_PLOT_EVERY_S = 0.5
+_PLOT_POINTS = 300
+_COLOURS = {"x": "#0b8f98", "y": "#d9480f"}
+
+Refresh = Callable[[], None]
+
+
+def axis(pilot: Pilot, name: str) -> Refresh:
+    """Position, target, lamps and reason of one axis; go to, zero, home."""
+    with card(_TITLES[name]):
+        with ui.element("div").classes("line"):
+            position = ui.label().classes("position mono")
+            ui.label("steps").classes("unit")
+            mrad = ui.label().classes("mrad mono")
+            ui.element("span").classes("spring")
+            target = ui.label().classes("hint mono")
+        with ui.element("div").classes("lamps"):
+            moving, certain = _Lamp("moving"), _Lamp("")
+            switches = [(bit, _Lamp(word)) for bit, word in _SWITCHES]
+            reason = ui.label().classes("hint reason")
+        with ui.element("div").classes("line"):
+            number(f"target_{name}", "0", f"Target of {name}, in steps").classes("grow")
+            send("Go to", {"do": "goto", "axis": name}, f"to:target_{name}", enter=f"target_{name}")
+            send("Home", {"do": "home", "axis": name}).props("flat")
+            ui.button("Zero", on_click=lambda: _zero(pilot, name)).props("no-caps flat")
+
+    def refresh() -> None:
+        status: AxisStatus | None = getattr(pilot.status, name, None)
+        if status is None:
+            position.set_text("–")
+            mrad.set_text("")
+            for lamp in (moving, certain, *(lamp for _, lamp in switches)):
+                lamp.show("")
+            reason.set_text("")
+            return
+        position.set_text(f"{status.position:+.3f}".replace("-", "−"))
+        mrad.set_text(pilot.mrad_text(name, status.position))
+        wanted = pilot.targets[name]
+        target.set_text("" if wanted is None else f"target {wanted:+d}".replace("-", "−"))
+        moving.show("on" if status.moving else "")
+        word, why = _CERTAINTY[status.certainty]
+        certain.show({"unknown": "bad", "estimated": "warn"}.get(status.certainty, "on"), word, why)
+        for bit, lamp in switches:
+            lamp.show("warn" if status.limits & bit else "")
+        reason.set_text("" if status.moving else f"last move: {REASONS.get(status.reason, status.reason)}")
+
+    return refresh
+
+
+class _Lamp:
+    """A dot with a word, that says what it says in words, too."""
+
+    def __init__(self, word: str) -> None:
+        with ui.element("span").classes("lamp-box") as self._box:
+            self._dot = ui.element("span").classes("lamp")
+            self._word = ui.label(word)
+            self._why = ui.tooltip("")
+        self._state = ("", "", "")
+
+    def show(self, state: str, word: str = "", why: str = "") -> None:
+        """state: "" (off), on, warn or bad."""
+        if (state, word, why) == self._state:
+            return
+        self._state = (state, word, why)
+        self._dot.classes(replace=f"lamp {state}")
+        self._box.classes(replace=f"lamp-box {state or 'off'}")
+        if word:
+            self._word.set_text(word)
+        self._why.set_text(why)
+        self._why.set_visibility(bool(why))
+
+
+async def _zero(pilot: Pilot, name: str) -> None:
+    from mirrormount.panel.asking import ask
+
+    await ask(pilot, lambda mount: getattr(mount, name).zero(), f"{name}: this position is 0 now")
+
+
+def plot(pilot: Pilot) -> Refresh:
+    """The last minute of both positions."""
+    with card("Position over time"):
+        chart = ui.echart(_empty_plot()).classes("plot")
+    drawn = [0.0, 0.0]  # when, and up to which point
+
+    def refresh() -> None:
+        now = time.time()
+        points = list(pilot.positions)
+        if now - drawn[0] < _PLOT_EVERY_S or not points or points[-1][0] == drawn[1]:
+            return
+        drawn[:] = now, points[-1][0]
+        recent = [p for p in points if now - p[0] < _PLOT_S]
+        recent = recent[:: max(1, len(recent) // _PLOT_POINTS)] + recent[-1:]
+        for i, series in enumerate(chart.options["series"], 1):
+            series["data"] = [[round(p[0] - now, 2), p[i]] for p in recent]
+        chart.update()
+
+    return refresh
+
+
+def _empty_plot() -> dict:
+    line = {"type": "line", "showSymbol": False, "animation": False, "data": []}
+    grey = {"lineStyle": {"color": "#88888844"}}
+    low = {"onZero": False, "lineStyle": {"color": "#88888888"}}
+    return {
+        "animation": False,
+        "grid": {"left": 44, "right": 12, "top": 28, "bottom": 34},
+        "legend": {"top": 0, "right": 8, "icon": "roundRect", "itemHeight": 3, "textStyle": {"color": "#888"}},
+        "xAxis": {
+            "type": "value",
+            "min": -_PLOT_S,
+            "max": 0,
+            "name": "s",
+            "nameGap": 4,
+            "axisLine": low,
+            "axisLabel": {"color": "#888"},
+            "splitLine": grey,
+        },
+        "yAxis": {
+            "type": "value",
+            "position": "left",
+            "axisLine": low,
+            "scale": True,
+            "minInterval": 1,
+            "name": "steps",
+            "nameTextStyle": {"color": "#888"},
+            "axisLabel": {"color": "#888"},
+            "splitLine": grey,
+        },
+        "series": [{**line, "name": name, "lineStyle": {"width": 2}, "color": _COLOURS[name]} for name in ("x", "y")],
+    }
+
+
+def screen() -> None:
+    """The virtual board's screen, drawn by static/screen.js."""
+    with card("Virtual screen, 7.62 m away"):
+        ui.element("canvas").classes("screen").props("data-screen role=img aria-label='The spot on the screen'")
+        with ui.element("div").classes("line"):
+            ui.label("The spot and its trail. Turn back, and see the backlash before it follows.").classes("hint grow")
+            ui.button("Clear trail", on_click=lambda: ui.run_javascript("mountScreenClear()")).props(
+                "no-caps flat dense"
+            )
+
+
+def news(page: Page, pilot: Pilot) -> Refresh:
+    """What has happened, newest first: refusals to this page at once, the rest as a list with causes and remedies."""
+    with card("What happened"):
+        keep_alive = _Lamp("keep-alive")
+        rows = ui.element("div").classes("news").props("role=log aria-live=polite")
+    shown = [-1]
+
+    def refresh() -> None:
+        while page.notices:
+            ui.notify(page.notices.pop(0), type="warning", position="top", timeout=6000, close_button="OK")
+        driver = pilot.driver
+        keep_alive.show(
+            "on" if driver else "", f"keep-alive: {driver.name} drives" if driver else "keep-alive: at rest"
+        )
+        notices = list(pilot.notices)
+        newest = notices[-1].number if notices else 0
+        if newest == shown[0]:
+            return
+        shown[0] = newest
+        rows.clear()
+        with rows:
+            for notice in reversed(notices[-12:]):
+                _row(notice)
+            if not notices:
+                ui.label("Nothing yet.").classes("hint")
+
+    return refresh
+
+
+def _row(notice: Notice) -> None:
+    known = remedy_of(notice.error)
+    with ui.element("div").classes("notice"):
+        ui.label(time.strftime("%H:%M:%S", time.localtime(notice.at_s))).classes("mono hint")
+        with ui.element("div").classes("grow"):
+            ui.label(notice.text)
+            if known:
+                ui.label(f"Cause: {known.cause}").classes("hint")
+                ui.label(f"Remedy: {known.remedy}").classes("hint")

@@ -1,0 +1,131 @@
+"""`mirrormount panel`: serves the panel, says where, and opens the browser. Until Ctrl-C, which stops the motors."""
+
+import argparse
+import importlib.util
+import ipaddress
+import os
+import secrets
+import signal
+import socket
+import sys
+import webbrowser
+from types import FrameType
+from urllib.parse import quote
+
+from mirrormount.door import check_token
+from mirrormount.errors import BadAddress, BadValue, CannotListen, ExtraMissing, NoBoardFound
+from mirrormount.link import find
+
+_PORT = 8080
+_TRIED = 20  # ports after it, if no other was asked for
+
+
+def run(args: argparse.Namespace) -> None:
+    """Serve the panel until told to end. Raises MountError."""
+    if importlib.util.find_spec("nicegui") is None:
+        raise ExtraMissing('the panel needs NiceGUI: pip install "mirrormount[gui]"')
+    address = _address(args)
+    listener = _listen(args.host, args.http)
+    try:
+        wide = not ipaddress.ip_address(listener.getsockname()[0]).is_loopback
+        token = args.token if args.token is not None else os.environ.get("MIRRORMOUNT_TOKEN") or None
+        if token is None and wide:
+            token = secrets.token_urlsafe(16)
+        checked = check_token(token)
+        _serve(address, listener, checked, _links(listener, token), wide, args.browser)
+    finally:
+        listener.close()
+
+
+def _address(args: argparse.Namespace) -> str | None:
+    """The board's address; a virtual one if that is asked for, or taken at a terminal where no board is found."""
+    given = args.at or args.port
+    if args.virtual:
+        if args.at:
+            raise BadValue("--virtual is a board of its own: leave the port out")
+        return "virtual://"
+    if given is None and not find():
+        line = "no board found: plug one in, name its port, or take a virtual one: mirrormount panel --virtual"
+        if not sys.stdin.isatty() or input("No board found. Open the panel with a virtual one? [y/N] ").lower() != "y":
+            raise NoBoardFound(line)
+        return "virtual://"
+    return given
+
+
+def _listen(host: str, port: str | None) -> socket.socket:
+    """A listening socket. Without a port: 8080, or the next one that is free.
+
+    Raises BadValue, BadAddress, CannotListen.
+    """
+    if port is not None and not (port.isascii() and port.isdecimal() and int(port) < 65536):
+        raise BadValue(f"--http is a port number, 0 to 65535, not {port!r}")
+    try:
+        family, _, _, _, where = socket.getaddrinfo(host, None, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)[0]
+    except (OSError, UnicodeError) as e:
+        raise BadAddress(f"{host}: there is no such host to listen at") from e
+    ports = range(_PORT, _PORT + _TRIED) if port is None else [int(port)]
+    failures = []
+    for number in ports:
+        try:
+            return socket.create_server((str(where[0]), number), family=family)
+        except OSError as e:
+            failures.append(os.strerror(e.errno or 0).lower())
+    raise CannotListen(f"cannot listen on {host}:{ports[0]}: {failures[0]}; take another port: --http 0")
+
+
+def _links(listener: socket.socket, token: str | None) -> list[str]:
+    """What to open, the best first."""
+    host, port = listener.getsockname()[:2]
+    query = "" if token is None else f"?token={quote(token, safe='')}"
+    address = ipaddress.ip_address(host)
+    hosts = _own_addresses(address.version) if address.is_unspecified else [host]
+    return [f"http://{f'[{h}]' if ':' in h else h}:{port}/{query}" for h in hosts]
+
+
+def _own_addresses(version: int) -> list[str]:
+    """This computer's addresses in its networks, and the loopback one."""
+    import ifaddr  # NiceGUI depends on it
+
+    found = [str(ip.ip) for adapter in ifaddr.get_adapters() for ip in adapter.ips if isinstance(ip.ip, str)]
+    wide = [ip for ip in found if not (ipaddress.ip_address(ip).is_loopback or ipaddress.ip_address(ip).is_link_local)]
+    return [*wide, "127.0.0.1"] if version == 4 else [*wide, "::1"]
+
+
+def _serve(
+    address: str | None, listener: socket.socket, token: bytes | None, links: list[str], wide: bool, browser: bool
+) -> None:
+    from mirrormount.panel.desk import Desk
+    from mirrormount.panel.pilot import Pilot
+    from mirrormount.panel.server import make_server
+
+    desk = Desk()
+    pilot = Pilot(address, desk)
+    for name in ("SIGTERM", "SIGHUP"):  # once the web server has ended in good order
+        number = getattr(signal, name, None)
+        if number is not None and signal.getsignal(number) != signal.SIG_IGN:  # nohup ignores one
+            signal.signal(number, _end)
+    try:
+        pilot.open()
+        server = make_server(desk, pilot, token, links[0] if wide else None)
+        _tell(pilot.mount.identity if pilot.mount else "", links, wide)
+        if browser:
+            server.when_ready(lambda: webbrowser.open(links[-1]))
+        server.run([listener])
+    finally:
+        pilot.close()
+
+
+def _end(_signal: int, _frame: FrameType | None) -> None:
+    sys.exit(0)
+
+
+def _tell(identity: str, links: list[str], wide: bool) -> None:
+    print(identity)
+    if wide:
+        import segno
+
+        print("On a phone in the same network (whoever has this link can drive the mount):")
+        if sys.stdout.isatty():
+            segno.make(links[0], error="m").terminal(compact=True)
+    for link in links:
+        print(f"ready {link}", flush=True)

@@ -1,0 +1,107 @@
+"""Who has the panel open, who of them controls, and whose page is alive. Pure: told the time, it waits for nothing.
+
+The panel sends every page a tick many times a second: its own clock. A page that is alive says the last tick
+that it has seen with all that it sends. So the age of a tick that comes back is how long ago that page, its
+browser and the network between were known to work; an order that a sleeping phone or a broken network has
+kept back carries an old tick, and is refused. No clock but the panel's own is needed.
+"""
+
+import itertools
+import secrets
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+TICK_S = 0.05  # between two ticks
+SILENT_S = 0.35  # a page that has not been heard of for so long is not alive: its motion is stopped
+
+
+@dataclass(eq=False)
+class Page:
+    """One open page. heard_s: the tick, in seconds, that it was last known to have seen."""
+
+    number: int
+    where: str
+    key: str = field(default_factory=lambda: secrets.token_urlsafe(12))  # of this run of the panel only
+    heard_s: float = float("-inf")
+    connection: object = None
+    notices: list[str] = field(default_factory=list)  # to be shown there, and nowhere else
+
+    @property
+    def connected(self) -> bool:
+        """True while its driving socket is open."""
+        return self.connection is not None
+
+    @property
+    def name(self) -> str:
+        """What the others call it."""
+        return f"page {self.number} ({self.where})"
+
+
+class Desk:
+    """All open pages. At most one controls; the others watch, and may stop."""
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._numbers = itertools.count(1)
+        self._pages: list[Page] = []
+        self.controller: Page | None = None
+
+    @property
+    def pages(self) -> tuple[Page, ...]:
+        """Those that are connected."""
+        return tuple(page for page in self._pages if page.connected)
+
+    def tick(self) -> int:
+        """The panel's clock, in ms."""
+        return int(self._clock() * 1000)
+
+    def add(self, where: str) -> Page:
+        """A page that is being built, and has not said anything yet."""
+        page = Page(next(self._numbers), where)
+        self._pages.append(page)
+        return page
+
+    def find(self, key: str) -> Page | None:
+        """The page of that key, connected or not."""
+        return next((page for page in self._pages if page.key == key), None)
+
+    def enter(self, page: Page, connection: object) -> None:
+        """It has come by this connection; an older one of it counts no more. Who comes first controls."""
+        page.connection = connection
+        page.heard_s = self._clock()
+        if self.controller is None:
+            self.controller = page
+
+    def leave(self, page: Page, connection: object) -> bool:
+        """This connection has ended. True if the page has gone with it: then nobody controls, if it did."""
+        if page.connection is not connection:
+            return False
+        page.connection = None
+        page.heard_s = float("-inf")
+        if self.controller is page:
+            self.controller = None
+        return True
+
+    def forget(self, page: Page) -> None:
+        """It will not come back."""
+        self.leave(page, page.connection)
+        if page in self._pages:
+            self._pages.remove(page)
+
+    def hear(self, page: Page, tick: object) -> bool:
+        """A message with this tick has come from it. True if the tick is fresh."""
+        if isinstance(tick, bool) or not isinstance(tick, int):
+            return False
+        seen_s = min(tick / 1000, self._clock())
+        page.heard_s = max(page.heard_s, seen_s)
+        return self._clock() - seen_s <= SILENT_S
+
+    def alive(self, page: Page) -> bool:
+        """True if it was known to work a moment ago."""
+        return page.connected and self._clock() - page.heard_s <= SILENT_S
+
+    def claim(self, page: Page) -> None:
+        """From now on this page controls."""
+        if page.connected:
+            self.controller = page

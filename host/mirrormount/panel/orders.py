@@ -1,0 +1,110 @@
+"""What a page may ask the mount to do: plain data, checked here and nowhere else. Pure.
+
+Every order comes as one JSON object; parse() turns it into one of these, or says what is wrong with it.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from mirrormount.errors import BadValue
+from mirrormount.values import whole_number
+
+MOST_STEPS = 1_000_000
+FINE_STEPS = 1
+COARSE_STEPS = 10
+FULL = 255
+
+
+@dataclass(frozen=True)
+class Press:
+    """A direction button goes down: some steps at once, and a run at `speed` (1 … 255) if it is held."""
+
+    axis: str
+    way: int
+    speed: int
+    coarse: bool
+
+    @property
+    def steps(self) -> int:
+        """Steps made at once, signed."""
+        return self.way * (COARSE_STEPS if self.coarse else FINE_STEPS)
+
+    @property
+    def run(self) -> float:
+        """Speed of the run, -1 … 1; a coarse one goes at full speed."""
+        return self.way * (1.0 if self.coarse else self.speed / FULL)
+
+
+@dataclass(frozen=True)
+class Steps:
+    """Move by n steps."""
+
+    axis: str
+    n: int
+
+
+@dataclass(frozen=True)
+class GoTo:
+    """Move to a position, in steps."""
+
+    axis: str
+    position: int
+
+
+@dataclass(frozen=True)
+class Drive:
+    """Run both motors at -255 … 255."""
+
+    m1: int
+    m2: int
+
+
+@dataclass(frozen=True)
+class Home:
+    """Find an axis's home."""
+
+    axis: str
+
+
+Order = Press | Steps | GoTo | Drive | Home
+
+
+def parse(message: Mapping[str, Any]) -> Order:
+    """The order in a message. Raises BadValue in words for the person who typed it."""
+    what = message.get("do")
+    if what == "drive":
+        return Drive(_whole(message, "m1", FULL, "motor 1"), _whole(message, "m2", FULL, "motor 2"))
+    axis = message.get("axis")
+    if axis not in ("x", "y"):
+        raise BadValue(f"an axis is x or y, not {axis!r}")
+    if what == "press":
+        way = _whole(message, "way", 1, "a direction")
+        speed = _whole(message, "speed", FULL, "the speed")
+        if way == 0 or speed < 1:
+            raise BadValue("a direction is 1 or -1, a speed 1 … 255")
+        return Press(axis, way, speed, message.get("coarse") is True)
+    if what == "steps":
+        n = _whole(message, "n", MOST_STEPS, "the number of steps")
+        if n == 0:
+            raise BadValue("the number of steps is 0: nothing to do")
+        return Steps(axis, n)
+    if what == "goto":
+        return GoTo(axis, _whole(message, "to", MOST_STEPS, f"the target of {axis}"))
+    if what == "home":
+        return Home(axis)
+    raise BadValue(f"there is no order {what!r}")
+
+
+def _whole(message: Mapping[str, Any], key: str, most: int, what: str) -> int:
+    """A whole number; text as it was typed is understood, and nothing is rounded."""
+    value = message.get(key)
+    if isinstance(value, str):
+        text = value.strip().replace("\N{MINUS SIGN}", "-")
+        if not text:
+            raise BadValue(f"{what}: type a number")
+        try:
+            value = int(text) if text.isascii() else text
+        except ValueError:
+            value = text
+    return whole_number(value, most, what)

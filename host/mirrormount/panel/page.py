@@ -1,0 +1,117 @@
+"""What a page shows, put together from its cards. Built anew for every browser that comes; updates itself."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from nicegui import app, ui
+
+from mirrormount.panel import card_of_settings, card_of_wire, cards_of_motion, cards_of_state
+from mirrormount.panel.desk import Desk, Page
+from mirrormount.panel.pilot import Pilot
+
+STATIC = Path(__file__).parent / "static"
+_REFRESH_S = 0.1
+_COLOURS = {"primary": "#0b6e75", "negative": "#c8102e", "positive": "#2b8a3e", "warning": "#b35c00"}
+_HEAD = """<link rel="stylesheet" href="/panel/panel.css">
+<script src="/panel/panel.js" defer></script><script src="/panel/screen.js" defer></script>"""
+_MODES = {None: "brightness_auto", False: "light_mode", True: "dark_mode"}
+
+Refresh = Callable[[], None]
+
+
+def register(desk: Desk, pilot: Pilot, link: str | None) -> None:
+    """Make the page known to NiceGUI. link: what a phone opens, None if only this computer can."""
+    app.add_static_files("/panel", STATIC, max_cache_age=0)
+
+    @ui.page("/", title="Mirror mount", response_timeout=10)
+    def index() -> None:
+        client = ui.context.client
+        page = desk.add(client.ip or "?")
+        client.on_delete(lambda: desk.forget(page))
+        _build(page, desk, pilot, link)
+
+
+def _build(page: Page, desk: Desk, pilot: Pilot, link: str | None) -> None:
+    ui.colors(**_COLOURS)
+    ui.add_head_html(_HEAD)
+    refreshes: list[Refresh] = [_header(page, desk, pilot, link)]
+    with ui.element("main").classes("cards").props(f'data-page="{page.key}"'):
+        with ui.element("div").classes("column"):
+            refreshes += [cards_of_motion.hold(), cards_of_motion.by_numbers()]
+        with ui.element("div").classes("column"):
+            refreshes += [cards_of_state.axis(pilot, name) for name in ("x", "y")]
+            refreshes += [cards_of_state.plot(pilot), cards_of_state.news(page, pilot)]
+        with ui.element("div").classes("column"):
+            if pilot.spot_mm():
+                cards_of_state.screen()
+            refreshes += [card_of_settings.build(pilot), card_of_wire.build(pilot)]
+    _footer()
+
+    def refresh() -> None:
+        for one in refreshes:
+            one()
+
+    ui.timer(_REFRESH_S, refresh)
+
+
+def _header(page: Page, desk: Desk, pilot: Pilot, link: str | None) -> Refresh:
+    with ui.element("header").classes("top"):
+        ui.label("mirrormount").classes("brand")
+        lamp = ui.element("span").classes("lamp")
+        board = ui.label().classes("board")
+        ui.element("span").classes("spring")
+        role = ui.label().classes("role")
+        claim = ui.button("Take control").props("""dense no-caps outline data-send='{"do": "claim"}'""")
+        if link:
+            ui.button(icon="qr_code_2", on_click=lambda: _show_link(link)).props(
+                "flat dense aria-label='Open on a phone'"
+            )
+        _mode_button()
+    with ui.element("div").classes("banner cut-banner").props("role=alert"):
+        ui.label("No connection to the panel. Nothing can be driven from here; what this page drove has been stopped.")
+    banner = ui.label().classes("banner trouble").props("role=alert")
+
+    def refresh() -> None:
+        controls = desk.controller is page
+        lamp.classes(replace="lamp on" if pilot.mount else "lamp bad")
+        board.set_text(" · ".join(pilot.mount.identity.split(",")[1:]) if pilot.mount else "no board")
+        banner.set_text(f"No board: {pilot.trouble}. The panel looks for it every second." if pilot.trouble else "")
+        banner.set_visibility(bool(pilot.trouble))
+        others = len(desk.pages) - 1
+        role.set_text("you control" if controls else "you watch")
+        role.set_visibility(others > 0 or not controls)
+        claim.set_visibility(not controls)
+        role.classes(toggle=None, add="watching" if not controls else "", remove="" if not controls else "watching")
+
+    return refresh
+
+
+def _show_link(link: str) -> None:
+    import segno
+
+    with ui.dialog() as dialog, ui.card():
+        ui.label("Open this panel on a phone in the same network").classes("title")
+        ui.html(segno.make(link, error="m").svg_inline(scale=5, dark="#000", light="#fff"), sanitize=False)
+        ui.label(link).classes("mono")
+        ui.label("Whoever has this link can drive the mount.").classes("hint")
+        ui.button("Close", on_click=dialog.close).props("no-caps flat")
+    dialog.open()
+
+
+def _mode_button() -> None:
+    mode = ui.dark_mode(None)
+    button = ui.button(icon=_MODES[None]).props("flat dense aria-label='Light, dark, or as the system'")
+
+    def change() -> None:
+        order = (None, True, False)
+        mode.value = order[(order.index(mode.value) + 1) % 3]
+        button.props(f"icon={_MODES[mode.value]}")
+
+    button.on_click(change)
+
+
+def _footer() -> None:
+    with ui.element("footer").classes("bottom"), ui.element("button").classes("stop") as button:
+        button.props("data-stop type=button aria-label='STOP both motors (Escape)'")
+        ui.label("STOP")
+        ui.label("Esc").classes("key")

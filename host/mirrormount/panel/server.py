@@ -1,0 +1,104 @@
+"""The web server of the panel: NiceGUI on uvicorn, behind the guard, with no traceback for anybody's eyes."""
+
+import logging
+import socket
+from collections.abc import Callable
+from pathlib import Path
+
+import uvicorn
+from fastapi import FastAPI
+from nicegui import app as gui
+from nicegui import core, ui
+from platformdirs import user_log_path
+
+from mirrormount.errors import CannotListen
+from mirrormount.panel import page
+from mirrormount.panel.desk import Desk
+from mirrormount.panel.driving import routes
+from mirrormount.panel.guard import Guard
+from mirrormount.panel.pilot import Pilot
+
+_LOG_MOST = 1 << 20  # bytes: a log that is longer begins anew
+
+
+class Server:
+    """Serves until a signal ends it; the motors are stopped before the pages are seen off."""
+
+    def __init__(self, app: Guard, pilot: Pilot) -> None:
+        config = uvicorn.Config(app, log_config=None, lifespan="on", timeout_graceful_shutdown=1, ws_ping_interval=10)
+        self._uvicorn = _Uvicorn(config, pilot)
+
+    def when_ready(self, action: Callable[[], object]) -> None:
+        """Call it when the first page can be had."""
+        self._uvicorn.ready = action
+
+    def run(self, sockets: list[socket.socket]) -> None:
+        """Serve. Returns when told to end. Raises CannotListen, KeyboardInterrupt."""
+        self._uvicorn.run(sockets)
+        if not self._uvicorn.started:
+            raise CannotListen("the panel's web server did not start")
+
+
+class _Uvicorn(uvicorn.Server):
+    def __init__(self, config: uvicorn.Config, pilot: Pilot) -> None:
+        super().__init__(config)
+        self._pilot = pilot
+        self.ready: Callable[[], object] | None = None
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        await super().startup(sockets)
+        if self.started and self.ready:
+            self.ready()
+
+    def handle_exit(self, sig: int, frame: object) -> None:
+        self._pilot.stop()
+        super().handle_exit(sig, frame)  # type: ignore[arg-type]
+
+
+def make_server(desk: Desk, pilot: Pilot, token: bytes | None, link: str | None) -> Server:
+    """The panel of a pilot. link: what a phone opens, if the panel is open to the network."""
+    _log_to_file()
+    app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
+    app.include_router(routes(desk, pilot))
+    page.register(desk, pilot, link)
+
+    def fault(error: Exception) -> None:
+        pilot.stop()
+        pilot.say(f"the panel has a fault ({type(error).__name__}); the motors were stopped", "PanelFault")
+
+    gui.on_exception(fault)
+    ui.run_with(app, title="Mirror mount", dark=None, tailwind=False, show_welcome_message=False, favicon="🎯")
+    core.app.config.message_history_length = 0  # what was sent to a page that was away is not true any more
+    return Server(Guard(app, token), pilot)
+
+
+def _log_to_file() -> Path:
+    """What the libraries and this panel log goes to a file, with tracebacks; an error is a line on stderr, too."""
+    path = user_log_path("mirrormount", ensure_exists=True) / "panel.log"
+    if path.exists() and path.stat().st_size > _LOG_MOST:
+        path.unlink()
+    to_file = logging.FileHandler(path, encoding="utf-8")
+    to_file.setFormatter(logging.Formatter("%(asctime)s %(name)s %(levelname)s: %(message)s"))
+    to_screen = logging.StreamHandler()
+    to_screen.setLevel(logging.ERROR)
+    to_screen.setFormatter(_OneLine(path))
+    root = logging.getLogger()
+    root.handlers[:] = [to_file, to_screen]
+    root.setLevel(logging.WARNING)
+    for name in ("nicegui", "uvicorn", "uvicorn.error", "uvicorn.access", "asyncio"):
+        logger = logging.getLogger(name)
+        logger.handlers.clear()
+        logger.propagate = True
+        logger.setLevel(logging.WARNING)
+    return path
+
+
+class _OneLine(logging.Formatter):
+    """A fault in one line; how it came about is in the file."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self._path = path
+
+    def format(self, record: logging.LogRecord) -> str:
+        return f"mirrormount: {str(record.getMessage()).splitlines()[0]} (more in {self._path})"

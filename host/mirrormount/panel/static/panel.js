@@ -1,0 +1,174 @@
+// Driving from a browser: what is pressed, what is let go, and the word "stop".
+//
+// Elements say what they do by an attribute:
+//   data-press="x+" | "x-" | "y+" | "y-"      press = one step, hold = run
+//   data-send='{"do": "goto", "axis": "x"}'   an order; the page's fields are put in where it names them
+//   data-stop                                 stop
+//   data-fields="to:target_x"                 fields of an order: key:name of the input
+//   data-sign="-1"                            the number in the field is taken with this sign
+// Everything is sent at once or not at all: nothing is kept for later (see driving.py).
+"use strict";
+
+(() => {
+  const ARROWS = { ArrowUp: "y+", ArrowDown: "y-", ArrowLeft: "x-", ArrowRight: "x+" };
+  const AGAIN_MS = 500; // between two attempts to reach the panel
+
+  let socket = null;
+  let tick = null; // the last that the panel has sent
+  let held = null; // {element, by}: what is down, and which pointer or key holds it
+  let key = null; // of this page
+
+  const field = (name) => document.querySelector(`input[name="${name}"]`)?.value ?? "";
+
+  function send(message) {
+    if (socket?.readyState !== WebSocket.OPEN) return false;
+    socket.send(JSON.stringify({ ...message, tick }));
+    return true;
+  }
+
+  // ---- the connection
+
+  function connect() {
+    key ??= document.querySelector("[data-page]")?.dataset.page ?? null;
+    if (key === null) {
+      setTimeout(connect, 50);
+      return;
+    }
+    const scheme = location.protocol === "https:" ? "wss" : "ws";
+    socket = new WebSocket(`${scheme}://${location.host}/drive/${key}`);
+    socket.onopen = () => document.body.classList.remove("cut");
+    socket.onmessage = (event) => hear(JSON.parse(event.data));
+    socket.onclose = (event) => {
+      held = tick = null;
+      document.body.classList.remove("ready");
+      document.body.classList.add("cut");
+      if (event.code === 4404) location.reload(); // the panel was started anew
+      else setTimeout(connect, AGAIN_MS);
+    };
+  }
+
+  function hear(message) {
+    tick = message.tick;
+    document.body.classList.add("ready");
+    send({ do: "beat" });
+    if (message.spot) window.mountScreen?.(message.spot);
+  }
+
+  // ---- stop: by the socket, and by a request of its own if the socket is stuck
+
+  function stop() {
+    letGo();
+    send({ do: "stop" });
+    fetch("/stop", { method: "POST", keepalive: true }).catch(() => {});
+    for (const element of document.querySelectorAll("[data-stop]")) {
+      element.classList.add("pressed");
+      setTimeout(() => element.classList.remove("pressed"), 150);
+    }
+  }
+
+  // ---- press and hold
+
+  function press(element, by, coarse) {
+    if (held || element.disabled) return;
+    const [axis, sign] = element.dataset.press;
+    const order = { do: "press", axis, way: sign === "+" ? 1 : -1, coarse, speed: field("speed") };
+    if (!send(order)) return;
+    held = { element, by };
+    element.classList.add("held");
+  }
+
+  function letGo() {
+    if (!held) return;
+    held.element.classList.remove("held");
+    held = null;
+    send({ do: "release" });
+  }
+
+  function order(element) {
+    const message = JSON.parse(element.dataset.send);
+    for (const pair of (element.dataset.fields ?? "").split(" ").filter(Boolean)) {
+      const [name, input] = pair.split(":");
+      message[name] = field(input).trim();
+    }
+    const sign = element.dataset.sign;
+    if (sign === "-1" && /^\d+$/.test(message.n)) message.n = "-" + message.n;
+    send(message);
+  }
+
+  document.addEventListener("input", (event) => {
+    const shown = document.querySelector(`[data-shows="${event.target.name}"]`);
+    if (shown) shown.textContent = event.target.value;
+  });
+
+  const under = (event) => document.elementFromPoint(event.clientX, event.clientY)?.closest("[data-press]");
+
+  document.addEventListener("pointerdown", (event) => {
+    if (event.target.closest?.("[data-stop]")) {
+      stop(); // when it goes down: not when it comes up again
+      return;
+    }
+    const element = event.target.closest?.("[data-press]");
+    if (!element || event.button !== 0) return;
+    event.preventDefault();
+    element.focus({ preventScroll: true });
+    element.setPointerCapture?.(event.pointerId); // so that it is heard when it comes up outside the window
+    press(element, event.pointerId, event.shiftKey);
+  });
+  document.addEventListener("pointermove", (event) => {
+    if (held?.by === event.pointerId && under(event) !== held.element) letGo(); // slid off
+  });
+  for (const kind of ["pointerup", "pointercancel", "lostpointercapture"]) {
+    document.addEventListener(kind, (event) => held?.by === event.pointerId && letGo());
+  }
+  document.addEventListener("contextmenu", (event) => event.target.closest?.("[data-press]") && event.preventDefault());
+  document.addEventListener("click", (event) => {
+    const element = event.target.closest?.("[data-send]");
+    if (element && !element.disabled) order(element);
+  });
+
+  // ---- keys
+
+  const typing = (target) => target.closest?.("input, textarea, select, [contenteditable], [role=slider], [role=tab]");
+
+  document.addEventListener(
+    "keydown",
+    (event) => {
+      if (event.key === "Escape") {
+        stop();
+        return;
+      }
+      const focused = event.target.closest?.("[data-press], [data-stop]");
+      const push = event.key === " " || event.key === "Enter";
+      if (focused && push) {
+        event.preventDefault();
+        if (event.repeat) return;
+        if (focused.matches("[data-stop]")) stop();
+        else press(focused, event.code, event.shiftKey);
+        return;
+      }
+      const way = ARROWS[event.key];
+      if (!way || typing(event.target) || event.ctrlKey || event.altKey || event.metaKey) return;
+      event.preventDefault();
+      const element = document.querySelector(`[data-press="${way}"]`);
+      if (element && !event.repeat) press(element, event.code, event.shiftKey);
+    },
+    true,
+  );
+  document.addEventListener("keyup", (event) => held?.by === event.code && letGo(), true);
+
+  // ---- whatever takes the page away from its user
+
+  window.addEventListener("blur", letGo);
+  window.addEventListener("pagehide", letGo);
+  document.addEventListener("visibilitychange", () => document.hidden && letGo());
+
+  // An Enter in a field of an order gives that order.
+  document.addEventListener("keydown", (event) => {
+    if (event.key !== "Enter" || !event.target.matches?.("input[name]")) return;
+    const name = event.target.name;
+    const element = document.querySelector(`[data-enter~="${name}"]`);
+    if (element && !element.disabled) order(element);
+  });
+
+  connect();
+})();
