@@ -1,0 +1,125 @@
+"""The panel in a process of its own, and a network between it and the browser that can be cut."""
+
+import contextlib
+import os
+import select
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+from served import PATIENCE_S, ServedBoard, wait_for
+
+from mirrormount import Mount
+from mirrormount.status import Status
+
+
+class NotStarted(Exception):
+    """The panel has ended instead; what it wrote to stderr."""
+
+
+class Panel:
+    """`mirrormount panel` at an address."""
+
+    def __init__(self, address: str, folder: Path, *options: str) -> None:
+        names = ("MIRRORMOUNT_PORT", "MIRRORMOUNT_TOKEN")
+        environment = {k: v for k, v in os.environ.items() if k not in names} | {"XDG_STATE_HOME": str(folder)}
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "mirrormount", "panel", address, "--http", "0", "--no-browser", *options],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env=environment,
+        )
+        self.said: list[str] = []
+        while not (self.said and self.said[-1].startswith("ready ")):
+            line = self.process.stdout.readline()
+            if not line:
+                raise NotStarted(self.process.communicate()[1])
+            self.said.append(line.strip())
+        self.url = self.said[-1].removeprefix("ready ")
+
+    @property
+    def port(self) -> int:
+        return int(self.url.rpartition(":")[2].partition("/")[0])
+
+    def end(self) -> str:
+        """End it as a service manager would. Returns what it has written to stderr."""
+        self.process.send_signal(signal.SIGTERM)
+        return self.process.communicate(timeout=PATIENCE_S)[1]
+
+    def kill(self) -> None:
+        self.process.kill()
+        self.process.communicate()
+
+
+def status_after(panel: Panel, board: ServedBoard) -> Status:
+    """What the board knows after the panel has been ended."""
+    panel.end()
+    with Mount.open(str(board.link)) as mount:
+        return mount.status()
+
+
+def pulses(board: ServedBoard, pin: str) -> int:
+    """How many pulses a leg has had that are over."""
+    legs = [e["level"] for e in board.edges() if e["pin"] == pin]
+    enables = [e["duty"] for e in board.edges() if e["pin"] == pin[:2] + "_en"]
+    assert set(legs) <= {0, 1}
+    return sum(1 for duty in enables if duty == 0) if legs else 0
+
+
+def run_until_driving(board: ServedBoard) -> None:
+    wait_for(board.driving, "a motor to run")
+
+
+def wait_for_rest(board: ServedBoard) -> None:
+    wait_for(lambda: not board.driving(), "the motors to rest")
+
+
+class Network:
+    """A connection between browser and panel that can be stuck: what is sent meanwhile waits, and arrives later."""
+
+    def __init__(self, to_port: int) -> None:
+        self._to = to_port
+        self._server = socket.create_server(("127.0.0.1", 0))
+        self.url = f"http://127.0.0.1:{self._server.getsockname()[1]}/"
+        self._flows = threading.Event()
+        self._flows.set()
+        self._closing = False
+        self._threads = [threading.Thread(target=self._accept)]
+        self._threads[0].start()
+
+    def cut(self) -> None:
+        """From now on nothing gets through."""
+        self._flows.clear()
+
+    def mend(self) -> None:
+        """All that was kept back arrives."""
+        self._flows.set()
+
+    def close(self) -> None:
+        self._closing = True
+        self._flows.set()
+        socket.create_connection(self._server.getsockname()).close()  # so that accept() returns
+        for thread in self._threads:
+            thread.join()
+        self._server.close()
+
+    def _accept(self) -> None:
+        while not self._closing:
+            browser, _ = self._server.accept()
+            self._threads.append(threading.Thread(target=self._carry, args=(browser,)))
+            self._threads[-1].start()
+
+    def _carry(self, browser: socket.socket) -> None:
+        with browser, contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", self._to)) as panel:
+            others = {browser: panel, panel: browser}
+            while not self._closing:
+                for end in select.select(list(others), [], [], 0.1)[0]:
+                    data = end.recv(1 << 16)
+                    self._flows.wait()
+                    if not data:
+                        return
+                    others[end].sendall(data)

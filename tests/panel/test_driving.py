@@ -1,0 +1,191 @@
+"""Each way of driving, from the browser to the pins of the virtual board."""
+
+import itertools
+
+import pytest
+from running import pulses, run_until_driving, wait_for_rest
+from served import wait_for
+
+LEGS = {"UP": "m1_pos", "DOWN": "m1_neg", "RIGHT": "m2_pos", "LEFT": "m2_neg"}
+ARROWS = {"UP": "ArrowUp", "DOWN": "ArrowDown", "RIGHT": "ArrowRight", "LEFT": "ArrowLeft"}
+PULSE_US = 200_000
+
+
+def legs_used(board) -> set[str]:
+    return {e["pin"] for e in board.edges() if not e["pin"].endswith("_en")}
+
+
+def wait_for_pulses(board, count: int) -> None:
+    """Wait for that many pulses to be over."""
+
+    def over() -> bool:
+        return sum(e["pin"].endswith("_en") and e["duty"] == 0 for e in board.edges()) >= count
+
+    wait_for(over, f"{count} pulses")
+
+
+def on_times_us(board, enable: str) -> list[int]:
+    edges = [e for e in board.edges() if e["pin"] == enable]
+    return [off["t_us"] - on["t_us"] for on, off in itertools.pairwise(edges) if off["duty"] == 0]
+
+
+@pytest.mark.parametrize("word", LEGS)
+def test_a_short_press_is_one_step_that_way(page, board, word):
+    page.get_by_role("button", name=word, exact=True).click()
+    wait_for_pulses(board, 1)
+    assert legs_used(board) == {LEGS[word]}
+    assert on_times_us(board, LEGS[word][:2] + "_en") == [pytest.approx(PULSE_US, abs=50)]
+
+
+@pytest.mark.parametrize("word", ARROWS)
+def test_a_short_stroke_of_an_arrow_key_is_one_step_that_way(page, board, word):
+    page.keyboard.press(ARROWS[word])
+    wait_for_pulses(board, 1)
+    assert legs_used(board) == {LEGS[word]}
+    assert on_times_us(board, LEGS[word][:2] + "_en") == [pytest.approx(PULSE_US, abs=50)]
+
+
+def test_shift_makes_ten_steps(page, board):
+    page.keyboard.down("Shift")
+    page.keyboard.press("ArrowRight")
+    page.keyboard.up("Shift")
+    wait_for_pulses(board, 10)
+    page.get_by_text("last move: done").first.wait_for()
+    assert on_times_us(board, "m2_en") == [pytest.approx(PULSE_US, abs=50)] * 10
+
+
+def hold(page, word: str) -> None:
+    page.get_by_role("button", name=word, exact=True).hover()
+    page.mouse.down()
+
+
+def wait_for_run(board, enable: str = "m2_en") -> None:
+    """Wait until the step at the beginning is over and the run has begun."""
+    wait_for(lambda: [bool(e["duty"]) for e in board.edges() if e["pin"] == enable][:3] == [1, 0, 1], "the run")
+
+
+def test_a_held_button_runs_until_it_is_let_go(page, board):
+    hold(page, "RIGHT")
+    wait_for_run(board)
+    page.mouse.up()
+    wait_for_rest(board)
+    assert len(on_times_us(board, "m2_en")) == 2
+    assert legs_used(board) == {"m2_pos"}
+
+
+def test_a_held_key_runs_until_it_is_let_go(page, board):
+    page.keyboard.down("ArrowUp")
+    wait_for_run(board, "m1_en")
+    page.keyboard.up("ArrowUp")
+    wait_for_rest(board)
+    assert len(on_times_us(board, "m1_en")) == 2
+
+
+def test_a_button_in_focus_is_held_with_the_space_bar(page, board):
+    page.get_by_role("button", name="LEFT", exact=True).focus()
+    page.keyboard.down(" ")
+    wait_for_run(board)
+    page.keyboard.up(" ")
+    wait_for_rest(board)
+    assert legs_used(board) == {"m2_neg"}
+
+
+def test_the_slider_sets_the_speed_of_the_run_and_not_of_the_step(page, board):
+    page.get_by_role("slider", name="Speed").focus()
+    for _ in range(100):
+        page.keyboard.press("ArrowLeft")
+    hold(page, "RIGHT")
+    wait_for_run(board)
+    page.mouse.up()
+    wait_for_rest(board)
+    assert [e["duty"] for e in board.edges() if e["pin"] == "m2_en"] == [65535, 0, 155 * 257, 0]
+
+
+def test_sliding_off_the_button_stops(page, board):
+    hold(page, "RIGHT")
+    wait_for_run(board)
+    page.mouse.move(5, 5)
+    wait_for_rest(board)
+    page.mouse.up()
+    assert len(on_times_us(board, "m2_en")) == 2
+
+
+def test_a_finger_on_a_phone_drives_as_a_mouse_does(open_page, panel, board):
+    page = open_page(panel.url, viewport={"width": 390, "height": 844}, has_touch=True, is_mobile=True)
+    box = page.get_by_role("button", name="DOWN", exact=True).bounding_box()
+    touch = [{"x": box["x"] + box["width"] / 2, "y": box["y"] + box["height"] / 2}]
+    devtools = page.context.new_cdp_session(page)
+    devtools.send("Input.dispatchTouchEvent", {"type": "touchStart", "touchPoints": touch})
+    wait_for_run(board, "m1_en")
+    devtools.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+    wait_for_rest(board)
+    assert legs_used(board) == {"m1_neg"}
+
+
+def test_fine_steps_are_as_many_as_stated(page, board):
+    page.get_by_label("Number of steps").fill("3")
+    page.get_by_role("button", name="left", exact=False).get_by_text("◀ left").click()
+    wait_for_pulses(board, 3)
+    page.get_by_text("−3.000").wait_for()
+    assert on_times_us(board, "m2_en") == [pytest.approx(PULSE_US, abs=50)] * 3
+    assert legs_used(board) == {"m2_neg"}
+
+
+def test_typed_speeds_run_both_motors_until_stop(page, board):
+    page.get_by_label("Speed of motor 1").fill("-100")
+    page.get_by_label("Speed of motor 2").fill("50")
+    page.get_by_role("button", name="OK").click()
+    wait_for(lambda: board.enables() == {"m1_en": 100 * 257, "m2_en": 50 * 257}, "both motors at their speeds")
+    assert legs_used(board) == {"m1_neg", "m2_pos"}
+    page.get_by_role("button", name="STOP").click()
+    wait_for_rest(board)
+
+
+@pytest.mark.parametrize("typed", ["256", "-256", "1.5", "fast", "", "1e2", "٣"])
+def test_a_speed_that_cannot_be_is_told_and_drives_nothing(page, board, typed):
+    page.get_by_label("Speed of motor 1").fill(typed)
+    page.get_by_label("Speed of motor 2").fill("50")
+    page.get_by_role("button", name="OK").click()
+    page.get_by_text("nothing was done: motor 1").wait_for()
+    assert board.edges() == []
+
+
+def test_go_to_makes_the_way_that_is_left(page, board):
+    for target, shown in (("4", "+4.000"), ("1", "+1.000")):
+        page.get_by_label("Target of y").fill(target)
+        page.get_by_label("Target of y").press("Enter")
+        page.get_by_text(shown).wait_for()
+    wait_for_rest(board)
+    assert len(on_times_us(board, "m1_en")) == 7
+
+
+def test_zero_makes_the_present_position_zero(page, board):
+    page.keyboard.press("ArrowRight")
+    page.get_by_text("+1.000").wait_for()
+    page.get_by_role("button", name="Zero").first.click()
+    page.get_by_text("counted").wait_for()
+    page.get_by_text("+1.000").wait_for(state="detached")
+
+
+@pytest.mark.parametrize("how", ["button", "Escape", "Escape in a field"])
+def test_stop_ends_a_move_of_20_steps(page, board, how):
+    page.get_by_label("Number of steps").fill("20")
+    page.get_by_text("right ▶").click()
+    run_until_driving(board)
+    if how == "button":
+        page.get_by_role("button", name="STOP").click()
+    else:
+        if how == "Escape in a field":
+            page.get_by_label("Number of steps").focus()
+        page.keyboard.press("Escape")
+    page.get_by_text("last move: aborted").wait_for()
+    assert not board.driving()
+    assert pulses(board, "m2_pos") < 20
+
+
+def test_an_arrow_key_in_a_field_moves_the_cursor_only(page, board):
+    page.get_by_label("Number of steps").focus()
+    page.keyboard.press("ArrowLeft")
+    page.get_by_role("button", name="UP", exact=True).click()
+    wait_for_pulses(board, 1)
+    assert legs_used(board) == {"m1_pos"}

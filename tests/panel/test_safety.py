@@ -1,0 +1,174 @@
+"""What is driven lives as long as the page that drives it, and a stop always gets through."""
+
+import signal
+
+import pytest
+from running import Network, NotStarted, Panel, run_until_driving, status_after, wait_for_rest
+from served import ServedBoard, wait_for
+
+ABORTED, KEEP_ALIVE = 3, 7
+
+
+@pytest.fixture
+def network(panel):
+    network = Network(panel.port)
+    yield network
+    network.close()
+
+
+def hold(page, board) -> None:
+    """Hold RIGHT until it runs."""
+    page.get_by_role("button", name="RIGHT", exact=True).hover()
+    page.mouse.down()
+    wait_for(lambda: [bool(e["duty"]) for e in board.edges() if e["pin"] == "m2_en"][:3] == [1, 0, 1], "the run")
+
+
+def start_20_steps(page) -> None:
+    page.get_by_label("Number of steps").fill("20")
+    page.get_by_text("right ▶").click()
+
+
+def test_a_tab_that_is_closed_while_held_stops(page, panel, board):
+    hold(page, board)
+    page.close()
+    wait_for_rest(board)
+    assert status_after(panel, board).x.reason == ABORTED
+
+
+def test_a_page_that_freezes_while_held_stops(page, panel, board):
+    hold(page, board)
+    page.evaluate("setTimeout(() => { const end = Date.now() + 5000; while (Date.now() < end); })")
+    wait_for_rest(board)
+    assert status_after(panel, board).x.reason == ABORTED
+
+
+def test_a_network_that_is_cut_while_held_stops(open_page, network, panel, board):
+    page = open_page(network.url)
+    hold(page, board)
+    network.cut()
+    wait_for_rest(board)
+    assert status_after(panel, board).x.reason == ABORTED
+
+
+def test_a_move_of_20_steps_ends_with_the_page_that_asked_for_it(page, panel, board):
+    start_20_steps(page)
+    run_until_driving(board)
+    page.close()
+    wait_for_rest(board)
+    assert status_after(panel, board).x.reason == ABORTED
+
+
+def test_an_order_that_a_stuck_network_has_kept_back_is_not_obeyed(open_page, network, board):
+    page = open_page(network.url)
+    network.cut()
+    start_20_steps(page)
+    page.keyboard.press("ArrowUp")
+    page.wait_for_function("const from = Date.now(); () => Date.now() - from > 1000")
+    network.mend()
+    page.get_by_text("that came late").first.wait_for()
+    assert board.edges() == []
+
+
+def test_a_stop_that_a_stuck_network_has_kept_back_is_obeyed(open_page, network, panel, board):
+    other = open_page(panel.url)  # this one controls
+    page = open_page(network.url)
+    network.cut()
+    page.keyboard.press("Escape")
+    start_20_steps(other)
+    run_until_driving(board)
+    network.mend()
+    wait_for_rest(board)
+    assert status_after(panel, board).x.reason == ABORTED
+
+
+def test_a_window_that_loses_the_focus_while_held_stops(page, board):
+    hold(page, board)
+    page.evaluate("window.dispatchEvent(new Event('blur'))")
+    wait_for_rest(board)
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP])
+def test_a_panel_that_dies_or_freezes_is_stopped_by_the_boards_keep_alive(page, panel, board, how):
+    hold(page, board)
+    panel.process.send_signal(how)
+    wait_for_rest(board)
+    panel.process.send_signal(signal.SIGCONT)
+    assert status_after(panel, board).x.reason == KEEP_ALIVE
+
+
+def test_ending_the_panel_stops_what_moves_and_says_nothing_ill(page, panel, board):
+    hold(page, board)
+    assert panel.end() == ""
+    assert not board.driving()
+
+
+def test_only_one_page_drives_and_the_other_watches(open_page, page, panel, board):
+    watcher = open_page(panel.url)
+    watcher.get_by_text("you watch").wait_for()
+    watcher.get_by_role("button", name="UP", exact=True).click()
+    watcher.get_by_text("another page controls").wait_for()
+    assert board.edges() == []
+
+
+def test_the_page_that_watches_can_stop(open_page, page, panel, board):
+    watcher = open_page(panel.url)
+    start_20_steps(page)
+    run_until_driving(board)
+    watcher.get_by_role("button", name="STOP").click()
+    page.get_by_text("last move: aborted").wait_for()
+    assert not board.driving()
+
+
+def test_whoever_takes_control_stops_what_the_other_drove_and_drives(open_page, page, panel, board):
+    other = open_page(panel.url)
+    start_20_steps(page)
+    run_until_driving(board)
+    other.get_by_role("button", name="Take control").click()
+    page.get_by_text("you watch").wait_for()
+    other.get_by_text("last move: aborted").wait_for()
+    wait_for_rest(board)
+    other.get_by_role("button", name="UP", exact=True).click()
+    wait_for(lambda: any(e["pin"] == "m1_pos" for e in board.edges()), "the step of the other page")
+    page.get_by_role("button", name="DOWN", exact=True).click()
+    page.get_by_text("another page controls").wait_for()
+    assert not any(e["pin"] == "m1_neg" for e in board.edges())
+
+
+def test_a_page_that_comes_after_the_one_that_controlled_has_gone_controls(open_page, page, panel, board):
+    page.close()
+    other = open_page(panel.url)
+    other.get_by_role("button", name="UP", exact=True).click()
+    run_until_driving(board)
+
+
+def test_an_unplugged_board_is_told_and_comes_back_without_moving(page, panel, board, tmp_path):
+    start_20_steps(page)
+    run_until_driving(board)
+    folder = board.link.parent
+    board.end()
+    page.get_by_text("No board:").wait_for()
+    page.get_by_role("button", name="UP", exact=True).click()
+    page.get_by_text("nothing was done").first.wait_for()
+    again = ServedBoard(folder)
+    try:
+        page.get_by_text("the board is back").wait_for()
+        page.get_by_text("No board:").wait_for(state="hidden")
+        assert again.edges() == []
+        page.get_by_role("button", name="UP", exact=True).click()
+        run_until_driving(again)
+    finally:
+        again.end()
+        again.process.stdout.close()
+
+
+def test_an_error_of_the_board_is_shown_with_cause_and_remedy(page, panel, board):
+    page.get_by_label("Target of x").fill("1000000")
+    page.get_by_label("Target of x").press("Enter")
+    page.get_by_text("the board says 201").first.wait_for()
+    assert board.edges() == []
+
+
+def test_a_panel_without_a_board_says_so_in_one_line(tmp_path):
+    with pytest.raises(NotStarted) as e:
+        Panel(str(tmp_path / "nothing"), tmp_path)
+    assert str(e.value) == f"mirrormount: {tmp_path}/nothing: there is no such port (see: mirrormount ports)\n"
