@@ -35,7 +35,12 @@ class Need(NamedTuple):
     not_run: Tuple[str, ...]  # tests, as pytest names them: a folder, a file or file::test
 
 
+def _has_browser() -> bool:
+    return any(shutil.which(name) for name in ("chromium", "chromium-browser", "google-chrome"))
+
+
 _EMULATED = ("tests/emulated",)
+_IN_A_BROWSER = tuple(f"tests/panel/test_{name}.py" for name in ("driving", "safety", "door", "cards"))
 NEEDS: Tuple[Need, ...] = (
     Need("node", "nodejs", "runs the emulated RP2040", _EMULATED),
     Need("npm", "npm", "installs the emulator's core", _EMULATED),
@@ -46,13 +51,14 @@ NEEDS: Tuple[Need, ...] = (
     Need("make", "make", "builds its MicroPython image", _EMULATED),
     Need("gcc", "gcc", "builds its MicroPython image", _EMULATED),
     Need("dpkg-source", "dpkg-dev", "unpacks the image's sources", _EMULATED),
+    Need(_has_browser, "chromium", "is the browser in front of the panel", _IN_A_BROWSER),
 )
 
 WANTED = bootstrap.Wanted(
     purpose="tests",
     pip_arguments=[["-r", "tests/requirements.txt"], ["--no-deps", "-e", "."]],
     files=["tests/requirements.txt", "pyproject.toml", "firmware_py/mountfw/__init__.py"],
-    modules=["serial", "numpy", "matplotlib", "pytest", "hypothesis", "schemdraw", "mpremote"],
+    modules=["serial", "numpy", "matplotlib", "pytest", "hypothesis", "schemdraw", "mpremote", "nicegui", "playwright"],
 )
 
 # pytest stays last, so that its own count of passed tests is the last thing above the summary
