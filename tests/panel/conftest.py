@@ -1,16 +1,13 @@
 """Fixtures: a virtual board, the panel on it, and a real browser in front of it."""
 
 import os
-import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 from playwright.sync_api import Browser, Page, sync_playwright
-from running import Panel
+from running import CHROMIUM, Panel
 from served import ServedBoard
-
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 
 
 @pytest.fixture(scope="session")

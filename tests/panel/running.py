@@ -3,6 +3,7 @@
 import contextlib
 import os
 import select
+import shutil
 import signal
 import socket
 import subprocess
@@ -14,6 +15,8 @@ from served import PATIENCE_S, ServedBoard, wait_for
 
 from mirrormount import Mount
 from mirrormount.status import Status
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 
 
 class NotStarted(Exception):

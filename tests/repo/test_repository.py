@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from mirrormount import errors as host
+from mirrormount.remedies import REMEDIES
 from mirrormount.virtual.wiring import DRIVES, SWITCHES
 from mountfw import errors as wire
 from mountfw.boards import pico, pico_drv8833
@@ -120,6 +121,14 @@ def test_every_error_of_the_host_is_documented_with_cause_and_remedy():
     }
     assert set(rows) - {"error"} == kinds
     assert all(cause and remedy for cause, remedy in (r for n, r in rows.items() if n in kinds))
+
+
+def test_cause_and_remedy_that_a_program_shows_are_those_of_the_page():
+    rows = documented("Numbered errors of the board") | documented("Errors of the host")
+    for error, shown in REMEDIES.items():
+        page = [re.sub(r"\[([^]]*)\]\([^)]*\)", r"\1", cell).replace("`", "") for cell in rows[error][-2:]]
+        assert page == [shown.cause, shown.remedy]
+    assert {n for n in documented("Numbered errors of the board") if re.fullmatch(r"n?\d+", n)} <= set(REMEDIES)
 
 
 def test_every_reason_is_documented():

@@ -3,6 +3,7 @@
 Every order comes as one JSON object; parse() turns it into one of these, or says what is wrong with it.
 """
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -103,8 +104,5 @@ def _whole(message: Mapping[str, Any], key: str, most: int, what: str) -> int:
         text = value.strip().replace("\N{MINUS SIGN}", "-")
         if not text:
             raise BadValue(f"{what}: type a number")
-        try:
-            value = int(text) if text.isascii() else text
-        except ValueError:
-            value = text
+        value = int(text) if re.fullmatch(r"[+-]?[0-9]{1,9}", text) else text[:40]
     return whole_number(value, most, what)

@@ -1,0 +1,147 @@
+"""What the panel shows and changes beside driving: settings, errors, lamps, wire, screen, looks."""
+
+import re
+
+import pytest
+from running import Panel
+from served import wait_for
+
+
+def open_settings(page) -> None:
+    page.get_by_text("Limits, take-up, pulse and speed").click()
+    page.get_by_label("x: length of a step's pulse, us").wait_for()
+    wait_for_value(page, "x: length of a step's pulse, us", "200000")
+
+
+def wait_for_value(page, label: str, value: str) -> None:
+    page.wait_for_function(
+        '([label, value]) => document.querySelector(`[aria-label="${label}"]`)?.value === value', arg=[label, value]
+    )
+
+
+def on_times_us(board, enable: str) -> list[int]:
+    edges = [e for e in board.edges() if e["pin"] == enable]
+    return [off["t_us"] - on["t_us"] for on, off in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def test_a_pulse_that_is_set_is_the_pulse_that_is_made(page, board):
+    open_settings(page)
+    page.get_by_label("x: length of a step's pulse, us").fill("50000")
+    page.get_by_role("button", name="Apply").click()
+    page.get_by_text("applied").wait_for()
+    page.get_by_role("button", name="RIGHT", exact=True).click()
+    page.get_by_text("+1.000").wait_for()
+    assert on_times_us(board, "m2_en") == [pytest.approx(50_000, abs=50)]
+
+
+@pytest.mark.parametrize(
+    ("label", "typed", "told"),
+    [
+        ("x: length of a step's pulse, us", "199", "x.pulse_us is within 200"),
+        ("y: duty of a run, 1 … 255", "full", "a number, not 'full'"),
+        ("y: steps per second", "1.234", "at most 2 decimals"),
+    ],
+)
+def test_a_setting_that_cannot_be_is_told_and_none_is_changed(page, label, typed, told):
+    open_settings(page)
+    page.get_by_label("x: drive that takes up the backlash, us; 0: off").fill("1000")
+    page.get_by_label(label).fill(typed)
+    page.get_by_role("button", name="Apply").click()
+    page.get_by_text(told).wait_for()
+    page.get_by_role("button", name="Restore saved").click()
+    wait_for_value(page, "x: drive that takes up the backlash, us; 0: off", "0")
+
+
+def test_saved_settings_come_back_and_others_do_not(page):
+    open_settings(page)
+    label = "y: drive that takes up the backlash, us; 0: off"
+    page.get_by_label(label).fill("3000")
+    page.get_by_role("button", name="Save on the board").click()
+    page.get_by_text("saved on the board").wait_for()
+    page.get_by_label(label).fill("4000")
+    page.get_by_role("button", name="Apply").click()
+    page.get_by_text("applied").last.wait_for()
+    wait_for_value(page, label, "4000")
+    page.get_by_role("button", name="Restore saved").click()
+    wait_for_value(page, label, "3000")
+    page.get_by_role("button", name="Factory").click()
+    wait_for_value(page, label, "0")
+
+
+def test_a_move_beyond_a_soft_limit_is_refused_with_its_reason(page, board):
+    open_settings(page)
+    page.get_by_label("x: positive soft limit, steps").fill("3")
+    page.get_by_label("x: 1 ignores end-stops + 8 checks soft limits").fill("8")
+    page.get_by_role("button", name="Apply").click()
+    page.get_by_text("applied").wait_for()
+    page.get_by_label("Target of x").fill("4")
+    page.get_by_label("Target of x").press("Enter")
+    page.get_by_text("the board says 206: ").first.wait_for()
+    assert board.edges() == []
+
+
+def test_an_error_in_a_motion_is_listed_with_cause_and_remedy(page, board):
+    open_settings(page)
+    page.get_by_label("y: longest run, ms").fill("100")
+    page.get_by_role("button", name="Apply").click()
+    page.get_by_text("applied").wait_for()
+    page.get_by_label("Speed of motor 1").fill("255")
+    page.get_by_role("button", name="OK", exact=True).first.click()
+    page.get_by_text("the board says 140: ").wait_for()
+    page.get_by_text("Cause: One run or one frame drove for as long as XM allows.").wait_for()
+    page.get_by_text("Remedy: Send the next one in time, or raise XM.").wait_for()
+    page.get_by_text("last move: run limit reached").wait_for()
+
+
+def test_certainty_is_unknown_first_then_counted_and_estimated_after_a_run(page):
+    page.get_by_text("position unknown").nth(1).wait_for()
+    page.get_by_role("button", name="Zero").first.click()
+    page.get_by_text("counted").wait_for()
+    page.keyboard.down("ArrowRight")
+    page.get_by_text("estimated").wait_for()
+    page.keyboard.up("ArrowRight")
+
+
+def test_the_wire_log_shows_both_directions_without_the_polls(page):
+    page.get_by_text("What goes over the wire").click()
+    page.keyboard.press("ArrowUp")
+    log = page.locator(".wire")
+    log.get_by_text(re.compile("→ .*1PR1")).wait_for()
+    assert "XS?" not in log.inner_text()
+
+
+def test_a_virtual_board_shows_its_spot_and_follows_it(open_page, tmp_path):
+    panel = Panel("virtual://", tmp_path)
+    try:
+        page = open_page(panel.url)
+        page.locator("canvas[data-screen]").wait_for()
+        before = page.locator("canvas[data-screen]").screenshot()
+        page.keyboard.down("ArrowRight")
+        page.get_by_text(re.compile(r"\+[3-9]\.")).wait_for()
+        page.keyboard.up("ArrowRight")
+        wait_for(lambda: page.locator("canvas[data-screen]").screenshot() != before, "another picture")
+    finally:
+        panel.kill()
+
+
+@pytest.mark.parametrize("width", [390, 1600])
+@pytest.mark.parametrize("colors", ["light", "dark"])
+def test_nothing_is_cut_off_at_the_side_and_stop_is_in_sight(open_page, panel, width, colors):
+    page = open_page(panel.url, viewport={"width": width, "height": 844}, color_scheme=colors)
+    open_settings(page)
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    for where in ("0", "document.body.scrollHeight"):
+        page.evaluate(f"window.scrollTo(0, {where})")
+        box = page.get_by_role("button", name="STOP").bounding_box()
+        assert box["x"] >= 0 and box["x"] + box["width"] <= width
+        assert box["y"] >= 0 and box["y"] + box["height"] <= 844
+
+
+def test_every_control_can_be_reached_with_the_tab_key(page):
+    everything = page.locator("button:visible, input:visible").count()
+    reached = set()
+    for _ in range(3 * everything):
+        page.keyboard.press("Tab")
+        reached.add(page.evaluate("document.activeElement.outerHTML"))
+    named = {"data-stop", 'data-press="x+"', 'name="speed"', 'name="m1"', 'name="target_y"', 'name="steps"'}
+    assert {name for name in named if not any(name in html for html in reached)} == set()

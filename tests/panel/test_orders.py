@@ -1,0 +1,60 @@
+"""What a page may ask for, and what is refused before anything is sent."""
+
+import pytest
+
+from mirrormount.errors import BadValue
+from mirrormount.panel.orders import Drive, GoTo, Home, Press, Steps, parse
+
+PRESS = {"do": "press", "axis": "x", "way": 1, "speed": "128"}
+
+
+@pytest.mark.parametrize(
+    ("message", "order"),
+    [
+        ({"do": "drive", "m1": "-255", "m2": " 7 "}, Drive(-255, 7)),
+        ({"do": "steps", "axis": "y", "n": "-3"}, Steps("y", -3)),
+        ({"do": "steps", "axis": "y", "n": "\N{MINUS SIGN}3"}, Steps("y", -3)),
+        ({"do": "goto", "axis": "x", "to": "0"}, GoTo("x", 0)),
+        ({"do": "home", "axis": "x"}, Home("x")),
+        (PRESS, Press("x", 1, 128, False)),
+        (PRESS | {"coarse": True}, Press("x", 1, 128, True)),
+    ],
+)
+def test_an_order_is_understood(message, order):
+    assert parse(message) == order
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        {},
+        {"do": "dance", "axis": "x"},
+        {"do": "steps", "axis": "z", "n": "1"},
+        {"do": "steps", "axis": ["x"], "n": "1"},
+        {"do": "steps", "axis": "x", "n": "0"},
+        {"do": "steps", "axis": "x", "n": "1000001"},
+        {"do": "steps", "axis": "x", "n": "1_000"},
+        {"do": "steps", "axis": "x", "n": None},
+        {"do": "steps", "axis": "x", "n": 1.0},
+        {"do": "steps", "axis": "x", "n": True},
+        {"do": "goto", "axis": "x"},
+        {"do": "drive", "m1": "1"},
+        {"do": "drive", "m1": "256", "m2": "0"},
+        PRESS | {"way": 0},
+        PRESS | {"way": 2},
+        PRESS | {"speed": "0"},
+        PRESS | {"speed": "-5"},
+        PRESS | {"speed": "9" * 5000},
+    ],
+)
+def test_what_is_no_order_is_refused_in_words(message):
+    with pytest.raises(BadValue) as e:
+        parse(message)
+    assert len(str(e.value).splitlines()) == 1
+
+
+def test_a_coarse_press_is_ten_steps_and_full_speed():
+    assert parse(PRESS | {"way": -1, "coarse": True}).steps == -10
+    assert parse(PRESS | {"way": -1, "coarse": True}).run == -1.0
+    assert parse(PRESS).steps == 1
+    assert parse(PRESS).run == pytest.approx(128 / 255)
