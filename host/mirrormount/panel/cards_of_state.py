@@ -34,7 +34,8 @@ def axis(pilot: Pilot, name: str) -> Refresh:
         with ui.element("div").classes("line"):
             position = ui.label().classes("position mono")
             ui.label("steps").classes("unit")
-            mrad = ui.label().classes("mrad mono")
+            with ui.label().classes("mrad mono") as mrad:
+                ui.tooltip("Of the mirror: steps times the scale that was measured, the mean of both directions.")
             ui.element("span").classes("spring")
             target = ui.label().classes("hint mono")
         with ui.element("div").classes("lamps"):
@@ -78,7 +79,7 @@ class _Lamp:
             self._dot = ui.element("span").classes("lamp")
             self._word = ui.label(word)
             self._why = ui.tooltip("")
-        self._state = ("", "", "")
+        self._state: tuple[str, str, str] | None = None
 
     def show(self, state: str, word: str = "", why: str = "") -> None:
         """state: "" (off), on, warn or bad."""

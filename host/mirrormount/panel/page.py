@@ -11,7 +11,6 @@ from mirrormount.panel.pilot import Pilot
 
 STATIC = Path(__file__).parent / "static"
 _REFRESH_S = 0.1
-_COLOURS = {"primary": "#0b6e75", "negative": "#c8102e", "positive": "#2b8a3e", "warning": "#b35c00"}
 _HEAD = """<link rel="stylesheet" href="/panel/panel.css">
 <script src="/panel/panel.js" defer></script><script src="/panel/screen.js" defer></script>"""
 _MODES = {None: "brightness_auto", False: "light_mode", True: "dark_mode"}
@@ -32,7 +31,6 @@ def register(desk: Desk, pilot: Pilot, link: str | None) -> None:
 
 
 def _build(page: Page, desk: Desk, pilot: Pilot, link: str | None) -> None:
-    ui.colors(**_COLOURS)
     ui.add_head_html(_HEAD)
     refreshes: list[Refresh] = [_header(page, desk, pilot, link)]
     with ui.element("main").classes("cards").props(f'data-page="{page.key}"'):

@@ -25,7 +25,7 @@
   // Left, right, bottom, top of the picture: what has been seen, with some room, and never too close.
   function fit() {
     const reach = Math.max(...spot.map(Math.abs), 0) * 1.15;
-    while (half < reach) half *= 1.5;
+    while (half < reach) half *= 1.25;
   }
 
   function draw() {
@@ -70,7 +70,7 @@
       pen.moveTo(0, p);
       pen.lineTo(size, p);
       pen.stroke();
-      if (i) pen.fillText(`${i * mm}`, p + 3, size / 2 - 4);
+      if (i && p < size * 0.88) pen.fillText(`${i * mm}`, p + 3, size / 2 - 4);
     }
     pen.fillText("mm", size - size / 14, size / 2 - 4);
   }
