@@ -10,13 +10,13 @@ import sys
 import tempfile
 from pathlib import Path
 
-from playwright.sync_api import Page, sync_playwright
+from playwright.sync_api import Page, ViewportSize, sync_playwright
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT / "tests" / "panel"), str(ROOT / "tests" / "host")]
 from running import CHROMIUM, Panel  # noqa: E402
 
-DESK, PHONE = {"width": 1600, "height": 1000}, {"width": 390, "height": 844}
+DESK, PHONE = ViewportSize(width=1600, height=1000), ViewportSize(width=390, height=844)
 _SQUARE = ("right ▶", "up ▲", "◀ left", "▼ down")
 _STEPS = 8
 _PATIENCE_MS = 60_000

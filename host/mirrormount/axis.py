@@ -157,7 +157,7 @@ class Axis:
         if duty == 0:
             raise BadValue(f"a jog's speed comes in steps of 1/255: {speed!r} is none")
         a, mount = self.number, self._mount
-        stops = mount._stops
+        stops = mount._count_stops()
         if self.status().moving:  # what is under way gives way
             self.stop()
         run_duty, limit_ms = mount.ask(f"{a}XV?;{a}XM?").split("; ")
@@ -201,7 +201,7 @@ class Axis:
 
     def _move(self, mnemonic: str, value: int, n: int, wait: bool, feed: bool) -> None:
         a, mount = self.number, self._mount
-        stops = mount._stops
+        stops = mount._count_stops()
         pulse_us, velocity = mount.ask(f"{a}XP?;{a}VA?").split("; ")
         period_s = max(1 / float(velocity), int(pulse_us) * 1e-6 + 1e-3)
         mount._start(f"{a}{mnemonic}{value}", stops)
@@ -214,7 +214,7 @@ class Axis:
     def _seek(self, command: str) -> None:
         """Begin to look for a switch. The move limit bounds the time under drive; slow pulses have rests between."""
         mount = self._mount
-        stops = mount._stops
+        stops = mount._count_stops()
         limit_ms, pulse_us = self.ask_whole("XT?", "XP?")
         slow_us = max(pulse_us // 8, 200)
         longest_s = limit_ms / 1000 * (1 + max(slow_us, 20_000) / slow_us)

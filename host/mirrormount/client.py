@@ -13,7 +13,7 @@ import contextlib
 import logging
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Self
 
 from mirrormount import settings
@@ -68,6 +68,8 @@ class Mount:
         self._feed_lock = threading.Lock()
         self._feeds = 0  # motions started: a feeder that ends looks whether one came meanwhile
         self._stops = 0  # stops asked for: a motion that began before one must not start after it
+        self._since: int | None = None  # what they were when unless_stopped() began
+        self._gate = threading.Lock()  # held for the writing of a stop, and of what starts a motion
         self._lost: MountError | None = None
         self._boot_id: int | None = None
         self.status()
@@ -125,11 +127,21 @@ class Mount:
     def halt(self) -> None:
         """Send the stop and return at once, whatever another thread is doing; stop() also makes sure of it.
 
-        What was about to start in another thread may still start: call stop() next. Raises ConnectionLost.
+        A motion that another thread is about to start does not start after it. Raises ConnectionLost.
         """
-        self._stops += 1
-        self._feeding.clear()
-        self.link.port.write(b"!\n")
+        with self._gate:
+            self._stops += 1
+            self._feeding.clear()
+            self.link.port.write(b"!\n")
+
+    @contextlib.contextmanager
+    def unless_stopped(self) -> Iterator[None]:
+        """What is started inside starts only if there was no stop since this block began, by any thread."""
+        self._since = self._stops
+        try:
+            yield
+        finally:
+            self._since = None
 
     def drive(self, m1: int, m2: int, *, feed: bool = True) -> None:
         """Drive motor 1 (vertical) and motor 2 (horizontal) at -255 ... 255, 0 is off.
@@ -139,13 +151,12 @@ class Mount:
         it alive: by asking for status(), say, every KEEP_ALIVE_MS at least. Raises BadValue.
         """
         frame = encode(whole_number(m1, 255, "m1"), whole_number(m2, 255, "m2"))
-        stops = self._stops
+        stops = self._count_stops()
         self._check_lost()
         limit_s = max(self.x.run_limit_s, self.y.run_limit_s)
         with self.link.lock:
             self._take_old_errors()
-            self._check_stops(stops)
-            line = self.link.ask(b"XK%d\n%s\nXS?\n" % (KEEP_ALIVE_MS, frame), _ANSWER_S)
+            line = self.link.ask(b"XK%d\n%s\nXS?\n" % (KEEP_ALIVE_MS, frame), _ANSWER_S, self._open_gate(stops))
             if line == frame.decode():
                 for _ in range(4):
                     self.link.read_line(_ANSWER_S)
@@ -228,9 +239,14 @@ class Mount:
         """
         if not (line.isascii() and line.isprintable() and line.strip()):
             raise BadValue(f"a command line is printable ASCII, not {line!r}")
+        return self._send(line)
+
+    # ---- for the axes
+
+    def _send(self, line: str, gate: contextlib.AbstractContextManager[object] | None = None) -> str:
         with self.link.lock:
             self._take_old_errors()
-            *answers, error = self.ask(f"{line};TB?").split("; ")
+            *answers, error = self.link.ask(f"{line};TB?\n".encode("ascii"), _ANSWER_S, gate).split("; ")
             if "*RST" in line.upper():
                 self._boot_id = None  # the next status tells the new one
             if not error.startswith("0,"):
@@ -238,21 +254,24 @@ class Mount:
                 raise _board_error(error.rpartition(">")[2])
             return "; ".join(answers)
 
-    # ---- for the axes
-
     def _start(self, command: str, stops: int) -> None:
         """Send a command that starts a motion, with its keep-alive. Raises BoardError if refused.
 
-        stops is what self._stops was when the caller began: after a stop since then, it does not start.
+        stops is what _count_stops() said when the caller began: after a stop since then, it does not start.
         """
         self._check_lost()
-        with self.link.lock:
-            self._check_stops(stops)
-            self.send(f"XK{KEEP_ALIVE_MS};{command}")
+        self._send(f"XK{KEEP_ALIVE_MS};{command}", self._open_gate(stops))
 
-    def _check_stops(self, stops: int) -> None:
-        if stops != self._stops:
-            raise MoveEnded("mount", wire.ABORTED, 0, None, ["stopped before it began"])
+    def _count_stops(self) -> int:
+        return self._stops if self._since is None else self._since
+
+    @contextlib.contextmanager
+    def _open_gate(self, stops: int) -> Iterator[None]:
+        """Inside, no other thread sends a stop. Raises MoveEnded if one has since they were counted."""
+        with self._gate:
+            if stops != self._stops:
+                raise MoveEnded("mount", wire.ABORTED, 0, None, ["stopped before it began"])
+            yield
 
     def _take_old_errors(self) -> None:
         """Those that waited from before must not be taken for a refusal of what comes now."""

@@ -10,6 +10,7 @@ import socket
 import sys
 import threading
 import time
+from contextlib import AbstractContextManager, nullcontext
 from typing import Protocol
 
 import serial
@@ -201,13 +202,14 @@ class Link:
         with self.lock:
             self.port.write(data)
 
-    def ask(self, data: bytes, timeout_s: float) -> str:
-        """Send, and return the next line. Raises NoAnswer, ConnectionLost."""
+    def ask(self, data: bytes, timeout_s: float, gate: AbstractContextManager[object] | None = None) -> str:
+        """Send, and return the next line. The sending is done inside gate. Raises NoAnswer, ConnectionLost."""
         with self.lock:
             if self._stale:
                 self.drain(_LATE_S)
             self._stale = True  # until the answer is here: Ctrl-C may come before it
-            self.port.write(data)
+            with gate or nullcontext():
+                self.port.write(data)
             return self.read_line(timeout_s)
 
     def read_line(self, timeout_s: float) -> str:

@@ -373,3 +373,25 @@ def test_a_drv8833_board_moves_the_spot_too():
 def test_a_virtual_address_with_an_unknown_option_is_refused(address):
     with pytest.raises(errors.BadAddress):
         Mount.open(address)
+
+
+@pytest.mark.parametrize("start", ["step", "jog", "drive", "start_homing"])
+def test_nothing_starts_in_a_block_after_a_stop_in_it(mount, start):
+    starts = {
+        "step": lambda: mount.x.step(3),
+        "jog": lambda: mount.x.jog(1),
+        "drive": lambda: mount.drive(100, 100),
+        "start_homing": mount.x.start_homing,
+    }
+    with mount.unless_stopped():
+        mount.halt()
+        with pytest.raises(errors.MoveEnded):
+            starts[start]()
+    mount.sleep(1)
+    assert mount.link.port.world.edges == []
+
+
+def test_without_feeding_a_motion_ends_by_its_keep_alive(mount):
+    mount.x.jog(1, feed=False)
+    mount.link.sleep(1)
+    assert mount.status().x.reason == 7

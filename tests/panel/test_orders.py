@@ -3,7 +3,7 @@
 import pytest
 
 from mirrormount.errors import BadValue
-from mirrormount.panel.orders import Drive, GoTo, Home, Press, Steps, parse
+from mirrormount.panel.orders import Drive, GoTo, Home, Press, Steps, Zero, parse
 
 PRESS = {"do": "press", "axis": "x", "way": 1, "speed": "128"}
 
@@ -16,6 +16,7 @@ PRESS = {"do": "press", "axis": "x", "way": 1, "speed": "128"}
         ({"do": "steps", "axis": "y", "n": "\N{MINUS SIGN}3"}, Steps("y", -3)),
         ({"do": "goto", "axis": "x", "to": "0"}, GoTo("x", 0)),
         ({"do": "home", "axis": "x"}, Home("x")),
+        ({"do": "zero", "axis": "y"}, Zero("y")),
         (PRESS, Press("x", 1, 128, False)),
         (PRESS | {"coarse": True}, Press("x", 1, 128, True)),
     ],

@@ -172,3 +172,15 @@ def test_a_panel_without_a_board_says_so_in_one_line(tmp_path):
     with pytest.raises(NotStarted) as e:
         Panel(str(tmp_path / "nothing"), tmp_path)
     assert str(e.value) == f"mirrormount: {tmp_path}/nothing: there is no such port (see: mirrormount ports)\n"
+
+
+def test_a_page_that_watches_cannot_change_settings_or_the_zero(open_page, page, panel, board):
+    watcher = open_page(panel.url)
+    page.keyboard.press("ArrowRight")
+    watcher.get_by_text("+1.000").wait_for()
+    watcher.get_by_role("button", name="Zero").first.click()
+    watcher.get_by_text("another page controls").wait_for()
+    watcher.get_by_text("Limits, take-up, pulse and speed").click()
+    watcher.get_by_role("button", name="Factory").click()
+    watcher.get_by_text("another page controls").nth(1).wait_for()
+    assert watcher.get_by_text("+1.000").count() == 1

@@ -10,7 +10,7 @@ from mirrormount.errors import BadValue
 from mirrormount.panel.asking import ask
 from mirrormount.panel.cards_of_motion import card
 from mirrormount.panel.pilot import Pilot
-from mirrormount.settings import AXES, SETTINGS, Setting
+from mirrormount.settings import AXES, SETTINGS
 
 # the board's names in the order and the words of a person at the bench
 _GROUPS = (
@@ -19,77 +19,91 @@ _GROUPS = (
     ("Limits", ("checking", "soft_minimum", "soft_maximum", "run_limit_ms", "move_limit_ms")),
     ("Wiring", ("inverted", "switches", "motor_type")),
 )
+_NAMES = [name for _, names in _GROUPS for name in names]
 
 
-def build(pilot: Pilot) -> Callable[[], None]:
-    """A card that opens to all settings."""
-    fields: dict[tuple[str, str], ui.input] = {}
+def build(pilot: Pilot, may_change: Callable[[], bool]) -> None:
+    """A card that opens to all settings. may_change: whether this page controls."""
     with card("Settings"), ui.expansion("Limits, take-up, pulse and speed").classes("fold") as fold:
+        form = _Form(pilot, may_change)
+        with ui.element("div").classes("line"):
+            ui.button("Apply", on_click=form.apply).props("no-caps unelevated")
+            ui.button("Save on the board", on_click=form.save).props("no-caps outline")
+            ui.button("Restore saved", on_click=form.restore).props("no-caps flat")
+            ui.button("Factory", on_click=form.factory).props("no-caps flat")
+        ui.label("Applied settings last until the board restarts, unless they are saved.").classes("hint")
+    fold.on_value_change(lambda e: form.read() if e.value else None)
+
+
+class _Form:
+    """A field for every setting of both axes, and what the buttons do."""
+
+    def __init__(self, pilot: Pilot, may_change: Callable[[], bool]) -> None:
+        self._pilot = pilot
+        self._may_change = may_change
+        self._fields: dict[tuple[str, str], ui.input] = {}
         for title, names in _GROUPS:
             ui.label(title).classes("group")
             for name in names:
-                _row(name, fields)
-        with ui.element("div").classes("line"):
-            ui.button("Apply", on_click=lambda: _apply(pilot, fields)).props("no-caps unelevated")
-            ui.button("Save on the board", on_click=lambda: _save(pilot, fields)).props("no-caps outline")
-            ui.button("Restore saved", on_click=lambda: _recall(pilot, fields)).props("no-caps flat")
-            ui.button("Factory", on_click=lambda: _recall(pilot, fields, factory=True)).props("no-caps flat")
-        ui.label("Applied settings last until the board restarts, unless they are saved.").classes("hint")
-    fold.on_value_change(lambda e: _read(pilot, fields) if e.value else None)
-    return lambda: None
+                self._row(name)
 
+    def _row(self, name: str) -> None:
+        what = SETTINGS[name].what
+        with ui.element("div").classes("setting"):
+            ui.label(what).classes("grow")
+            for axis in AXES:
+                field = ui.input(axis).props(f'dense outlined inputmode=decimal aria-label="{axis}: {what}"')
+                self._fields[axis, name] = field.props("hide-bottom-space")
 
-def _row(name: str, fields: dict[tuple[str, str], ui.input]) -> None:
-    setting: Setting = SETTINGS[name]
-    with ui.element("div").classes("setting"):
-        ui.label(setting.what).classes("grow")
-        for axis in AXES:
-            label = f"{axis}: {setting.what}"
-            field = ui.input(axis).props(f'dense outlined inputmode=decimal hide-bottom-space aria-label="{label}"')
-            fields[axis, name] = field
+    async def read(self) -> None:
+        """Show what the board has now."""
+        settings = await ask(self._pilot, lambda mount: mount.settings())
+        if settings:
+            for (axis, name), field in self._fields.items():
+                field.set_value(str(settings[axis][name]))
 
+    async def apply(self) -> bool:
+        """Have the board take what is typed: all of it, or nothing. True if it did."""
+        try:
+            wanted = {axis: {name: self._typed(axis, name) for name in _NAMES} for axis in AXES}
+        except BadValue as e:
+            ui.notify(f"nothing was changed: {e}", type="warning", position="top", close_button="OK")
+            return False
+        done = await self._change(lambda mount: mount.apply(wanted), "applied")
+        if done:
+            await self.read()
+        return done
 
-async def _read(pilot: Pilot, fields: dict[tuple[str, str], ui.input]) -> None:
-    settings = await ask(pilot, lambda mount: mount.settings())
-    if settings:
-        for (axis, name), field in fields.items():
-            field.set_value(f"{settings[axis][name]:g}" if name == "velocity" else str(settings[axis][name]))
+    async def save(self) -> None:
+        """Apply, and keep it on the board for its next start."""
+        if await self.apply():
+            await self._change(lambda mount: mount.save(), "saved on the board")
 
+    async def restore(self) -> None:
+        """Back to what is saved on the board."""
+        if await self._change(lambda mount: mount.recall(), "restored"):
+            await self.read()
 
-async def _apply(pilot: Pilot, fields: dict[tuple[str, str], ui.input]) -> bool:
-    try:
-        wanted = {axis: {name: _typed(axis, name, fields[axis, name].value) for name in _names()} for axis in AXES}
-    except BadValue as e:
-        ui.notify(f"nothing was changed: {e}", type="warning", position="top", close_button="OK")
-        return False
-    done = await ask(pilot, lambda mount: _applied(mount, wanted), "applied")
-    await _read(pilot, fields)
-    return bool(done)
+    async def factory(self) -> None:
+        """Back to the settings as made; what is saved stays."""
+        if await self._change(lambda mount: mount.recall(factory=True), "factory settings"):
+            await self.read()
 
+    async def _change(self, work: Callable[[Mount], None], done: str) -> bool:
+        if not self._may_change():
+            ui.notify("nothing was done: another page controls; take control first", type="warning", position="top")
+            return False
 
-def _applied(mount: Mount, wanted: dict[str, dict[str, Any]]) -> bool:
-    mount.apply(wanted)
-    return True
+        def change(mount: Mount) -> bool:
+            work(mount)
+            return True
 
+        return bool(await ask(self._pilot, change, done))
 
-async def _save(pilot: Pilot, fields: dict[tuple[str, str], ui.input]) -> None:
-    if await _apply(pilot, fields):
-        await ask(pilot, lambda mount: mount.save(), "saved on the board")
-
-
-async def _recall(pilot: Pilot, fields: dict[tuple[str, str], ui.input], *, factory: bool = False) -> None:
-    await ask(pilot, lambda mount: mount.recall(factory=factory), "factory settings" if factory else "restored")
-    await _read(pilot, fields)
-
-
-def _names() -> list[str]:
-    return [name for _, names in _GROUPS for name in names]
-
-
-def _typed(axis: str, name: str, text: str | None) -> int | float:
-    """The number that was typed. Raises BadValue; whether it may be is asked of SETTINGS and of the board."""
-    text = (text or "").strip()
-    try:
-        return float(text) if SETTINGS[name].decimals else int(text)
-    except ValueError:
-        raise BadValue(f"{axis}, {SETTINGS[name].what}: a number, not {text!r}") from None
+    def _typed(self, axis: str, name: str) -> Any:
+        """The number that was typed. Raises BadValue; whether it may be, SETTINGS and the board say."""
+        text = (self._fields[axis, name].value or "").strip()
+        try:
+            return float(text) if SETTINGS[name].decimals else int(text)
+        except ValueError:
+            raise BadValue(f"{axis}, {SETTINGS[name].what}: a number, not {text!r}") from None

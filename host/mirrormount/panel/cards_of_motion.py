@@ -1,7 +1,6 @@
 """The three ways to drive: press and hold, numbers of steps, typed speeds. What they send: static/panel.js."""
 
 import json
-from collections.abc import Callable
 
 from nicegui import ui
 
@@ -21,7 +20,7 @@ _SLIDER = (
 )
 
 
-def hold() -> Callable[[], None]:
+def hold() -> None:
     """The pad: a short press is one step, a long one runs at the slider's speed while it lasts."""
     with card("Press and hold"):
         with ui.element("div").classes("pad"):
@@ -41,10 +40,9 @@ def hold() -> Callable[[], None]:
             f"Short press: {FINE_STEPS} step. Longer than {HOLD_S:g} s: runs until you let go. Arrow keys do the same;"
             f" with Shift {COARSE_STEPS} steps, and full speed."
         ).classes("hint")
-    return _nothing
 
 
-def by_numbers() -> Callable[[], None]:
+def by_numbers() -> None:
     """Steps by a stated number, and speeds for both motors with OK."""
     with card("Fine steps"):
         with ui.element("div").classes("line"):
@@ -65,7 +63,6 @@ def by_numbers() -> Callable[[], None]:
             f"−{FULL} … {FULL}, 0 is off. Motor 1 up and down, motor 2 right and left. They run until STOP,"
             " the board's run limit, or the end of this page."
         ).classes("hint")
-    return _nothing
 
 
 def card(title: str) -> ui.element:
@@ -87,7 +84,3 @@ def send(word: str, order: dict, fields: str = "", *, sign: int = 1, enter: str 
     """A button that gives an order."""
     props = f"no-caps unelevated data-send='{json.dumps(order)}' data-fields='{fields}' data-sign='{sign}'"
     return ui.button(word).props(f"{props} data-enter='{enter}'")
-
-
-def _nothing() -> None:
-    pass

@@ -46,7 +46,7 @@ def axis(pilot: Pilot, name: str) -> Refresh:
             number(f"target_{name}", "0", f"Target of {name}, in steps").classes("grow")
             send("Go to", {"do": "goto", "axis": name}, f"to:target_{name}", enter=f"target_{name}")
             send("Home", {"do": "home", "axis": name}).props("flat")
-            ui.button("Zero", on_click=lambda: _zero(pilot, name)).props("no-caps flat")
+            send("Zero", {"do": "zero", "axis": name}).props("flat")
 
     def refresh() -> None:
         status: AxisStatus | None = getattr(pilot.status, name, None)
@@ -92,12 +92,6 @@ class _Lamp:
             self._word.set_text(word)
         self._why.set_text(why)
         self._why.set_visibility(bool(why))
-
-
-async def _zero(pilot: Pilot, name: str) -> None:
-    from mirrormount.panel.asking import ask
-
-    await ask(pilot, lambda mount: getattr(mount, name).zero(), f"{name}: this position is 0 now")
 
 
 def plot(pilot: Pilot) -> Refresh:

@@ -68,7 +68,14 @@ class Home:
     axis: str
 
 
-Order = Press | Steps | GoTo | Drive | Home
+@dataclass(frozen=True)
+class Zero:
+    """Call an axis's present position 0."""
+
+    axis: str
+
+
+Order = Press | Steps | GoTo | Drive | Home | Zero
 
 
 def parse(message: Mapping[str, Any]) -> Order:
@@ -94,6 +101,8 @@ def parse(message: Mapping[str, Any]) -> Order:
         return GoTo(axis, _whole(message, "to", MOST_STEPS, f"the target of {axis}"))
     if what == "home":
         return Home(axis)
+    if what == "zero":
+        return Zero(axis)
     raise BadValue(f"there is no order {what!r}")
 
 

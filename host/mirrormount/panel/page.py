@@ -35,14 +35,16 @@ def _build(page: Page, desk: Desk, pilot: Pilot, link: str | None) -> None:
     refreshes: list[Refresh] = [_header(page, desk, pilot, link)]
     with ui.element("main").classes("cards").props(f'data-page="{page.key}"'):
         with ui.element("div").classes("column"):
-            refreshes += [cards_of_motion.hold(), cards_of_motion.by_numbers()]
+            cards_of_motion.hold()
+            cards_of_motion.by_numbers()
         with ui.element("div").classes("column"):
             refreshes += [cards_of_state.axis(pilot, name) for name in ("x", "y")]
             refreshes += [cards_of_state.plot(pilot), cards_of_state.news(page, pilot)]
         with ui.element("div").classes("column"):
             if pilot.spot_mm():
                 cards_of_state.screen()
-            refreshes += [card_of_settings.build(pilot), card_of_wire.build(pilot)]
+            card_of_settings.build(pilot, lambda: desk.controller is page)
+            refreshes += [card_of_wire.build(pilot)]
     _footer()
 
     def refresh() -> None:

@@ -23,7 +23,7 @@ from mirrormount.errors import BadValue, ConnectionLost, MountError, MoveEnded, 
 from mirrormount.link import Link, Port, find_one, open_port
 from mirrormount.panel import scales
 from mirrormount.panel.desk import Desk, Page
-from mirrormount.panel.orders import Drive, GoTo, Home, Order, Press, Steps
+from mirrormount.panel.orders import Drive, GoTo, Home, Order, Press, Steps, Zero
 from mirrormount.panel.wire_log import TappedPort, WireLog
 from mirrormount.status import Status
 
@@ -189,8 +189,10 @@ class Pilot:
             self._brake.clear()
             mount = self.mount
             if mount:
-                with contextlib.suppress(MountError):  # the pilot's next look finds out, and says so
+                try:
                     mount.halt()
+                except Exception:  # the pilot's next look finds out, and says so; the brake stands by
+                    _log.warning("a stop could not be sent", exc_info=True)
 
     # ---- the mount's thread
 
@@ -214,17 +216,18 @@ class Pilot:
 
     def _begin(self, page: Page, stops: int, start: Callable[[Mount], None]) -> None:
         """Start a motion for a page, unless there was a stop since it was asked for."""
-        if stops != self._stops or not self._desk.alive(page):
-            return
         mount = self.mount
         if mount is None:
             page.notices.append(f"nothing was done: {self.trouble}")
             return
         if self._stops != self._confirmed:
             self._confirm(mount)
-        self.driver = page
         try:
-            start(mount)
+            with mount.unless_stopped():  # by the brake; what was asked of the brake before this is seen next
+                if stops != self._stops or not self._desk.alive(page):
+                    return
+                self.driver = page
+                start(mount)
         except (ConnectionLost, NoAnswer):
             raise
         except MoveEnded:
@@ -253,6 +256,9 @@ class Pilot:
             case Home(axis):
                 self.targets[axis] = None
                 getattr(mount, axis).start_homing()
+            case Zero(axis):
+                self.targets[axis] = None
+                getattr(mount, axis).zero()
 
     def _look(self, mount: Mount) -> None:
         """See how the mount is; go on with what is held; stop what nobody is there for any more."""
@@ -281,9 +287,11 @@ class Pilot:
         if not hold or hold.released or hold.running or time.monotonic() - hold.since_s < HOLD_S:
             return
         hold.running = True  # before it is: a release from here on stops it
-        if not hold.released and self.driver is hold.page:
+        if self.driver is hold.page:
             try:
-                getattr(mount, hold.press.axis).jog(hold.press.run, feed=False)
+                with mount.unless_stopped():
+                    if not hold.released:
+                        getattr(mount, hold.press.axis).jog(hold.press.run, feed=False)
             except (ConnectionLost, NoAnswer):
                 raise
             except MoveEnded:
