@@ -120,13 +120,15 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument("--http", metavar="PORT", help="the web server's port (default: 8080, or the next free one)")
     sub.add_argument("--token", help="what the link must carry (default: $MIRRORMOUNT_TOKEN, or made up where needed)")
     sub.add_argument("--no-browser", dest="browser", action="store_false", help="do not open the browser")
-    sub = add("deploy", do_deploy, "put the firmware on a board that runs MicroPython", port=False)
+    sub = add("deploy", do_deploy, "put the firmware on a board that runs MicroPython or CircuitPython", port=False)
     _add_deploy_port(sub)
     sub.add_argument("--source", action="store_true", help="plain .py files instead of compiled ones")
     which = sub.add_mutually_exclusive_group()
     which.add_argument("--board", metavar="NAME", help="use mountfw/boards/NAME.py instead of the board's own")
     which.add_argument("--pins", type=Path, metavar="FILE", help="use this board file (see mountfw/boards/pico.py)")
-    sub.add_argument("--replace-main", action="store_true", help="replace somebody else's main.py (a copy stays)")
+    sub.add_argument(
+        "--replace-main", action="store_true", help="replace somebody else's main.py or code.py (a copy stays)"
+    )
     sub = add("undeploy", do_undeploy, "take off a board what deploy has put there", port=False)
     _add_deploy_port(sub)
     sub = add("repl", do_repl, "the board's own Python prompt, with the mount at it as m", port=False)
@@ -142,6 +144,9 @@ def _parser() -> argparse.ArgumentParser:
 def _add_deploy_port(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("at", nargs="?", metavar="PORT", help="serial port (default: the one board there is)")
     sub.add_argument("--port", default=os.environ.get("MIRRORMOUNT_PORT"), help="the same")
+    sub.add_argument(
+        "--drive", type=Path, metavar="PATH", help="a CircuitPython board's drive (default: the one there is)"
+    )
     sub.add_argument("--stop", action="store_true", help="stop the motors first if they move")
 
 
@@ -364,14 +369,14 @@ def do_deploy(args: argparse.Namespace) -> None:
     from mirrormount.deploy import Options, deploy
 
     port = args.at or args.port
-    print(deploy(Options(port, args.stop, args.source, args.board, args.pins, args.replace_main)))
+    print(deploy(Options(port, args.stop, args.source, args.board, args.pins, args.replace_main, args.drive)))
 
 
 def do_undeploy(args: argparse.Namespace) -> None:
     """Take the firmware off a board."""
     from mirrormount.deploy import Options, undeploy
 
-    print(undeploy(Options(args.at or args.port, args.stop)))
+    print(undeploy(Options(args.at or args.port, args.stop, drive=args.drive)))
 
 
 def do_repl(args: argparse.Namespace) -> None:

@@ -1,21 +1,24 @@
 """`mirrormount deploy` and `undeploy`: the firmware onto a MicroPython board, and off it.
 
+A CircuitPython board has its own way, through its drive: deploy_drive.py. Here the one or the other is chosen.
 remote.py does the work on the board, in two calls of mpremote: look, then upload, commit and reset. deploy_plan.py
 decides what has to be done, and board_side.py tells why a power cut leaves the old firmware or the new one.
 """
 
 import ast
-import re
+import dataclasses
+import os
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
-from pathlib import Path
 
+from mirrormount import deploy_drive
 from mirrormount.deploy_plan import THIS, Plan, board_choice, boards, firmware, firmware_hash, plan
-from mirrormount.errors import CannotOpen, ConnectionLost, DeployError, NoAnswer, NoBoardFound, PortBusy
-from mirrormount.identify import TAKEN
-from mirrormount.link import Link, find_one, open_port
+from mirrormount.deploy_talk import STATUS, Options, ask, check, quiet
+from mirrormount.drive_ports import channels, serial_number
+from mirrormount.drives import Drive, drive_at, find_bootloaders, find_drives
+from mirrormount.errors import CannotOpen, ConnectionLost, DeployError, NoBoardFound, SeveralBoardsFound
+from mirrormount.link import Link, find_micropython, find_one, list_ports, open_port
 from mirrormount.progress import Progress
 from mirrormount.remote import Mpremote
 
@@ -23,24 +26,10 @@ FLASH_IT = (
     "MicroPython goes on first: hold BOOTSEL while plugging in and drop the .uf2 for the board on the drive that"
     " appears (micropython.org/download), or run: uvx mpflash flash"
 )
-_STATUS = re.compile(r"\d+,\d+,\d+((?:\|-?\d+,[01],-?\d+,\d+,\d+,\d+)+)")
-_ANSWER_S = 1.0
-_ADDRESS = b"42>"  # a made-up one: a board gives back what it was asked with
+OR_CIRCUITPYTHON = "; or CircuitPython in the same way (circuitpython.org/downloads)"
 _BACK_S = 20.0  # how long a board may take to come back from its reset
 _SPARE_BLOCKS = 4  # room that the file system needs to rename and to write the journal
 _IN_A_BOARD_FILE = {"NAME", "BRIDGE", "AXIS_1", "AXIS_2", "PWM_HZ", "DEAD_TIME_US", "LED"}
-
-
-@dataclass(frozen=True)
-class Options:
-    """What was asked for. port: None for the one board that is plugged in."""
-
-    port: str | None = None
-    stop: bool = False
-    source: bool = False
-    board: str | None = None
-    pins: Path | None = None
-    replace_main: bool = False
 
 
 def deploy(options: Options, progress: Progress | None = None) -> str:
@@ -51,6 +40,8 @@ def deploy(options: Options, progress: Progress | None = None) -> str:
     progress = progress or Progress()
     started = time.monotonic()
     this = _board_choice(options)
+    if drive := choose(options):
+        return deploy_drive.deploy(drive, this, options, progress)
     port = _find(options.port)
     progress.phase("looking at the board")
     _approach(port, options.stop)
@@ -74,6 +65,8 @@ def deploy(options: Options, progress: Progress | None = None) -> str:
 def undeploy(options: Options, progress: Progress | None = None) -> str:
     """Take off the board what deploy has put there, and nothing else. Returns one line for the user."""
     progress = progress or Progress()
+    if drive := choose(options):
+        return deploy_drive.undeploy(drive, options, progress)
     port = _find(options.port)
     _approach(port, options.stop)
     progress.phase("removing")
@@ -82,6 +75,27 @@ def undeploy(options: Options, progress: Progress | None = None) -> str:
         raise DeployError("this board has no firmware that deploy has put there: nothing was removed")
     kept = f"; kept, because changed since: {', '.join(done['kept'])}" if done["kept"] else ""
     return f"OK: {len(done['removed'])} files removed{kept}"
+
+
+def choose(options: Options) -> Drive | None:
+    """The CircuitPython drive that is meant, or None for a MicroPython board.
+
+    Raises WrongDrive, SeveralBoardsFound.
+    """
+    if options.drive is not None:
+        drive = drive_at(options.drive)
+        named = [port for port in list_ports.comports() if port.device == options.port]
+        return dataclasses.replace(drive, uid=serial_number(named[0])) if named and not drive.uid else drive
+    drives = find_drives()
+    if options.port is not None:
+        port = os.path.realpath(options.port) if os.path.exists(options.port) else options.port
+        ports = list_ports.comports() if drives else []
+        return next((d for d in drives if port in vars(channels(d, ports)).values()), None)
+    others = [device for device, _ in find_micropython()] if drives else []
+    if len(drives) + len(others) > 1:
+        names = [*others, *(f"--drive {drive}" for drive in drives)]
+        raise SeveralBoardsFound(f"several boards found, name one: {', '.join(names)}")
+    return drives[0] if drives else None
 
 
 def _board_choice(options: Options) -> dict[str, bytes]:
@@ -138,7 +152,8 @@ def _find(address: str | None) -> str:
         try:
             return find_one()
         except NoBoardFound as e:
-            raise NoBoardFound(f"no board found. A new one shows no port: {FLASH_IT}") from e
+            loaders = "".join(f" The drive {path} is a bootloader, not yet a board." for path in find_bootloaders())
+            raise NoBoardFound(f"no board found.{loaders} A new one shows no port: {FLASH_IT}{OR_CIRCUITPYTHON}") from e
     if "://" in address:
         raise DeployError(f"deploy needs a serial port, not {address}")
     return address
@@ -149,16 +164,8 @@ def _approach(port: str, stop: bool) -> None:
     link = Link(open_port(port))
     try:
         link.drain(0.1)
-        heard = _ask(link, b"XS?\n")
-        if TAKEN in heard:
-            raise PortBusy("another program drives this board")
-        if stop and _moves(heard):
-            link.write(b"!\n")
-            link.drain(0.1)
-            heard = _ask(link, b"XS?\n")
-        if _moves(heard):
-            raise DeployError("a motor moves: wait until it is done, or say --stop")
-        if _STATUS.search(heard):
+        heard = quiet(link, stop)
+        if STATUS.search(heard):
             return
         link.write(b"\r\x03\x03")
         heard += link.drain(0.2).decode("ascii", "replace")
@@ -167,23 +174,9 @@ def _approach(port: str, stop: bool) -> None:
     finally:
         link.close()
     if "CircuitPython" in heard:
-        raise DeployError(f"this board runs CircuitPython, which is not built yet. {FLASH_IT}")
+        raise DeployError("this board runs CircuitPython, and its drive is not mounted here: mount it, or say --drive")
     if ">>>" not in heard:
         raise DeployError(f"no Python answers on this board. {FLASH_IT}")
-
-
-def _ask(link: Link, question: bytes) -> str:
-    link.write(question)
-    try:
-        line = link.read_line(_ANSWER_S)
-    except NoAnswer:
-        line = ""
-    return (line + "\n" + link.drain(0.05).decode("ascii", "replace")).lstrip("\n")
-
-
-def _moves(heard: str) -> bool:
-    status = _STATUS.search(heard)
-    return bool(status) and any(axis.split(",")[1] == "1" for axis in status[1].strip("|").split("|"))
 
 
 def _come_back(port: str, wanted_hash: str) -> tuple[str, int]:
@@ -201,10 +194,10 @@ def _come_back(port: str, wanted_hash: str) -> tuple[str, int]:
             continue
         try:
             link.drain(0.1)
-            heard = _ask(link, b"*IDN?\n")
+            heard = ask(link, b"*IDN?\n")
             if heard.startswith("mirrormount,"):
                 _, name, _, version = heard.splitlines()[0].split(",")  # it may answer an earlier question, too
-                return f"{name}, mountfw {version.strip()}", _check(link, wanted_hash)
+                return f"{name}, mountfw {version.strip()}", check(link, wanted_hash)
             if ">>>" in heard:
                 link.write(b"\r\x04")  # once more, to hear why
                 heard = link.drain(0.5).decode("ascii", "replace")
@@ -215,18 +208,3 @@ def _come_back(port: str, wanted_hash: str) -> tuple[str, int]:
             link.close()
     said = [line.strip() for line in heard.splitlines() if line.startswith(("mountfw", "  File")) or "Error" in line]
     raise DeployError("the firmware is on the board but does not answer" + (f"; it says: {said[-1]}" if said else ""))
-
-
-def _check(link: Link, wanted_hash: str) -> int:
-    """What runs must be what was sent. Returns the number of axes."""
-    # the address comes back with the answers: those to earlier questions, from a board that was starting, are not ours
-    answer = link.ask(_ADDRESS + b"XF?;XH?;XS?\n", _ANSWER_S)
-    while not answer.startswith(_ADDRESS.decode()):
-        answer = link.read_line(_ANSWER_S)
-    found, health, status = answer[len(_ADDRESS) :].split("; ")
-    if found != wanted_hash:
-        raise DeployError(f"the board's firmware is not what was sent (XF? {found[:16]}…, not {wanted_hash[:16]}…)")
-    numbers = health.split(",")
-    if len(numbers) != 4 or not all(number.isdecimal() for number in numbers):
-        raise DeployError(f"the board does not tell its health: {health[:60]!r}")
-    return status.count("|")

@@ -61,12 +61,15 @@ def _compiled(path: str, text: bytes, scratch: Path) -> bytes:
         raise DeployError(f"mpy-cross does not run here ({e}): say --source") from e
 
 
-def firmware_hash(files: dict[str, str]) -> str:
-    """What XF? answers for a board with these files, {path: SHA-256}: see firmware_hash of port_micropython.py."""
+def firmware_hash(files: dict[str, str], programs: tuple[str, ...] = ("main.py",)) -> str:
+    """What XF? answers for a board with these files, {path: SHA-256}: see firmware_hash of the ports.
+
+    programs: the files of the root that count, which are others on CircuitPython.
+    """
     total = hashlib.sha256()
     for folder in ("", "mountfw", "mountfw/boards"):
         for path in sorted(p for p in files if p.rpartition("/")[0] == folder):
-            if path == "main.py" or (folder and path.endswith((".py", ".mpy"))):
+            if path in programs or (folder and path.endswith((".py", ".mpy"))):
                 total.update(path.encode() + bytes.fromhex(files[path]))
     return total.hexdigest()
 
@@ -76,6 +79,9 @@ def known_hashes() -> Iterator[str]:
 
     The virtual board of the cpython machine has no main.py. Raises DeployError.
     """
+    from mirrormount import drive_plan  # it takes parts of this file
+
+    yield from drive_plan.known_hashes()
     for mpy in (None, _MPY_VERSION):
         files = {path: hashlib.sha256(content).hexdigest() for path, content in firmware(mpy).items()}
         without_main = {path: sha for path, sha in files.items() if path != "main.py"}

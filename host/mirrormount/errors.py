@@ -147,6 +147,30 @@ class MpremoteError(DeployError):
     """A call of mpremote failed."""
 
 
+class WrongDrive(DeployError):
+    """Not the drive of a CircuitPython board, or its CircuitPython is too old."""
+
+
+class DriveReadOnly(DeployError):
+    """The drive of a CircuitPython board cannot be written to."""
+
+
+class DriveFull(DeployError):
+    """The drive of a CircuitPython board has no room for the firmware."""
+
+
+class DriveFailed(DeployError):
+    """The drive of a CircuitPython board has gone, or does not keep what is written to it."""
+
+
+class LibraryMissing(DeployError):
+    """Adafruit's motor library, which goes to CircuitPython boards, is not installed."""
+
+
+class NotSeenRunning(DeployError):
+    """The files are on the drive, but the board was not heard to run them."""
+
+
 class CannotWrite(MountError):
     """A file could not be written."""
 

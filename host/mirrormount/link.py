@@ -16,6 +16,8 @@ from typing import Protocol
 import serial
 from serial.tools import list_ports
 
+from mirrormount import drive_ports
+from mirrormount.drives import find_drives
 from mirrormount.errors import (
     BadAddress,
     CannotOpen,
@@ -28,8 +30,8 @@ from mirrormount.errors import (
     SeveralBoardsFound,
 )
 
-# USB ids (vendor, product) that are certainly a MicroPython board. Nothing else is ever written
-# to unasked: an unknown port may be somebody's instrument.
+# USB ids (vendor, product) that are certainly a MicroPython board. CircuitPython boards have hundreds: they are
+# known by their drives. Nothing else is ever written to unasked: an unknown port may be somebody's instrument.
 KNOWN_IDS = {(0x2E8A, 0x0005): "MicroPython on RP2040/RP2350"}
 
 _TICK_S = 0.02  # a serial read returns at least this often
@@ -50,18 +52,38 @@ class Port(Protocol):
 
 
 def find() -> list[tuple[str, str]]:
-    """The serial ports that a mount may be at: (device, description)."""
-    return [
-        (port.device, KNOWN_IDS[port.vid, port.pid])
-        for port in sorted(list_ports.comports(), key=lambda p: p.device)
-        if (port.vid, port.pid) in KNOWN_IDS
-    ]
+    """The serial ports that a mount may be at: (device, description).
+
+    A CircuitPython board is one of them if its drive is mounted and has mountfw on it: then its data channel, or
+    its console if it has one channel.
+    """
+    ports = _ports()
+    drives = find_drives()
+    return _micropython(ports) + (drive_ports.mounts(drives, ports) if drives else [])
+
+
+def find_micropython() -> list[tuple[str, str]]:
+    """The serial ports of MicroPython boards: (device, description)."""
+    return _micropython(_ports())
+
+
+def _ports() -> list:
+    return sorted(list_ports.comports(), key=lambda port: port.device)
+
+
+def _micropython(ports: list) -> list[tuple[str, str]]:
+    return [(port.device, KNOWN_IDS[port.vid, port.pid]) for port in ports if (port.vid, port.pid) in KNOWN_IDS]
 
 
 def find_one() -> str:
     """The one port that a mount may be at. Raises NoBoardFound or SeveralBoardsFound."""
     found = [device for device, _ in find()]
     if not found:
+        if unknown := drive_ports.unknown_data_channels(_ports()):
+            raise NoBoardFound(
+                f"a CircuitPython board listens at {', '.join(unknown)}, but its drive is not mounted here, so nobody"
+                " knows what it is: if it is the mount, name the port"
+            )
         raise NoBoardFound("no board found: plug one in, name its port, or use --port virtual://")
     if len(found) > 1:
         raise SeveralBoardsFound(f"several boards found, name one with --port: {', '.join(found)}")

@@ -1,0 +1,192 @@
+"""`mirrormount deploy` and `undeploy` for a CircuitPython board: its drive takes the files, its ports tell the rest.
+
+drive_plan.py says what has to be done, drive_copy.py does it. The firmware is stopped through the console first: at
+its prompt CircuitPython does not restart programs because their files change.
+"""
+
+import contextlib
+import re
+import sys
+import time
+from collections.abc import Callable
+
+from mirrormount import drive_console, volumes
+from mirrormount.deploy_plan import boards, firmware_hash
+from mirrormount.deploy_talk import Options, ask, check, quiet
+from mirrormount.drive_copy import Files, check_room, check_writable, install, remove, survey
+from mirrormount.drive_plan import PROGRAMS, drive_firmware, drive_plan, motor_library
+from mirrormount.drive_ports import Channels, channels
+from mirrormount.drives import Drive, check_version
+from mirrormount.errors import (
+    CannotOpen,
+    ConnectionLost,
+    DeployError,
+    DriveFailed,
+    MountError,
+    NoAnswer,
+    NotSeenRunning,
+)
+from mirrormount.link import Link, list_ports, open_port
+from mirrormount.progress import Progress
+
+_BACK_S = 30.0  # a reset, a second of safe-mode wait, a second before boot_out.txt, USB, and the imports
+_BY_HAND_S = 60.0  # for somebody to find the reset button
+_AGAIN_S = 0.2
+_IDENTITY = re.compile(r"mirrormount,([^,]*),[^,]*,([^\s,]+)")
+
+
+def deploy(drive: Drive, this: dict[str, bytes], options: Options, progress: Progress) -> str:
+    """Put the firmware on the drive, and `this` as the choice of a board file. Returns one line for the user.
+
+    Raises DeployError, CannotOpen, ConnectionLost. The line says what the drive is left with.
+    """
+    started = time.monotonic()
+    check_version(drive)
+    wanted = drive_firmware() | motor_library() | this
+    files = Files(drive.path)
+    progress.phase(f"looking at {drive}")
+    there, sizes, old = survey(files)
+    if options.board and options.board not in (known := boards([*wanted, *there])):
+        raise DeployError(f"there is no board file {options.board!r}, only {', '.join(known)}")
+    todo = drive_plan(wanted, there, old, may_replace(options))
+    check_room(todo, sizes, _room(drive))
+    wanted_hash = firmware_hash(todo.after, PROGRAMS)
+    if todo.nothing:
+        told = _already(drive, options.stop, wanted_hash)
+    else:
+        ports = _approach(drive, options.stop)
+        with _restart_if_it_fails(ports):
+            install(files, todo, progress)
+        told = _restart(drive, ports, wanted_hash, progress)
+    count = f"{len(wanted)} files ({len(wanted) - todo.changed} unchanged)"
+    kept = "".join(f"; the {path} that was there is now {copy}" for path, copy in todo.aside.items())
+    return f"OK: {told}, {count} in {time.monotonic() - started:.1f} s{kept}"
+
+
+def undeploy(drive: Drive, options: Options, progress: Progress) -> str:
+    """Take off the drive what deploy has put there, and nothing else. Returns one line for the user."""
+    files = Files(drive.path)
+    if not survey(files)[2].files:
+        raise DeployError(f"{drive} has no firmware that deploy has put there: nothing was removed")
+    check_writable(_room(drive))
+    ports = _approach(drive, options.stop)
+    progress.phase("removing")
+    with _restart_if_it_fails(ports):
+        removed, kept, restored = remove(files)
+    if ports.console:
+        drive_console.reset(ports.console)
+    again = "" if ports.console else "; now press the board's reset button"
+    back = f"; there again: {', '.join(restored)}" if restored else ""
+    changed = f"; kept, because changed since: {', '.join(kept)}" if kept else ""
+    return f"OK: {len(removed)} files removed{back}{changed}{again}"
+
+
+def may_replace(options: Options) -> Callable[[dict[str, str]], bool]:
+    """What drive_plan() asks about somebody else's files: --replace-main, or whoever sits at the terminal."""
+
+    def ask_user(aside: dict[str, str]) -> bool:
+        if options.replace_main:
+            return True
+        if not (sys.stdin and sys.stdin.isatty()):
+            return False
+        names, copies = ", ".join(sorted(aside)), ", ".join(sorted(aside.values()))
+        question = f"The drive has files of somebody else: {names}. Replace them (copies stay as {copies})? [y/N] "
+        print(question, end="", file=sys.stderr, flush=True)
+        return sys.stdin.readline().strip().lower() in ("y", "yes")
+
+    return ask_user
+
+
+def _room(drive: Drive) -> volumes.Room:
+    try:
+        return volumes.room(drive.path)
+    except OSError as e:
+        raise DriveFailed(f"{drive} does not work, or has gone ({e.strerror or e}); nothing was changed") from e
+
+
+def _channels(drive: Drive) -> Channels:
+    return channels(drive, list_ports.comports())
+
+
+def _approach(drive: Drive, stop: bool) -> Channels:
+    """See to it that no motor moves and no program runs. Raises DeployError, CannotOpen. Returns the board's ports."""
+    ports = _channels(drive)
+    if drive.has_mountfw and ports.protocol:  # a question that a stranger's program should not get
+        link = Link(open_port(ports.protocol))
+        try:
+            link.drain(0.1)
+            quiet(link, stop)
+        finally:
+            link.close()
+    if ports.console:
+        drive_console.interrupt(ports.console)
+    return ports
+
+
+@contextlib.contextmanager
+def _restart_if_it_fails(ports: Channels):
+    """Start the board again when nothing comes of a deploy: its old program, or a code.py that does nothing."""
+    try:
+        yield
+    except BaseException:
+        if ports.console:
+            with contextlib.suppress(MountError):
+                drive_console.reset(ports.console)
+        raise
+
+
+def _already(drive: Drive, stop: bool, wanted_hash: str) -> str:
+    """For a drive that needs no change: ask what runs; restart the board only if it is not that."""
+    with contextlib.suppress(NotSeenRunning):
+        return _listen(drive, wanted_hash, 0.0)
+    ports = _approach(drive, stop)
+    return _restart(drive, ports, wanted_hash, Progress())
+
+
+def _restart(drive: Drive, ports: Channels, wanted_hash: str, progress: Progress) -> str:
+    """Restart the board and hear what it runs. Raises NotSeenRunning."""
+    if ports.console:
+        progress.phase("restarting")
+        drive_console.reset(ports.console)
+        return _listen(drive, wanted_hash, _BACK_S)
+    progress.phase("the files are on the drive; no console of this board is here: press its reset button now")
+    return _listen(drive, wanted_hash, _BY_HAND_S)
+
+
+def _listen(drive: Drive, wanted_hash: str, longest_s: float) -> str:
+    """Wait for the board to tell the hash of what was sent. Returns "board, mountfw version, n axes, …".
+
+    Its ports go and come back meanwhile, under other names perhaps. Raises NotSeenRunning.
+    """
+    end = time.monotonic() + longest_s
+    why = "no port of it was seen"
+    while True:
+        if device := (ports := _channels(drive)).protocol:
+            try:
+                return _identity(device, wanted_hash)
+            except (CannotOpen, ConnectionLost, NoAnswer, DeployError) as e:
+                why = str(e)
+        if time.monotonic() >= end:
+            break
+        time.sleep(_AGAIN_S)
+    if longest_s and ports.console:
+        with contextlib.suppress(MountError):
+            why = drive_console.last_words(ports.console) or why
+    raise NotSeenRunning(
+        f"the files are on the drive and were read back as sent, but the board was not heard to run them ({why}):"
+        " press its reset button, then deploy again, which only asks"
+    )
+
+
+def _identity(device: str, wanted_hash: str) -> str:
+    link = Link(open_port(device))
+    try:
+        link.drain(0.1)
+        heard = ask(link, b"*IDN?\n")
+        found = _IDENTITY.search(heard)  # on a console there may be other text before it
+        if not found:
+            raise DeployError(f"{device} says {heard.strip()[-60:]!r}" if heard.strip() else f"{device} is silent")
+        axes = check(link, wanted_hash)
+        return f"{found[1]}, mountfw {found[2]}, {axes} axes, the board tells the hash of what was sent"
+    finally:
+        link.close()

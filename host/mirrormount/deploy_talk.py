@@ -1,0 +1,73 @@
+"""What both ways of a deploy share: what was asked for, and the few words that are exchanged with a board."""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from mirrormount.errors import DeployError, NoAnswer, PortBusy
+from mirrormount.identify import TAKEN
+from mirrormount.link import Link
+
+STATUS = re.compile(r"\d+,\d+,\d+((?:\|-?\d+,[01],-?\d+,\d+,\d+,\d+)+)")
+_ANSWER_S = 1.0
+_ADDRESS = b"42>"  # a made-up one: a board gives back what it was asked with
+
+
+@dataclass(frozen=True)
+class Options:
+    """What was asked for. port: None for the one board that is plugged in."""
+
+    port: str | None = None
+    stop: bool = False
+    source: bool = False
+    board: str | None = None
+    pins: Path | None = None
+    replace_main: bool = False
+    drive: Path | None = None
+
+
+def quiet(link: Link, stop: bool) -> str:
+    """See to it that no motor moves. Sends no stop unless told to. Returns what was heard.
+
+    Raises DeployError, PortBusy.
+    """
+    heard = ask(link, b"XS?\n")
+    if TAKEN in heard:
+        raise PortBusy("another program drives this board")
+    if stop and _moves(heard):
+        link.write(b"!\n")
+        link.drain(0.1)
+        heard = ask(link, b"XS?\n")
+    if _moves(heard):
+        raise DeployError("a motor moves: wait until it is done, or say --stop")
+    return heard
+
+
+def ask(link: Link, question: bytes) -> str:
+    """What a board says to a question, its first line and what comes at once after it; "" for nothing."""
+    link.write(question)
+    try:
+        line = link.read_line(_ANSWER_S)
+    except NoAnswer:
+        line = ""
+    return (line + "\n" + link.drain(0.05).decode("ascii", "replace")).lstrip("\n")
+
+
+def _moves(heard: str) -> bool:
+    status = STATUS.search(heard)
+    return bool(status) and any(axis.split(",")[1] == "1" for axis in status[1].strip("|").split("|"))
+
+
+def check(link: Link, wanted_hash: str) -> int:
+    """What runs must be what was sent. Returns the number of axes."""
+    # the address comes back with the answers: those to earlier questions, from a board that was starting, are not ours
+    answer = link.ask(_ADDRESS + b"XF?;XH?;XS?\n", _ANSWER_S)
+    while not answer.startswith(_ADDRESS.decode()):
+        answer = link.read_line(_ANSWER_S)
+    found, health, status = answer[len(_ADDRESS) :].split("; ")
+    if found != wanted_hash:
+        raise DeployError(f"the board's firmware is not what was sent (XF? {found[:16]}…, not {wanted_hash[:16]}…)")
+    numbers = health.split(",")
+    if len(numbers) != 4 or not all(number.isdecimal() for number in numbers):
+        raise DeployError(f"the board does not tell its health: {health[:60]!r}")
+    return status.count("|")
