@@ -13,15 +13,26 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from mirrormount.board_side import MANIFEST
-from mirrormount.drive_plan import BOOT, CODE, PROGRAMS, STUB, DrivePlan, Manifest, belongs, read_manifest, sha256
+from mirrormount.drive_plan import (
+    BOOT,
+    CODE,
+    PROGRAMS,
+    STUB,
+    DrivePlan,
+    Manifest,
+    belongs,
+    leftovers,
+    read_manifest,
+    sha256,
+)
 from mirrormount.errors import DeployError, DriveFailed, DriveFull, DriveReadOnly
 from mirrormount.progress import Progress
 from mirrormount.volumes import Room
 
 READ_ONLY = (
-    "the drive is read-only: if its boot.py gives it to the board (storage.remount), or the board hangs, start in safe"
-    " mode, which runs no boot.py (press reset, or BOOTSEL where there is none, while the LED blinks after power-up); else"
-    " unplug it and plug it in, or see to it that this user may write there"
+    "the drive is read-only: start the board in safe mode, where no boot.py can keep the drive for itself (press reset,"
+    " or BOOTSEL where there is none, while the LED blinks after power-up); or unplug it and plug it in; or mount it so"
+    " that this user may write"
 )
 _SPARE_CLUSTERS = 4  # for folders that grow
 _FOLDERS = ("lib", "lib/adafruit_motor", "mountfw", "mountfw/boards")
@@ -130,7 +141,7 @@ def install(files: Files, todo: DrivePlan, progress: Progress) -> None:
         _beside(files, MANIFEST, todo.during)
     with _told("nothing runs on the board now: deploy again"):
         _beside(files, CODE, STUB)
-        for path in todo.remove:
+        for path in filter(files.exists, todo.remove):  # a leftover may have become what it was meant to be
             files.remove(path)
         progress.phase(f"copying {len(todo.write)} files")
         for number, (path, content) in enumerate(todo.write.items()):
@@ -160,7 +171,7 @@ def remove(files: Files) -> tuple[list[str], list[str], list[str]]:
     back = {path: copy for path, (copy, sha) in old.aside.items() if path not in kept and there.get(copy) == sha}
     back = {path: copy for path, copy in back.items() if path not in restored}
     with _told("what is left was put there by deploy: say undeploy again"):
-        for path in sorted(ours, key=lambda path: path != CODE):
+        for path in (*sorted(ours, key=lambda path: path != CODE), *leftovers(there)):
             files.remove(path)
         for path, copy in sorted(back.items(), reverse=True):  # code.py last
             files.rename(copy, path)

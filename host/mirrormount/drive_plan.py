@@ -9,7 +9,7 @@ import hashlib
 import importlib.resources
 import importlib.util
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from importlib.resources.abc import Traversable
 from pathlib import Path
@@ -79,15 +79,16 @@ class Manifest:
 
     files: dict[str, str] = field(default_factory=dict)  # path: SHA-256 of what it has put there
     aside: dict[str, list[str]] = field(default_factory=dict)  # somebody else's file: [its copy, SHA-256]
-    unfinished: bool = False  # it was cut: a file of it may be half written
+    # it was cut: {path: SHA-256} of what was there of an earlier one; other files of it may be half written
+    unfinished: dict[str, str] | None = None
 
     def text(self) -> bytes:
         """As it is on the drive; `version` and `files` are as on MicroPython."""
         told = {"version": __version__, "files": dict(sorted(self.files.items()))}
         if self.aside:
             told["aside"] = dict(sorted(self.aside.items()))
-        if self.unfinished:
-            told["unfinished"] = True
+        if self.unfinished is not None:
+            told["unfinished"] = self.unfinished
         return json.dumps(told, indent=1).encode()
 
 
@@ -95,7 +96,7 @@ def read_manifest(text: bytes) -> Manifest:
     """From what is on the drive; an empty one if that cannot be read."""
     try:
         told = json.loads(text)
-        return Manifest(dict(told["files"]), dict(told.get("aside", {})), bool(told.get("unfinished", False)))
+        return Manifest(dict(told["files"]), dict(told.get("aside", {})), told.get("unfinished"))
     except (ValueError, KeyError, TypeError):
         return Manifest()
 
@@ -141,18 +142,24 @@ def drive_plan(
     manifest = Manifest(ours, kept).text()
     gone = {path for path in old.files if path not in ours and belongs(path, there, old)}
     gone |= {path.removesuffix(".py") + ".mpy" for path in wanted if path.startswith("mountfw/")}
-    gone |= {path for path in there if path.endswith(".new") and path.startswith((*PROGRAMS, _BEFORE_OURS, MANIFEST))}
+    gone |= leftovers(there)
     gone |= aside.keys() - wanted.keys()
     changed = {path for path in wanted if there.get(path) != hashes[path]}
     # the library first, boot.py last: what a board does at start-up changes as late as it can
     order = sorted(changed - {CODE}, key=lambda path: (path == BOOT, path))
     remove = sorted(gone & set(there))
     as_it_is = not (aside or remove or changed) and there.get(MANIFEST) == sha256(manifest)
-    during = b"" if as_it_is else Manifest(old.files | ours, kept, unfinished=True).text()
+    present = {path: there[path] for path in PROGRAMS if belongs(path, there, old)}
+    during = b"" if as_it_is else Manifest(old.files | ours, kept, present).text()
     after = {path: sha for path, sha in (there | hashes | {MANIFEST: sha256(manifest)}).items() if path not in gone}
     after |= {copy: there[path] for path, copy in aside.items()}
     write = {path: wanted[path] for path in order}
     return DrivePlan(aside, remove, write, during, manifest, wanted[CODE], len(changed), after)
+
+
+def leftovers(there: Iterable[str]) -> set[str]:
+    """What a deploy that was cut has left of the files that it renames into place."""
+    return {path for path in there if path.endswith(".new") and path.startswith((*PROGRAMS, _BEFORE_OURS, MANIFEST))}
 
 
 def belongs(path: str, there: dict[str, str], old: Manifest) -> bool:
@@ -162,7 +169,10 @@ def belongs(path: str, there: dict[str, str], old: Manifest) -> bool:
         return False
     if present == old.files[path] or (path == CODE and present == sha256(STUB)):
         return True
-    return old.unfinished and path not in PROGRAMS  # these two are renamed into place, so never half written
+    if old.unfinished is None:
+        return False
+    # those two are renamed into place, so never half written
+    return path not in PROGRAMS or present == old.unfinished.get(path)
 
 
 def _aside(hashes: dict[str, str], there: dict[str, str], old: Manifest) -> dict[str, str]:
@@ -174,7 +184,7 @@ def _aside(hashes: dict[str, str], there: dict[str, str], old: Manifest) -> dict
         if path.startswith("mountfw/") or nobodys or belongs(path, there, old):
             continue
         copy, sha = old.aside.get(path, ["", ""])
-        if old.unfinished and sha == present == there.get(copy) and path in hashes:  # copied before the cut
+        if old.unfinished is not None and sha == present == there.get(copy) and path in hashes:  # copied before the cut
             continue
         number = 1
         while there.get(name := f"{path}.bak{number if number > 1 else ''}", present) != present:
