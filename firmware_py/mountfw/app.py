@@ -49,7 +49,7 @@ class App:
         self.controller = controller
         self._commands = commands
         self._records = controller.records
-        self._port = port
+        self.port = port
         self._link = link
         self._frame = frame
         self._replies = replies
@@ -69,8 +69,8 @@ class App:
     def run(self):
         """The loop, for ever. An internal fault stops the motors, is queued, and the loop goes on."""
         try:
-            self._port.collect()
-            self._feed = self._port.start_watchdog()
+            self.port.collect()
+            self._feed = self.port.start_watchdog()
             while True:
                 try:
                     while True:
@@ -79,11 +79,11 @@ class App:
                     self.controller.shutdown(errors.FAULT)
                     self.controller.errors.push(errors.INTERNAL_FAULT)
         finally:  # Ctrl-C: every move ends here and now, so that it is counted right
-            self._port.undisturbed(self._leave, errors.ABORTED)
+            self.port.undisturbed(self._leave, errors.ABORTED)
 
     def _leave(self, reason):
         self.controller.shutdown(reason)
-        self._port.stop_watchdog()
+        self.port.stop_watchdog()
         self._feed = _no_watchdog
 
     def step(self):
@@ -201,7 +201,7 @@ class App:
         if self._records.waiting and not (waiting or self._link.gap_us()):
             self._records.record(now_us, self.controller.moving())
         if waiting:
-            most_ms = 0 if self._port.writable() else 1
+            most_ms = 0 if self.port.writable() else 1
         else:
             most_ms = _RUN_SLEEP_MS if self.controller.driving() else _SLEEP_MS
         if left_us >= NEVER_US:
@@ -225,14 +225,14 @@ class App:
     def _answer(self):
         """Send some bytes, if the host takes them. Nothing ever waits for output."""
         for _ in range(_SEND):
-            if not (self._replies.waiting and self._port.writable()):
+            if not (self._replies.waiting and self.port.writable()):
                 break
-            self._port.write(self._replies.read())
+            self.port.write(self._replies.read())
             self._look()
 
     def show(self):
         """The LED: on = ready, blinking = driving, double blink = an error waits to be read."""
-        slot = self._port.ticks_ms() >> 7 & 7
+        slot = self.port.ticks_ms() >> 7 & 7
         if self.controller.driving():
             lit = slot & 1 == 0
         elif self.controller.errors.waiting:
@@ -241,11 +241,11 @@ class App:
             lit = True
         if lit != self._lit:
             self._lit = lit
-            self._port.led(lit)
+            self.port.led(lit)
 
 
 def build(port, board):
-    """An App on a port (see port_micropython.py), wired as a board file says (see boards/)."""
+    """An App on a port (see port_micropython.py or port_circuitpython.py), wired as a board file says (see boards/)."""
     global built
     error_queue = errors.ErrorQueue()
     cause = port.reset_cause()
@@ -264,7 +264,7 @@ def build(port, board):
                 port.ticks_us,
             )
         else:
-            bridge = TwoPwmBridge(
+            bridge = getattr(port, "TwoPwmBridge", TwoPwmBridge)(  # a port may have one of its platform's own
                 port.output(pins["pos"], board.PWM_HZ),
                 port.output(pins["neg"], board.PWM_HZ),
                 board.DEAD_TIME_US,

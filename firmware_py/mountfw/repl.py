@@ -1,16 +1,17 @@
-"""The mount at the board's own prompt. Imports app, axis, errors and the port.
+"""The mount at the board's own prompt. Imports app, errors and position, and the port by the interpreter's name.
 
     >>> from mountfw.repl import m
     >>> m.x.step(5)              # right; returns when it is done
     >>> m.y.jog(-0.3, ms=800)    # downwards at 30 % for 0.8 s
     >>> m.status()
 
-The axes are those of the firmware that was interrupted: same positions, settings and limits. Each
-call serves them until its move is over, listens to Ctrl-C only, and leaves the motors off.
+The axes are those of the firmware that was interrupted: same positions, settings and limits; or new ones, with what
+was saved, where the prompt starts with an empty memory, as CircuitPython's does. Each call serves them until its move is over, listens to Ctrl-C only, and leaves the motors off.
 """
 
+import sys
+
 from mountfw import app, errors
-from mountfw import port_micropython as hardware
 from mountfw.position import MAX_STEPS
 
 _SPIN_US = 1_000  # this long before a deadline only the clock is watched: more than one pass takes on an RP2040
@@ -150,11 +151,13 @@ def _check_whole(what, value, least, most):
 
 def _connect():
     if app.built is None:  # the firmware has not run since the reset
-        board = hardware.find_board()
+        name = "port_" + sys.implementation.name
+        port = getattr(__import__("mountfw." + name), name)
+        board = port.find_board()
         if board is None:
             raise RuntimeError("this board has no board file")
-        app.build(hardware, board)
-    return Mount(hardware, app.built)
+        app.build(port, board)
+    return Mount(app.built.port, app.built)
 
 
 m = _connect()

@@ -1,0 +1,118 @@
+"""A CircuitPython board's USB serial channel as a stream of bytes.
+
+It is usb_cdc.data where boot.py has switched that on: then the console is left to the REPL, and 0x03 is a stop.
+Where there are too few USB endpoints for two channels it is the console's: then 0x03 is the interpreter's.
+
+A host that goes (its program ends, its port closes, the cable is out) stops what moves: that is told to the loop as
+if the host had sent a last `!`, after all that it really has sent.
+"""
+
+import select
+
+import usb_cdc
+
+from mountfw.frame import pack  # noqa: F401 (a verb of this port, too: there is no native code to be faster)
+
+
+class _Nobody:
+    """What stands for a channel where boot.py has left none: nobody ever says anything."""
+
+    connected = False
+    in_waiting = 0
+    out_waiting = 1024
+
+    def readinto(self, _buffer):
+        return 0
+
+    def write(self, _data):
+        return 0
+
+
+_channel = usb_cdc.data or usb_cdc.console or _Nobody()
+
+_STOP = 0x21  # `!`
+_OUTPUT = 64  # bytes: the smallest buffer for output that a USB device has; less than that waits if it can take more
+
+_byte_in = bytearray(1)
+_byte_out = bytearray(1)
+_there = False  # was a host there when we looked last?
+
+
+def _prepare():
+    """Have reading and writing never wait. Returns the ipoll() of a poll object for input.
+
+    ipoll() allocates nothing once it has given an answer: so it gives one here, about output.
+    """
+    if isinstance(_channel, _Nobody):
+        return _no_input
+    _channel.timeout = 0
+    _channel.write_timeout = 0
+    poll = select.poll()  # pyright: ignore[reportAttributeAccessIssue]
+    poll.register(_channel, select.POLLOUT)  # pyright: ignore
+    ipoll = poll.ipoll  # pyright: ignore[reportAttributeAccessIssue]
+    for _ in ipoll(0):
+        pass
+    poll.modify(_channel, select.POLLIN)  # pyright: ignore
+    return ipoll
+
+
+def _no_input(_wait_ms):
+    return ()
+
+
+_ipoll_in = _prepare()
+_readinto = _channel.readinto
+_write = _channel.write
+
+
+def any(wait_ms):
+    """True as soon as a byte waits, or when the host has gone; False after wait_ms without one."""
+    for _ in _ipoll_in(wait_ms):
+        return True
+    return _there != _channel.connected and _has_left()
+
+
+def drain(link, most):
+    """Hand what waits to Link.receive(), at most `most` bytes and no further than to a stop.
+
+    Returns that stop, or NEED_BYTES.
+    """
+    receive = link.receive
+    taken = 0
+    while taken < most and link.unparsed <= link.mask:
+        if not _readinto(_byte_in):
+            return receive(_STOP) if not taken and _take_leave() else 0
+        taken += 1
+        stop = receive(_byte_in[0])
+        if stop:
+            return stop
+    return 0
+
+
+def _has_left():
+    """Was a host there, and is none now? Remembers one that has come."""
+    global _there
+    if _channel.connected:
+        _there = True
+        return False
+    return _there
+
+
+def _take_leave():
+    """The same, and forgets the one that has gone."""
+    global _there
+    left = _has_left()
+    if left:
+        _there = False
+    return left
+
+
+def writable():
+    """True if write() will not lose its byte."""
+    return _channel.out_waiting < _OUTPUT
+
+
+def write(c):
+    """Send byte c."""
+    _byte_out[0] = c
+    _write(_byte_out)

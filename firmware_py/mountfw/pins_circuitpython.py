@@ -1,0 +1,167 @@
+"""A CircuitPython board's pins: outputs, bridges, inputs, and which board file tells what they are for.
+
+boot.py takes this much of the port, before USB is there.
+"""
+
+import board as pins
+import digitalio
+import microcontroller
+import pwmio
+
+# A duty takes effect when the PWM's period is over (RP2040 data sheet 4.5.2), and off is a duty here: to put a
+# pin in another's hands takes a new object. So whatever the board file asks for, no period is longer than 50 us.
+_LEAST_PWM_HZ = 20_000
+PERIOD_US = 50
+
+# the board file of a board_id, where it has another name
+_BOARDS = {
+    "raspberry_pi_pico": "pico",
+    "raspberry_pi_pico_w": "pico",
+    "adafruit_feather_esp32s3_4mbflash_2mbpsram": "adafruit_feather_esp32s3",
+    "adafruit_feather_esp32s3_nopsram": "adafruit_feather_esp32s3",
+}
+
+_gpios = getattr(microcontroller, "pin")  # noqa: B009 (CircuitPython's stubs do not know it)
+_outputs = {}  # pin: what drives it; an object of CircuitPython's keeps its pin until it is given back
+_inputs = {}
+_led = None
+
+
+def _pin(number):
+    """GPIO `number`, or the pin that the module `board` calls by that name."""
+    return getattr(pins, number) if isinstance(number, str) else getattr(_gpios, "GPIO%d" % number)
+
+
+class _Level:
+    """An output that is high or low."""
+
+    def __init__(self, number):
+        self.io = digitalio.DigitalInOut(_pin(number))
+        self.io.switch_to_output(False)
+
+    def low(self):
+        """Pin low, at once."""
+        self.io.value = False
+
+    def high(self):
+        """Pin high, at once."""
+        self.io.value = True
+
+
+class _Duty:
+    """An output that carries a duty, from the end of a PWM period on."""
+
+    def __init__(self, number, pwm_hz):
+        self.io = pwmio.PWMOut(_pin(number), duty_cycle=0, frequency=max(pwm_hz, _LEAST_PWM_HZ))
+
+    def low(self):
+        """Pin low."""
+        self.io.duty_cycle = 0
+
+    def high(self):
+        """Pin high."""
+        self.io.duty_cycle = 65535
+
+    def level(self, duty_u16):
+        """Pin at duty_u16, 0 ... 65535."""
+        self.io.duty_cycle = duty_u16
+
+
+def output(number, pwm_hz=0):
+    """An output pin, low from the start: low() and high(), and with pwm_hz level() too."""
+    known = _outputs.get(number)
+    if known and isinstance(known, _Duty) == (pwm_hz > 0):
+        known.low()
+        return known
+    if known:
+        known.low()
+        known.io.deinit()
+        del _outputs[number]
+    _outputs[number] = _Duty(number, pwm_hz) if pwm_hz else _Level(number)
+    return _outputs[number]
+
+
+class TwoPwmBridge:
+    """A bridge with two PWM inputs, as bridge.TwoPwmBridge: by Adafruit's DCMotor. Both inputs low is coasting."""
+
+    def __init__(self, pos, neg, dead_time_us, pause_us, ticks_us):
+        from adafruit_motor.motor import DCMotor  # on the drive's lib/; only such a bridge needs it
+
+        self._motor = DCMotor(pos.io, neg.io)
+        self._dead_time_us = dead_time_us
+        self._pause_us = pause_us
+        self._ticks_us = ticks_us
+        self._direction = 0
+
+    def cut(self):
+        """No drive."""
+        self._motor.throttle = None
+
+    def off(self):
+        """No drive, coasting."""
+        self._motor.throttle = None
+        self._direction = 0
+
+    def drive(self, duty):
+        """Drive at duty, -255 ... 255 but not 0. Returns the time."""
+        direction = 1 if duty > 0 else -1
+        if direction != self._direction:
+            self.off()
+            self._direction = direction
+            self._pause_us(self._dead_time_us)
+        now_us = self._ticks_us()
+        self._motor.throttle = duty / 255
+        return now_us
+
+
+def reader(number):
+    """A function that reads input pin `number` (False or True) against its pull-up; None for None."""
+    if number is None:
+        return None
+    if number not in _inputs:
+        io = digitalio.DigitalInOut(_pin(number))
+        io.switch_to_input(digitalio.Pull.UP)
+        _inputs[number] = io
+    io = _inputs[number]
+    return lambda: io.value
+
+
+def on_rise(_number, _handler):
+    """Nothing: no Python code can be called by a pin here, so the loop looks at the switches itself."""
+
+
+def led(on):
+    """The board's LED."""
+    if _led is not None:
+        _led.value = on
+
+
+def find_board():
+    """The board file: boards/this.py if there is one, else that of this board by its board_id.
+
+    None, after a line that names the file to write, if there is none.
+    """
+    global _led
+    name = _BOARDS.get(pins.board_id, pins.board_id)
+    for candidate in ("this", name):
+        try:
+            found = getattr(__import__("mountfw.boards." + candidate).boards, candidate)
+        except ImportError:
+            continue
+        if _led is None:
+            _led = digitalio.DigitalInOut(_pin(found.LED))
+            _led.switch_to_output(False)
+        return found
+    print("mountfw: no board file for '%s': write mountfw/boards/%s.py (copy pico.py)" % (name, name))
+    return None
+
+
+def motors_off(board):
+    """Every drive pin low: the enables first, then the legs."""
+    for name in ("en", "pos", "neg"):
+        for wires in (board.AXIS_1, board.AXIS_2):
+            number = wires[name]
+            if number in _outputs:
+                _outputs[number].low()
+            elif number is not None:
+                output(number)

@@ -1,0 +1,143 @@
+"""The hardware's verbs on CircuitPython. Only the files that end in _circuitpython.py name its modules.
+
+CircuitPython has no interrupts for Python code: end-stops are polled. Its finest clock that does not
+allocate tells whole milliseconds. docs/circuitpython.md has what follows from both.
+"""
+
+import binascii
+import gc
+import os
+
+import microcontroller
+import supervisor
+
+from mountfw import errors
+from mountfw.console_circuitpython import any, drain, pack, writable, write  # noqa: F401 (verbs of this port, too)
+from mountfw.files_circuitpython import firmware_hash, load, remove, rename, store  # noqa: F401 (likewise)
+from mountfw.pins_circuitpython import (  # noqa: F401 (likewise)
+    PERIOD_US,
+    TwoPwmBridge,
+    find_board,
+    led,
+    motors_off,
+    on_rise,
+    output,
+    reader,
+)
+
+_WRAP_MASK = (1 << 30) - 1
+_MS_MASK = (1 << 29) - 1  # supervisor.ticks_ms() wraps there
+_MOST_MS = (1 << 20) - 1  # between two readings; in microseconds still a small integer
+_HALF = 1 << 29
+_ticks_ms = supervisor.ticks_ms
+_delay_us = microcontroller.delay_us
+
+# The watchdog waits so long. While the PC writes on the drive, its flash is erased in the middle of our loop, sector
+# by sector, 0.4 s each at worst (W25Q16JV): a reset then would damage the drive.
+_HUNG_S = 4
+
+
+class _Clock:
+    """Time in steps of a millisecond that wraps at 2**30, without an integer that would allocate.
+
+    It must be asked at least each 17 minutes: after a longer silence some of the microseconds are lost.
+    """
+
+    def __init__(self):
+        self._seen_ms = _ticks_ms()
+        self._ms = 0
+        self._us = _WRAP_MASK + 1 - 500_000  # half a second before it wraps: every start lives through that
+
+    def us(self):
+        """Microseconds."""
+        now_ms = _ticks_ms()
+        passed_ms = now_ms - self._seen_ms & _MS_MASK
+        if passed_ms:
+            self._seen_ms = now_ms
+            self._ms = self._ms + (passed_ms - _HALF - _HALF) & _WRAP_MASK
+            self._us = self._us + ((passed_ms & _MOST_MS) * 1000 - _HALF - _HALF) & _WRAP_MASK
+        return self._us
+
+    def ms(self):
+        """Milliseconds."""
+        self.us()
+        return self._ms
+
+
+_clock = _Clock()
+ticks_us = _clock.us
+ticks_ms = _clock.ms
+
+
+def pause_us(us):
+    """Wait for us and a PWM period, then for the clock's next step: what begins on a step can end on one."""
+    _delay_us(us + PERIOD_US)
+    ms = _ticks_ms()
+    while _ticks_ms() == ms:
+        pass
+
+
+def unique_id():
+    """The chip's own number, as hex (bytes)."""
+    return binascii.hexlify(microcontroller.cpu.uid)
+
+
+def boot_id():
+    """A number that differs from boot to boot, 0 ... 2**30-1."""
+    return int.from_bytes(os.urandom(4), "little") & 0x3FFFFFFF
+
+
+def reset_cause():
+    """Why the board started, as in errors.py."""
+    reason = microcontroller.cpu.reset_reason
+    if reason == microcontroller.ResetReason.WATCHDOG:
+        return errors.WATCHDOG
+    return errors.ASKED if reason == microcontroller.ResetReason.SOFTWARE else errors.POWER
+
+
+def start_watchdog():
+    """From here on the board is reset unless the function that this returns is called every few seconds."""
+    dog = microcontroller.watchdog
+    if dog is None:
+        return stop_watchdog
+    from watchdog import WatchDogMode  # a board without one may lack the module
+
+    dog.timeout = _HUNG_S
+    dog.mode = WatchDogMode.RESET
+    return dog.feed
+
+
+def stop_watchdog():
+    """Nobody feeds any more: at the prompt."""
+    if microcontroller.watchdog is not None:
+        microcontroller.watchdog.mode = None
+
+
+def collect():
+    """Free what starting up has left behind; the loop leaves nothing."""
+    gc.collect()
+
+
+def free_memory():
+    """Bytes of the heap that are free. Allocates nothing, but walks the heap: ask it seldom."""
+    return gc.mem_free()  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def undisturbed(action, argument):
+    """action(argument), from the start again however often Ctrl-C comes meanwhile: it cannot be switched off here."""
+    while True:
+        try:
+            action(argument)
+            return
+        except KeyboardInterrupt:
+            pass
+
+
+def leave(board):
+    """Motors off and watchdog off on the way to the prompt, however often Ctrl-C comes meanwhile."""
+    undisturbed(_leave, board)
+
+
+def _leave(board):
+    motors_off(board)
+    stop_watchdog()
