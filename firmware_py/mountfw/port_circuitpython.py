@@ -1,12 +1,13 @@
 """The hardware's verbs on CircuitPython. Only the files that end in _circuitpython.py name its modules.
 
 CircuitPython has no interrupts for Python code: end-stops are polled. Its finest clock that does not
-allocate tells whole milliseconds. docs/circuitpython.md has what follows from both.
+allocate has steps of 1/1024 s. docs/circuitpython.md has what follows from both.
 """
 
 import binascii
 import gc
 import os
+import time
 
 import microcontroller
 import supervisor
@@ -38,30 +39,49 @@ _HUNG_S = 4
 
 
 class _Clock:
-    """Time in steps of a millisecond that wraps at 2**30, without an integer that would allocate.
+    """Time that wraps at 2**30, without an integer that would allocate, in the steps that CircuitPython's clock has.
 
-    It must be asked at least each 17 minutes: after a longer silence some of the microseconds are lost.
+    Those are 1/1024 s, told as whole milliseconds, rounded down: 128 steps are 125 ms, in which three of them do not
+    show. So the milliseconds come at uneven times, but known ones: the microseconds are those of the step that was
+    seen last. It must be asked at least each 17 minutes: after a longer silence some of the microseconds are lost.
     """
 
     def __init__(self):
-        self._seen_ms = _ticks_ms()
+        while True:
+            self._seen_ms = _ticks_ms()
+            steps = (2 * time.monotonic_ns() + 1) // 1953125
+            if _ticks_ms() == self._seen_ms:
+                break
+        self._place = steps * 1000 // 1024 % 125  # of the millisecond among 125
         self._ms = 0
         self._us = _WRAP_MASK + 1 - 500_000  # half a second before it wraps: every start lives through that
 
     def us(self):
         """Microseconds."""
         now_ms = _ticks_ms()
-        passed_ms = now_ms - self._seen_ms & _MS_MASK
-        if passed_ms:
+        if now_ms != self._seen_ms:
+            passed_ms = now_ms - self._seen_ms & _MS_MASK
             self._seen_ms = now_ms
             self._ms = self._ms + (passed_ms - _HALF - _HALF) & _WRAP_MASK
-            self._us = self._us + ((passed_ms & _MOST_MS) * 1000 - _HALF - _HALF) & _WRAP_MASK
+            self._forward(passed_ms & _MOST_MS)
         return self._us
+
+    def _forward(self, passed_ms):
+        place = self._place + passed_ms
+        passed_us = place // 125 * 125_000 - _steps_us(self._place)
+        self._place = place % 125
+        passed_us += _steps_us(self._place)
+        self._us = self._us + (passed_us - _HALF - _HALF) & _WRAP_MASK
 
     def ms(self):
         """Milliseconds."""
         self.us()
         return self._ms
+
+
+def _steps_us(ms):
+    """When, in microseconds, the step comes with which the clock tells ms (0 ... 124)."""
+    return (ms * 128 + 124) // 125 * 15625 // 16
 
 
 _clock = _Clock()

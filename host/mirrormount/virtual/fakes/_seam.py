@@ -5,6 +5,7 @@ Fixed 16-byte records "<BBHIQ": kind, a, b, dt, t.
                     S at t the firmware waits, until t + dt unless something happens, b bytes unread: then it blocks
     from the world  R byte a was received        P pin a has level b
                     W the host collects (a = 1) or not (0)
+                    D a program has the port open (a = 1) or not (0)
                     G go on: it is t, and you may run to t + dt before you ask again
 Time is absolute microseconds here; the wrap at 2**30 is applied where the firmware reads a clock.
 """
@@ -17,7 +18,7 @@ WRAP_MASK = (1 << 30) - 1
 RECORD = "<BBHIQ"
 RECORD_SIZE = 16
 EDGE, SENT, WAIT = 69, 84, 83
-RECEIVED, PIN, COLLECTS, GO = 82, 80, 87, 71
+RECEIVED, PIN, COLLECTS, OPEN, GO = 82, 80, 87, 68, 71
 _NO_CHAR = -1
 
 
@@ -35,6 +36,8 @@ class Seam:
         self._head = 0
         self._tail = 0
         self.collects = True
+        self.opened = True
+        self.latched = []  # (when, pin, duty): what a PWM will show when its period is over
         self.levels = {}  # of input pins that something drives
         self.handlers = {}  # of input pins: what to call when they rise
         self.interrupt_char = 3
@@ -46,6 +49,8 @@ class Seam:
     def tick(self, us):
         """Something that costs us microseconds was done."""
         self.t += us
+        if self.latched:
+            self._show_latched()
         if self.t >= self._grant:
             self.wait(self.t)
 
@@ -53,6 +58,8 @@ class Seam:
         """Let the world go on; back at `until`, or earlier when something has happened."""
         if self._off:
             raise SystemExit(0)
+        if self.latched and self.latched[0][0] < until:
+            until = self.latched[0][0]
         locks = self._unlock()
         try:
             self._send(WAIT, 0, (self._head - self._tail) % len(self._rx), until - self.t)
@@ -60,6 +67,7 @@ class Seam:
                 pass
         finally:
             self._lock(locks)
+        self._show_latched()
         while self._risen:
             self._risen.pop(0)()
         if self._interrupted:
@@ -69,6 +77,23 @@ class Seam:
     def edge(self, pin, duty):
         """Pin `pin` has duty 0 ... 65535 from now on."""
         self._record(EDGE, pin, duty)
+
+    def latch(self, t, pin, duty):
+        """The same from t on, unless something else is latched for that pin before."""
+        locks = self._unlock()
+        self.latched = sorted([item for item in self.latched if item[1] != pin] + [(t, pin, duty)])
+        self._lock(locks)
+
+    def unlatch(self, pin):
+        """What was latched for a pin will not come."""
+        self.latched = [item for item in self.latched if item[1] != pin]
+
+    def _show_latched(self):
+        now = self.t
+        while self.latched and self.latched[0][0] <= now:
+            self.t, pin, duty = self.latched.pop(0)
+            self.edge(pin, duty)
+        self.t = now
 
     def sent(self, c):
         """Byte c goes to the host."""
@@ -128,6 +153,8 @@ class Seam:
                 self._risen.append(self.handlers[a])
         elif kind == COLLECTS:
             self.collects = bool(a)
+        elif kind == OPEN:
+            self.opened = bool(a)
         return True
 
     # the fakes may allocate, the firmware under heap_lock may not

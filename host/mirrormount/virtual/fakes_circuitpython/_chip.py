@@ -1,0 +1,42 @@
+"""What the fakes of CircuitPython's modules share: who has which pin, and what a build lets one do when."""
+
+import _seam
+
+claimed = {}  # GPIO number: its owner
+in_boot_py = True  # USB and the drive can be arranged then only
+
+
+def claim(pin, owner):
+    if not isinstance(pin, Pin):
+        raise TypeError("pin must be of type Pin, not %s" % type(pin).__name__)
+    if pin.number in claimed:
+        raise ValueError("GPIO%d in use" % pin.number)
+    claimed[pin.number] = owner
+
+
+def release(pin):
+    """The pin belongs to nobody and drives nothing: the resistor outside holds it low."""
+    del claimed[pin.number]
+    _seam.seam.unlatch(pin.number)
+    _seam.seam.edge(pin.number, 0)
+
+
+def deinited():
+    return ValueError("Object has been deinitialized and can no longer be used. Create a new object.")
+
+
+class Pin:
+    """One GPIO."""
+
+    def __init__(self, number):
+        self.number = number
+
+
+gpio = {number: Pin(number) for number in range(49)}
+
+
+def reset():
+    """What CircuitPython does with pins when a program has ended."""
+    for number in list(claimed):
+        owner = claimed[number]
+        owner.deinit()

@@ -1,0 +1,82 @@
+"""usb_cdc on the virtual CircuitPython board. The world is on one channel: data if there is one, else console."""
+
+import _chip
+import _seam
+
+_OUTPUT = 256  # bytes that a channel holds
+
+
+class Serial:
+    """One channel. Which one the world is on is known when boot.py has ended."""
+
+    def __init__(self):
+        self.timeout = None
+        self.write_timeout = None
+        self.world = False
+
+    @property
+    def connected(self):
+        _seam.seam.tick(2)
+        return self.world and _seam.seam.opened
+
+    @property
+    def in_waiting(self):
+        s = _seam.seam
+        s.tick(2)
+        return (s._head - s._tail) % len(s._rx) if self.world else 0
+
+    @property
+    def out_waiting(self):
+        _seam.seam.tick(2)
+        return _OUTPUT if self.world and not _seam.seam.collects else 0
+
+    def readinto(self, buffer):
+        s = _seam.seam
+        s.tick(10)
+        if self.timeout != 0:
+            raise NotImplementedError("the virtual board's USB never waits: set timeout = 0")
+        n = 0
+        while n < len(buffer) and self.world and s.received():
+            buffer[n] = s.take()
+            n += 1
+        return n
+
+    def write(self, data):
+        s = _seam.seam
+        s.tick(10)
+        if self.write_timeout != 0:
+            raise NotImplementedError("the virtual board's USB never waits: set write_timeout = 0")
+        if not s.collects:
+            return 0
+        if self.world:
+            for c in data:
+                s.sent(c)
+        return len(data)
+
+
+console = Serial()
+data = None
+
+
+def enable(*, console=True, data=False):
+    _arrange(console, data)
+
+
+def disable():
+    _arrange(False, False)
+
+
+def _arrange(with_console, with_data):
+    global console, data
+    if not _chip.in_boot_py:
+        raise RuntimeError("Cannot change USB devices now")
+    console = Serial() if with_console else None
+    data = Serial() if with_data else None
+
+
+def plug_in():
+    """boot.py has ended. Returns whether the world is on the console."""
+    channel = data or console
+    if channel:
+        channel.world = True
+    return channel is console
