@@ -77,13 +77,12 @@ def drain(link, most):
 
     Returns that stop, or NEED_BYTES.
     """
-    receive = link.receive
     taken = 0
     while taken < most and link.unparsed <= link.mask:
         if not _readinto(_byte_in):
-            return receive(_STOP) if not taken and _take_leave() else 0
+            return link.receive(_STOP) if not taken and _take_leave() else 0
         taken += 1
-        stop = receive(_byte_in[0])
+        stop = link.receive(_byte_in[0])
         if stop:
             return stop
     return 0

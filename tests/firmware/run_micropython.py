@@ -1,7 +1,8 @@
 """Runs every test of this folder on a MicroPython VM:  micropython run_micropython.py FIRMWARE_DIR
 
-With a second argument, the folder …/virtual/fakes: those that both ports pass, on the CircuitPython port and the fakes of
-its modules; then on CPython, too. Prints a line per failure and a last line "N passed, N failed"; exit status 1 if any failed.
+With a second argument, the folder …/virtual/fakes, and a third, the folder of adafruit_motor: those that both ports
+pass, on the CircuitPython port and the fakes of its modules; then on CPython, too.
+Prints a line per failure and a last line "N passed, N failed"; exit status 1 if any failed.
 """
 
 import sys
@@ -50,15 +51,15 @@ else:
 
 folder = __file__.rsplit("/", 1)[0] if "/" in __file__ else "."
 sys.path[:0] = [folder, sys.argv[1]]
+sys.modules["time"] = NoTicks()
+left_out = ()
 if len(sys.argv) > 2:
     import rig_circuitpython
 
     rig_circuitpython.use(sys.argv[2])
+    sys.path[2:2] = sys.argv[3:4]  # where adafruit_motor is
     TESTS = ON_BOTH_PORTS
     left_out = NOT_ON_CIRCUITPYTHON
-else:
-    sys.modules["time"] = NoTicks()
-    left_out = ()
 
 passed = failed = 0
 for module_name in TESTS:

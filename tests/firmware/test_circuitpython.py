@@ -1,4 +1,4 @@
-"""The CircuitPython port on the fakes of its modules: a virtual board in lockstep, on CPython and on a MicroPython VM."""
+"""The CircuitPython port on the fakes of its modules: virtual boards in lockstep, on CPython and a MicroPython VM."""
 
 import os
 import shutil
@@ -201,10 +201,7 @@ def test_settings_are_a_file_where_the_drive_is_the_boards_own(new, tmp_path):
     board.send(b"1XP30000;SM\n")
     board.run(500_000)
     board.world.close()
-    assert (
-        b"1 XP 30000" in (tmp_path / "mountfw.settings").read_bytes()
-        or b"30000" in (tmp_path / "mountfw.settings").read_bytes()
-    )
+    assert b"30000" in (tmp_path / "mountfw.settings").read_bytes()
     assert not (tmp_path / "nvm.bin").exists()
     assert new().ask(b"1XP?\n") == b"30000\r\n"
 
@@ -213,7 +210,6 @@ def test_a_hung_loop_is_reset_by_the_watchdog_and_the_next_start_says_so(new, tm
     code = (machines.firmware_folder() / "mountfw" / "entry" / "code.py").read_text()
     hang = "import mountfw.app, microcontroller\nreal = mountfw.app.App.show\ndef show(self):\n"
     hang += "    if self.controller.driving(): microcontroller.delay_us(5_000_000)\n    real(self)\n"
-    (tmp_path / "code.py").write_text(code.replace("build(port, board)", "import hang\n            build(port, board)"))
     (tmp_path / "code.py").write_text(hang + "mountfw.app.App.show = show\n" + code)
     board = new()
     board.send(b"1MV+\n")

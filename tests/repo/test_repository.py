@@ -33,9 +33,16 @@ ALLOWED = {
     "commands": {"answers", "command", "errors", "position", "settings"},
     "app": {"answers", "axis", "bridge", "command", "commands", "controller", "endstop", "errors", "frame", "link"}
     | {"room", "settings", "ticks"},
-    "repl": {"app", "errors", "port_micropython", "position", "ticks"},
+    "repl": {"app", "errors", "position"},
 }
-PLATFORM = {"machine", "board", "pwmio", "digitalio", "usb_cdc", "supervisor", "microcontroller", "rp2", "esp32"}
+# A port's files and the entry files name a platform. Of what is not ours, the rest may name these alone, which both
+# platforms have: checksums; the two tick functions if there are any; the interpreter's name. Nothing else, be it of one
+# platform (machine, rp2, board, pwmio) or different on each (micropython, os, gc, select, hashlib).
+PORTS = ("_micropython.py", "_circuitpython.py")
+ON_BOTH_PLATFORMS = {"settings": {"binascii"}, "ticks": {"time"}, "repl": {"sys"}}
+MICROPYTHON_ONLY = {"machine", "micropython", "rp2", "esp32", "vfs"}
+CIRCUITPYTHON_ONLY = {"board", "digitalio", "pwmio", "usb_cdc", "supervisor", "microcontroller", "storage", "watchdog"}
+CIRCUITPYTHON_ONLY |= {"adafruit_motor", "nvm", "rp2pio", "analogio", "countio", "busio"}
 
 
 def imported(path: Path) -> set[str]:
@@ -56,16 +63,39 @@ def test_the_core_imports_what_the_architecture_allows(name):
     assert ours <= ALLOWED[name]
 
 
-def test_only_the_ports_name_a_platform():
+def test_only_the_ports_name_a_platform_inside_functions_too():
+    shared = [p for p in FIRMWARE.rglob("*.py") if not p.name.endswith(PORTS) and p.parent.name != "entry"]
+    assert len(shared) > 20
+    for path in shared:
+        theirs = {n.split(".")[0] for n in imported(path)} - {"mountfw", ""}
+        assert theirs <= ON_BOTH_PLATFORMS.get(path.stem, set()), path
+        ours = {n for n in imported(path) if n.startswith("mountfw.")}
+        assert not any(n.endswith(("_micropython", "_circuitpython")) for n in ours), path
+
+
+def test_no_port_names_the_other_ones_platform():
+    entries = {"main.py": CIRCUITPYTHON_ONLY, "boot.py": MICROPYTHON_ONLY, "code.py": MICROPYTHON_ONLY}
     for path in FIRMWARE.rglob("*.py"):
-        if not path.name.startswith("port_"):
-            assert not {n.split(".")[0] for n in imported(path)} & PLATFORM, path
+        foreign = entries.get(path.name, set()) if path.parent.name == "entry" else set()
+        if path.name.endswith(PORTS):
+            foreign = MICROPYTHON_ONLY if path.name.endswith("_circuitpython.py") else CIRCUITPYTHON_ONLY
+        assert not {n.split(".")[0] for n in imported(path)} & foreign, path
+
+
+def test_what_is_shared_uses_nothing_that_circuitpython_lacks():
+    for path in FIRMWARE.rglob("*.py"):
+        if path.name.endswith("_micropython.py") or path.name == "main.py":
+            continue
+        for node in ast.walk(ast.parse(path.read_text())):
+            name = node.attr if isinstance(node, ast.Attribute) else node.id if isinstance(node, ast.Name) else ""
+            assert name not in {"native", "viper", "ptr8", "kbd_intr", "heap_lock", "schedule", "sleep_us"}, path
+            assert not isinstance(node, ast.Match | ast.AsyncFunctionDef | ast.NamedExpr), path
 
 
 def test_the_host_takes_only_the_wire_from_the_firmware():
     allowed = {"mountfw", "mountfw.__version__", "mountfw.errors", "mountfw.frame", "mountfw.frame.encode"}
     for path in HOST.rglob("*.py"):
-        if "fakes" not in path.parts:
+        if "fakes" not in path.parts and "fakes_circuitpython" not in path.parts:
             assert {n for n in imported(path) if n.split(".")[0] == "mountfw"} <= allowed, path
 
 
@@ -74,9 +104,11 @@ def test_the_bench_imports_nothing_of_the_firmware():
         assert not {n for n in imported(HOST / "virtual" / f"{name}.py") if n.startswith("mountfw")}
 
 
-def test_package_json_lists_exactly_what_goes_to_a_board():
+def test_package_json_lists_exactly_what_goes_to_a_micropython_board():
+    # CircuitPython's own files end in _circuitpython.py
     package = json.loads((FIRMWARE / "package.json").read_text())
-    library = {p.relative_to(FIRMWARE).as_posix() for p in FIRMWARE.rglob("*.py") if p.parent.name != "entry"}
+    files = [p for p in FIRMWARE.rglob("*.py") if not p.name.endswith("_circuitpython.py")]
+    library = {p.relative_to(FIRMWARE).as_posix() for p in files if p.parent.name != "entry"}
     assert {tuple(pair) for pair in package["urls"]} == {(f"mountfw/{f}", f) for f in library} | {
         ("main.py", "entry/main.py")
     }
