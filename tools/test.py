@@ -56,7 +56,7 @@ NEEDS: Tuple[Need, ...] = (
 
 WANTED = bootstrap.Wanted(
     purpose="tests",
-    pip_arguments=[["-r", "tests/requirements.txt"], ["--no-deps", "-e", "."]],
+    pip_arguments=[["--no-deps", "-r", "tests/requirements.txt"], ["--no-deps", "-e", "."]],
     files=["tests/requirements.txt", "pyproject.toml", "firmware_py/mountfw/__init__.py"],
     modules=["serial", "numpy", "matplotlib", "pytest", "hypothesis", "schemdraw", "mpremote", "nicegui", "playwright"],
 )
