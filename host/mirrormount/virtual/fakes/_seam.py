@@ -81,7 +81,8 @@ class Seam:
     def latch(self, t, pin, duty):
         """The same from t on, unless something else is latched for that pin before."""
         locks = self._unlock()
-        self.latched = sorted([item for item in self.latched if item[1] != pin] + [(t, pin, duty)])
+        self.unlatch(pin)
+        self.latched = sorted(self.latched + [(t, pin, duty)])
         self._lock(locks)
 
     def unlatch(self, pin):
