@@ -1,4 +1,4 @@
-"""mountfw: the firmware of a motorised mirror mount, for MicroPython boards.
+"""mountfw: the firmware of a motorised mirror mount, for MicroPython and CircuitPython boards.
 
 Read app.py first: it is the loop. docs/architecture.md tells who may import whom.
 """
