@@ -293,3 +293,81 @@ def test_time_that_the_port_tells_is_the_clocks_step_and_never_wrong_by_more(tmp
     board = boards(World(machines.circuitpython(tmp_path)))
     board.run(2_000_000, lambda: b"\n" in board.received)
     assert int(board.received) <= 2 * STEP_US + 10
+
+
+WAYS_OUT = """
+import sys, usb_cdc, microcontroller
+from watchdog import WatchDogMode
+from mountfw import app, pins_circuitpython as pins
+count, delivered, leaving = 0, False, False
+
+class App:
+    def run(self):
+        global leaving
+        for out in pins._outputs.values():
+            out.high()
+        microcontroller.watchdog.mode = WatchDogMode.RESET
+        leaving = True
+        raise KeyboardInterrupt
+
+def each_bytecode(frame, event, _arg):
+    global count, delivered
+    if event == "opcode" and leaving and not delivered:
+        count += 1
+        if count == second_at:
+            delivered = True
+            raise KeyboardInterrupt
+    return each_bytecode
+
+def trace(frame, _event, _arg):
+    if not frame.f_code.co_filename.endswith(("code.py", "port_circuitpython.py", "pins_circuitpython.py")):
+        return None
+    frame.f_trace_opcodes, frame.f_trace_lines = True, False
+    return each_bytecode
+
+app.build = lambda _port, _board: App()
+code = compile(SOURCE, "code.py", "exec")
+second_at, bad = 0, 0
+while True:
+    second_at += 1
+    count, delivered, leaving = 0, False, False
+    sys.settrace(trace)
+    try:
+        exec(code, {"__name__": "__main__", "print": lambda *_: None})
+    except KeyboardInterrupt:
+        pass
+    finally:
+        sys.settrace(None)
+    if not delivered:
+        break
+    on = [out for out in pins._outputs.values() if getattr(out.io, "_level", False) or getattr(out.io, "_duty", 0)]
+    bad += len(on) + (microcontroller.watchdog.mode is not None)
+    assert len(pins._outputs) == 6
+usb_cdc.data.write_timeout = 0
+usb_cdc.data.write(b"%d %d\\n" % (second_at, bad))
+"""
+
+
+def test_a_second_ctrl_c_anywhere_on_the_way_out_leaves_no_motor_and_no_watchdog_on(tmp_path, boards):
+    code = (machines.firmware_folder() / "mountfw" / "entry" / "code.py").read_text()
+    code = code.replace(
+        "port.motors_off(board)", "[port.motors_off(board), port.output(2, 4000), port.output(5, 4000)]"
+    )
+    (tmp_path / "code.py").write_text(f"SOURCE = {code!r}\n{WAYS_OUT}")
+    board = boards(World(machines.circuitpython(tmp_path)))
+    board.run(60_000_000, lambda: b"\n" in board.received)
+    places, bad = (int(n) for n in board.received.split())
+    assert bad == 0
+    assert places > 30
+
+
+def test_the_mount_is_there_at_the_boards_own_prompt(new, tmp_path):
+    session = "from mountfw.repl import m\nm.y.step(2)\nm.x.jog(-0.5, ms=300)\nimport usb_cdc\n"
+    session += "usb_cdc.data.write(b'%d\\n' % (m.y.position * 1000))\n"
+    (tmp_path / "code.py").write_text(session)
+    board = new()
+    board.run(3_000_000, lambda: b"\n" in board.received)
+    assert bytes(board.received) == b"2000\n"
+    assert board.off()
+    (on, off) = (board.edges("m2_en", up)[0] for up in (True, False))
+    assert 300_000 - PERIOD_US <= off - on <= 300_000 + 2 * STEP_US + 500
