@@ -272,6 +272,7 @@ def serve(world: World, ports: Sequence[Port], stopped: Callable[[], bool]) -> N
         watched = [fd for port in ports for fd in port.watched()] if room > 0 else []
         _wait(watched, min(wait_s, _HANGUP_S) if client is None or unread else wait_s)
         client = choice.look()
+        world.opened(client is not None)  # before the first byte of somebody who has just come
         data = client.take(room) if client and room > 0 else b""
         t = max(now_us, min(now_us + wants_us, wall_us()))
         world.collects(len(unread) < _UNREAD)
