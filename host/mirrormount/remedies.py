@@ -50,7 +50,8 @@ REMEDIES = {
     ),
     "63": Remedy(
         "What is on the flash does not match its checksum, or is not for this board. Settings are as made, "
-        "positions unknown.",
+        "positions unknown. On CircuitPython also: another program had its own in the non-volatile memory, or "
+        "the power went while that was written anew.",
         "Set them again (mirrormount config import if there is a copy), then SM. If it comes back, the flash "
         "is worn or the board is.",
     ),
@@ -72,7 +73,7 @@ REMEDIES = {
     "67": Remedy(
         "The board's file system is full or read-only. What was to be saved was not; what was there before "
         "still is. If a recorded position could not be taken back, nothing moves: it would be wrong after a "
-        "power cut.",
+        "power cut. On CircuitPython: the non-volatile memory refuses, or has no room.",
         "Free some space on the board (mpremote fs ls), or redeploy; then again.",
     ),
     "n01": Remedy(
@@ -138,7 +139,7 @@ REMEDIES = {
         "A stuck switch or a broken wire; or the motor does not turn, or turns the other way (XI).",
     ),
     "NoBoardFound": Remedy(
-        "No board with a known USB id is plugged in.",
+        "No board with a known USB id, and no CircuitPython drive with mountfw on it, is there.",
         "Plug it in, try another cable (some only charge), or name its port. --port virtual:// needs no board.",
     ),
     "PortAbsent": Remedy(

@@ -273,7 +273,7 @@ def test_pins_that_cannot_work_are_refused_before_a_board_is_looked_for(tmp_path
 def test_an_unknown_board_changes_nothing_and_names_those_there_are(deployed):
     before = contents(deployed.root)
     done = deployed.deploy("--board", "picco")
-    assert "only pico, pico_drv8833" in done.stderr
+    assert "only adafruit_feather_esp32s3, adafruit_feather_rp2040, pico, pico_drv8833" in done.stderr
     assert contents(deployed.root) == before
 
 

@@ -13,7 +13,7 @@ from mirrormount.virtual import command
 
 WITHOUT_POSIX = """
 import importlib, os, pkgutil, sys
-import serial.tools.list_ports, numpy, urllib.request  # theirs to care for
+import nicegui.ui, numpy, serial.tools.list_ports, urllib.request, uvicorn  # theirs to care for
 for name in ("fcntl", "termios", "pty", "tty", "resource", "pwd", "grp"):
     sys.modules[name] = None  # an import of it fails
 sys.platform = {platform!r}
