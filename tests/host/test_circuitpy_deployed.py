@@ -1,0 +1,73 @@
+"""What deploy has put on a drive is what runs: the port on fakes, booted from that very drive, answers for itself."""
+
+import pytest
+from drive_board import Board, make_drive
+
+from mirrormount import Mount, deploy_drive, drive_console, drive_plan, volumes
+from mirrormount.deploy import Options, deploy
+from mirrormount.link import Link
+from mirrormount.virtual import machines
+from mirrormount.virtual.board import SteppedPort
+from mirrormount.virtual.world import World
+
+
+class BootedBoard(Board):
+    """Runs the firmware that is on its drive, not one of its own."""
+
+    port: SteppedPort | None = None
+
+    def start(self) -> None:
+        super().start()
+        self.end()
+        if self.running:
+            self.port = SteppedPort(World(machines.circuitpython(self.root, firmware=self.root)))
+
+    def firmware(self, data: bytes) -> bytes:
+        self.port.write(data)
+        answer = b""
+        while not answer.endswith(b"\n") and (more := self.port.read(1)):
+            answer += more
+        return answer
+
+    def end(self) -> None:
+        if self.port:
+            self.port.close()
+            self.port = None
+
+
+@pytest.fixture
+def board(tmp_path, monkeypatch):
+    code = (drive_plan.package() / "entry" / "code.py").read_bytes()
+    board = BootedBoard(make_drive(tmp_path / "CIRCUITPY"), code)
+    monkeypatch.setattr(volumes, "mounted", lambda: [board.root])
+    monkeypatch.setattr("serial.tools.list_ports.comports", board.ports)
+    monkeypatch.setattr(deploy_drive, "open_port", board.open)
+    monkeypatch.setattr(drive_console, "open_port", board.open)
+    monkeypatch.setattr(drive_console, "_QUIET_S", 0.0)
+    monkeypatch.setattr(deploy_drive, "_BACK_S", 5)
+    yield board
+    board.end()
+
+
+def test_the_firmware_on_the_drive_tells_the_hash_that_deploy_has_computed(board):
+    said = deploy(Options())
+    assert said.startswith("OK: Raspberry Pi Pico, mountfw 0.1.0, 2 axes, the board tells the hash of what was sent")
+
+
+def test_the_firmware_on_the_drive_makes_steps(board):
+    deploy(Options())
+    link = Link(board.port)
+    mount = Mount(link)
+    mount.x.step(2)
+    legs = [(pin, duty) for _, pin, duty in board.port.world.edges if pin == "m2_pos" and duty]
+    assert len(legs) >= 1
+    assert mount.x.position == 2
+
+
+def test_the_port_runs_with_no_file_but_those_on_the_drive(board):
+    deploy(Options())
+    (board.root / "mountfw" / "ticks.py").unlink()
+    board.end()
+    board.port = SteppedPort(World(machines.circuitpython(board.root, firmware=board.root)))
+    board.port.write(b"*IDN?\n")
+    assert b"mirrormount" not in board.port.read(2)
