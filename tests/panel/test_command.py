@@ -1,0 +1,96 @@
+"""`mirrormount panel` before it serves: what it takes, and what it refuses in one line."""
+
+import io
+import socket
+
+import pytest
+
+from mirrormount import cli
+from mirrormount.panel import command
+
+
+class Terminal(io.StringIO):
+    """Somebody at a keyboard."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.fixture
+def served(monkeypatch):
+    """What would be served, instead of serving it: (board's address, links)."""
+    calls = []
+
+    def serve(address, listener, token, links, wide, browser):
+        calls.append((address, links, token))
+
+    monkeypatch.setattr(command, "_serve", serve)
+    monkeypatch.setattr(command, "find", lambda: [])
+    monkeypatch.delenv("MIRRORMOUNT_PORT", raising=False)
+    monkeypatch.delenv("MIRRORMOUNT_TOKEN", raising=False)
+    return calls
+
+
+def test_without_a_board_the_line_names_the_virtual_one(served, monkeypatch, capsys):
+    monkeypatch.setattr("sys.stdin", io.StringIO())
+    assert cli.main(["panel", "--http", "0"]) == 1
+    assert "mirrormount panel --virtual" in capsys.readouterr().err
+    assert served == []
+
+
+@pytest.mark.parametrize(("answer", "address"), [("y\n", ["virtual://"]), ("\n", []), ("n\n", [])])
+def test_at_a_terminal_the_virtual_board_is_offered(served, monkeypatch, answer, address):
+    monkeypatch.setattr("sys.stdin", Terminal(answer))
+    assert cli.main(["panel", "--http", "0"]) == (0 if address else 1)
+    assert [call[0] for call in served] == address
+
+
+def test_a_port_that_is_named_is_taken(served):
+    assert cli.main(["panel", "/dev/ttyACM7", "--http", "0"]) == 0
+    assert served[0][0] == "/dev/ttyACM7"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["/dev/ttyACM0", "--virtual"], "leave the port out"),
+        (["--virtual", "--http", "http"], "--http is a port number"),
+        (["--virtual", "--http", "65536"], "--http is a port number"),
+        (["--virtual", "--host", "no.such.host.invalid"], "no such host"),
+        (["--virtual", "--http", "0", "--token", " x"], "a token is"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_one_line(served, capsys, arguments, told):
+    assert cli.main(["panel", *arguments]) == 1
+    err = capsys.readouterr().err
+    assert told in err and len(err.splitlines()) == 1
+    assert served == []
+
+
+def test_a_port_in_use_is_told_if_it_was_asked_for_and_passed_over_if_not(served, monkeypatch, capsys):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        number = taken.getsockname()[1]
+        assert cli.main(["panel", "--virtual", "--http", str(number)]) == 1
+        assert "take another port" in capsys.readouterr().err
+        monkeypatch.setattr(command, "_PORT", number)
+        assert cli.main(["panel", "--virtual"]) == 0
+    assert not served[0][1][0].endswith(f":{number}/")
+
+
+def test_loopback_needs_no_token_and_a_wider_network_makes_a_new_one_each_time(served):
+    for host in ("127.0.0.1", "0.0.0.0", "0.0.0.0"):
+        assert cli.main(["panel", "--virtual", "--http", "0", "--host", host]) == 0
+    tokens = [token for _, _, token in served]
+    assert tokens[0] is None
+    assert tokens[1] and tokens[2] and tokens[1] != tokens[2]
+
+
+def test_a_token_with_strange_characters_is_quoted_in_the_link(served):
+    assert cli.main(["panel", "--virtual", "--http", "0", "--token", "a&b=c d#"]) == 0
+    assert served[0][1][0].endswith("/?token=a%26b%3Dc%20d%23")
+
+
+def test_without_nicegui_the_line_says_what_to_install(served, monkeypatch, capsys):
+    monkeypatch.setattr(command.importlib.util, "find_spec", lambda _name: None)
+    assert cli.main(["panel", "--virtual"]) == 1
+    assert 'pip install "mirrormount[gui]"' in capsys.readouterr().err
