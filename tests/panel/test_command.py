@@ -25,7 +25,7 @@ def served(monkeypatch):
         calls.append((address, links, token))
 
     monkeypatch.setattr(command, "_serve", serve)
-    monkeypatch.setattr(command, "find", lambda: [])
+    monkeypatch.setattr(command, "find", list)
     monkeypatch.delenv("MIRRORMOUNT_PORT", raising=False)
     monkeypatch.delenv("MIRRORMOUNT_TOKEN", raising=False)
     return calls
