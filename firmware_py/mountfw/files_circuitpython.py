@@ -14,7 +14,6 @@ from mountfw.nvm_circuitpython import NvmRecords
 _NO_SUCH_FILE = 2  # ENOENT
 _MOST_BYTES = 4096  # more than any file of ours: another one of that name must not fill the memory
 _SETTINGS = "mountfw.settings"
-_NO_HASH = b"unknown"
 
 _nvm = microcontroller.nvm
 _records = NvmRecords(_nvm) if _nvm and storage.getmount("/").readonly else None  # None: the drive has them
@@ -73,30 +72,43 @@ def firmware_hash():
     """SHA-256, as hex (bytes), over boot.py, code.py and every .py and .mpy of mountfw on the drive.
 
     For each, in the order of their names from the root on: the name, then the SHA-256 of the file (32 bytes).
-    A build without hashlib says `unknown`.
+    Builds before CircuitPython 10.1 have no SHA-256: they tell `crc32-` and the CRC-32 of names and contents.
     """
+    total = _sha256()
+    crc = 0
+    for name, path in _firmware_files():
+        crc = binascii.crc32(name.encode(), crc)
+        file_hash = _sha256()
+        with open(path, "rb") as f:
+            while True:
+                part = f.read(512)
+                if not part:
+                    break
+                crc = binascii.crc32(part, crc)
+                if file_hash:
+                    file_hash.update(part)
+        if total and file_hash:
+            total.update(name.encode())
+            total.update(file_hash.digest())
+    return binascii.hexlify(total.digest()) if total else b"crc32-%08x" % (crc & 0xFFFFFFFF)
+
+
+def _sha256():
+    """A new SHA-256, or None where this build has none."""
     try:
         import hashlib
-    except ImportError:
-        return _NO_HASH
+
+        return hashlib.new("sha256")
+    except (ImportError, ValueError):
+        return None
+
+
+def _firmware_files():
+    """(name from the root on, path) of each file that counts."""
     library = __file__.rpartition("/")[0]
     root = library.rpartition("/")[0]
-    total = hashlib.new("sha256")
     for folder in ("", "mountfw", "mountfw/boards"):
         place = root + "/" + folder if root or not folder else folder
         for name in sorted(os.listdir(place)):
             if name in ("boot.py", "code.py") if not folder else name.endswith((".py", ".mpy")):
-                total.update((folder + "/" + name if folder else name).encode())
-                total.update(_file_hash(hashlib.new("sha256"), place.rstrip("/") + "/" + name))
-    return binascii.hexlify(total.digest())
-
-
-def _file_hash(digest, path):
-    buffer = bytearray(512)
-    view = memoryview(buffer)
-    with open(path, "rb") as f:
-        while True:
-            n = f.readinto(buffer)
-            if not n:
-                return digest.digest()
-            digest.update(view[:n])
+                yield (folder + "/" + name if folder else name), place.rstrip("/") + "/" + name

@@ -10,7 +10,7 @@ import dataclasses
 import os
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 
 from mirrormount import deploy_drive
 from mirrormount.deploy_plan import THIS, Plan, board_choice, boards, firmware, firmware_hash, plan
@@ -56,7 +56,7 @@ def deploy(options: Options, progress: Progress | None = None) -> str:
         _check_room(todo, there["room"])
         board.install(todo, progress)
     progress.phase("restarting")
-    identity, axes = _come_back(port, firmware_hash(todo.after))
+    identity, axes = _come_back(port, {firmware_hash(todo.after)})
     files = f"{len(wanted)} files ({len(wanted) - todo.changed} unchanged)"
     kept = f"; the main.py that was there is now {todo.backup}" if todo.backup else ""
     return f"OK: {identity}, {axes} axes, {files} in {time.monotonic() - started:.1f} s{kept}"
@@ -179,7 +179,7 @@ def _approach(port: str, stop: bool) -> None:
         raise DeployError(f"no Python answers on this board. {FLASH_IT}")
 
 
-def _come_back(port: str, wanted_hash: str) -> tuple[str, int]:
+def _come_back(port: str, wanted: Collection[str]) -> tuple[str, int]:
     """Wait for the board to answer as a mount again. Returns "board, mountfw version" and its number of axes.
 
     Its port may go and come back meanwhile. Raises DeployError.
@@ -197,7 +197,7 @@ def _come_back(port: str, wanted_hash: str) -> tuple[str, int]:
             heard = ask(link, b"*IDN?\n")
             if heard.startswith("mirrormount,"):
                 _, name, _, version = heard.splitlines()[0].split(",")  # it may answer an earlier question, too
-                return f"{name}, mountfw {version.strip()}", check(link, wanted_hash)
+                return f"{name}, mountfw {version.strip()}", check(link, wanted)[0]
             if ">>>" in heard:
                 link.write(b"\r\x04")  # once more, to hear why
                 heard = link.drain(0.5).decode("ascii", "replace")

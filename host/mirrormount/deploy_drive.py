@@ -11,10 +11,10 @@ import time
 from collections.abc import Callable
 
 from mirrormount import drive_console, volumes
-from mirrormount.deploy_plan import boards, firmware_hash
+from mirrormount.deploy_plan import boards
 from mirrormount.deploy_talk import Options, ask, check, quiet
-from mirrormount.drive_copy import Files, check_room, check_writable, install, remove, survey
-from mirrormount.drive_plan import PROGRAMS, drive_firmware, drive_plan, motor_library
+from mirrormount.drive_copy import Files, check_room, check_writable, install, kept_sources, remove, survey
+from mirrormount.drive_plan import answers, drive_firmware, drive_plan, motor_library
 from mirrormount.drive_ports import Channels, channels
 from mirrormount.drives import Drive, check_version
 from mirrormount.errors import (
@@ -50,14 +50,14 @@ def deploy(drive: Drive, this: dict[str, bytes], options: Options, progress: Pro
         raise DeployError(f"there is no board file {options.board!r}, only {', '.join(known)}")
     todo = drive_plan(wanted, there, old, may_replace(options))
     check_room(todo, sizes, _room(drive))
-    wanted_hash = firmware_hash(todo.after, PROGRAMS)
+    expected = answers(wanted | kept_sources(files, todo, wanted))
     if todo.nothing:
-        told = _already(drive, options.stop, wanted_hash)
+        told = _already(drive, options.stop, expected)
     else:
         ports = _approach(drive, options.stop)
         with _restart_if_it_fails(ports):
             install(files, todo, progress)
-        told = _restart(drive, ports, wanted_hash, progress)
+        told = _restart(drive, ports, expected, progress)
     count = f"{len(wanted)} files ({len(wanted) - todo.changed} unchanged)"
     kept = "".join(f"; the {path} that was there is now {copy}" for path, copy in todo.aside.items())
     return f"OK: {told}, {count} in {time.monotonic() - started:.1f} s{kept}"
@@ -135,25 +135,25 @@ def _restart_if_it_fails(ports: Channels):
         raise
 
 
-def _already(drive: Drive, stop: bool, wanted_hash: str) -> str:
+def _already(drive: Drive, stop: bool, expected: tuple[str, ...]) -> str:
     """For a drive that needs no change: ask what runs; restart the board only if it is not that."""
     with contextlib.suppress(NotSeenRunning):
-        return _listen(drive, wanted_hash, 0.0)
+        return _listen(drive, expected, 0.0)
     ports = _approach(drive, stop)
-    return _restart(drive, ports, wanted_hash, Progress())
+    return _restart(drive, ports, expected, Progress())
 
 
-def _restart(drive: Drive, ports: Channels, wanted_hash: str, progress: Progress) -> str:
+def _restart(drive: Drive, ports: Channels, expected: tuple[str, ...], progress: Progress) -> str:
     """Restart the board and hear what it runs. Raises NotSeenRunning."""
     if ports.console:
         progress.phase("restarting")
         drive_console.reset(ports.console)
-        return _listen(drive, wanted_hash, _BACK_S)
+        return _listen(drive, expected, _BACK_S)
     progress.phase("the files are on the drive; no console of this board is here: press its reset button now")
-    return _listen(drive, wanted_hash, _BY_HAND_S)
+    return _listen(drive, expected, _BY_HAND_S)
 
 
-def _listen(drive: Drive, wanted_hash: str, longest_s: float) -> str:
+def _listen(drive: Drive, expected: tuple[str, ...], longest_s: float) -> str:
     """Wait for the board to tell the hash of what was sent. Returns "board, mountfw version, n axes, …".
 
     Its ports go and come back meanwhile, under other names perhaps. Raises NotSeenRunning.
@@ -163,7 +163,7 @@ def _listen(drive: Drive, wanted_hash: str, longest_s: float) -> str:
     while True:
         if device := (ports := _channels(drive)).protocol:
             try:
-                return _identity(device, wanted_hash)
+                return _identity(device, expected)
             except (CannotOpen, ConnectionLost, NoAnswer, DeployError) as e:
                 why = str(e)
         if time.monotonic() >= end:
@@ -178,7 +178,7 @@ def _listen(drive: Drive, wanted_hash: str, longest_s: float) -> str:
     )
 
 
-def _identity(device: str, wanted_hash: str) -> str:
+def _identity(device: str, expected: tuple[str, ...]) -> str:
     link = Link(open_port(device))
     try:
         link.drain(0.1)
@@ -186,7 +186,8 @@ def _identity(device: str, wanted_hash: str) -> str:
         found = _IDENTITY.search(heard)  # on a console there may be other text before it
         if not found:
             raise DeployError(f"{device} says {heard.strip()[-60:]!r}" if heard.strip() else f"{device} is silent")
-        axes = check(link, wanted_hash)
-        return f"{found[1]}, mountfw {found[2]}, {axes} axes, the board tells the hash of what was sent"
+        axes, told = check(link, expected)
+        what = "checksum (it has no SHA-256)" if told.startswith("crc32-") else "hash"
+        return f"{found[1]}, mountfw {found[2]}, {axes} axes, the board tells the {what} of what was sent"
     finally:
         link.close()

@@ -9,6 +9,7 @@ import json
 import re
 import subprocess
 import tempfile
+import zlib
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -67,25 +68,40 @@ def firmware_hash(files: dict[str, str], programs: tuple[str, ...] = ("main.py",
     programs: the files of the root that count, which are others on CircuitPython.
     """
     total = hashlib.sha256()
-    for folder in ("", "mountfw", "mountfw/boards"):
-        for path in sorted(p for p in files if p.rpartition("/")[0] == folder):
-            if path in programs or (folder and path.endswith((".py", ".mpy"))):
-                total.update(path.encode() + bytes.fromhex(files[path]))
+    for path in _in_order(files, programs):
+        total.update(path.encode() + bytes.fromhex(files[path]))
     return total.hexdigest()
+
+
+def firmware_checksum(files: dict[str, bytes], programs: tuple[str, ...]) -> str:
+    """What XF? answers instead on a board without SHA-256, for these files, {path: content}: their CRC-32."""
+    total = 0
+    for path in _in_order(files, programs):
+        total = zlib.crc32(files[path], zlib.crc32(path.encode(), total))
+    return f"crc32-{total:08x}"
+
+
+def _in_order(paths: Iterable[str], programs: tuple[str, ...]) -> Iterator[str]:
+    """Those that count, folder by folder, each sorted by name."""
+    for folder in ("", "mountfw", "mountfw/boards"):
+        for path in sorted(p for p in paths if p.rpartition("/")[0] == folder):
+            if path in programs or (folder and path.endswith((".py", ".mpy"))):
+                yield path
 
 
 def known_hashes() -> Iterator[str]:
     """What XF? answers for each board that this host's deploy can make, but for those with a file of somebody's own.
 
-    The virtual board of the cpython machine has no main.py. Raises DeployError.
+    The virtual boards of the cpython and circuitpython machines run the package as it is here, with the files of both
+    platforms and no program beside it. Raises DeployError.
     """
     from mirrormount import drive_plan  # it takes parts of this file
 
     yield from drive_plan.known_hashes()
+    package = {path: hashlib.sha256(content).hexdigest() for path, content in drive_plan.drive_firmware().items()}
     for mpy in (None, _MPY_VERSION):
         files = {path: hashlib.sha256(content).hexdigest() for path, content in firmware(mpy).items()}
-        without_main = {path: sha for path, sha in files.items() if path != "main.py"}
-        yield firmware_hash(without_main)
+        yield firmware_hash(package | files, programs=())
         for name in (None, *boards(files)):
             this = {THIS: hashlib.sha256(board_choice(name)).hexdigest()} if name else {}
             yield firmware_hash(files | this)

@@ -1,6 +1,7 @@
 """What both ways of a deploy share: what was asked for, and the few words that are exchanged with a board."""
 
 import re
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -58,16 +59,17 @@ def _moves(heard: str) -> bool:
     return bool(status) and any(axis.split(",")[1] == "1" for axis in status[1].strip("|").split("|"))
 
 
-def check(link: Link, wanted_hash: str) -> int:
-    """What runs must be what was sent. Returns the number of axes."""
+def check(link: Link, wanted: Collection[str]) -> tuple[int, str]:
+    """What runs must be what was sent: XF? answers one of wanted. Returns the number of axes, and that answer."""
     # the address comes back with the answers: those to earlier questions, from a board that was starting, are not ours
     answer = link.ask(_ADDRESS + b"XF?;XH?;XS?\n", _ANSWER_S)
     while not answer.startswith(_ADDRESS.decode()):
         answer = link.read_line(_ANSWER_S)
     found, health, status = answer[len(_ADDRESS) :].split("; ")
-    if found != wanted_hash:
-        raise DeployError(f"the board's firmware is not what was sent (XF? {found[:16]}…, not {wanted_hash[:16]}…)")
+    if found not in wanted:
+        expected = " or ".join(f"{one[:16]}…" for one in wanted)
+        raise DeployError(f"the board's firmware is not what was sent (XF? {found[:16]}…, not {expected})")
     numbers = health.split(",")
     if len(numbers) != 4 or not all(number.isdecimal() for number in numbers):
         raise DeployError(f"the board does not tell its health: {health[:60]!r}")
-    return status.count("|")
+    return status.count("|"), found

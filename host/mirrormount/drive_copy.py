@@ -9,7 +9,7 @@ import contextlib
 import errno
 import hashlib
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from mirrormount.board_side import MANIFEST
@@ -101,6 +101,13 @@ def survey(files: Files) -> tuple[dict[str, str], dict[str, int], Manifest]:
         content = {name: files.read(path.relative_to(files.root).as_posix()) for name, path in names.items()}
     hashes = {name: hashlib.sha256(text).hexdigest() for name, text in content.items()}
     return hashes, {name: len(text) for name, text in content.items()}, read_manifest(content.get(MANIFEST, b""))
+
+
+def kept_sources(files: Files, todo: DrivePlan, wanted: Iterable[str]) -> dict[str, bytes]:
+    """{path: content} of what stays of somebody's own in mountfw, a board file for instance. Raises DriveFailed."""
+    kept = [path for path in todo.after.keys() - set(wanted) if path.startswith("mountfw/")]
+    with _told("nothing was changed"):
+        return {path: files.read(path) for path in kept if path.endswith((".py", ".mpy"))}
 
 
 def _name(path: str) -> str:

@@ -15,7 +15,7 @@ from importlib.resources.abc import Traversable
 from pathlib import Path
 
 from mirrormount.board_side import MANIFEST
-from mirrormount.deploy_plan import THIS, board_choice, boards, firmware_hash
+from mirrormount.deploy_plan import THIS, board_choice, boards, firmware_checksum, firmware_hash
 from mirrormount.errors import DeployError, LibraryMissing
 from mountfw import __version__
 
@@ -67,10 +67,15 @@ def motor_library() -> dict[str, bytes]:
 
 def known_hashes() -> Iterator[str]:
     """What XF? answers for each board that a deploy by drive can make, but for those with a file of somebody's own."""
-    files = {path: sha256(content) for path, content in drive_firmware().items()}
+    files = drive_firmware()
     for name in (None, *boards(files)):
-        this = {THIS: sha256(board_choice(name))} if name else {}
-        yield firmware_hash(files | this, PROGRAMS)
+        yield from answers(files | ({THIS: board_choice(name)} if name else {}))
+
+
+def answers(files: dict[str, bytes]) -> tuple[str, ...]:
+    """What XF? may answer on a board with these files, {path: content}: by SHA-256, or by CRC-32 where it has none."""
+    hashes = {path: sha256(content) for path, content in files.items()}
+    return firmware_hash(hashes, PROGRAMS), firmware_checksum(files, PROGRAMS)
 
 
 @dataclass(frozen=True)

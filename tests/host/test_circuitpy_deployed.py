@@ -71,3 +71,14 @@ def test_the_port_runs_with_no_file_but_those_on_the_drive(board):
     board.port = SteppedPort(World(machines.circuitpython(board.root, firmware=board.root)))
     board.port.write(b"*IDN?\n")
     assert b"mirrormount" not in board.port.read(2)
+
+
+def test_a_build_without_sha256_tells_a_checksum_that_deploy_knows(board):
+    (board.root / "hashlib.py").write_text("def new(name):\n    raise ValueError('Unsupported hash algorithm')\n")
+    said = deploy(Options())
+    assert "the board tells the checksum (it has no SHA-256) of what was sent" in said
+    (board.root / "mountfw" / "boards" / "mine.py").write_text("# a board of my own\n")
+    assert deploy(Options()).startswith("OK")
+    (board.root / "mountfw" / "ticks.py").write_bytes((board.root / "mountfw" / "ticks.py").read_bytes() + b"#")
+    board.start()
+    assert board.firmware(b"XF?\n").startswith(b"crc32-")
