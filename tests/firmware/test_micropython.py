@@ -50,7 +50,7 @@ def test_the_core_passes_its_tests_on_micropython_with_the_heap_locked(micropyth
         [micropython, "-X", "heapsize=4m", str(HERE / "run_micropython.py"), str(FIRMWARE)],
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=600,
     )
     assert run.returncode == 0, run.stdout + run.stderr
     passed = int(run.stdout.split()[-4])
