@@ -137,7 +137,7 @@ class SerialPort:
         """Send bytes. Raises ConnectionLost."""
         try:
             self._serial.write(data)
-        except (OSError, serial.SerialException) as e:
+        except (OSError, serial.SerialException, TypeError) as e:  # TypeError: closed in another thread
             raise ConnectionLost(f"{self._serial.port} has gone, or takes nothing") from e
 
     def close(self) -> None:

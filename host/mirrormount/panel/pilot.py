@@ -28,6 +28,7 @@ from mirrormount.panel.wire_log import TappedPort, WireLog
 from mirrormount.status import Status
 
 LOOK_S = 0.05  # between two looks at the board
+LATE_S = 0.5  # an order that could not be begun for so long is not begun any more
 HOLD_S = 0.4  # a button held for longer is a run; let go before, it was a step
 _RETRY_S = 1.0  # between two attempts to find the board
 _KEPT_S = 120.0  # of the positions, for the plot
@@ -54,6 +55,7 @@ class _Hold:
     page: Page
     press: Press
     since_s: float
+    begun: bool = False  # its step was not refused
     running: bool = False
     released: bool = False
 
@@ -83,7 +85,7 @@ class Pilot:
         self._hold: _Hold | None = None
         self._stops = 0  # asked for
         self._confirmed = 0  # of them, those that the board has been seen to obey
-        self._brake = threading.Event()
+        self._brake: queue.SimpleQueue[None] = queue.SimpleQueue()  # an Event's set() may not be interrupted by itself
         self._closing = False
         self._threads = [
             threading.Thread(target=self._live, name="pilot", daemon=True),
@@ -100,7 +102,7 @@ class Pilot:
     def close(self) -> None:
         """Motors off, port closed. Raises MountError if they did not stop."""
         self._closing = True
-        self._brake.set()
+        self._brake.put(None)
         for thread in self._threads:
             if thread.is_alive():
                 thread.join(5)
@@ -115,14 +117,14 @@ class Pilot:
 
     def order(self, page: Page, order: Order) -> None:
         """Do what the page asks for. What cannot be done is told to that page."""
-        stops = self._stops
+        stops, asked_s = self._stops, time.monotonic()
         if isinstance(order, Press):
             if self._hold and not self._hold.released:
                 return  # one hand at a time
-            self._hold = hold = _Hold(page, order, time.monotonic())
-            self._orders.put(lambda: self._begin(page, stops, lambda mount: self._press(mount, hold)))
+            self._hold = hold = _Hold(page, order, asked_s)
+            self._orders.put(lambda: self._begin(page, stops, asked_s, lambda mount: self._press(mount, hold)))
         else:
-            self._orders.put(lambda: self._begin(page, stops, lambda mount: self._move(mount, order)))
+            self._orders.put(lambda: self._begin(page, stops, asked_s, lambda mount: self._move(mount, order)))
 
     def release(self, page: Page) -> None:
         """The button is up: a run ends now, a step that has just begun is made."""
@@ -137,7 +139,7 @@ class Pilot:
         self._stops += 1
         if self._hold:
             self._hold.released = True
-        self._brake.set()
+        self._brake.put(None)
 
     def gone(self, page: Page) -> None:
         """The page's connection has ended: what it drove stops."""
@@ -150,16 +152,19 @@ class Pilot:
         asked = self.mount
 
         def run() -> None:
+            if not future.set_running_or_notify_cancel():
+                return  # whoever asked has gone
+            if self.mount is None or self.mount is not asked:  # another board may have come meanwhile
+                why = self.trouble or "the board had gone meanwhile"
+                future.set_exception(ConnectionLost(f"nothing was done: {why}"))
+                return
             try:
-                if self.mount is None or self.mount is not asked:  # another board may have come meanwhile
-                    raise ConnectionLost(f"nothing was done: {self.trouble or 'the board had gone meanwhile'}")
                 result = work(self.mount)
                 self.scales = scales.read(self.mount)  # it may have changed what a step is
                 future.set_result(result)
             except (ConnectionLost, NoAnswer) as e:
                 future.set_exception(e)
-                if self.mount:
-                    raise
+                raise
             except Exception as e:
                 future.set_exception(e)
 
@@ -185,8 +190,10 @@ class Pilot:
 
     def _stand_by(self) -> None:
         while not self._closing:
-            self._brake.wait()
-            self._brake.clear()
+            self._brake.get()
+            with contextlib.suppress(queue.Empty):  # one halt serves all stops asked for before it
+                while True:
+                    self._brake.get_nowait()
             mount = self.mount
             if mount:
                 try:
@@ -214,11 +221,14 @@ class Pilot:
         with contextlib.suppress(queue.Empty):
             self._orders.get(timeout=LOOK_S if self.mount else _RETRY_S)()
 
-    def _begin(self, page: Page, stops: int, start: Callable[[Mount], None]) -> None:
-        """Start a motion for a page, unless there was a stop since it was asked for."""
+    def _begin(self, page: Page, stops: int, asked_s: float, start: Callable[[Mount], None]) -> None:
+        """Start a motion for a page, unless there was a stop since it was asked for, or it was too long ago."""
         mount = self.mount
         if mount is None:
             page.notices.append(f"nothing was done: {self.trouble}")
+            return
+        if time.monotonic() - asked_s > LATE_S:
+            page.notices.append("nothing was done: the board was busy for too long; ask again")
             return
         if self._stops != self._confirmed:
             self._confirm(mount)
@@ -234,13 +244,12 @@ class Pilot:
             pass  # stopped before it began: as asked
         except MountError as e:
             page.notices.append(str(e))
-            if self._hold:
-                self._hold.released = True
 
     def _press(self, mount: Mount, hold: _Hold) -> None:
         axis = getattr(mount, hold.press.axis)
         self.targets[hold.press.axis] = None
         axis.step(hold.press.steps, wait=False, feed=False)
+        hold.begun = True
 
     def _move(self, mount: Mount, order: Order) -> None:
         match order:
@@ -284,7 +293,7 @@ class Pilot:
     def _go_on(self, mount: Mount) -> None:
         """A button that is held long enough becomes a run."""
         hold = self._hold
-        if not hold or hold.released or hold.running or time.monotonic() - hold.since_s < HOLD_S:
+        if not hold or not hold.begun or hold.released or hold.running or time.monotonic() - hold.since_s < HOLD_S:
             return
         hold.running = True  # before it is: a release from here on stops it
         if self.driver is hold.page:
@@ -342,9 +351,9 @@ class Pilot:
         self.trouble = str(why)
         self.say(f"{why}; the panel looks for the board, and will not resume what it did", type(why).__name__)
         if mount:
-            with contextlib.suppress(MountError):
-                mount.halt()  # in case it only did not answer
-            mount.close()
+            for last in (mount.halt, mount.close):  # in case it only did not answer
+                with contextlib.suppress(MountError, OSError):  # OSError: the driver of a port that has gone
+                    last()
 
 
 class _ToNotices(logging.Handler):

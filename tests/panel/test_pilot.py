@@ -1,0 +1,121 @@
+"""The thread that speaks to the mount, and the brake, without a web: with pages that the test makes."""
+
+import os
+import threading
+
+import pytest
+from served import wait_for
+
+from mirrormount.errors import ConnectionLost
+from mirrormount.link import SerialPort
+from mirrormount.panel.desk import Desk
+from mirrormount.panel.orders import Drive, GoTo, Press, Steps
+from mirrormount.panel.pilot import Pilot
+
+RIGHT = Press("x", 1, 255, False)
+
+
+class AlwaysAlive(Desk):
+    """A desk whose connected pages are alive without a beat."""
+
+    def alive(self, page) -> bool:
+        return page.connected
+
+
+@pytest.fixture
+def desk():
+    return AlwaysAlive()
+
+
+@pytest.fixture
+def page(desk):
+    page = desk.add("here")
+    desk.enter(page, object())
+    return page
+
+
+@pytest.fixture
+def pilot(desk):
+    pilot = Pilot("virtual://", desk)
+    pilot.open()
+    wait_for(lambda: pilot.status, "the first look at the board")
+    yield pilot
+    pilot.close()
+
+
+def sent(pilot) -> list[str]:
+    """What went to the board, without the polls."""
+    return [entry.text for entry in pilot.log.since(0) if entry.to_board and not entry.poll]
+
+
+def moving(pilot) -> bool:
+    return pilot.status.moving
+
+
+def test_an_order_that_is_refused_while_a_button_is_held_does_not_lose_its_release(pilot, page):
+    pilot.order(page, RIGHT)
+    wait_for(lambda: any("MV+" in line for line in sent(pilot)), "the run")
+    pilot.order(page, GoTo("x", 1_000_000))
+    wait_for(lambda: page.notices, "the refusal")
+    pilot.release(page)
+    wait_for(lambda: not moving(pilot), "the end of the run")
+    assert "!" in sent(pilot)[-4:]
+
+
+def test_a_step_that_is_refused_does_not_become_a_run(pilot, page):
+    pilot.order(page, Steps("x", 20))
+    wait_for(lambda: moving(pilot), "the move")
+    pilot.order(page, RIGHT)
+    wait_for(lambda: page.notices, "the refusal")
+    wait_for(lambda: not moving(pilot), "the end of the move")
+    assert not any("MV" in line for line in sent(pilot))
+
+
+def busy(pilot) -> threading.Event:
+    """Keep the mount's thread busy until the event that is returned is set."""
+    until = threading.Event()
+    pilot.call(lambda mount: until.wait(20))
+    return until
+
+
+def test_an_order_that_had_to_wait_for_too_long_is_not_begun(pilot, page, monkeypatch):
+    monkeypatch.setattr("mirrormount.panel.pilot.LATE_S", 0.0)
+    until = busy(pilot)
+    pilot.order(page, Drive(100, 0))
+    until.set()
+    wait_for(lambda: page.notices, "the refusal")
+    assert "busy" in page.notices[0]
+    assert not any("100" in line for line in sent(pilot))
+
+
+def test_who_asks_and_goes_away_does_not_cost_the_board(pilot):
+    until = busy(pilot)
+    question = pilot.call(lambda mount: mount.status())
+    assert question.cancel()
+    until.set()
+    pilot.call(lambda mount: mount.status()).result(20)
+    assert list(pilot.notices) == []
+
+
+def test_who_asked_when_there_was_no_board_does_not_cost_the_one_that_came(pilot):
+    mount, pilot.mount = pilot.mount, None
+    question = pilot.call(lambda mount: mount.status())
+    pilot.mount = mount
+    with pytest.raises(ConnectionLost):
+        question.result(20)
+    pilot.call(lambda mount: mount.status()).result(20)
+    assert pilot.mount is mount
+    assert list(pilot.notices) == []
+
+
+@pytest.mark.skipif(os.name != "posix", reason="a pty needs POSIX")
+def test_a_stop_that_meets_a_port_just_closed_by_another_thread_finds_it_gone():
+    controller, terminal = os.openpty()
+    port = SerialPort(os.ttyname(terminal), 115200)
+    fd, port._serial.fd = port._serial.fd, None  # as in the middle of close()
+    with pytest.raises(ConnectionLost):
+        port.write(b"!\n")
+    port._serial.fd = fd
+    port.close()
+    os.close(controller)
+    os.close(terminal)
