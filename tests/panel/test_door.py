@@ -75,3 +75,40 @@ def test_another_name_for_this_computer_is_refused(panel):
 
 def test_the_loopback_interface_is_all_that_it_listens_to_unless_told(panel):
     assert panel.url.startswith("http://127.0.0.1:")
+
+
+@pytest.mark.parametrize("headers", [{"Host": "[::1"}, {"Origin": "http://[x"}])
+def test_a_malformed_address_is_refused_and_is_no_fault(panel, headers):
+    assert status_of(panel.port, **headers) == 403
+    assert panel.end() == ""
+
+
+def cookie_of(url: str) -> str:
+    """What the link gives."""
+    address, _, path = url.removeprefix("http://").partition("/")
+    connection = http.client.HTTPConnection(address)
+    connection.request("GET", "/" + path)
+    cookie = connection.getresponse().headers["set-cookie"].partition(";")[0]
+    connection.close()
+    return cookie
+
+
+def port_of(url: str) -> int:
+    return int(url.split(":")[2].split("/")[0])
+
+
+@pytest.mark.parametrize("other", ["[x]=1", 'settings={"a": "b', "=", "x=\xff"])
+def test_a_cookie_of_another_program_on_this_computer_does_not_shut_anybody_out(wide, other):
+    assert status_of(port_of(wide.url), Cookie=f"{other}; {cookie_of(wide.url)}") == 200
+
+
+def test_two_panels_of_one_computer_can_be_open_in_one_browser(wide, tmp_path):
+    second = Panel("virtual://", tmp_path, "--host", "0.0.0.0")
+    try:
+        jar = dict(cookie_of(panel.url).split("=") for panel in (wide, second))
+        both = "; ".join(f"{name}={value}" for name, value in jar.items())
+        assert [status_of(port_of(panel.url), Cookie=both) for panel in (wide, second)] == [200, 200]
+        one = cookie_of(second.url)
+        assert status_of(port_of(wide.url), Cookie=one) == 403
+    finally:
+        second.kill()

@@ -7,7 +7,6 @@ On a wider network it takes the token, once, in the link; from then on a cookie 
 
 import hashlib
 import hmac
-from http.cookies import CookieError, SimpleCookie
 from urllib.parse import parse_qs, urlsplit
 
 from starlette.types import ASGIApp, Receive, Scope, Send
@@ -31,6 +30,8 @@ class Guard:
         self._app = app
         self._token = token
         self._pass = None if token is None else hashlib.sha256(b"mirrormount panel " + token).hexdigest().encode()
+        # a name of its own: browsers keep one jar for all ports of a computer, and it may have two panels
+        self._name = f"{_COOKIE}_{hashlib.sha256(b'name ' + (token or b'')).hexdigest()[:8]}"
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """ASGI's call."""
@@ -40,19 +41,22 @@ class Guard:
         headers = {name: value.decode("latin-1") for name, value in scope["headers"]}
         if self._foreign(headers):
             await _refuse(scope, receive, send, _FOREIGN)
-        elif self._token is None or self._pass is None or _same(_cookie(headers), self._pass):
+        elif self._token is None or self._pass is None or _same(_cookie(headers, self._name), self._pass):
             await self._app(scope, receive, send)
         elif scope["type"] == "http" and _same(_of_link(scope), self._token):
-            await _come_in(send, self._pass)
+            await _come_in(send, self._name, self._pass)
         else:
             await _refuse(scope, receive, send, _NO_TOKEN)
 
     def _foreign(self, headers: dict[bytes, str]) -> bool:
         host = headers.get(b"host", "")
-        if self._token is None and urlsplit("//" + host).hostname not in _LOOPBACK:
-            return True
         origin = headers.get(b"origin")
-        return origin is not None and urlsplit(origin).netloc != host
+        try:
+            if self._token is None and urlsplit("//" + host).hostname not in _LOOPBACK:
+                return True
+            return origin is not None and urlsplit(origin).netloc != host
+        except ValueError:  # no address at all
+            return True
 
 
 def _same(given: str | None, token: bytes) -> bool:
@@ -64,17 +68,15 @@ def _of_link(scope: Scope) -> str | None:
     return values[0] if values else None
 
 
-def _cookie(headers: dict[bytes, str]) -> str | None:
-    try:
-        morsel = SimpleCookie(headers.get(b"cookie", "")).get(_COOKIE)
-    except CookieError:
-        return None
-    return morsel.value if morsel else None
+def _cookie(headers: dict[bytes, str], name: str) -> str | None:
+    """The value of that cookie. Not by http.cookies: that gives up at another program's cookie that it dislikes."""
+    pairs = (pair.strip().partition("=") for pair in headers.get(b"cookie", "").split(";"))
+    return next((value for key, _, value in pairs if key == name), None)
 
 
-async def _come_in(send: Send, passed: bytes) -> None:
+async def _come_in(send: Send, name: str, passed: bytes) -> None:
     """Give the cookie, and show the page under an address without the token."""
-    cookie = _COOKIE.encode() + b"=" + passed + b"; Path=/; HttpOnly; SameSite=Lax; Max-Age=2592000"
+    cookie = name.encode() + b"=" + passed + b"; Path=/; HttpOnly; SameSite=Lax; Max-Age=2592000"
     headers = [(b"location", b"/"), (b"set-cookie", cookie), (b"cache-control", b"no-store")]
     await send({"type": "http.response.start", "status": 303, "headers": headers})
     await send({"type": "http.response.body", "body": b""})
