@@ -55,6 +55,12 @@ def test_a_page_that_says_an_old_tick_is_not_made_alive_by_it(desk, clock):
     assert not desk.alive(page)
 
 
+@pytest.mark.parametrize("tick", [10**390, -(10**390)])
+def test_a_tick_of_any_length_is_understood(desk, clock, tick):
+    page = entered(desk)
+    assert desk.hear(page, tick) == (tick > 0)
+
+
 @pytest.mark.parametrize("tick", [None, "1000000", True, 1e6, [1], {}])
 def test_what_is_no_tick_is_not_fresh(desk, tick):
     assert not desk.hear(entered(desk), tick)

@@ -1,10 +1,12 @@
 """What is driven lives as long as the page that drives it, and a stop always gets through."""
 
+import json
 import signal
 
 import pytest
 from running import Network, NotStarted, Panel, run_until_driving, status_after, wait_for_rest
 from served import ServedBoard, wait_for
+from websockets.sync.client import connect
 
 ABORTED, KEEP_ALIVE = 3, 7
 
@@ -184,3 +186,22 @@ def test_a_page_that_watches_cannot_change_settings_or_the_zero(open_page, page,
     watcher.get_by_role("button", name="Factory").click()
     watcher.get_by_text("another page controls").nth(1).wait_for()
     assert watcher.get_by_text("+1.000").count() == 1
+
+
+def test_a_page_that_comes_again_does_not_keep_alive_what_it_held_before(page, panel, board):
+    """As when its network has changed, and nobody has told the panel that the first connection is dead."""
+    hold(page, board)
+    key = page.locator("[data-page]").get_attribute("data-page")
+    with connect(f"ws://127.0.0.1:{panel.port}/drive/{key}", proxy=None) as again:
+        beat_until(again, lambda: not board.driving())
+    assert status_after(panel, board).x.reason == ABORTED
+
+
+def beat_until(socket, condition) -> None:
+    """Answer the panel's ticks as a page does."""
+
+    def beat() -> bool:
+        socket.send(json.dumps({"do": "beat", "tick": json.loads(socket.recv(1))["tick"]}))
+        return condition()
+
+    wait_for(beat, "the motors to rest")

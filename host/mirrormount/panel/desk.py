@@ -93,7 +93,7 @@ class Desk:
         """A message with this tick has come from it. True if the tick is fresh."""
         if isinstance(tick, bool) or not isinstance(tick, int):
             return False
-        seen_s = min(tick / 1000, self._clock())
+        seen_s = max(0, min(tick, self.tick())) / 1000
         page.heard_s = max(page.heard_s, seen_s)
         return self._clock() - seen_s <= SILENT_S
 

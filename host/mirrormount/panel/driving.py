@@ -32,17 +32,24 @@ def routes(desk: Desk, pilot: Pilot) -> APIRouter:
         if page is None:
             await socket.close(_UNKNOWN_PAGE)
             return
+        tasks = [asyncio.create_task(_tick(socket, desk, pilot))]
+        if isinstance(page.connection, WebSocket):  # what it holds through that one it cannot let go through this
+            pilot.gone(page)
+            tasks.append(asyncio.create_task(_see_off(page.connection)))
         desk.enter(page, socket)
-        ticking = asyncio.create_task(_tick(socket, desk, pilot))
         try:
             while True:
-                _hear(await socket.receive_text(), page, desk, pilot)
+                text = await socket.receive_text()
+                if page.connection is not socket:
+                    break
+                _hear(text, page, desk, pilot)
         except (WebSocketDisconnect, RuntimeError, KeyError):  # KeyError: not a text
             pass
         finally:
             if desk.leave(page, socket):
                 pilot.gone(page)
-            ticking.cancel()
+            for task in tasks:
+                task.cancel()
 
     @router.post("/stop")
     async def stop() -> Response:
@@ -50,6 +57,12 @@ def routes(desk: Desk, pilot: Pilot) -> APIRouter:
         return Response(status_code=204)
 
     return router
+
+
+async def _see_off(socket: WebSocket) -> None:
+    """Close the connection of a page that has come again: if it is a copy of that page, it must be loaded anew."""
+    with contextlib.suppress(RuntimeError, WebSocketDisconnect):
+        await socket.close(_UNKNOWN_PAGE)
 
 
 def _hear(text: str, page: Page, desk: Desk, pilot: Pilot) -> None:
