@@ -145,3 +145,37 @@ def test_every_control_can_be_reached_with_the_tab_key(page):
         reached.add(page.evaluate("document.activeElement.outerHTML"))
     named = {"data-stop", 'data-press="x+"', 'name="speed"', 'name="m1"', 'name="target_y"', 'name="steps"'}
     assert {name for name in named if not any(name in html for html in reached)} == set()
+
+
+@pytest.mark.parametrize("width", [390, 1600])
+def test_a_refusal_is_in_sight_and_nothing_covers_stop(open_page, panel, width):
+    page = open_page(panel.url, viewport={"width": width, "height": 844})
+    page.get_by_label("Speed of motor 1").fill("256")
+    page.get_by_role("button", name="OK", exact=True).first.click()
+    told = page.locator(".q-notification", has_text="nothing was done: motor 1")
+    told.wait_for()
+    page.wait_for_function("document.getAnimations().length === 0")
+    box = told.bounding_box()
+    assert 0 <= box["y"] < 300 and 0 <= box["x"] and box["x"] + box["width"] <= width
+    assert stop_is_on_top(page)
+
+
+def stop_is_on_top(page) -> bool:
+    return page.evaluate(
+        """() => {
+            const stop = document.querySelector("[data-stop]"), box = stop.getBoundingClientRect();
+            return stop.contains(document.elementFromPoint(box.x + box.width / 2, box.y + box.height / 2));
+        }"""
+    )
+
+
+def test_stop_is_on_top_of_the_dialog_with_the_link(open_page, board, tmp_path):
+    panel = Panel(str(board.link), tmp_path, "--host", "0.0.0.0")
+    try:
+        page = open_page(panel.url, viewport={"width": 390, "height": 844})
+        page.get_by_role("button", name="Open on a phone").click()
+        page.get_by_text("Whoever has this link").wait_for()
+        assert stop_is_on_top(page)
+        page.locator("[data-stop]").click()
+    finally:
+        panel.kill()

@@ -189,3 +189,45 @@ def test_an_arrow_key_in_a_field_moves_the_cursor_only(page, board):
     page.get_by_role("button", name="UP", exact=True).click()
     wait_for_pulses(board, 1)
     assert legs_used(board) == {"m1_pos"}
+
+
+@pytest.mark.parametrize("typed", ["+3", "3"])
+def test_the_button_says_which_way_fine_steps_go(page, board, typed):
+    page.get_by_label("Number of steps").fill(typed)
+    page.get_by_text("◀ left").click()
+    wait_for_pulses(board, 3)
+    assert legs_used(board) == {"m2_neg"}
+
+
+def test_a_negative_number_of_steps_is_refused(page, board):
+    page.get_by_label("Number of steps").fill("-3")
+    page.get_by_text("◀ left").click()
+    page.get_by_text("the button says which way").wait_for()
+    assert board.edges() == []
+
+
+def test_a_mouse_button_that_comes_up_while_another_is_down_stops(page, board):
+    hold(page, "RIGHT")
+    wait_for_run(board)
+    page.mouse.down(button="right")
+    page.mouse.up()
+    wait_for_rest(board)
+    assert on_times_us(board, "m2_en")[-1] < 9_000_000  # not by the run limit
+    page.mouse.up(button="right")
+
+
+def test_stop_obeys_a_click_that_no_pointer_made(page, board):
+    """As screen readers and voice control click."""
+    page.get_by_label("Number of steps").fill("20")
+    page.get_by_text("right ▶").click()
+    run_until_driving(board)
+    page.evaluate("document.querySelector('[data-stop]').click()")
+    page.get_by_text("last move: aborted").wait_for()
+
+
+def test_cmd_lets_go_of_an_arrow_key(page, board):
+    page.keyboard.down("ArrowRight")
+    wait_for_run(board)
+    page.keyboard.down("Meta")
+    wait_for_rest(board)
+    assert on_times_us(board, "m2_en")[-1] < 9_000_000  # not by the run limit

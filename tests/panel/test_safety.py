@@ -205,3 +205,13 @@ def beat_until(socket, condition) -> None:
         return condition()
 
     wait_for(beat, "the motors to rest")
+
+
+def test_a_network_that_keeps_everything_back_is_told(open_page, network):
+    page = open_page(network.url)
+    page.evaluate("window.scrollTo(0, document.body.scrollHeight)")
+    network.cut()
+    page.get_by_text("No connection to the panel.").wait_for()
+    assert 0 <= page.get_by_text("No connection to the panel.").bounding_box()["y"] < 100
+    network.mend()
+    page.get_by_text("No connection to the panel.").wait_for(state="hidden")

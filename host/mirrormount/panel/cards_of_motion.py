@@ -51,7 +51,7 @@ def by_numbers() -> None:
         with ui.element("div").classes("fine"):
             for axis, words in (("x", ("◀ left", "right ▶")), ("y", ("▼ down", "up ▲"))):
                 for way, word in zip((-1, 1), words, strict=True):
-                    send(word, {"do": "steps", "axis": axis}, "n:steps", sign=way).props("outline")
+                    send(word, {"do": "steps", "axis": axis, "way": way}, "n:steps").props("outline")
     with card("Speeds of both motors"):
         with ui.element("div").classes("line speeds"):
             ui.label("Motor 1").classes("name")
@@ -80,7 +80,7 @@ def number(name: str, value: str, label: str) -> ui.input:
     )
 
 
-def send(word: str, order: dict, fields: str = "", *, sign: int = 1, enter: str = "") -> ui.button:
+def send(word: str, order: dict, fields: str = "", *, enter: str = "") -> ui.button:
     """A button that gives an order."""
-    props = f"no-caps unelevated data-send='{json.dumps(order)}' data-fields='{fields}' data-sign='{sign}'"
+    props = f"no-caps unelevated data-send='{json.dumps(order)}' data-fields='{fields}'"
     return ui.button(word).props(f"{props} data-enter='{enter}'")

@@ -87,16 +87,17 @@ def parse(message: Mapping[str, Any]) -> Order:
     if axis not in ("x", "y"):
         raise BadValue(f"an axis is x or y, not {axis!r}")
     if what == "press":
-        way = _whole(message, "way", 1, "a direction")
+        way = _way(message)
         speed = _whole(message, "speed", FULL, "the speed")
-        if way == 0 or speed < 1:
-            raise BadValue("a direction is 1 or -1, a speed 1 … 255")
+        if speed < 1:
+            raise BadValue(f"the speed is 1 … {FULL}, not {speed}")
         return Press(axis, way, speed, message.get("coarse") is True)
     if what == "steps":
+        way = _way(message)
         n = _whole(message, "n", MOST_STEPS, "the number of steps")
-        if n == 0:
-            raise BadValue("the number of steps is 0: nothing to do")
-        return Steps(axis, n)
+        if n < 1:
+            raise BadValue(f"the number of steps is 1 or more, not {n}: the button says which way")
+        return Steps(axis, way * n)
     if what == "goto":
         return GoTo(axis, _whole(message, "to", MOST_STEPS, f"the target of {axis}"))
     if what == "home":
@@ -104,6 +105,13 @@ def parse(message: Mapping[str, Any]) -> Order:
     if what == "zero":
         return Zero(axis)
     raise BadValue(f"there is no order {what!r}")
+
+
+def _way(message: Mapping[str, Any]) -> int:
+    way = _whole(message, "way", 1, "a direction")
+    if way == 0:
+        raise BadValue("a direction is 1 or -1, not 0")
+    return way
 
 
 def _whole(message: Mapping[str, Any], key: str, most: int, what: str) -> int:

@@ -5,16 +5,17 @@
 //   data-send='{"do": "goto", "axis": "x"}'   an order; the page's fields are put in where it names them
 //   data-stop                                 stop
 //   data-fields="to:target_x"                 fields of an order: key:name of the input
-//   data-sign="-1"                            the number in the field is taken with this sign
 // Everything is sent at once or not at all: nothing is kept for later (see driving.py).
 "use strict";
 
 (() => {
   const ARROWS = { ArrowUp: "y+", ArrowDown: "y-", ArrowLeft: "x-", ArrowRight: "x+" };
   const AGAIN_MS = 500; // between two attempts to reach the panel
+  const SILENT_MS = 1000; // a panel that is not heard of for so long is not reached
 
   let socket = null;
   let tick = null; // the last that the panel has sent
+  let heardAt = -Infinity; // when it came
   let held = null; // {element, by}: what is down, and which pointer or key holds it
   let key = null; // of this page
 
@@ -36,7 +37,6 @@
     }
     const scheme = location.protocol === "https:" ? "wss" : "ws";
     socket = new WebSocket(`${scheme}://${location.host}/drive/${key}`);
-    socket.onopen = () => document.body.classList.remove("cut");
     socket.onmessage = (event) => hear(JSON.parse(event.data));
     socket.onclose = (event) => {
       held = tick = null;
@@ -49,10 +49,20 @@
 
   function hear(message) {
     tick = message.tick;
+    heardAt = performance.now();
+    document.body.classList.remove("cut");
     document.body.classList.add("ready");
     send({ do: "beat" });
     if (message.spot) window.mountScreen?.(message.spot);
   }
+
+  // A network that keeps everything back closes no socket.
+  setInterval(() => {
+    if (tick === null || performance.now() - heardAt < SILENT_MS) return;
+    letGo();
+    document.body.classList.remove("ready");
+    document.body.classList.add("cut");
+  }, 250);
 
   // ---- stop: by the socket, and by a request of its own if the socket is stuck
 
@@ -90,8 +100,6 @@
       const [name, input] = pair.split(":");
       message[name] = field(input).trim();
     }
-    const sign = element.dataset.sign;
-    if (sign === "-1" && /^\d+$/.test(message.n)) message.n = "-" + message.n;
     send(message);
   }
 
@@ -115,13 +123,16 @@
     press(element, event.pointerId, event.shiftKey);
   });
   document.addEventListener("pointermove", (event) => {
-    if (held?.by === event.pointerId && under(event) !== held.element) letGo(); // slid off
+    if (held?.by !== event.pointerId) return;
+    const up = !(event.buttons & 1); // there is no pointerup while another button of the mouse is down
+    if (up || under(event) !== held.element) letGo(); // or slid off
   });
   for (const kind of ["pointerup", "pointercancel", "lostpointercapture"]) {
     document.addEventListener(kind, (event) => held?.by === event.pointerId && letGo());
   }
   document.addEventListener("contextmenu", (event) => event.target.closest?.("[data-press]") && event.preventDefault());
   document.addEventListener("click", (event) => {
+    if (event.target.closest?.("[data-stop]")) stop(); // a screen reader clicks, and presses nothing
     const element = event.target.closest?.("[data-send]");
     if (element && !element.disabled) order(element);
   });
@@ -137,6 +148,7 @@
         stop();
         return;
       }
+      if (event.metaKey) letGo(); // macOS tells of no key that comes up while Cmd is down
       const focused = event.target.closest?.("[data-press], [data-stop]");
       const push = event.key === " " || event.key === "Enter";
       if (focused && push) {
