@@ -156,7 +156,7 @@ def test_a_refusal_is_in_sight_and_nothing_covers_stop(open_page, panel, width):
     told.wait_for()
     page.wait_for_function("document.getAnimations().length === 0")
     box = told.bounding_box()
-    assert 0 <= box["y"] < 300 and 0 <= box["x"] and box["x"] + box["width"] <= width
+    assert 0 <= box["y"] < 300 and box["x"] >= 0 and box["x"] + box["width"] <= width
     assert stop_is_on_top(page)
 
 

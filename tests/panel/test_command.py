@@ -38,11 +38,27 @@ def test_without_a_board_the_line_names_the_virtual_one(served, monkeypatch, cap
     assert served == []
 
 
-@pytest.mark.parametrize(("answer", "address"), [("y\n", ["virtual://"]), ("\n", []), ("n\n", [])])
+@pytest.mark.parametrize(
+    ("answer", "address"), [("y\n", ["virtual://"]), ("Yes\n", ["virtual://"]), ("\n", []), ("n\n", []), ("", [])]
+)
 def test_at_a_terminal_the_virtual_board_is_offered(served, monkeypatch, answer, address):
     monkeypatch.setattr("sys.stdin", Terminal(answer))
     assert cli.main(["panel", "--http", "0"]) == (0 if address else 1)
     assert [call[0] for call in served] == address
+
+
+def test_without_a_standard_input_nobody_is_asked(served, monkeypatch, capsys):
+    monkeypatch.setattr("sys.stdin", None)
+    assert cli.main(["panel", "--http", "0"]) == 1
+    assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+def test_the_links_are_of_the_family_that_is_listened_to(served):
+    try:
+        assert cli.main(["panel", "--virtual", "--http", "0", "--host", "::"]) == 0
+    except OSError:
+        pytest.skip("no IPv6")
+    assert all(link.startswith("http://[") for link in served[0][1])
 
 
 def test_a_port_that_is_named_is_taken(served):

@@ -1,7 +1,9 @@
 """What is driven lives as long as the page that drives it, and a stop always gets through."""
 
 import json
+import os
 import signal
+from pathlib import Path
 
 import pytest
 from running import Network, NotStarted, Panel, run_until_driving, status_after, wait_for_rest
@@ -215,3 +217,19 @@ def test_a_network_that_keeps_everything_back_is_told(open_page, network):
     assert 0 <= page.get_by_text("No connection to the panel.").bounding_box()["y"] < 100
     network.mend()
     page.get_by_text("No connection to the panel.").wait_for(state="hidden")
+
+
+def test_a_terminal_that_is_closed_ends_the_panel_as_a_service_manager_does(page, panel, board):
+    hold(page, board)
+    panel.process.send_signal(signal.SIGHUP)
+    assert panel.process.communicate(timeout=20)[1] == ""
+    assert not board.driving()
+
+
+def test_a_panel_that_cannot_write_its_log_drives(open_page, board):
+    panel = Panel(str(board.link), Path(os.devnull))
+    try:
+        open_page(panel.url).get_by_role("button", name="UP", exact=True).click()
+        run_until_driving(board)
+    finally:
+        panel.kill()

@@ -8,6 +8,7 @@ import secrets
 import signal
 import socket
 import sys
+import threading
 import webbrowser
 from types import FrameType
 from urllib.parse import quote
@@ -45,11 +46,23 @@ def _address(args: argparse.Namespace) -> str | None:
             raise BadValue("--virtual is a board of its own: leave the port out")
         return "virtual://"
     if given is None and not find():
-        line = "no board found: plug one in, name its port, or take a virtual one: mirrormount panel --virtual"
-        if not sys.stdin.isatty() or input("No board found. Open the panel with a virtual one? [y/N] ").lower() != "y":
-            raise NoBoardFound(line)
+        if not _virtual_wanted():
+            raise NoBoardFound(
+                "no board found: plug one in, name its port, or take a virtual one: mirrormount panel --virtual"
+            )
         return "virtual://"
     return given
+
+
+def _virtual_wanted() -> bool:
+    """Ask, if there is somebody to ask."""
+    if sys.stdin is None or not sys.stdin.isatty():
+        return False
+    try:
+        answer = input("No board found. Open the panel with a virtual one? [y/N] ")
+    except EOFError:  # Ctrl-D
+        return False
+    return answer.strip().lower() in ("y", "yes")
 
 
 def _listen(host: str, port: str | None) -> socket.socket:
@@ -86,7 +99,8 @@ def _own_addresses(version: int) -> list[str]:
     """This computer's addresses in its networks, and the loopback one."""
     import ifaddr  # NiceGUI depends on it
 
-    found = [str(ip.ip) for adapter in ifaddr.get_adapters() for ip in adapter.ips if isinstance(ip.ip, str)]
+    ips = [ip for adapter in ifaddr.get_adapters() for ip in adapter.ips]
+    found = [str(ip.ip) if ip.is_IPv4 else str(ip.ip[0]) for ip in ips if ip.is_IPv4 == (version == 4)]
     wide = [ip for ip in found if not (ipaddress.ip_address(ip).is_loopback or ipaddress.ip_address(ip).is_link_local)]
     return [*wide, "127.0.0.1"] if version == 4 else [*wide, "::1"]
 
@@ -100,16 +114,16 @@ def _serve(
 
     desk = Desk()
     pilot = Pilot(address, desk)
-    for name in ("SIGTERM", "SIGHUP"):  # once the web server has ended in good order
-        number = getattr(signal, name, None)
-        if number is not None and signal.getsignal(number) != signal.SIG_IGN:  # nohup ignores one
-            signal.signal(number, _end)
+    signal.signal(signal.SIGTERM, _end)  # while the web server runs, it ends that first
+    if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:  # nohup ignores it
+        signal.signal(signal.SIGHUP, lambda *_: signal.raise_signal(signal.SIGTERM))
     try:
         pilot.open()
         server = make_server(desk, pilot, token, links[0] if wide else None)
         _tell(pilot.mount.identity if pilot.mount else "", links, wide)
         if browser:
-            server.when_ready(lambda: webbrowser.open(links[-1]))
+            opening = threading.Thread(target=webbrowser.open, args=(links[-1],), daemon=True)  # some do not return
+            server.when_ready(opening.start)
         server.run([listener])
     finally:
         pilot.close()

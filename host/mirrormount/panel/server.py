@@ -3,7 +3,6 @@
 import logging
 import socket
 from collections.abc import Callable
-from pathlib import Path
 
 import uvicorn
 from fastapi import FastAPI
@@ -72,16 +71,21 @@ def make_server(desk: Desk, pilot: Pilot, token: bytes | None, link: str | None)
     return Server(Guard(app, token), pilot)
 
 
-def _log_to_file() -> Path:
+def _log_to_file() -> None:
     """What the libraries and this panel log goes to a file, with tracebacks; an error is a line on stderr, too."""
-    path = user_log_path("mirrormount", ensure_exists=True) / "panel.log"
-    if path.exists() and path.stat().st_size > _LOG_MOST:
-        path.unlink()
-    to_file = logging.FileHandler(path, encoding="utf-8")
+    path = user_log_path("mirrormount") / "panel.log"
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        longer = path.exists() and path.stat().st_size > _LOG_MOST
+        to_file = logging.FileHandler(path, "w" if longer else "a", encoding="utf-8")
+        more = f"more in {path}"
+    except OSError:  # no reason not to drive
+        to_file = logging.NullHandler()
+        more = f"more could not be written to {path}"
     to_file.setFormatter(logging.Formatter("%(asctime)s %(name)s %(levelname)s: %(message)s"))
     to_screen = logging.StreamHandler()
     to_screen.setLevel(logging.ERROR)
-    to_screen.setFormatter(_OneLine(path))
+    to_screen.setFormatter(_OneLine(more))
     root = logging.getLogger()
     root.handlers[:] = [to_file, to_screen]
     root.setLevel(logging.WARNING)
@@ -90,15 +94,14 @@ def _log_to_file() -> Path:
         logger.handlers.clear()
         logger.propagate = True
         logger.setLevel(logging.WARNING)
-    return path
 
 
 class _OneLine(logging.Formatter):
     """A fault in one line; how it came about is in the file."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, more: str) -> None:
         super().__init__()
-        self._path = path
+        self._more = more
 
     def format(self, record: logging.LogRecord) -> str:
-        return f"mirrormount: {str(record.getMessage()).splitlines()[0]} (more in {self._path})"
+        return f"mirrormount: {str(record.getMessage()).splitlines()[0]} ({self._more})"
