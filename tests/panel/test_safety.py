@@ -233,3 +233,17 @@ def test_a_panel_that_cannot_write_its_log_drives(open_page, board):
         run_until_driving(board)
     finally:
         panel.kill()
+
+
+def test_settings_that_a_stuck_network_has_kept_back_are_not_applied(open_page, network):
+    page = open_page(network.url)
+    page.get_by_text("What goes over the wire").click()
+    page.get_by_text("Limits, take-up, pulse and speed").click()
+    page.wait_for_function("""document.querySelector('[aria-label^="x: drive that takes"]').value === "0" """)
+    page.get_by_label("x: drive that takes up").fill("3000")
+    network.cut()
+    page.get_by_role("button", name="Apply").click()
+    page.wait_for_function("const from = Date.now(); () => Date.now() - from > 1000")
+    network.mend()
+    page.get_by_text("that came late").first.wait_for()
+    assert "XB3000" not in page.locator(".wire").inner_text()

@@ -1,9 +1,10 @@
 """The settings of both axes: look, change, keep on the board, go back. The board has the last word."""
 
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from typing import Any
 
 from nicegui import ui
+from nicegui.events import GenericEventArguments
 
 from mirrormount.client import Mount
 from mirrormount.errors import BadValue
@@ -22,15 +23,27 @@ _GROUPS = (
 _NAMES = [name for _, names in _GROUPS for name in names]
 
 
-def build(pilot: Pilot, may_change: Callable[[], bool]) -> None:
-    """A card that opens to all settings. may_change: whether this page controls."""
+def build(pilot: Pilot, refusal: Callable[[object], str]) -> None:
+    """A card that opens to all settings. refusal(tick): why this page may not change them; "" if it may."""
     with card("Settings"), ui.expansion("Limits, take-up, pulse and speed").classes("fold") as fold:
-        form = _Form(pilot, may_change)
+        form = _Form(pilot)
+
+        def button(word: str, action: Callable[[], Awaitable[object]]) -> ui.button:
+            async def clicked(event: GenericEventArguments) -> None:
+                why = refusal(event.args)
+                if why:
+                    ui.notify(why, type="warning", position="top")
+                else:
+                    await action()
+
+            # with the last tick that the page has seen: NiceGUI keeps a click until the network is back
+            return ui.button(word).on("click", clicked, js_handler="() => emit(window.mountTick())").props("no-caps")
+
         with ui.element("div").classes("line"):
-            ui.button("Apply", on_click=form.apply).props("no-caps unelevated")
-            ui.button("Save on the board", on_click=form.save).props("no-caps outline")
-            ui.button("Restore saved", on_click=form.restore).props("no-caps flat")
-            ui.button("Factory", on_click=form.factory).props("no-caps flat")
+            button("Apply", form.apply).props("unelevated")
+            button("Save on the board", form.save).props("outline")
+            button("Restore saved", form.restore).props("flat")
+            button("Factory", form.factory).props("flat")
         ui.label("Applied settings last until the board restarts, unless they are saved.").classes("hint")
     fold.on_value_change(lambda e: form.read() if e.value else None)
 
@@ -38,9 +51,8 @@ def build(pilot: Pilot, may_change: Callable[[], bool]) -> None:
 class _Form:
     """A field for every setting of both axes, and what the buttons do."""
 
-    def __init__(self, pilot: Pilot, may_change: Callable[[], bool]) -> None:
+    def __init__(self, pilot: Pilot) -> None:
         self._pilot = pilot
-        self._may_change = may_change
         self._fields: dict[tuple[str, str], ui.input] = {}
         for title, names in _GROUPS:
             ui.label(title).classes("group")
@@ -90,10 +102,6 @@ class _Form:
             await self.read()
 
     async def _change(self, work: Callable[[Mount], None], done: str) -> bool:
-        if not self._may_change():
-            ui.notify("nothing was done: another page controls; take control first", type="warning", position="top")
-            return False
-
         def change(mount: Mount) -> bool:
             work(mount)
             return True

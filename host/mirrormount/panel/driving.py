@@ -17,6 +17,8 @@ from mirrormount.panel.desk import TICK_S, Desk, Page
 from mirrormount.panel.orders import parse
 from mirrormount.panel.pilot import Pilot
 
+_LATE = "nothing was done: that came late, the network or this browser was stuck; ask again"
+_WATCHES = "nothing was done: another page controls; take control first"
 _LONGEST = 400  # characters of a message: more is no message of ours
 _UNKNOWN_PAGE = 4404  # a close code: the page is of another run of the panel, and must be loaded again
 
@@ -78,18 +80,27 @@ def _hear(text: str, page: Page, desk: Desk, pilot: Pilot) -> None:
     elif what == "beat":
         pass
     elif not fresh:
-        page.notices.append("nothing was done: that came late, the network or this browser was stuck; ask again")
+        page.notices.append(_LATE)
     elif what == "claim":
         if desk.controller is not page:
             pilot.stop()
             desk.claim(page)
     elif desk.controller is not page:
-        page.notices.append("nothing was done: another page controls; take control first")
+        page.notices.append(_WATCHES)
     else:
         try:
             pilot.order(page, parse(message))
         except BadValue as e:
             page.notices.append(f"nothing was done: {e}")
+
+
+def refusal(desk: Desk, page: Page, tick: object) -> str:
+    """Why what this page asks for, having seen that tick, is not done; "" if it may be."""
+    if not desk.hear(page, tick):
+        return _LATE
+    if desk.controller is not page:
+        return _WATCHES
+    return ""
 
 
 def _parsed(text: str) -> dict[str, Any]:

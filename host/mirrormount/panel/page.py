@@ -7,6 +7,7 @@ from nicegui import app, ui
 
 from mirrormount.panel import card_of_settings, card_of_wire, cards_of_motion, cards_of_state
 from mirrormount.panel.desk import Desk, Page
+from mirrormount.panel.driving import refusal
 from mirrormount.panel.pilot import Pilot
 
 STATIC = Path(__file__).parent / "static"
@@ -43,7 +44,7 @@ def _build(page: Page, desk: Desk, pilot: Pilot, link: str | None) -> None:
         with ui.element("div").classes("column"):
             if pilot.spot_mm():
                 cards_of_state.screen()
-            card_of_settings.build(pilot, lambda: desk.controller is page)
+            card_of_settings.build(pilot, lambda tick: refusal(desk, page, tick))
             refreshes += [card_of_wire.build(pilot)]
     _footer()
 

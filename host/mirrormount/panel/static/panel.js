@@ -182,5 +182,7 @@
     if (element && !element.disabled) order(element);
   });
 
+  window.mountTick = () => tick; // for what NiceGUI's own buttons ask
+
   connect();
 })();
