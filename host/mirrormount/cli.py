@@ -124,6 +124,9 @@ def _parser() -> argparse.ArgumentParser:
     )
     sub.add_argument("--http", metavar="PORT", help="the web server's port (default: 8080, or the next free one)")
     sub.add_argument("--token", help="what the link must carry (default: $MIRRORMOUNT_TOKEN, or made up where needed)")
+    sub.add_argument(
+        "--patience", default="0.35", metavar="S", help="stop what a page drives when it is silent for so long (0.35)"
+    )
     sub.add_argument("--no-browser", dest="browser", action="store_false", help="do not open the browser")
     sub = add("deploy", do_deploy, "put the firmware on a board that runs MicroPython or CircuitPython", port=False)
     _add_deploy_port(sub)

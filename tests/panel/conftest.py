@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
 from running import CHROMIUM, Panel
 from served import ServedBoard
 
@@ -31,28 +31,39 @@ def board(tmp_path: Path) -> Iterator[ServedBoard]:
 
 
 @pytest.fixture
-def panel(board: ServedBoard, tmp_path: Path) -> Iterator[Panel]:
-    panel = Panel(str(board.link), tmp_path)
+def panel_options() -> list[str]:
+    return []
+
+
+@pytest.fixture
+def panel(board: ServedBoard, tmp_path: Path, panel_options: list[str]) -> Iterator[Panel]:
+    panel = Panel(str(board.link), tmp_path, *panel_options)
     yield panel
     panel.kill()
 
 
+@pytest.fixture(scope="session")
+def context(browser: Browser) -> BrowserContext:
+    """A browser that keeps what it has loaded, from test to test."""
+    return browser.new_context()
+
+
 @pytest.fixture
-def open_page(browser: Browser) -> Iterator[Callable[..., Page]]:
-    """Opens a page in a browser of its own, and waits until it can drive. Fails on any error of its scripts."""
-    contexts, faults = [], []
+def open_page(browser: Browser, context: BrowserContext) -> Iterator[Callable[..., Page]]:
+    """Opens a page (with options in a browser of its own), and waits until it can drive. Fails on errors of scripts."""
+    pages, faults = [], []
 
     def open_page(url: str, **options) -> Page:
-        contexts.append(browser.new_context(**options))
-        page = contexts[-1].new_page()
+        page = browser.new_page(**options) if options else context.new_page()
+        pages.append(page)
         page.on("pageerror", lambda e: faults.append(str(e)))
         page.goto(url)
         page.wait_for_selector("body.ready")
         return page
 
     yield open_page
-    for context in contexts:
-        context.close()
+    for page in pages:
+        page.close()
     assert faults == []
 
 

@@ -7,6 +7,11 @@ from running import Panel
 from served import wait_for
 
 
+@pytest.fixture
+def panel_options() -> list[str]:
+    return ["--patience", "2"]  # nothing here is about a page that is out of touch
+
+
 def open_settings(page) -> None:
     page.get_by_text("Limits, take-up, pulse and speed").click()
     page.get_by_label("x: length of a step's pulse, us").wait_for()
@@ -179,3 +184,18 @@ def test_stop_is_on_top_of_the_dialog_with_the_link(open_page, board, tmp_path):
         page.locator("[data-stop]").click()
     finally:
         panel.kill()
+
+
+def test_a_setting_that_another_page_has_changed_is_not_undone(open_page, page, panel):
+    other = open_page(panel.url)
+    open_settings(page)
+    open_settings(other)
+    page.get_by_label("x: drive that takes up the backlash, us; 0: off").fill("1000")
+    page.get_by_role("button", name="Apply").click()
+    page.get_by_text("applied").wait_for()
+    other.get_by_role("button", name="Take control").click()
+    other.get_by_text("you control").wait_for()
+    other.get_by_label("y: drive that takes up the backlash, us; 0: off").fill("2000")
+    other.get_by_role("button", name="Apply").click()
+    wait_for_value(other, "y: drive that takes up the backlash, us; 0: off", "2000")
+    wait_for_value(other, "x: drive that takes up the backlash, us; 0: off", "1000")

@@ -21,8 +21,8 @@ def served(monkeypatch):
     """What would be served, instead of serving it: (board's address, links)."""
     calls = []
 
-    def serve(address, listener, token, links, wide, browser):
-        calls.append((address, links, token))
+    def serve(address, opening, patience_s, browser):
+        calls.append((address, opening.links, opening.token))
 
     monkeypatch.setattr(command, "_serve", serve)
     monkeypatch.setattr(command, "find", list)
@@ -72,6 +72,8 @@ def test_a_port_that_is_named_is_taken(served):
         (["/dev/ttyACM0", "--virtual"], "leave the port out"),
         (["--virtual", "--http", "http"], "--http is a port number"),
         (["--virtual", "--http", "65536"], "--http is a port number"),
+        (["--virtual", "--patience", "5"], "--patience is 0.1 to 2 seconds"),
+        (["--virtual", "--patience", "nan"], "--patience is 0.1 to 2 seconds"),
         (["--virtual", "--host", "no.such.host.invalid"], "no such host"),
         (["--virtual", "--http", "0", "--token", " x"], "a token is"),
     ],

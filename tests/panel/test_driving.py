@@ -11,6 +11,11 @@ ARROWS = {"UP": "ArrowUp", "DOWN": "ArrowDown", "RIGHT": "ArrowRight", "LEFT": "
 PULSE_US = 200_000
 
 
+@pytest.fixture
+def panel_options() -> list[str]:
+    return ["--patience", "2"]  # nothing here is about a page that is out of touch
+
+
 def legs_used(board) -> set[str]:
     return {e["pin"] for e in board.edges() if not e["pin"].endswith("_en")}
 

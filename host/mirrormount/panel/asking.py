@@ -13,6 +13,11 @@ from mirrormount.panel.pilot import Pilot
 T = TypeVar("T")
 
 
+def warn(text: str) -> None:
+    """Show this page why nothing was done."""
+    ui.notify(text, type="warning", textColor="white", position="top", timeout=6000, close_button="OK")
+
+
 async def ask(pilot: Pilot, work: Callable[[Mount], T], done: str = "") -> T | None:
     """What work(mount) returns, done in the mount's thread; None after an error, which the page shows."""
     try:

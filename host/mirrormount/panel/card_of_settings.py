@@ -8,7 +8,7 @@ from nicegui.events import GenericEventArguments
 
 from mirrormount.client import Mount
 from mirrormount.errors import BadValue
-from mirrormount.panel.asking import ask
+from mirrormount.panel.asking import ask, warn
 from mirrormount.panel.cards_of_motion import card
 from mirrormount.panel.pilot import Pilot
 from mirrormount.settings import AXES, SETTINGS
@@ -32,7 +32,7 @@ def build(pilot: Pilot, refusal: Callable[[object], str]) -> None:
             async def clicked(event: GenericEventArguments) -> None:
                 why = refusal(event.args)
                 if why:
-                    ui.notify(why, type="warning", position="top")
+                    warn(why)
                 else:
                     await action()
 
@@ -54,6 +54,7 @@ class _Form:
     def __init__(self, pilot: Pilot) -> None:
         self._pilot = pilot
         self._fields: dict[tuple[str, str], ui.input] = {}
+        self._read: dict[tuple[str, str], str] = {}  # what the board had when it was last asked
         for title, names in _GROUPS:
             ui.label(title).classes("group")
             for name in names:
@@ -72,14 +73,20 @@ class _Form:
         settings = await ask(self._pilot, lambda mount: mount.settings())
         if settings:
             for (axis, name), field in self._fields.items():
-                field.set_value(str(settings[axis][name]))
+                self._read[axis, name] = str(settings[axis][name])
+                field.set_value(self._read[axis, name])
 
     async def apply(self) -> bool:
-        """Have the board take what is typed: all of it, or nothing. True if it did."""
+        """Have the board take what was edited: all of it, or nothing. True if it did.
+
+        What was not edited is not sent: another page may have changed it meanwhile.
+        """
         try:
-            wanted = {axis: {name: self._typed(axis, name) for name in _NAMES} for axis in AXES}
+            wanted = {
+                axis: {name: self._typed(axis, name) for name in _NAMES if self._edited(axis, name)} for axis in AXES
+            }
         except BadValue as e:
-            ui.notify(f"nothing was changed: {e}", type="warning", position="top", close_button="OK")
+            warn(f"nothing was changed: {e}")
             return False
         done = await self._change(lambda mount: mount.apply(wanted), "applied")
         if done:
@@ -107,6 +114,9 @@ class _Form:
             return True
 
         return bool(await ask(self._pilot, change, done))
+
+    def _edited(self, axis: str, name: str) -> bool:
+        return (self._fields[axis, name].value or "").strip() != self._read.get((axis, name), "")
 
     def _typed(self, axis: str, name: str) -> Any:
         """The number that was typed. Raises BadValue; whether it may be, SETTINGS and the board say."""

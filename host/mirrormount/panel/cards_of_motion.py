@@ -38,7 +38,7 @@ def hold() -> None:
             ui.html(_SLIDER, sanitize=False).classes("slider")
         ui.label(
             f"Short press: {FINE_STEPS} step. Longer than {HOLD_S:g} s: runs until you let go. Arrow keys do the same;"
-            f" with Shift {COARSE_STEPS} steps, and full speed."
+            f" with Shift {COARSE_STEPS} steps, and full speed. A press while it still steps is refused."
         ).classes("hint")
 
 
@@ -47,7 +47,7 @@ def by_numbers() -> None:
     with card("Fine steps"):
         with ui.element("div").classes("line"):
             ui.label("Steps").classes("name")
-            number("steps", "1", "Number of steps")
+            number("steps", "1", "Number of steps", keyboard="numeric")
         with ui.element("div").classes("fine"):
             for axis, words in (("x", ("◀ left", "right ▶")), ("y", ("▼ down", "up ▲"))):
                 for way, word in zip((-1, 1), words, strict=True):
@@ -73,10 +73,13 @@ def card(title: str) -> ui.element:
     return box
 
 
-def number(name: str, value: str, label: str) -> ui.input:
-    """A field for a whole number, as text: what is in it is checked when it is sent, and never changed unasked."""
+def number(name: str, value: str, label: str, keyboard: str = "text") -> ui.input:
+    """A field for a whole number, as text: what is in it is checked when it is sent, and never changed unasked.
+
+    keyboard: a phone's; "numeric" has no minus on some.
+    """
     return ui.input(value=value).props(
-        f'name={name} inputmode=numeric autocomplete=off dense outlined hide-bottom-space aria-label="{label}"'
+        f'name={name} inputmode={keyboard} autocomplete=off dense outlined hide-bottom-space aria-label="{label}"'
     )
 
 

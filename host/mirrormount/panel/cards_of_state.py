@@ -6,6 +6,7 @@ from collections.abc import Callable
 from nicegui import ui
 
 from mirrormount.errors import REASONS
+from mirrormount.panel.asking import warn
 from mirrormount.panel.cards_of_motion import card, number, send
 from mirrormount.panel.desk import Page
 from mirrormount.panel.pilot import Notice, Pilot
@@ -101,7 +102,7 @@ def plot(pilot: Pilot) -> Refresh:
     drawn = [0.0, 0.0]  # when, and up to which point
 
     def refresh() -> None:
-        now = time.time()
+        now = time.monotonic()
         points = list(pilot.positions)
         if now - drawn[0] < _PLOT_EVERY_S or not points or points[-1][0] == drawn[1]:
             return
@@ -168,7 +169,7 @@ def news(page: Page, pilot: Pilot) -> Refresh:
 
     def refresh() -> None:
         while page.notices:
-            ui.notify(page.notices.pop(0), type="warning", position="top", timeout=6000, close_button="OK")
+            warn(page.notices.pop(0))
         driver = pilot.driver
         keep_alive.show(
             "on" if driver else "", f"keep-alive: {driver.name} drives" if driver else "keep-alive: at rest"

@@ -3,6 +3,7 @@
 import argparse
 import importlib.util
 import ipaddress
+import math
 import os
 import secrets
 import signal
@@ -10,6 +11,7 @@ import socket
 import sys
 import threading
 import webbrowser
+from dataclasses import dataclass
 from types import FrameType
 from urllib.parse import quote
 
@@ -18,13 +20,25 @@ from mirrormount.errors import BadAddress, BadValue, CannotListen, ExtraMissing,
 from mirrormount.link import find
 
 _PORT = 8080
+_PATIENCE_S = 0.1, 2.0
 _TRIED = 20  # ports after it, if no other was asked for
+
+
+@dataclass(frozen=True)
+class Opening:
+    """Where pages come in. links: what to open, the best first. wide: from other computers, too."""
+
+    listener: socket.socket
+    token: bytes | None
+    links: list[str]
+    wide: bool
 
 
 def run(args: argparse.Namespace) -> None:
     """Serve the panel until told to end. Raises MountError."""
-    if importlib.util.find_spec("nicegui") is None:
+    if any(importlib.util.find_spec(name) is None for name in ("nicegui", "segno")):
         raise ExtraMissing('the panel needs NiceGUI: pip install "mirrormount[gui]"')
+    patience_s = _patience(args.patience)
     address = _address(args)
     listener = _listen(args.host, args.http)
     try:
@@ -33,7 +47,7 @@ def run(args: argparse.Namespace) -> None:
         if token is None and wide:
             token = secrets.token_urlsafe(16)
         checked = check_token(token)
-        _serve(address, listener, checked, _links(listener, token), wide, args.browser)
+        _serve(address, Opening(listener, checked, _links(listener, token), wide), patience_s, args.browser)
     finally:
         listener.close()
 
@@ -105,26 +119,35 @@ def _own_addresses(version: int) -> list[str]:
     return [*wide, "127.0.0.1"] if version == 4 else [*wide, "::1"]
 
 
-def _serve(
-    address: str | None, listener: socket.socket, token: bytes | None, links: list[str], wide: bool, browser: bool
-) -> None:
+def _patience(text: str) -> float:
+    low, high = _PATIENCE_S
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = math.nan
+    if not low <= seconds <= high:
+        raise BadValue(f"--patience is {low:g} to {high:g} seconds, not {text!r}")
+    return seconds
+
+
+def _serve(address: str | None, opening: Opening, patience_s: float, browser: bool) -> None:
     from mirrormount.panel.desk import Desk
     from mirrormount.panel.pilot import Pilot
     from mirrormount.panel.server import make_server
 
-    desk = Desk()
+    desk = Desk(silent_s=patience_s)
     pilot = Pilot(address, desk)
     signal.signal(signal.SIGTERM, _end)  # while the web server runs, it ends that first
     if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:  # nohup ignores it
         signal.signal(signal.SIGHUP, lambda *_: signal.raise_signal(signal.SIGTERM))
     try:
         pilot.open()
-        server = make_server(desk, pilot, token, links[0] if wide else None)
-        _tell(pilot.mount.identity if pilot.mount else "", links, wide)
-        if browser:
-            opening = threading.Thread(target=webbrowser.open, args=(links[-1],), daemon=True)  # some do not return
-            server.when_ready(opening.start)
-        server.run([listener])
+        server = make_server(desk, pilot, opening.token, opening.links[0] if opening.wide else None)
+        _tell(pilot.mount.identity if pilot.mount else "", opening)
+        if browser:  # in a thread: some do not return
+            show = threading.Thread(target=webbrowser.open, args=(opening.links[-1],), daemon=True)
+            server.when_ready(show.start)
+        server.run([opening.listener])
     finally:
         pilot.close()
 
@@ -133,13 +156,13 @@ def _end(_signal: int, _frame: FrameType | None) -> None:
     sys.exit(0)
 
 
-def _tell(identity: str, links: list[str], wide: bool) -> None:
+def _tell(identity: str, opening: Opening) -> None:
     print(identity)
-    if wide:
+    if opening.wide:
         import segno
 
         print("On a phone in the same network (whoever has this link can drive the mount):")
         if sys.stdout.isatty():
-            segno.make(links[0], error="m").terminal(compact=True)
-    for link in links:
+            segno.make(opening.links[0], error="m").terminal(compact=True)
+    for link in opening.links:
         print(f"ready {link}", flush=True)

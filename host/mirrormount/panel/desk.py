@@ -13,7 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 TICK_S = 0.05  # between two ticks
-SILENT_S = 0.35  # a page that has not been heard of for so long is not alive: its motion is stopped
+SILENT_S = 0.35  # a page that has not been heard of for so long is not alive: its motion is stopped (--patience)
 
 
 @dataclass(eq=False)
@@ -39,10 +39,14 @@ class Page:
 
 
 class Desk:
-    """All open pages. At most one controls; the others watch, and may stop."""
+    """All open pages. At most one controls; the others watch, and may stop.
 
-    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+    silent_s: a page that has not been heard of for so long is not alive.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic, silent_s: float = SILENT_S) -> None:
         self._clock = clock
+        self._silent_s = silent_s
         self._numbers = itertools.count(1)
         self._pages: list[Page] = []
         self.controller: Page | None = None
@@ -95,11 +99,11 @@ class Desk:
             return False
         seen_s = max(0, min(tick, self.tick())) / 1000
         page.heard_s = max(page.heard_s, seen_s)
-        return self._clock() - seen_s <= SILENT_S
+        return self._clock() - seen_s <= self._silent_s
 
     def alive(self, page: Page) -> bool:
         """True if it was known to work a moment ago."""
-        return page.connected and self._clock() - page.heard_s <= SILENT_S
+        return page.connected and self._clock() - page.heard_s <= self._silent_s
 
     def claim(self, page: Page) -> None:
         """From now on this page controls."""

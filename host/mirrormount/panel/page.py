@@ -1,5 +1,6 @@
 """What a page shows, put together from its cards. Built anew for every browser that comes; updates itself."""
 
+import logging
 from collections.abc import Callable
 from pathlib import Path
 
@@ -17,6 +18,7 @@ _HEAD = """<link rel="stylesheet" href="/panel/panel.css">
 _MODES = {None: "brightness_auto", False: "light_mode", True: "dark_mode"}
 
 Refresh = Callable[[], None]
+_log = logging.getLogger("mirrormount.panel")
 
 
 def register(desk: Desk, pilot: Pilot, link: str | None) -> None:
@@ -49,8 +51,13 @@ def _build(page: Page, desk: Desk, pilot: Pilot, link: str | None) -> None:
     _footer()
 
     def refresh() -> None:
-        for one in refreshes:
-            one()
+        for one in list(refreshes):
+            try:
+                one()
+            except Exception:  # a part that fails would fail ten times a second
+                refreshes.remove(one)
+                _log.exception("a part of a page of the panel has failed")
+                page.notices.append("a part of this page has failed and shows old values: load it again")
 
     ui.timer(_REFRESH_S, refresh)
 
@@ -74,8 +81,9 @@ def _header(page: Page, desk: Desk, pilot: Pilot, link: str | None) -> Refresh:
 
     def refresh() -> None:
         controls = desk.controller is page
-        lamp.classes(replace="lamp on" if pilot.mount else "lamp bad")
-        board.set_text(" · ".join(pilot.mount.identity.split(",")[1:]) if pilot.mount else "no board")
+        mount = pilot.mount
+        lamp.classes(replace="lamp on" if mount else "lamp bad")
+        board.set_text(" · ".join(mount.identity.split(",")[1:]) if mount else "no board")
         banner.set_text(f"No board: {pilot.trouble}. The panel looks for it every second." if pilot.trouble else "")
         banner.set_visibility(bool(pilot.trouble))
         others = len(desk.pages) - 1

@@ -234,7 +234,10 @@ class Pilot:
             self._confirm(mount)
         try:
             with mount.unless_stopped():  # by the brake; what was asked of the brake before this is seen next
-                if stops != self._stops or not self._desk.alive(page):
+                if stops != self._stops:
+                    return
+                if not self._desk.alive(page):
+                    page.notices.append("nothing was done: this page was out of touch; ask again")
                     return
                 self.driver = page
                 start(mount)
@@ -282,7 +285,7 @@ class Pilot:
             self._confirm(mount)
         self._go_on(mount)
         status = mount.status()
-        self.positions.append((time.time(), status.x.position, status.y.position))
+        self.positions.append((time.monotonic(), status.x.position, status.y.position))
         self.status = status
         if status.errors_waiting:
             for error in mount.errors():

@@ -65,7 +65,12 @@ def make_server(desk: Desk, pilot: Pilot, token: bytes | None, link: str | None)
         pilot.stop()
         pilot.say(f"the panel has a fault ({type(error).__name__}); the motors were stopped", "PanelFault")
 
+    def fault_of_page(error: Exception) -> None:
+        fault(error)
+        ui.label("The panel has a fault; the motors were stopped. Load the page again.")
+
     gui.on_exception(fault)
+    gui.on_page_exception(fault_of_page)
     ui.run_with(app, title="Mirror mount", dark=None, tailwind=False, show_welcome_message=False, favicon="🎯")
     core.app.config.message_history_length = 0  # what was sent to a page that was away is not true any more
     return Server(Guard(app, token), pilot)

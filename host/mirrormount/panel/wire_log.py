@@ -1,6 +1,7 @@
 """What went over the wire, kept for people to read: a Port around a Port, and the last lines of both directions."""
 
 import itertools
+import threading
 import time
 from collections import deque
 from dataclasses import dataclass
@@ -23,21 +24,23 @@ class Entry:
 
 
 class WireLog:
-    """Takes in bytes, gives lines. One thread writes each direction; any may read."""
+    """Takes in bytes, gives lines. Any thread may write and read."""
 
     def __init__(self) -> None:
         self._entries: deque[Entry] = deque(maxlen=_KEPT)
         self._numbers = itertools.count(1)
         self._parts = {True: b"", False: b""}
+        self._lock = threading.Lock()  # the brake writes to the board, too
 
     def add(self, data: bytes, *, to_board: bool) -> None:
         """Bytes that have just gone over the wire."""
-        *lines, rest = (self._parts[to_board] + data).split(b"\n")
-        if len(rest) > _LONGEST:
-            lines, rest = [*lines, rest], b""
-        self._parts[to_board] = rest
-        for line in lines:
-            self._line(line.rstrip(b"\r").decode("ascii", "backslashreplace"), to_board)
+        with self._lock:
+            *lines, rest = (self._parts[to_board] + data).split(b"\n")
+            if len(rest) > _LONGEST:
+                lines, rest = [*lines, rest], b""
+            self._parts[to_board] = rest
+            for line in lines:
+                self._line(line.rstrip(b"\r").decode("ascii", "backslashreplace"), to_board)
 
     def since(self, number: int) -> list[Entry]:
         """The lines after that number, oldest first."""
