@@ -11,6 +11,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import mountfw
+from mirrormount import deploy_drive, drive_console, volumes
 from mirrormount.errors import ConnectionLost, PortAbsent
 
 UID = "E6605838835C8A2F"
@@ -125,6 +126,16 @@ class Board:
             b"42>XF?;XH?;XS?\n": f"42>{self.running}; 1,2,3,0; {status}",
         }
         return (answers[data] + "\r\n").encode() if data in answers else b""
+
+
+def plug_in(board: Board, monkeypatch, *, back_s: float) -> None:
+    """Make it the only board that this computer sees. back_s: how long a deploy waits for it after a reset."""
+    monkeypatch.setattr(volumes, "mounted", lambda: [board.root])
+    monkeypatch.setattr("serial.tools.list_ports.comports", board.ports)
+    monkeypatch.setattr(deploy_drive, "open_port", board.open)
+    monkeypatch.setattr(drive_console, "open_port", board.open)
+    monkeypatch.setattr(drive_console, "_QUIET_S", 0.0)
+    monkeypatch.setattr(deploy_drive, "_BACK_S", back_s)
 
 
 class BoardPort:

@@ -1,9 +1,9 @@
 """What deploy has put on a drive is what runs: the port on fakes, booted from that very drive, answers for itself."""
 
 import pytest
-from drive_board import Board, make_drive
+from drive_board import Board, make_drive, plug_in
 
-from mirrormount import Mount, deploy_drive, drive_console, drive_plan, volumes
+from mirrormount import Mount, drive_plan
 from mirrormount.deploy import Options, deploy
 from mirrormount.link import Link
 from mirrormount.virtual import machines
@@ -39,12 +39,7 @@ class BootedBoard(Board):
 def board(tmp_path, monkeypatch):
     code = (drive_plan.package() / "entry" / "code.py").read_bytes()
     board = BootedBoard(make_drive(tmp_path / "CIRCUITPY"), code)
-    monkeypatch.setattr(volumes, "mounted", lambda: [board.root])
-    monkeypatch.setattr("serial.tools.list_ports.comports", board.ports)
-    monkeypatch.setattr(deploy_drive, "open_port", board.open)
-    monkeypatch.setattr(drive_console, "open_port", board.open)
-    monkeypatch.setattr(drive_console, "_QUIET_S", 0.0)
-    monkeypatch.setattr(deploy_drive, "_BACK_S", 5)
+    plug_in(board, monkeypatch, back_s=5)
     yield board
     board.end()
 

@@ -5,9 +5,9 @@ import json
 from pathlib import Path
 
 import pytest
-from drive_board import DATA, FRESH, THEIRS, Board, contents, hash_on_board, make_drive, stand_in_firmware
+from drive_board import DATA, FRESH, THEIRS, Board, contents, hash_on_board, make_drive, plug_in, stand_in_firmware
 
-from mirrormount import deploy_drive, drive_console, drive_plan, errors, volumes
+from mirrormount import deploy_drive, drive_plan, errors, volumes
 from mirrormount.deploy import Options, deploy, undeploy
 from mirrormount.drive_copy import Files
 from mirrormount.volumes import Room
@@ -28,12 +28,7 @@ def firmware(tmp_path, monkeypatch) -> Path:
 def board(tmp_path, monkeypatch, firmware) -> Board:
     """A board with a new drive, the only one that is plugged in."""
     board = Board(make_drive(tmp_path / "CIRCUITPY"), (firmware / "entry" / "code.py").read_bytes())
-    monkeypatch.setattr(volumes, "mounted", lambda: [board.root])
-    monkeypatch.setattr("serial.tools.list_ports.comports", board.ports)
-    monkeypatch.setattr(deploy_drive, "open_port", board.open)
-    monkeypatch.setattr(drive_console, "open_port", board.open)
-    monkeypatch.setattr(drive_console, "_QUIET_S", 0.0)
-    monkeypatch.setattr(deploy_drive, "_BACK_S", 0.1)
+    plug_in(board, monkeypatch, back_s=0.1)
     monkeypatch.setattr(deploy_drive, "_BY_HAND_S", 0.1)
     monkeypatch.setattr("mirrormount.deploy_talk._ANSWER_S", 0.02)
     return board
