@@ -9,7 +9,7 @@ const ENTRY = 0x10000000; // the image's own second-stage boot loader
 const RESET = { power: 0x100, run: 0x10000, watchdog: 0x100 };
 
 export class Board {
-  // bootrom: Uint32Array. onPin(pin, level), onByte(byte), onUsb(up), onFlash() tell what happens, at time `us`.
+  // bootrom: Uint32Array. onPin(pin, level), onByte(byte, port), onUsb(up), onFlash() tell what happens, at time `us`.
   constructor(bootrom, onPin, onByte, onUsb, onFlash) {
     this.bootrom = bootrom;
     this.onPin = onPin;
@@ -44,7 +44,7 @@ export class Board {
     this.host = new CdcHost(mcu.usbCtrl, mcu.clock);
     this.host.collects = this.collects;
     this.host.open = this.open;
-    this.host.onData = data => { for (const byte of data) this.onByte(byte); };
+    this.host.onData = (data, port) => { for (const byte of data) this.onByte(byte, port); };
     this.host.onConfigured = () => this.onUsb(true);
     mcu.core.PC = ENTRY;
   }

@@ -4,11 +4,13 @@
 //   BOOTROM  4096 little-endian words        IMAGE  .bin or .uf2, used if FLASH does not exist
 //   FLASH    file that holds the flash's content; written back as it changes, if it is to be kept
 //
-// stdin and stdout carry the 16-byte records of host/mirrormount/virtual/fakes/_seam.py, and these:
+// stdin and stdout carry the 16-byte records of host/mirrormount/virtual/fakes/_seam.py (in R and T, b is the serial
+// port: 0 the firmware's, 1 CircuitPython's console beside it), and these:
 //   from the board  U USB is up (a = 1) or down     F the flash has been erased or programmed at a place
 //   to the board    D a program has opened the port (a = 1) or closed it
 //                   X reset: a = 0 power, 1 the RUN pin, 2 power, and the flash is what it was at the last M
 //                   M remember what the flash holds; at first that is what it held in the beginning
+//                   J eject the board's drive: from here on it is the board's own
 //                   C cut the power for a moment with the dt-th F from now; a = 1: that one is left half done
 import fs from 'node:fs';
 import { Board } from './board.mjs';
@@ -17,7 +19,7 @@ const [bootromFile, imageFile, flashFile, startText, keep] = process.argv.slice(
 const START_US = Number(startText);
 const RECORD = 16;
 const [EDGE, SENT, WAIT, USB, FLASH] = Buffer.from('ETSUF');
-const [RECEIVED, PIN, COLLECTS, GO, OPEN, RESET, CUT, REMEMBER] = Buffer.from('RPWGDXCM');
+const [RECEIVED, PIN, COLLECTS, GO, OPEN, RESET, CUT, REMEMBER, EJECT] = Buffer.from('RPWGDXCMJ');
 
 const out = [];
 function record(kind, a, b, dt) {
@@ -46,7 +48,7 @@ const bootrom = fs.readFileSync(bootromFile);
 const board = new Board(
   new Uint32Array(bootrom.buffer, bootrom.byteOffset, bootrom.length / 4),
   (pin, level) => record(EDGE, pin, level * 65535, 0),
-  byte => record(SENT, byte, 0, 0),
+  (byte, port) => record(SENT, byte, port, 0),
   up => record(USB, up ? 1 : 0, 0, 0),
   () => record(FLASH, 0, 0, 0),
 );
@@ -64,13 +66,13 @@ function save() {
 }
 
 function wait() {
-  record(WAIT, 0, Math.min(board.host.outgoing.length, 65535), 0);
+  record(WAIT, 0, Math.min(board.host.waiting, 65535), 0);
   process.stdout.write(Buffer.concat(out.splice(0)));
 }
 
 function take(r) {
   const kind = r.readUInt8(0), a = r.readUInt8(1), b = r.readUInt16LE(2);
-  if (kind === RECEIVED) board.host.send(a);
+  if (kind === RECEIVED) board.host.send(a, b);
   else if (kind === PIN) board.drivePin(a, b);
   else if (kind === COLLECTS) board.setCollects(a === 1);
   else if (kind === OPEN) board.setOpen(a === 1);
@@ -79,6 +81,7 @@ function take(r) {
     board.pending = { cause: a === 1 ? 'run' : 'power', watchdog: null };
   }
   else if (kind === REMEMBER) remembered.set(board.flash.memory);
+  else if (kind === EJECT) board.host.eject();
   else if (kind === CUT) board.cutPower(r.readUInt32LE(4), a === 1);
   else if (kind === GO) {
     const until = Number(r.readBigUInt64LE(8)) + r.readUInt32LE(4) - START_US;

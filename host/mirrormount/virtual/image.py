@@ -89,6 +89,18 @@ def find_image(image: Path | None) -> Path:
     return build(folder)
 
 
+def is_circuitpython(image: Path) -> bool:
+    """True for an image of CircuitPython, False for one of MicroPython. There is none of it that is fetched or built."""
+    return b"Adafruit CircuitPython" in _content(image.read_bytes())
+
+
+def _content(data: bytes) -> bytes:
+    """What the blocks of a .uf2 hold, one after the other; of any other file all."""
+    if not data.startswith(b"UF2\n"):
+        return data
+    return b"".join(data[at + 32 : at + 32 + 256] for at in range(0, len(data), 512))
+
+
 def fetch(official: Official, folder: Path) -> Path:
     """Fetch the image into the folder. Nothing else is ever written there. Raises NotFetched."""
     if os.environ.get("CI", "").lower() == "true":

@@ -20,7 +20,7 @@ from mirrormount.virtual.wiring import DRIVES, LED, SWITCHES
 # the seam's records; virtual/fakes/_seam.py is the other side and explains them
 _RECORD = struct.Struct("<BBHIQ")
 _EDGE, _SENT, _WAIT, _USB, _FLASH = b"ETSUF"
-_RECEIVED, _PIN, _COLLECTS, _GO, _OPEN, _RESET, _CUT, _REMEMBER = b"RPWGDXCM"
+_RECEIVED, _PIN, _COLLECTS, _GO, _OPEN, _RESET, _CUT, _REMEMBER, _EJECT = b"RPWGDXCMJ"
 
 # half a second before the firmware's 30-bit clock wraps: every board lives through a wrap early
 START_US = (1 << 30) - 500_000
@@ -35,7 +35,7 @@ class World:
 
     machine: the command line of the child that is the board (see machines.py). edges: a text file
     that gets one JSON object per pin edge. scratch: a folder that goes when the board does.
-    on_sent is called with each byte that the board sends. probes, {GPIO number: name}, may be filled with
+    on_sent is called with each byte that the board sends, on_console with those of a console beside its port. probes, {GPIO number: name}, may be filled with
     other pins whose edges are to be kept; nothing is connected to those.
     usb says whether the board's port is there: a machine that resets itself takes it away meanwhile.
     """
@@ -53,6 +53,7 @@ class World:
         self.edges: list[tuple[int, str, int]] = []  # the last ones: (us since power-up, pin, duty)
         self.probes: dict[int, str] = {}
         self.on_sent: Callable[[int], None] = lambda _c: None
+        self.on_console: Callable[[int], None] = lambda _c: None
         self._edges_file = edges
         self._scratch = scratch
         self._sent_levels: dict[str, int] = {}
@@ -92,7 +93,7 @@ class World:
                 self.bench.advance(t)
                 self._wants_us = dt
             elif kind == _SENT:
-                self.on_sent(a)
+                (self.on_console if b else self.on_sent)(a)
             elif kind == _USB:
                 self.usb = bool(a)
             elif kind == _FLASH:
@@ -147,9 +148,17 @@ class World:
             self._opened = by_someone
             self._to_child.write(_RECORD.pack(_OPEN, int(by_someone), 0, 0, 0))
 
+    def type(self, data: bytes) -> None:
+        """Send bytes to the console of a board that has one beside its port; they go with the next go()."""
+        self._to_child.write(b"".join(_RECORD.pack(_RECEIVED, c, 1, 0, 0) for c in data))
+
     def reset(self, *, power: bool) -> None:
         """Cut the power for a moment, or pulse the reset pin; happens with the next go()."""
         self._to_child.write(_RECORD.pack(_RESET, 0 if power else 1, 0, 0, 0))
+
+    def eject(self) -> None:
+        """Eject the drive that a CircuitPython board shows, so that it can write there; happens with the next go()."""
+        self._to_child.write(_RECORD.pack(_EJECT, 0, 0, 0, 0))
 
     def remember_flash(self) -> None:
         """What the flash holds now is what start_over() gives back; at first, what it held in the beginning."""
