@@ -26,7 +26,7 @@ from mountfw.pins_circuitpython import (  # noqa: F401 (likewise)
     reader,
 )
 
-_WRAP_MASK = (1 << 30) - 1
+_WRAP_MASK = 0x3FFF_FFFF  # written as a sum with 1 << 30 it would be a large integer, and allocate at each use
 _MS_MASK = (1 << 29) - 1  # supervisor.ticks_ms() wraps there
 _MOST_MS = (1 << 20) - 1  # between two readings; in microseconds still a small integer
 _HALF = 1 << 29
@@ -52,9 +52,11 @@ class _Clock:
             steps = (2 * time.monotonic_ns() + 1) // 1953125
             if _ticks_ms() == self._seen_ms:
                 break
-        self._place = steps * 1000 // 1024 % 125  # of the millisecond among 125
+        # Of the millisecond among 125. What comes of a large integer stays one, however small its value, and allocates
+        # at each use, and so does all that comes of it: but not what is read from digits.
+        self._place = int(str(steps * 1000 // 1024 % 125))
         self._ms = 0
-        self._us = _WRAP_MASK + 1 - 500_000  # half a second before it wraps: every start lives through that
+        self._us = _WRAP_MASK - 499_999  # half a second before it wraps: every start lives through that
 
     def us(self):
         """Microseconds."""

@@ -9,7 +9,7 @@ on a 32-bit board: beyond it, arithmetic allocates).
 
 import time
 
-_MASK = (1 << 30) - 1
+_MASK = 0x3FFF_FFFF  # no `(1 << 30) - 1`: 2**30 is a large integer, and so is all that is made of one
 _HALF = 1 << 29
 
 
