@@ -1,6 +1,7 @@
 """The CircuitPython port on the fakes of its modules: virtual boards in lockstep, on CPython and a MicroPython VM."""
 
 import os
+import re
 import shutil
 import sys
 from collections.abc import Callable, Iterator
@@ -270,6 +271,17 @@ def test_the_hash_is_over_the_files_on_the_drive(tmp_path, boards):
                 total.update(file.relative_to(root).as_posix().encode() + hashlib.sha256(file.read_bytes()).digest())
     board = boards(make_world(Options(machine="circuitpython", firmware=root, files=tmp_path / "drive")))
     assert board.ask(b"XF?\n").decode().strip() == total.hexdigest()
+
+
+def test_without_sha_256_in_the_build_the_firmware_runs_and_tells_a_checksum(tmp_path, boards):
+    entry = machines.firmware_folder() / "mountfw" / "entry" / "code.py"
+    (tmp_path / "code.py").write_text(
+        "import hashlib\n\n\ndef new(_name):\n    raise ValueError('Unsupported hash algorithm')\n\n\n"
+        f"hashlib.new = new\nexec(open({str(entry)!r}).read())\n"
+    )
+    board = boards(make_world(Options(machine="circuitpython", files=tmp_path)))
+    assert re.fullmatch(rb"crc32-[0-9a-f]{8}\r\n", board.ask(b"XF?\n"))
+    assert board.ask(b"*IDN?\n").startswith(b"mirrormount,")
 
 
 def test_time_that_the_port_tells_is_the_clocks_step_and_never_wrong_by_more(tmp_path: Path, boards):

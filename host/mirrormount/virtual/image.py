@@ -90,7 +90,7 @@ def find_image(image: Path | None) -> Path:
 
 
 def is_circuitpython(image: Path) -> bool:
-    """True for an image of CircuitPython, False for one of MicroPython. There is none of it that is fetched or built."""
+    """True for an image of CircuitPython, which is never fetched or built here; False for one of MicroPython."""
     return b"Adafruit CircuitPython" in _content(image.read_bytes())
 
 

@@ -35,8 +35,9 @@ class World:
 
     machine: the command line of the child that is the board (see machines.py). edges: a text file
     that gets one JSON object per pin edge. scratch: a folder that goes when the board does.
-    on_sent is called with each byte that the board sends, on_console with those of a console beside its port. probes, {GPIO number: name}, may be filled with
-    other pins whose edges are to be kept; nothing is connected to those.
+    on_sent is called with each byte that the board sends, on_console with those of a console beside its port.
+    probes, {GPIO number: name}, may be filled with other pins whose edges are to be kept; nothing is connected to
+    those.
     usb says whether the board's port is there: a machine that resets itself takes it away meanwhile.
     """
 
