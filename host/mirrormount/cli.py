@@ -99,7 +99,9 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument(
         "--files", type=Path, metavar="FOLDER", help="the board's file system (cpython, circuitpython: what it saves)"
     )
-    sub.add_argument("--image", type=Path, metavar="FILE", help="rp2040: the MicroPython image, .uf2 or .bin")
+    sub.add_argument(
+        "--image", type=Path, metavar="FILE", help="rp2040: the MicroPython or CircuitPython image, .uf2 or .bin"
+    )
     sub.add_argument("--flash", type=Path, metavar="FILE", help="rp2040: keeps the flash from run to run")
     sub.add_argument("--link", type=Path, metavar="PATH", help="make PATH a symlink to the board's pty")
     sub.add_argument("--tcp", metavar="PORT", help="listen on this loopback port (0: any that is free)")

@@ -18,10 +18,12 @@ from mirrormount.link import SocketPort
 from mirrormount.virtual import machines
 from mirrormount.virtual.bench import Bench
 from mirrormount.virtual.files import new_files
+from mirrormount.virtual.image import is_circuitpython
 from mirrormount.virtual.live import PairPort, serve
 from mirrormount.virtual.stepped import Stepped
 from mirrormount.virtual.world import BoardGone, World
 
+_CIRCUITPYTHON_US = 6_000_000  # until the firmware is ready on it; its LED shows other things before that
 BENCHES = ("paper", "switches")
 BOARDS = {"pico": machines.PICO, "pico_drv8833": "pico_drv8833"}  # what MicroPython calls them
 BOARD_IDS = {"pico": machines.PICO_ID, "pico_drv8833": "pico_drv8833"}  # what CircuitPython calls them
@@ -85,7 +87,11 @@ def make_world(options: Options | None = None) -> World:
     optics = Bench(switches=options.bench == "switches", two_pwm=options.board == "pico_drv8833", seed=options.seed)
     world = World(command, optics, edges=file, scratch=scratch)
     if options.machine == "rp2040":  # a real image takes its time to start; nobody waits for it in real time
-        Stepped(world).boot()
+        board = Stepped(world)
+        if options.image and is_circuitpython(options.image):
+            board.run(_CIRCUITPYTHON_US)
+        else:
+            board.boot()
     return world
 
 

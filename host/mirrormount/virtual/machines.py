@@ -2,8 +2,8 @@
 
 cpython: this Python with a fake `machine`. circuitpython: this Python with fakes of CircuitPython's modules, so that
 the firmware's other port runs: no CircuitPython. micropython: a MicroPython VM with the same fake, a file
-system and a raw prompt, so that mpremote works on it. rp2040: a real MicroPython image in an emulated RP2040, with
-its own USB, timers, PWM and flash (emulator.py prepares it).
+system and a raw prompt, so that mpremote works on it. rp2040: a real MicroPython or CircuitPython image in an emulated
+RP2040, with its own USB, timers, PWM and flash (emulator.py prepares it).
 """
 
 import importlib.util
