@@ -9,7 +9,7 @@ from mirrormount.errors import WrongDrive
 
 # supervisor.runtime.autoreload, without which a deploy would be restarted in its middle, and the line UID: in
 # boot_out.txt, by which a drive finds its serial ports, both came with it
-_OLDEST = (9, 1)  # what the port was written for, and tried with
+_OLDEST = (9, 1)
 _FIRST_LINE = re.compile(r"Adafruit CircuitPython (\S+) on [^;]*; *(.*)")
 _LONGEST = 4096  # the lines that matter come first; what boot.py prints comes after
 GET_IT = (
@@ -80,7 +80,8 @@ def check_version(drive: Drive) -> None:
     number = re.match(r"(\d+)\.(\d+)", drive.version)
     if number and (int(number[1]), int(number[2])) < _OLDEST:
         raise WrongDrive(
-            f"{drive} runs CircuitPython {drive.version}: it was never tried with one older than 9.1 ({GET_IT})"
+            f"{drive} runs CircuitPython {drive.version}: 9.1 or later is needed, for older ones cannot switch"
+            f" their watchdog off as the firmware does ({GET_IT})"
         )
 
 
