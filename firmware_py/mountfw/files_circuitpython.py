@@ -110,5 +110,6 @@ def _firmware_files():
     for folder in ("", "mountfw", "mountfw/boards"):
         place = root + "/" + folder if root or not folder else folder
         for name in sorted(os.listdir(place)):
-            if name in ("boot.py", "code.py") if not folder else name.endswith((".py", ".mpy")):
+            source = name.endswith(".py") or name.endswith(".mpy")  # noqa: PIE810 (CircuitPython 9 takes no tuple there)
+            if source if folder else name in ("boot.py", "code.py"):
                 yield (folder + "/" + name if folder else name), place.rstrip("/") + "/" + name
