@@ -69,7 +69,7 @@ class _Watchdog:
     @mode.setter
     def mode(self, mode):
         if mode == WatchDogMode.RAISE:
-            raise NotImplementedError
+            raise NotImplementedError("RAISE mode")  # as CircuitPython itself does
         if mode not in (None, WatchDogMode.RESET):
             raise TypeError("mode must be of type WatchDogMode")
         self._mode = mode
