@@ -92,7 +92,7 @@ def test_an_error_in_a_motion_is_listed_with_cause_and_remedy(page, board):
     page.get_by_text("applied").wait_for()
     page.get_by_label("Speed of motor 1").fill("255")
     page.get_by_role("button", name="OK", exact=True).first.click()
-    page.get_by_text("the board says 140: ").wait_for()
+    page.get_by_text("the board says 140: ").first.wait_for()
     page.get_by_text("Cause: One run or one frame drove for as long as XM allows.").wait_for()
     page.get_by_text("Remedy: Send the next one in time, or raise XM.").wait_for()
     page.get_by_text("last move: run limit reached").wait_for()

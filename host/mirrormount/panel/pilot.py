@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from mirrormount.client import Mount
-from mirrormount.errors import BadValue, ConnectionLost, MountError, MoveEnded, NoAnswer, PanelFault
+from mirrormount.errors import BadValue, BoardError, ConnectionLost, MountError, MoveEnded, NoAnswer, PanelFault
 from mirrormount.link import Link, Port, find_one, open_port
 from mirrormount.panel import scales
 from mirrormount.panel.desk import Desk, Page
@@ -246,7 +246,12 @@ class Pilot:
         except MoveEnded:
             pass  # stopped before it began: as asked
         except MountError as e:
-            page.notices.append(str(e))
+            self._refused(page, e)
+
+    def _refused(self, page: Page, why: MountError) -> None:
+        """Tell the page that asked, and list it with cause and remedy."""
+        page.notices.append(str(why))
+        self.say(str(why), str(why.code) if isinstance(why, BoardError) else type(why).__name__)
 
     def _press(self, mount: Mount, hold: _Hold) -> None:
         axis = getattr(mount, hold.press.axis)
@@ -309,7 +314,7 @@ class Pilot:
             except MoveEnded:
                 pass
             except MountError as e:
-                hold.page.notices.append(str(e))
+                self._refused(hold.page, e)
 
     def _confirm(self, mount: Mount) -> None:
         """Make sure that the stops asked for so far have stopped the mount."""
