@@ -167,7 +167,8 @@ def firmware_hash():
     for folder in ("", "mountfw", "mountfw/boards"):
         place = (root + "/" if root else "") + folder
         for name in sorted(os.listdir(place)):
-            if name == "main.py" if not folder else name.endswith((".py", ".mpy")):
+            source = name.endswith(".py") or name.endswith(".mpy")  # noqa: PIE810 (MicroPython before 1.25 takes no tuple)
+            if name == "main.py" if not folder else source:
                 total.update((folder + "/" + name if folder else name).encode())
                 total.update(_file_hash(place + "/" + name if place else name))
     return binascii.hexlify(total.digest())
