@@ -15,23 +15,15 @@ from mirrormount.errors import BadAddress, BadValue, CannotListen, TokenNeeded
 from mirrormount.guest import Guest
 from mirrormount.identify import TOKEN_REFUSED
 from mirrormount.telnet import Inlet
+from mirrormount.tokens import LONGEST
 from mirrormount.turned_away import GRACE_S, TurnedAway
 
 TOKEN_S = 10.0  # how long a client may take to send its token: a person may be typing
-_LINE_MOST = 256  # and how long that line may be
+_LINE_MOST = LONGEST + 2  # and how long that line may be
 _CROWD = 8  # clients at the door at a time; more, and the one who has waited longest goes
 
 _UNSENT = 1 << 14  # bytes on their way to a client, beside those that a Guest keeps
 _LOST_AFTER = (10, 5, 3)  # a silent connection is probed after 10 s, then each 5 s; 3 times in vain, it is dead
-
-
-def check_token(token: str | None) -> bytes | None:
-    """A token as it goes over the wire. Raises BadValue for one that cannot."""
-    if token is None:
-        return None
-    if not (token.isascii() and token.isprintable() and token.strip() == token and 0 < len(token) <= _LINE_MOST - 2):
-        raise BadValue(f"a token is 1 to {_LINE_MOST - 2} printable ASCII characters, with no space at either end")
-    return token.encode()
 
 
 def parse_where(text: str) -> tuple[str, int]:

@@ -15,12 +15,13 @@ import time
 from types import FrameType
 
 from mirrormount.client import Mount
-from mirrormount.door import Door, check_token, parse_where
+from mirrormount.door import Door, parse_where
 from mirrormount.ear import Ear
 from mirrormount.errors import BadValue, ConnectionLost, MountError
 from mirrormount.guest import Guest, acknowledge
 from mirrormount.identify import NO_BOARD
 from mirrormount.telnet import GREETING
+from mirrormount.tokens import check_token
 from mirrormount.turned_away import TAKEN_LINE
 
 _NO_BOARD_LINE = NO_BOARD.encode() + b"\r\n"

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 from types import FrameType
 from urllib.parse import quote
 
-from mirrormount.door import check_token
 from mirrormount.errors import BadAddress, BadValue, CannotListen, ExtraMissing, NoBoardFound
 from mirrormount.link import find
+from mirrormount.tokens import check_token
 
 _PORT = 8080
 _PATIENCE_S = 0.1, 2.0
