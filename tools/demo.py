@@ -24,7 +24,7 @@ def main(arguments: list[str]) -> int:
     bootstrap.prepare(bootstrap.ROOT, WANTED, steps=3)
     bootstrap.say("[3/3] running the demo …")
     python = str(bootstrap.venv_python(bootstrap.ROOT / ".venv"))
-    return bootstrap.show([python, "-m", "mirrormount", "demo", *arguments], MPLBACKEND="Agg")
+    return bootstrap.show([python, "-P", "-m", "mirrormount", "demo", *arguments], MPLBACKEND="Agg")
 
 
 if __name__ == "__main__":

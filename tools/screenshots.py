@@ -55,7 +55,7 @@ with Mount.open("virtual://?speed=max") as mount:
         step = calibration.Step(*axis.ask_whole("XP?", "XD?", "XI?"))
         calibration.write(mount.board_id, {axis.number: calibration.Scale(mrad, mrad, step)})
 """
-    subprocess.run([sys.executable, "-c", program], check=True)
+    subprocess.run([sys.executable, "-P", "-c", program], check=True)
 
 
 def _draw(page: Page) -> None:

@@ -9,7 +9,6 @@ import importlib.resources
 import json
 import os
 import subprocess
-import sys
 import tempfile
 import threading
 from collections.abc import Callable, Iterator
@@ -19,6 +18,7 @@ from mirrormount import board_side
 from mirrormount.deploy_plan import Plan
 from mirrormount.errors import DeployError, MountError, MpremoteError
 from mirrormount.progress import Progress
+from mirrormount.python_child import python_module
 
 _CALL_S = 300.0  # the longest that one call of mpremote may take
 
@@ -107,7 +107,7 @@ class Mpremote:
 
         fresh: with a soft reset first, which runs no main.py and leaves the memory to our script.
         """
-        command = [sys.executable, "-m", "mpremote", "connect", self._port, *([] if fresh else ["resume"])]
+        command = python_module("mpremote", "connect", self._port, *([] if fresh else ["resume"]))
         for step in steps:
             command += [*step, "+"]
         environment = os.environ | {"PYTHONUNBUFFERED": "1", "PYTHONIOENCODING": "utf-8"}

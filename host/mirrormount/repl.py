@@ -11,6 +11,7 @@ from mirrormount.client import Mount
 from mirrormount.errors import AtPrompt, BadAddress, FirmwareMissing, MountError, NoAnswer, NotAMount, PortBusy
 from mirrormount.identify import TAKEN
 from mirrormount.link import Link, find_one, open_port
+from mirrormount.python_child import python_module
 
 _GET_M = "from mountfw.repl import m"
 _HELP = """\
@@ -34,9 +35,7 @@ def run(address: str | None) -> None:
             _check(link)
             link.close()  # mpremote opens it now
             print(_HELP, flush=True)
-            status = subprocess.call(
-                [sys.executable, "-m", "mpremote", "connect", port, "resume", "exec", _GET_M, "repl"]
-            )
+            status = subprocess.call(python_module("mpremote", "connect", port, "resume", "exec", _GET_M, "repl"))
         finally:
             link.close()
             link = Link(open_port(port))

@@ -67,6 +67,21 @@ class ServedBoard:
         return self.process.wait(PATIENCE_S)
 
 
+SCRIPT = Path(sys.executable).with_name("mirrormount")
+
+
+def set_traps(folder: Path) -> Path:
+    """Files with the names of modules that a Python needs; each one that is imported leaves a file `sprung`."""
+    folder.mkdir()
+    sprung = folder / "sprung"
+    trap = f"open({str(sprung)!r}, 'a').write(__name__ + '\\n')\nraise SystemExit('a file of this folder was run')\n"
+    for name in ("mpremote", "mountfw", "mirrormount", "json", "pip", "platformdirs", "machine", "sitecustomize"):
+        (folder / f"{name}.py").write_text(trap)
+    (folder / "serial").mkdir()
+    (folder / "serial" / "__init__.py").write_text(trap)
+    return folder
+
+
 def run_cli(*args: str) -> subprocess.CompletedProcess:
     """`mirrormount …` as a shell would run it."""
     environment = {k: v for k, v in os.environ.items() if k != "MIRRORMOUNT_PORT"}

@@ -11,7 +11,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from served import PATIENCE_S, run_cli, wait_for
+from served import PATIENCE_S, SCRIPT, run_cli, set_traps, wait_for
 
 from mirrormount import Mount
 from mirrormount.errors import REASONS, EmulatorMissing
@@ -334,13 +334,13 @@ def test_the_readmes_session_is_what_a_board_says(board):
 class Terminal:
     """`mirrormount repl` with a pseudo-terminal of its own."""
 
-    def __init__(self, *arguments: str) -> None:
+    def __init__(self, *arguments: str, folder: Path | None = None) -> None:
         import pty
 
         self._master, slave = pty.openpty()
         self.said = b""
-        command = [sys.executable, "-m", "mirrormount", "repl", *arguments]
-        self.process = subprocess.Popen(command, stdin=slave, stdout=slave, stderr=slave, start_new_session=True)
+        ends = {"stdin": slave, "stdout": slave, "stderr": slave}
+        self.process = subprocess.Popen([SCRIPT, "repl", *arguments], **ends, start_new_session=True, cwd=folder)
         os.close(slave)
 
     def until(self, text: bytes) -> bytes:
@@ -407,6 +407,17 @@ def test_mirrormount_repl_opens_the_prompt_with_m_and_starts_the_firmware_again(
     assert not served.driving()
     with Mount.open(str(served.link)) as mount:
         mount.x.step(1)
+
+
+def test_no_python_of_the_current_folder_is_run_by_repl(serve_vm, tmp_path):
+    folder = set_traps(tmp_path / "traps")
+    terminal = Terminal(str(serve_vm().link), folder=folder)
+    terminal.until(b"to exit this shell")
+    terminal.until(b">>> ")
+    terminal.type(b"\x1d")
+    terminal.until(b"started again")
+    assert terminal.end() == 0
+    assert not (folder / "sprung").exists()
 
 
 def test_a_board_without_the_firmware_is_named_as_such_and_left_at_its_prompt(serve_vm, tmp_path):

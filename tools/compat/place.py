@@ -51,7 +51,7 @@ class Place:
         with Mount.open(f"virtual://?speed=max&machine={machine}&files={self._files}") as mount:
             mount.send(SETTINGS)
             mount.save()
-        self._words = [sys.executable, "-m", "mirrormount"]
+        self._words = [sys.executable, "-P", "-m", "mirrormount"]
         if way == "tcp":
             board = f"virtual://?machine={machine}&edges={self._edges}&files={self._files}"
             self._words += ["serve", board, "--tcp", "127.0.0.1:0"]

