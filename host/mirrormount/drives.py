@@ -6,10 +6,8 @@ from pathlib import Path
 
 from mirrormount import volumes
 from mirrormount.errors import WrongDrive
+from mirrormount.supported import CIRCUITPYTHON, text
 
-# supervisor.runtime.autoreload, without which a deploy would be restarted in its middle, and the line UID: in
-# boot_out.txt, by which a drive finds its serial ports, both came with it
-_OLDEST = (9, 1)
 _FIRST_LINE = re.compile(r"Adafruit CircuitPython (\S+) on [^;]*; *(.*)")
 _LONGEST = 4096  # the lines that matter come first; what boot.py prints comes after
 GET_IT = (
@@ -78,10 +76,10 @@ def drive_at(path: Path) -> Drive:
 def check_version(drive: Drive) -> None:
     """Raise WrongDrive for a CircuitPython that is too old. A build without a number is taken as new."""
     number = re.match(r"(\d+)\.(\d+)", drive.version)
-    if number and (int(number[1]), int(number[2])) < _OLDEST:
+    if number and CIRCUITPYTHON.too_old((int(number[1]), int(number[2]))):
         raise WrongDrive(
-            f"{drive} runs CircuitPython {drive.version}: 9.1 or later is needed, for older ones cannot switch"
-            f" their watchdog off as the firmware does ({GET_IT})"
+            f"{drive} runs CircuitPython {drive.version}: {text(CIRCUITPYTHON.lowest)} or later is needed, for older"
+            f" ones cannot switch their watchdog off as the firmware does ({GET_IT})"
         )
 
 
