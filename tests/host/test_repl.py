@@ -5,7 +5,6 @@ import os
 import re
 import select
 import subprocess
-import sys
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
