@@ -5,6 +5,7 @@ Tests that are marked exhaustive take hours; they are left out without --exhaust
 """
 
 import os
+import tempfile
 
 import pytest
 
@@ -14,6 +15,10 @@ def pytest_addoption(parser):
 
 
 def pytest_configure(config):
+    # `mirrormount stop` stops what this user has open: only what the tests have
+    runtime = tempfile.TemporaryDirectory(prefix="mm-")
+    os.environ["XDG_RUNTIME_DIR"] = runtime.name
+    config.add_cleanup(runtime.cleanup)
     config.addinivalue_line("markers", "exhaustive: takes hours, left out without --exhaustive")
     config.addinivalue_line("markers", "given: needs a file that nothing fetches or builds, so CI may skip it")
 

@@ -315,10 +315,15 @@ def _until_done(mount: Mount | SketchMount, seconds: float | None, axes: list) -
 
 
 def do_stop(args: argparse.Namespace) -> None:
-    """Stop; opening a mount already does, and says so if it could not."""
-    with _open(args):
-        pass
-    print("stopped")
+    """Stop, also when another program has the port."""
+    if args.sketch:
+        with _open(args):  # opening already stops, and says so if it could not
+            pass
+        print("stopped")
+        return
+    from mirrormount.stop_command import run
+
+    run(args.port)
 
 
 def do_send(args: argparse.Namespace) -> None:

@@ -30,6 +30,7 @@ from mirrormount.errors import (
 from mirrormount.identify import TAKEN, identify
 from mirrormount.link import Link, find_one, open_port
 from mirrormount.status import AxisStatus, Ended, Homed, Limits, QueuedError, Status, parse_error, parse_status
+from mirrormount.stop_socket import SENT, STOPPED, Stoppable
 from mirrormount.values import whole_number
 from mountfw import errors as wire
 from mountfw.frame import encode
@@ -39,6 +40,7 @@ __all__ = ["TAKEN", "Axis", "AxisStatus", "Ended", "Homed", "Limits", "Mount", "
 KEEP_ALIVE_MS = 500
 _FEED_S = 0.1
 _ANSWER_S = 1.0
+_GATE_S = 0.05  # how long a stop waits for another thread to write its line
 _SLACK_S = 2.0  # on top of what a move must take, before it is called stuck
 
 _log = logging.getLogger("mirrormount")
@@ -72,6 +74,7 @@ class Mount:
         self._gate = threading.Lock()  # held for the writing of a stop, and of what starts a motion
         self._lost: MountError | None = None
         self._boot_id: int | None = None
+        self._stoppable: Stoppable | None = None
         self.status()
 
     @classmethod
@@ -85,9 +88,13 @@ class Mount:
         """
         if not isinstance(address, str | None):
             raise BadValue(f"a port's address is text, not {address!r}")
-        link = Link(open_port(find_one() if address is None else address))
+        address = find_one() if address is None else address
+        link = Link(open_port(address))
         try:
-            return cls(link, x_axis=x_axis)
+            mount = cls(link, x_axis=x_axis)
+            if not link.lockstep:
+                mount._stoppable = Stoppable([address], mount._stop_for_another_program)
+            return mount
         except BaseException:
             link.close()
             raise
@@ -98,6 +105,8 @@ class Mount:
         feeder = self._feeder
         if feeder:
             feeder.join()
+        if self._stoppable:
+            self._stoppable.close()
         self.link.close()
 
     def __enter__(self) -> Self:
@@ -142,6 +151,25 @@ class Mount:
             yield
         finally:
             self._since = None
+
+    def _stop_for_another_program(self) -> str:
+        """Write the stop without waiting for what a hanging thread may hold, then look whether it was obeyed."""
+        self._stops += 1
+        self._feeding.clear()
+        alone = self._gate.acquire(timeout=_GATE_S)
+        try:
+            self.link.port.write(b"!\n")
+        finally:
+            if alone:
+                self._gate.release()
+        if not self.link.lock.acquire(timeout=_ANSWER_S):
+            return SENT
+        try:
+            if self.status().moving:
+                raise NoAnswer("the board moves again: end that program")
+            return STOPPED
+        finally:
+            self.link.lock.release()
 
     def drive(self, m1: int, m2: int, *, feed: bool = True) -> None:
         """Drive motor 1 (vertical) and motor 2 (horizontal) at -255 ... 255, 0 is off.

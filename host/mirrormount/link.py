@@ -284,7 +284,7 @@ def _why_not(address: str, e: BaseException) -> CannotOpen:
             " (or the udev file of docs/bring-up.md)"
         )
     if number in (errno.EBUSY, errno.EAGAIN, errno.EWOULDBLOCK):
-        return PortBusy(f"{address}: another program has this port open")
+        return PortBusy(f"{address}: another program has this port open{_which(address)}")
     if number == errno.ECONNREFUSED:
         return PortAbsent(f"{address}: nothing listens there")
     if number == errno.ENOENT:
@@ -295,6 +295,13 @@ def _why_not(address: str, e: BaseException) -> CannotOpen:
         return PortAbsent(f"{address}: there is no such port (see: mirrormount ports)")
     detail = os.strerror(number) if number else "not a serial port"
     return CannotOpen(f"{address}: cannot be opened: {detail}")
+
+
+def _which(address: str) -> str:
+    from mirrormount.stop_socket import who_has
+
+    owner = who_has(address)
+    return f": {owner}; `mirrormount stop` goes through it" if owner else ""
 
 
 def _errno(e: BaseException | None) -> int | None:

@@ -131,7 +131,7 @@ def test_a_busy_port_is_one_line(board):
 
     with Mount.open(str(board.link)) as mount:
         mount.x.jog(0.2)
-        assert "another program" in one_line(run_cli("stop", "--port", str(board.link)))
+        assert "another program" in one_line(run_cli("status", "--port", str(board.link)))
 
 
 def test_ctrl_c_stops_the_motion_and_is_one_line(board):

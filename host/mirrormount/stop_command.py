@@ -1,0 +1,33 @@
+"""`mirrormount stop`: both motors off, also when another program has the port."""
+
+from mirrormount import stop_socket
+from mirrormount.client import Mount
+from mirrormount.errors import MountError, NoBoardFound
+from mirrormount.stop_socket import STOPPED
+
+
+def run(address: str | None) -> None:
+    """Stop the mount at address; without one, every mount that this user has open, and the one that is plugged in.
+
+    Raises MountError if one of them did not stop, or cannot be known to have; the others are stopped all the same.
+    """
+    owners = stop_socket.owners(address)
+    problems: list[MountError] = []
+    for owner in owners:
+        try:
+            answer = stop_socket.ask(owner)
+        except MountError as e:
+            problems.append(e)
+        else:
+            how = "stopped" if answer == STOPPED else "stop sent; the board was too busy to confirm it"
+            print(f"{how} (by {owner}, which has the port)")
+    if not owners or address is None:
+        try:
+            Mount.open(address).close()  # opening stops, and says so if it could not
+        except MountError as e:
+            if not owners or not isinstance(e, NoBoardFound):
+                problems.append(e)
+        else:
+            print("stopped")
+    if problems:
+        raise problems[0]

@@ -1,0 +1,197 @@
+"""A stop that another program asks for while a port is in use: who may, how it gets through, and what it says."""
+
+import os
+import signal
+import socket
+import stat
+import subprocess
+import sys
+import threading
+
+import pytest
+from served import PATIENCE_S, run_cli, wait_for
+
+from mirrormount import Mount, errors, stop_socket
+from mirrormount.stop_socket import SENT, STOPPED, Stoppable, ask, held_here, owners
+
+if os.name != "posix":
+    pytest.skip("Unix sockets need POSIX", allow_module_level=True)
+
+HOLDER = """
+import sys, threading
+from mirrormount import Mount
+m = Mount.open(sys.argv[1])
+exec(sys.argv[2])
+print('ready', flush=True)
+input()
+"""
+
+
+@pytest.fixture(autouse=True)
+def runtime(tmp_path_factory, monkeypatch):
+    """A runtime folder of this test's own: other boards on this computer are not meant."""
+    folder = tmp_path_factory.mktemp("run")
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(folder))
+    return folder / "mirrormount"
+
+
+@pytest.fixture
+def holder():
+    """Starts a program that opens a mount and runs some code with it."""
+    started = []
+
+    def start(address: str, code: str = "") -> subprocess.Popen:
+        process = subprocess.Popen(
+            [sys.executable, "-c", HOLDER, address, code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+        started.append(process)
+        assert process.stdout.readline() == "ready\n"
+        return process
+
+    yield start
+    for process in started:
+        process.kill()
+        process.communicate()
+
+
+@pytest.mark.parametrize("port", [True, False])
+def test_stop_gets_through_a_program_that_has_the_port(board, holder, port):
+    process = holder(str(board.link), "m.send('1XM60000;2XM60000'); m.x.jog(1)")
+    wait_for(board.driving, "the motor to run")
+    run = run_cli("stop", *(["--port", str(board.link)] if port else []))
+    assert not board.driving()
+    assert (run.returncode, run.stderr) == (0, "")
+    assert run.stdout.startswith("stopped (by process ") and str(process.pid) in run.stdout
+
+
+def test_stop_gets_through_while_a_thread_holds_the_link(board, holder):
+    hold = "t = threading.Thread(target=m.link.lock.acquire); t.start(); t.join()"  # and never gives it back
+    holder(str(board.link), f"m.send('2XM60000;XK0;2MV+'); {hold}")
+    wait_for(board.driving, "the motor to run")
+    run = run_cli("stop")
+    wait_for(lambda: not board.driving(), "the stop")
+    assert run.returncode == 0 and run.stdout.startswith("stop sent")
+
+
+def test_a_frozen_program_is_named_and_the_keep_alive_ends_what_moves(board, holder):
+    process = holder(str(board.link), "m.send('1XM60000;2XM60000'); m.x.jog(1)")
+    wait_for(board.driving, "the motor to run")
+    process.send_signal(signal.SIGSTOP)
+    run = run_cli("stop")
+    assert run.returncode == 1 and run.stdout == ""
+    assert f"process {process.pid}" in run.stderr and "keep-alive" in run.stderr and run.stderr.count("\n") == 1
+    wait_for(lambda: not board.driving(), "the keep-alive")
+
+
+def test_a_motion_that_was_about_to_start_does_not_start_after_the_stop(board):
+    with Mount.open(str(board.link)) as mount:
+        stops = mount._count_stops()
+        assert ask(owners(str(board.link))[0]) == STOPPED
+        with pytest.raises(errors.MoveEnded):
+            mount._start("1MV+", stops)
+    assert not board.edges()
+
+
+def test_two_programs_are_both_stopped_when_no_port_is_named(serve, holder):
+    boards = [serve(), serve()]
+    for board in boards:
+        holder(str(board.link), "m.send('1XM60000;2XM60000'); m.x.jog(1)")
+    run = run_cli("stop")
+    assert run.returncode == 0 and run.stdout.count("stopped (by") == 2
+    assert not any(board.driving() for board in boards)
+
+
+def test_a_port_that_is_in_use_is_refused_with_the_name_of_the_program(board, holder):
+    process = holder(str(board.link))
+    with pytest.raises(errors.PortBusy, match=rf"process {process.pid} \(python"):
+        Mount.open(str(board.link))
+
+
+def test_a_port_goes_by_its_real_path_and_is_known_to_its_process_while_open(board, tmp_path):
+    other = tmp_path / "another-name"
+    other.symlink_to(board.link)
+    with Mount.open(str(board.link)):
+        assert held_here(str(other)) and len(owners(str(other))) == 1
+    assert not held_here(str(board.link)) and not owners()
+
+
+def test_only_this_user_gets_at_the_socket(runtime):
+    owner = Stoppable(["/dev/ttyTEST"], lambda: SENT)
+    try:
+        (path,) = runtime.iterdir()
+        assert stat.S_IMODE(runtime.stat().st_mode) == 0o700
+        assert stat.S_IMODE(path.stat().st_mode) == 0o600
+    finally:
+        owner.close()
+    assert list(runtime.iterdir()) == []
+
+
+def test_a_folder_that_others_can_read_is_closed_to_them(runtime):
+    runtime.mkdir(mode=0o777)
+    runtime.chmod(0o777)
+    Stoppable(["/dev/ttyTEST"], lambda: SENT).close()
+    assert stat.S_IMODE(runtime.stat().st_mode) == 0o700
+
+
+def test_what_a_killed_program_left_is_removed(board, holder, runtime):
+    process = holder(str(board.link))
+    process.kill()
+    process.wait(PATIENCE_S)
+    assert len(list(runtime.iterdir())) == 1
+    assert owners() == [] and list(runtime.iterdir()) == []
+
+
+def test_looking_for_owners_stops_nothing_and_neither_does_silence(runtime):
+    stops = []
+    owner = Stoppable(["/dev/ttyTEST", "socket://127.0.0.1:1"], lambda: stops.append(1) or SENT)
+    try:
+        (found,) = owners()
+        assert found.pid == os.getpid()
+        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as silent:
+            silent.connect(str(found.path))
+            silent.sendall(b"no\n")
+            assert silent.recv(10) == b"" and stops == []
+        assert ask(owners("socket://127.0.0.1:1")[0]) == SENT and stops == [1]
+    finally:
+        owner.close()
+
+
+def test_an_owner_that_cannot_stop_says_why():
+    def fail() -> str:
+        raise errors.ConnectionLost("the port has gone")
+
+    owner = Stoppable(["/dev/ttyTEST"], fail)
+    try:
+        with pytest.raises(errors.NoAnswer, match="the port has gone"):
+            ask(owners()[0])
+    finally:
+        owner.close()
+
+
+def test_a_port_works_where_no_socket_can_be_made(board, runtime):
+    runtime.symlink_to("/nowhere/at/all")
+    with Mount.open(str(board.link)) as mount:
+        assert mount._stoppable.why_not
+        mount.x.step(1)
+
+
+def test_many_askers_at_once_are_all_answered():
+    owner = Stoppable(["/dev/ttyTEST"], lambda: STOPPED)
+    try:
+        (found,) = owners()
+        answers = []
+        threads = [threading.Thread(target=lambda: answers.append(ask(found))) for _ in range(5)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        assert answers == [STOPPED] * 5
+    finally:
+        owner.close()
+
+
+def test_stop_imports_next_to_nothing():
+    code = "import sys; from mirrormount import stop_command; print(*{m.partition('.')[0] for m in sys.modules})"
+    names = set(subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout.split())
+    assert not names & {"numpy", "asyncio", "nicegui", "matplotlib", "mpremote", "http", "email", "ssl"}
+    assert stop_socket.supported()
