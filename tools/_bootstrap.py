@@ -20,6 +20,8 @@ import re
 import shutil
 import subprocess
 import sys
+import tempfile
+import time
 from pathlib import Path
 from typing import Callable, Dict, Iterable, List, NamedTuple, Optional, Sequence, Tuple
 
@@ -28,6 +30,8 @@ OLDEST = (3, 11)
 KNOWN_MINORS = (14, 13, 12, 11)
 MADE = "mirrormount-made"
 INSTALLING = "mirrormount-installing"
+PROGRESS_S = 10.0  # between two lines about a command that prints nothing
+END_S = 5.0  # that a program has after Ctrl-C
 
 Command = List[str]
 Run = Callable[[Command], Tuple[int, str]]
@@ -101,9 +105,12 @@ def child_env(**extra: str) -> Dict[str, str]:
 
 
 def run(command: Command) -> Tuple[int, str]:
-    """Run a command in the repository, without input; its exit status and everything it printed."""
+    """Run a command in the repository, without input; its exit status and everything it printed.
+
+    A command that takes long prints nothing meanwhile: a line every PROGRESS_S shows that it still runs.
+    """
     try:
-        done = subprocess.run(
+        child = subprocess.Popen(
             command,
             cwd=str(ROOT),
             env=child_env(),
@@ -113,23 +120,60 @@ def run(command: Command) -> Tuple[int, str]:
         )
     except OSError as error:  # no such program, or not one for this machine
         return 127, str(error)
-    return done.returncode, done.stdout.decode("utf-8", "replace")
+    start = time.monotonic()
+    while True:
+        try:
+            output = child.communicate(timeout=PROGRESS_S)[0]
+            return status_of(child.returncode), output.decode("utf-8", "replace")
+        except subprocess.TimeoutExpired:
+            say(f"      {' '.join(command[1:4])} … {time.monotonic() - start:.0f} s")
+        except KeyboardInterrupt:
+            end(child)
+            raise
+
+
+def end(child: "subprocess.Popen[bytes]") -> None:
+    """Wait for a child that Ctrl-C has reached, too; after END_S it is killed."""
+    try:
+        child.wait(timeout=END_S)
+    except (subprocess.TimeoutExpired, KeyboardInterrupt):
+        child.kill()
+        child.wait()
+
+
+def status_of(returncode: int) -> int:
+    """An exit status as a shell gives it: 128 and its number for a signal."""
+    return returncode if returncode >= 0 else 128 - returncode
 
 
 def show(command: Command, cwd: Optional[Path] = None, stdin: Optional[int] = None, **extra_env: str) -> int:
-    """Run a command whose output goes to the terminal; after Ctrl-C it has five seconds to tidy up."""
+    """Run a command whose output goes to the terminal; after Ctrl-C it has END_S to tidy up."""
     child = subprocess.Popen(command, cwd=cwd, stdin=stdin, env=child_env(**extra_env))
     try:
-        status = child.wait()
+        return status_of(child.wait())
     except KeyboardInterrupt:
+        end(child)
+        if child.returncode == 130:  # it has said so itself
+            return 130
+        raise
+
+
+def show_quietly_ended(command: Command) -> int:
+    """Like show(), without input; but its stderr comes after its end, and after Ctrl-C not at all.
+
+    That is for Python programs that print a traceback there when Ctrl-C comes at the wrong moment.
+    """
+    with tempfile.TemporaryFile() as errors:
+        child = subprocess.Popen(command, cwd=ROOT, stdin=subprocess.DEVNULL, stderr=errors, env=child_env())
         try:
-            status = child.wait(timeout=5)
-        except (subprocess.TimeoutExpired, KeyboardInterrupt):
-            child.kill()
-            raise KeyboardInterrupt from None
-        if status != 130:  # 130: it has said so itself
+            status = child.wait()
+        except KeyboardInterrupt:
+            end(child)
             raise
-    return status if status >= 0 else 128 - status
+        errors.seek(0)
+        sys.stderr.write(errors.read().decode("utf-8", "replace"))
+        sys.stderr.flush()
+    return status_of(status)
 
 
 def explain(output: str, otherwise: str = OTHER_REMEDY) -> str:

@@ -7,6 +7,7 @@ import ast
 import importlib.util
 import os
 import re
+import signal
 import subprocess
 import sys
 import tomllib
@@ -326,7 +327,7 @@ def test_demo_passes_arguments_on_and_needs_no_screen(monkeypatch):
     monkeypatch.setattr(bootstrap, "prepare", lambda *args, **options: None)
     monkeypatch.setattr(bootstrap, "show", lambda command, **env: shown.append((command[1:], env)) or 5)
     assert demo.main(["--seed", "1"]) == 5
-    assert shown == [(["-m", "mirrormount", "demo", "--seed", "1"], {"MPLBACKEND": "Agg"})]
+    assert shown == [(["-P", "-m", "mirrormount", "demo", "--seed", "1"], {"MPLBACKEND": "Agg"})]
 
 
 # tools/test.py
@@ -337,9 +338,9 @@ def shown(monkeypatch):
     """The commands tools/test.py runs, all of which succeed, when one need is not met."""
     commands = []
     monkeypatch.setattr(bootstrap, "prepare", lambda *args, **options: None)
-    monkeypatch.setattr(bootstrap, "run", Machine())
+    monkeypatch.setattr(bootstrap, "run", lambda command: (commands.append(command[2:]) or 0, ""))
     monkeypatch.setattr(bootstrap, "apt_install", lambda packages, run: commands.append(["apt", *packages]))
-    monkeypatch.setattr(bootstrap, "show", lambda command, **options: commands.append(command[2:]) or 0)
+    monkeypatch.setattr(bootstrap, "show_quietly_ended", lambda command: commands.append(command[2:-2]) or 0)
     monkeypatch.setattr(checks, "NEEDS", (GIT,))
     monkeypatch.delenv("CI", raising=False)
     return commands
@@ -367,15 +368,114 @@ def test_install_system_allows_apt_outside_ci(shown):
 
 def test_pytest_comes_last_with_its_arguments_and_without_what_cannot_run(shown):
     checks.main(["--", "-k", "frame"])
-    assert shown[-1] == ["pytest", "--deselect=tests/clone", "-k", "frame"]
+    words = ["--deselect=tests/clone", "-k", "frame"]
+    assert shown[-2:] == [
+        ["pytest", "--wall-clock=without", *checks.PARALLEL, *words],
+        ["pytest", "--wall-clock=only", *words],
+    ]
 
 
 def test_one_failed_check_fails_the_whole_but_stops_nothing(shown, monkeypatch, capsys):
-    monkeypatch.setattr(bootstrap, "show", lambda command, **options: int("basedpyright" in command))
+    monkeypatch.setattr(bootstrap, "run", lambda command: (int("basedpyright" in command), "an error of types"))
     assert checks.main([]) == 1
     output = capsys.readouterr().out
+    assert "an error of types" in output
     assert re.search(r"FAILED +types", output)
     assert re.search(r"ok +tests", output)
+
+
+def pytest_that(statuses, reports):
+    """Stands in for pytest: ends with these statuses, one a run, and writes these reports."""
+    statuses, reports = iter(statuses), iter(reports)
+
+    def run(command):
+        Path(command[-1]).write_text(next(reports))
+        return next(statuses)
+
+    return run
+
+
+def report(tests, failures=0, errors=0, skipped=0):
+    """What pytest writes with --junit-xml, without its cases."""
+    numbers = f'errors="{errors}" failures="{failures}" skipped="{skipped}" tests="{tests}"'
+    return f'<?xml version="1.0" encoding="utf-8"?><testsuites><testsuite name="pytest" {numbers}/></testsuites>'
+
+
+@pytest.mark.parametrize(
+    ("statuses", "reports", "status", "last"),
+    [
+        ((0, 0), (report(10, skipped=1), report(3)), 0, "12 passed, 0 failed, 1 skipped"),
+        ((0, 1), (report(10), report(3, failures=1, errors=1)), 1, "11 passed, 2 failed, 0 skipped"),
+        ((1, 0), (report(10, failures=4), report(3)), 1, "9 passed, 4 failed, 0 skipped"),
+        ((0, 5), (report(10), report(0)), 0, "10 passed, 0 failed, 0 skipped"),
+        ((5, 5), (report(0), report(0)), 1, "0 passed, 0 failed, 0 skipped"),
+    ],
+)
+def test_the_last_line_and_the_status_are_of_both_runs_of_pytest(
+    shown, monkeypatch, capsys, statuses, reports, status, last
+):
+    monkeypatch.setattr(checks, "NEEDS", ())
+    monkeypatch.setattr(bootstrap, "show_quietly_ended", pytest_that(statuses, reports))
+    assert checks.main([]) == status
+    assert capsys.readouterr().out.splitlines()[-1] == last
+
+
+def test_a_silent_command_is_followed_by_lines_of_progress(monkeypatch, capsys):
+    monkeypatch.setattr(bootstrap, "PROGRESS_S", 0.01)
+    status, output = bootstrap.run([sys.executable, "-c", "import time; time.sleep(0.5); print('done')"])
+    assert (status, output) == (0, "done\n")
+    assert re.search(r"^ +-c .*sleep.* … \d+ s$", capsys.readouterr().out, re.MULTILINE)
+
+
+SCRIPT = """
+import sys
+sys.path.insert(0, sys.argv[1])
+import _bootstrap as bootstrap
+child = [sys.executable, "-c", "import time; print('runs', flush=True); time.sleep(60)"]
+sys.exit(bootstrap.guarded(lambda _arguments: bootstrap.show_quietly_ended(child)))
+"""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="a console of Windows has no process groups that a test could signal")
+def test_ctrl_c_in_a_check_ends_in_one_line_though_the_check_prints_a_traceback():
+    command = [sys.executable, "-c", SCRIPT, str(ROOT / "tools")]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    ) as script:
+        assert script.stdout.readline() == "runs\n"
+        os.killpg(script.pid, signal.SIGINT)  # as a terminal does: to every process in front of it
+        out, err = script.communicate(timeout=20)
+    assert (script.returncode, err) == (130, "")
+    assert out.strip() == "Stopped; the same command carries on from here."
+
+
+# The suite itself
+
+SUITE = ROOT / "tests" / "conftest.py"
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no nohup")
+def test_a_process_that_a_test_starts_has_default_signals_though_the_suite_was_started_with_them_ignored(tmp_path):
+    (tmp_path / "conftest.py").write_text(SUITE.read_text(encoding="utf-8"), encoding="utf-8")
+    (tmp_path / "test_it.py").write_text(
+        "import signal, subprocess, sys\n"
+        "def test_it():\n"
+        "    code = 'import signal as s; print([s.getsignal(n) != s.SIG_IGN for n in (s.SIGINT, s.SIGHUP)])'\n"
+        "    assert subprocess.check_output([sys.executable, '-c', code]) == b'[True, True]\\n'\n"
+        "    signal.raise_signal(signal.SIGHUP)  # the suite itself goes on\n"
+    )
+    line = 'trap "" INT HUP; exec "$@"'
+    words = ["-m", "pytest", "-q", "-p", "no:cacheprovider", "--rootdir", tmp_path, tmp_path]
+    run = subprocess.run(["bash", "-c", line, "bash", sys.executable, *words], capture_output=True, text=True)
+    assert run.returncode == 0, run.stdout
+
+
+def test_a_test_sees_no_setting_of_the_users_and_a_runtime_folder_of_its_own():
+    kept = ("MIRRORMOUNT_CACHE", "MIRRORMOUNT_CIRCUITPYTHON_IMAGE", "MIRRORMOUNT_FUZZ_", "MIRRORMOUNT_IMAGES")
+    mine = [name for name in os.environ if name.startswith("MIRRORMOUNT_") and not name.startswith(kept)]
+    assert mine == ["MIRRORMOUNT_CONFIG"]
+    for name in ("MIRRORMOUNT_CONFIG", "XDG_RUNTIME_DIR"):
+        assert Path(os.environ[name]).stat().st_mode & 0o777 == 0o700
 
 
 # The lock
