@@ -1,8 +1,10 @@
 """One axis of a mount: steps, moves, jogs, homing. Imports calibration, errors, status.
 
-An Axis speaks through its Mount, which keeps the motion alive and knows of stops.
+An Axis speaks through its Mount, which keeps the motion alive and knows of stops. What waits for a
+motion stops both motors when it is interrupted (Ctrl-C, or an interrupted cell of a notebook).
 """
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from mirrormount.errors import BadValue, MoveEnded, NoAnswer, NotAMount
@@ -12,6 +14,8 @@ from mountfw import errors as wire
 
 if TYPE_CHECKING:
     from mirrormount.client import Mount
+
+Progress = Callable[[AxisStatus], None]  # called with each status that comes while a move is waited for
 
 _POLL_S = 0.05
 _SLACK_S = 4.0  # on top of what a move must take, before it is called stuck; 2 s of it for the backlash
@@ -36,7 +40,7 @@ class Axis:
         """What the board knows of this axis."""
         return getattr(self._mount.status(), self.name)
 
-    def step(self, n: int, *, wait: bool = True, feed: bool = True) -> None:
+    def step(self, n: int, *, wait: bool = True, feed: bool = True, progress: Progress | None = None) -> None:
         """Move by n steps. With wait, returns when they are done, else at once.
 
         Without wait and feed the caller keeps the move alive, as in Mount.drive().
@@ -45,12 +49,12 @@ class Axis:
         ended it, ConnectionLost, NoAnswer.
         """
         n = whole_number(n, 1_000_000, "steps")
-        self._move("PR", n, n, wait, feed)
+        self._move("PR", n, n, wait, feed, progress)
 
-    def move_to(self, steps: int, *, wait: bool = True, feed: bool = True) -> None:
+    def move_to(self, steps: int, *, wait: bool = True, feed: bool = True, progress: Progress | None = None) -> None:
         """Move to the position `steps`, by the nearest whole number of steps. Raises as step() does."""
         steps = whole_number(steps, 1_000_000, "position")
-        self._move("PA", steps, round(steps - self.position), wait, feed)
+        self._move("PA", steps, round(steps - self.position), wait, feed, progress)
 
     def zero(self, steps: int = 0) -> None:
         """Call the present position `steps`; from here on it is certain as far as it is counted."""
@@ -89,14 +93,15 @@ class Axis:
         """The same for queries whose answers are whole numbers."""
         return whole_numbers(",".join(self.ask(*queries)), len(queries))
 
-    def home(self) -> Homed:
+    def home(self, progress: Progress | None = None) -> Homed:
         """Find the home switch (or the end-stop that stands in for it); position 0 is there. Returns when done.
 
         Raises BoardError (n35: no switch fitted), MoveEnded (n45: switch not found, n46: it did not
         release, n04 or n05: the other end's switch came first), ConnectionLost, NoAnswer.
         """
-        self.start_homing()
-        self._wait_until_done(None)
+        with self._mount._stopped_by_interrupt():
+            self.start_homing()
+            self._wait_until_done(None, progress)
         known, millisteps = whole_numbers(self.ask("OR?")[0], 2)
         return Homed(millisteps / 1000 if known else None)
 
@@ -108,8 +113,9 @@ class Axis:
         """Go to the end-stop in direction 1 or -1, and stand at it. Raises as home() does."""
         if isinstance(direction, bool) or direction not in (1, -1):
             raise BadValue(f"an end-stop's direction is 1 or -1, not {direction!r}")
-        self._seek("MT+" if direction > 0 else "MT-")
-        self._wait_until_done(None)
+        with self._mount._stopped_by_interrupt():
+            self._seek("MT+" if direction > 0 else "MT-")
+            self._wait_until_done(None)
 
     @property
     def limits(self) -> Limits:
@@ -162,30 +168,34 @@ class Axis:
             self.stop()
         run_duty, limit_ms = mount.ask(f"{a}XV?;{a}XM?").split("; ")
         sign = "+" if speed > 0 else "-"
-        # the stored run duty is put back in the same line
-        mount._start(f"{a}XV{duty};{a}MV{sign};{a}XV{run_duty}", stops)
-        self._deadline = mount.link.monotonic() + int(limit_ms) / 1000 + _SLACK_S
-        if feed:
-            mount._feed()
+        with mount._stopped_by_interrupt():
+            # the stored run duty is put back in the same line
+            mount._start(f"{a}XV{duty};{a}MV{sign};{a}XV{run_duty}", stops)
+            self._deadline = mount.link.monotonic() + int(limit_ms) / 1000 + _SLACK_S
+            if feed:
+                mount._feed()
 
     def stop(self) -> None:
         """End this axis's move soon: a step that is nearly done is finished. mount.stop() is for hurry."""
         self._mount.ask(f"{self.number}ST;{self.number}MD?")
         self.wait()
 
-    def wait(self) -> Ended:
+    def wait(self, progress: Progress | None = None) -> Ended:
         """Wait for the end of this axis's move and tell how it ended.
 
-        Raises NoAnswer (and stops) if it takes longer than it can, ConnectionLost.
+        Raises NoAnswer (and stops) if it takes longer than it can, ConnectionLost. An interrupt stops both motors.
         """
         mount = self._mount
-        while self.status().moving:
-            mount._check_lost()
-            if self._deadline and mount.link.monotonic() > self._deadline:
-                mount.stop()
-                raise NoAnswer(f"{self.name}: still moving when it should have ended; stopped")
-            mount.link.sleep(_POLL_S)
-        return self.last_move()
+        with mount._stopped_by_interrupt():
+            while (status := self.status()).moving:
+                if progress:
+                    progress(status)
+                mount._check_lost()
+                if self._deadline and mount.link.monotonic() > self._deadline:
+                    mount.stop()
+                    raise NoAnswer(f"{self.name}: still moving when it should have ended; stopped")
+                mount.link.sleep(_POLL_S)
+            return self.last_move()
 
     def last_move(self) -> Ended:
         """How this axis's last move ended."""
@@ -199,17 +209,20 @@ class Axis:
         step = calibration.Step(*self.ask_whole("XP?", "XD?", "XI?"))
         return calibration.mrad_per_step(self._mount.board_id, self.number, self.name, direction, step)
 
-    def _move(self, mnemonic: str, value: int, n: int, wait: bool, feed: bool) -> None:
+    def _move(
+        self, mnemonic: str, value: int, n: int, wait: bool, feed: bool, progress: Progress | None = None
+    ) -> None:
         a, mount = self.number, self._mount
         stops = mount._count_stops()
         pulse_us, velocity = mount.ask(f"{a}XP?;{a}VA?").split("; ")
         period_s = max(1 / float(velocity), int(pulse_us) * 1e-6 + 1e-3)
-        mount._start(f"{a}{mnemonic}{value}", stops)
-        self._deadline = mount.link.monotonic() + (abs(n) + 1) * period_s + _SLACK_S
-        if wait:
-            self._wait_until_done(n)
-        elif feed:
-            mount._feed()
+        with mount._stopped_by_interrupt():
+            mount._start(f"{a}{mnemonic}{value}", stops)
+            self._deadline = mount.link.monotonic() + (abs(n) + 1) * period_s + _SLACK_S
+            if wait:
+                self._wait_until_done(n, progress)
+            elif feed:
+                mount._feed()
 
     def _seek(self, command: str) -> None:
         """Begin to look for a switch. The move limit bounds the time under drive; slow pulses have rests between."""
@@ -221,7 +234,9 @@ class Axis:
         mount._start(f"{self.number}{command}", stops)
         self._deadline = mount.link.monotonic() + longest_s + _SLACK_S
 
-    def _wait_until_done(self, wanted: int | None) -> None:
-        ended = self.wait()
+    def _wait_until_done(self, wanted: int | None, progress: Progress | None = None) -> None:
+        ended = self.wait(progress)
         if ended.reason != wire.DONE:
-            raise MoveEnded(self.name, ended.reason, ended.steps, wanted, self._mount.take_errors())
+            errors = self._mount.errors()
+            codes = tuple(error.code for error in errors)
+            raise MoveEnded(self.name, ended.reason, ended.steps, wanted, list(map(str, errors)), codes)

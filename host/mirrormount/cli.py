@@ -1,18 +1,18 @@
 """The shell command `mirrormount`: a table of subcommands, each a thin call of the client.
 
-Errors are one line on stderr and exit status 1; wrong usage is 2; Ctrl-C stops the motors and
-is 130. Anything heavy is imported inside the subcommand that needs it.
+Errors are one line on stderr, with two more for cause and remedy if the board has numbered it, and exit status
+1; wrong usage is 2; Ctrl-C stops the motors and is 130. Anything heavy is imported inside the subcommand that needs it.
 """
 
 import argparse
-import math
+import contextlib
 import os
 import sys
 from pathlib import Path
 
-from mirrormount import Mount, __version__
-from mirrormount.client import Axis
+from mirrormount import Mount, __version__, motion_commands
 from mirrormount.errors import REASONS, BadValue, MountError, NotSupported
+from mirrormount.remedies import explain
 from mirrormount.sketch import LIMITS, SketchMount
 
 _LIMITS = {0: "-", 1: "positive", 2: "negative", 3: "both"}
@@ -24,10 +24,10 @@ def main(argv: list[str] | None = None) -> int:
     try:
         return args.run(args) or 0
     except MountError as e:
-        print(f"mirrormount: {e}", file=sys.stderr)
+        print("\n".join([f"mirrormount: {e}", *explain(e.codes)]), file=sys.stderr)
         return 1
-    except KeyboardInterrupt:
-        print("mirrormount: stopped", file=sys.stderr)
+    except KeyboardInterrupt as e:
+        print(f"mirrormount: {e or 'stopped'}", file=sys.stderr)
         return 130
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # else Python complains at exit
@@ -67,14 +67,14 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument("position", metavar="STEPS", help="a whole number")
     sub = add("home", do_home, "find an axis's end-stop; position 0 is there")
     sub.add_argument("axis", choices=("x", "y"), help=axis_help)
-    sub = add("jog", do_jog, "run at SPEED until Ctrl-C, or for S seconds")
+    sub = add("jog", do_jog, "run at SPEED until Ctrl-C or the board's run limit, or for S seconds")
     sub.add_argument("axis", choices=("x", "y"), help=axis_help)
     sub.add_argument("speed", metavar="SPEED", help="-1 ... 1, of full speed")
     sub.add_argument("--seconds", metavar="S", help=seconds_help)
     sub = add(
         "drive",
         do_drive,
-        "drive motor 1 at M1 and motor 2 at M2 (-255 ... 255) until Ctrl-C, or for S seconds",
+        "drive y (motor 1) at M1 and x (motor 2) at M2 (-255 ... 255) until Ctrl-C or the run limit, or for S seconds",
     )
     sub.add_argument("m1", metavar="M1")
     sub.add_argument("m2", metavar="M2")
@@ -82,6 +82,12 @@ def _parser() -> argparse.ArgumentParser:
     add("stop", do_stop, "both motors off, now")
     sub = add("send", do_send, "send one command line of docs/protocol.md, for instance 2XI1 or 2TP?")
     sub.add_argument("line", metavar="LINE")
+    sub.add_argument(
+        "--no-wait",
+        dest="wait",
+        action="store_false",
+        help="do not wait for its motion: it goes on without this program",
+    )
     config = add("config", do_config, "show, change, save, export and import settings", port=False)
     from mirrormount import config_command  # plain argument lists; nothing heavy
 
@@ -230,88 +236,36 @@ def do_step(args: argparse.Namespace) -> None:
     """Move by steps."""
     n = _whole(args.n, "N")
     with _open(args) as mount:
-        axis = getattr(mount, args.axis)
-        axis.step(n)
-        if isinstance(mount, SketchMount):
-            print(f"{args.axis}: {n} steps sent ({LIMITS})")
-        else:
-            print(f"{args.axis}: {axis.position:+.3f} steps")
+        motion_commands.step(mount, args.axis, n)
 
 
 def do_move(args: argparse.Namespace) -> None:
     """Move to a position."""
     position = _whole(args.position, "STEPS")
     with _open(args) as mount:
-        axis = getattr(mount, args.axis)
-        axis.move_to(position)
-        print(f"{args.axis}: {axis.position:+.3f} steps")
+        motion_commands.move(mount, args.axis, position)
 
 
 def do_home(args: argparse.Namespace) -> None:
     """Home an axis."""
     with _open(args) as mount:
-        if isinstance(mount, SketchMount):
-            raise NotSupported(f"no end-stops: {LIMITS}")
-        off = getattr(mount, args.axis).home().discrepancy_steps
-        print(f"{args.axis}: at home" + ("" if off is None else f"; the count was off by {off:+.3f} steps"))
+        motion_commands.home(mount, args.axis)
 
 
 def do_jog(args: argparse.Namespace) -> None:
-    """Run until Ctrl-C."""
+    """Run one axis."""
     speed = _number(args.speed, "SPEED")
-    seconds = _seconds(args)
+    seconds = motion_commands.seconds_of(args, _number)
     with _open(args) as mount:
-        axis = getattr(mount, args.axis)
-        _check_limit(seconds, [axis])
-        axis.jog(speed)
-        _until_done(mount, seconds, [axis])
+        motion_commands.jog(mount, args.axis, speed, seconds)
 
 
 def do_drive(args: argparse.Namespace) -> None:
-    """Drive both motors until Ctrl-C."""
+    """Drive both motors."""
     m1, m2 = _whole(args.m1, "M1"), _whole(args.m2, "M2")
-    seconds = _seconds(args)
+    seconds = motion_commands.seconds_of(args, _number)
     with _open(args) as mount:
-        if m1 == 0 and m2 == 0:
-            mount.stop()
-            return
-        axes = [axis for axis in (mount.x, mount.y) if (m1, m2)[axis.number - 1]]
-        _check_limit(seconds, axes)
-        mount.drive(m1, m2)
-        _until_done(mount, seconds, axes)
-
-
-def _seconds(args: argparse.Namespace) -> float | None:
-    if args.seconds is None:
-        return None
-    seconds = _number(args.seconds, "--seconds")
-    if seconds <= 0:
-        raise BadValue("--seconds must be more than 0")
-    return seconds
-
-
-def _check_limit(seconds: float | None, axes: list) -> None:
-    """Refuse a time that the board's own limit would cut."""
-    for axis in axes:
-        if seconds is not None and isinstance(axis, Axis) and seconds > axis.run_limit_s:
-            raise BadValue(f"the board lets {axis.name} run for {axis.run_limit_s:g} s at most (setting XM)")
-
-
-def _until_done(mount: Mount | SketchMount, seconds: float | None, axes: list) -> None:
-    """Let the motion go on for seconds, or until it ends by itself, or Ctrl-C (which stops it)."""
-    if isinstance(mount, SketchMount):
-        while seconds is None:
-            mount.sleep(3600)
-        mount.sleep(seconds)
-        return
-    end = math.inf if seconds is None else mount.link.monotonic() + seconds
-    while (left := end - mount.link.monotonic()) > 0:
-        mount.sleep(min(0.1, left))
-        status = mount.status()
-        if not status.moving:
-            reasons = [f"{axis.name}: {REASONS[getattr(status, axis.name).reason]}" for axis in axes]
-            raise MountError("the motion ended by itself: " + "; ".join(reasons + mount.take_errors()))
-    print(", ".join(f"{axis.name}: {axis.position:+.3f} steps" for axis in axes))
+        motion_commands.drive(mount, m1, m2, seconds)
 
 
 def do_stop(args: argparse.Namespace) -> None:
@@ -327,13 +281,14 @@ def do_stop(args: argparse.Namespace) -> None:
 
 
 def do_send(args: argparse.Namespace) -> None:
-    """Send one line; print its answers."""
-    with _open(args) as mount:
+    """Send one line, print its answers, and wait for the motion that it starts."""
+    from mirrormount import send_command
+
+    mount = _open(args)
+    with mount if args.wait else contextlib.closing(mount):
         if isinstance(mount, SketchMount):
             raise NotSupported(f"no command lines: {LIMITS}")
-        answers = mount.send(args.line)
-        if answers:
-            print(answers)
+        (send_command.run if args.wait else send_command.start)(mount, args.line)
 
 
 def do_config(args: argparse.Namespace) -> None:

@@ -11,6 +11,7 @@ motion lasts: a client that dies stops the mount. Positions are in steps of the 
 
 import contextlib
 import logging
+import re
 import threading
 import time
 from collections.abc import Iterator, Mapping
@@ -42,6 +43,7 @@ _FEED_S = 0.1
 _ANSWER_S = 1.0
 _GATE_S = 0.05  # how long a stop waits for another thread to write its line
 _SLACK_S = 2.0  # on top of what a move must take, before it is called stuck
+_COMMAND_LINE = re.compile(r" *([A-Za-z*1-9]|0[0-9]*>)")  # the table of first bytes in docs/protocol.md
 
 _log = logging.getLogger("mirrormount")
 
@@ -182,7 +184,7 @@ class Mount:
         stops = self._count_stops()
         self._check_lost()
         limit_s = max(self.x.run_limit_s, self.y.run_limit_s)
-        with self.link.lock:
+        with self._stopped_by_interrupt(), self.link.lock:
             self._take_old_errors()
             line = self.link.ask(b"XK%d\n%s\nXS?\n" % (KEEP_ALIVE_MS, frame), _ANSWER_S, self._open_gate(stops))
             if line == frame.decode():
@@ -197,7 +199,7 @@ class Mount:
                 self._feed()
         if status.errors_waiting:
             self.stop()
-            raise _board_error(self.take_errors()[0])
+            raise self._board_error(self.take_errors()[0])
 
     def status(self) -> Status:
         """Ask the board. Raises NoAnswer, ConnectionLost (also if the board has restarted since)."""
@@ -214,7 +216,7 @@ class Mount:
 
     def errors(self) -> list[QueuedError]:
         """The same as take_errors(), each with its number and its text. They are taken from the board's queue."""
-        return [parse_error(line) for line in self.take_errors()]
+        return [parse_error(line, self.x.number) for line in self.take_errors()]
 
     @property
     def board_id(self) -> str:
@@ -245,15 +247,19 @@ class Mount:
         self.send("*RST")
 
     def sleep(self, seconds: float) -> None:
-        """Let time pass (the board's own, on a virtual board in lockstep) with the motion kept alive."""
+        """Let time pass (the board's own, on a virtual board in lockstep) with the motion kept alive.
+
+        An interrupt (Ctrl-C) stops both motors.
+        """
         if isinstance(seconds, bool) or not isinstance(seconds, int | float) or not seconds >= 0:
             raise BadValue(f"a time to sleep is a number of seconds, not {seconds!r}")
         end = self.link.monotonic() + seconds
-        while (left := end - self.link.monotonic()) > 0:
-            if self.link.lockstep and self._feeding.is_set():
-                self.status()
-            self._check_lost()
-            self.link.sleep(min(left, _FEED_S))
+        with self._stopped_by_interrupt():
+            while (left := end - self.link.monotonic()) > 0:
+                if self.link.lockstep and self._feeding.is_set():
+                    self.status()
+                self._check_lost()
+                self.link.sleep(min(left, _FEED_S))
 
     def ask(self, query: str) -> str:
         """One command line with a query to the board, its one line of answers back (docs/protocol.md)."""
@@ -263,10 +269,13 @@ class Mount:
         """One command line of any kind to the board; returns its answers, "" if it asked nothing.
 
         Raises BoardError for the first of its commands that cannot be done; errors that waited from
-        before are logged. Raises BadValue if the line is not printable ASCII.
+        before are logged. A motion that it starts is not kept alive. Raises BadValue if the line is not
+        printable ASCII, or a frame or a stop; NoAnswer.
         """
         if not (line.isascii() and line.isprintable() and line.strip()):
             raise BadValue(f"a command line is printable ASCII, not {line!r}")
+        if not _COMMAND_LINE.match(line):
+            raise BadValue(f"{line!r} is no command line: a frame is sent by drive, a stop by stop")
         return self._send(line)
 
     # ---- for the axes
@@ -274,12 +283,17 @@ class Mount:
     def _send(self, line: str, gate: contextlib.AbstractContextManager[object] | None = None) -> str:
         with self.link.lock:
             self._take_old_errors()
-            *answers, error = self.link.ask(f"{line};TB?\n".encode("ascii"), _ANSWER_S, gate).split("; ")
+            try:
+                *answers, error = self.link.ask(f"{line};TB?\n".encode("ascii"), _ANSWER_S, gate).split("; ")
+            except NoAnswer:
+                if errors := self.errors():  # a malformed line is not executed, its TB? included
+                    raise BoardError(errors[0].code, errors[0].text) from None
+                raise
             if "*RST" in line.upper():
                 self._boot_id = None  # the next status tells the new one
             if not error.startswith("0,"):
                 self.take_errors()
-                raise _board_error(error.rpartition(">")[2])
+                raise self._board_error(error.rpartition(">")[2])
             return "; ".join(answers)
 
     def _start(self, command: str, stops: int) -> None:
@@ -289,6 +303,16 @@ class Mount:
         """
         self._check_lost()
         self._send(f"XK{KEEP_ALIVE_MS};{command}", self._open_gate(stops))
+
+    @contextlib.contextmanager
+    def _stopped_by_interrupt(self) -> Iterator[None]:
+        """Inside, an interrupt (KeyboardInterrupt) stops both motors before it goes on its way."""
+        try:
+            yield
+        except KeyboardInterrupt:
+            with contextlib.suppress(MountError):  # the keep-alive stands behind it
+                self.stop()
+            raise
 
     def _count_stops(self) -> int:
         return self._stops if self._since is None else self._since
@@ -304,7 +328,7 @@ class Mount:
     def _take_old_errors(self) -> None:
         """Those that waited from before must not be taken for a refusal of what comes now."""
         if self.status().errors_waiting:
-            for error in self.take_errors():
+            for error in self.errors():
                 _log.warning("the board reports %s", error)
 
     def _feed(self) -> None:
@@ -352,7 +376,6 @@ class Mount:
             )
         return status
 
-
-def _board_error(line: str) -> BoardError:
-    error = parse_error(line)
-    return BoardError(error.code, error.text)
+    def _board_error(self, line: str) -> BoardError:
+        error = parse_error(line, self.x.number)
+        return BoardError(error.code, error.text)

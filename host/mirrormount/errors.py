@@ -4,7 +4,9 @@ from mountfw import errors as wire
 
 
 class MountError(Exception):
-    """Whatever this package raises on purpose."""
+    """Whatever this package raises on purpose. codes: the numbers of the board's errors that it is about."""
+
+    codes: tuple[int, ...] = ()
 
 
 class BadAddress(MountError):
@@ -77,6 +79,7 @@ class BoardError(MountError):
     def __init__(self, code: int, text: str) -> None:
         super().__init__(f"the board says {code}: {text.lower()}")
         self.code = code
+        self.codes = (code,)
 
 
 REASONS = {
@@ -99,12 +102,15 @@ REASONS = {
 class MoveEnded(MountError):
     """A move ended before it was done. reason is the board's number, steps what was made of it."""
 
-    def __init__(self, axis: str, reason: int, steps: int, wanted: int | None, errors: list[str]) -> None:
+    def __init__(
+        self, axis: str, reason: int, steps: int, wanted: int | None, errors: list[str], codes: tuple[int, ...] = ()
+    ) -> None:
         of = f" of {wanted}" if wanted is not None else ""
         because = f" ({'; '.join(errors)})" if errors else ""
         super().__init__(f"{axis}: {REASONS.get(reason, reason)} after {steps}{of} steps{because}")
         self.reason = reason
         self.steps = steps
+        self.codes = codes
 
 
 class SettingRefused(MountError):

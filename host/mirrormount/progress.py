@@ -1,8 +1,32 @@
-"""What a long task says of itself on stderr: a bar on a terminal, else a line for each phase."""
+"""What a long task says of itself on stderr: a bar on a terminal, else a line for each phase. Imports nothing."""
 
 import sys
 
 _WIDTH = 24
+
+
+class StatusLine:
+    """One line on a terminal that is written over and over: show() and, when the task is over, end().
+
+    Where stderr is no terminal nothing is shown.
+    """
+
+    def __init__(self) -> None:
+        self._out = sys.stderr
+        self._terminal = bool(self._out and self._out.isatty())
+        self._shown = ""
+
+    def show(self, text: str) -> None:
+        """Show this instead of what was shown."""
+        if self._terminal and text != self._shown:
+            print(f"\r{text}\x1b[K", end="", file=self._out, flush=True)
+            self._shown = text
+
+    def end(self) -> None:
+        """Clear the line."""
+        if self._shown:
+            print("\r\x1b[K", end="", file=self._out, flush=True)
+            self._shown = ""
 
 
 class Progress:

@@ -1,5 +1,6 @@
-"""Cause and remedy of the errors that a panel shows: the sentences of docs/errors.md, which a test holds to these."""
+"""Cause and remedy of the errors that shell and panel show: the sentences of docs/errors.md, held to it by a test."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 
@@ -23,7 +24,7 @@ REMEDIES = {
     ),
     "9": Remedy(
         "An axis other than 1 to 4.",
-        "This mount has axes 1 and 2.",
+        "This mount has axes 1 (y) and 2 (x).",
     ),
     "37": Remedy(
         "The command needs an axis before it.",
@@ -113,7 +114,8 @@ REMEDIES = {
     "n35": Remedy(
         "A switch was declared fitted for which the board has no input; or homing needs a switch that is not "
         "fitted (XL) or is ignored (ZH1); or an encoder was set, and there is none.",
-        "See the board's file in mountfw/boards; say what is fitted with XL.",
+        "Say what is fitted: mirrormount setup, or mirrormount config set x.switches 3 (XL). See the board's file "
+        "in mountfw/boards for its inputs.",
     ),
     "n40": Remedy(
         "One run or one frame drove for as long as XM allows.",
@@ -185,3 +187,9 @@ REMEDIES = {
 def remedy_of(error: str) -> Remedy | None:
     """Cause and remedy of an error, by its number on the board ("104" is n04 on axis 1) or its type on the host."""
     return REMEDIES.get(error) or REMEDIES.get("n" + error[1:] if len(error) == 3 and error[0] in "12" else "")
+
+
+def explain(codes: Iterable[int]) -> list[str]:
+    """Lines with cause and remedy of errors of the board, each of them once."""
+    known = [remedy for code in dict.fromkeys(codes) if (remedy := remedy_of(str(code)))]
+    return [line for r in known for line in (f"  cause: {r.cause}", f"  remedy: {r.remedy}")]

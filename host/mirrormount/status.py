@@ -1,8 +1,12 @@
-"""What a board tells of itself and of its axes, as plain data. Imports errors."""
+"""What a board tells of itself and of its axes, as plain data. Imports errors, printable."""
 
+import re
 from dataclasses import dataclass
 
 from mirrormount.errors import NotAMount
+from mirrormount.printable import printable
+
+_AXIS_NUMBER = re.compile(r"\bAXIS ([12])\b")
 
 CERTAINTY = {0: "unknown", 1: "counted", 2: "homed", 3: "estimated"}
 
@@ -62,10 +66,16 @@ class Limits:
 
 @dataclass(frozen=True)
 class QueuedError:
-    """One error of the board's queue: its number (docs/errors.md has cause and remedy) and its text."""
+    """One error of the board's queue: its number (docs/errors.md has cause and remedy) and its text.
+
+    The text has the user's name of an axis where the board's has its number: "x POSITIVE END-STOP REACHED".
+    """
 
     code: int
     text: str
+
+    def __str__(self) -> str:
+        return f"{self.code}: {self.text.lower()}"
 
 
 def parse_status(line: str, x_axis: int) -> Status:
@@ -82,10 +92,11 @@ def parse_status(line: str, x_axis: int) -> Status:
         raise NotAMount(f"not a mount's status: {line[:80]!r}") from e
 
 
-def parse_error(line: str) -> QueuedError:
-    """The answer to TB?: "62, KEEP-ALIVE LOST". Raises NotAMount."""
+def parse_error(line: str, x_axis: int) -> QueuedError:
+    """The answer to TB?: "62, KEEP-ALIVE LOST", of a board that calls x_axis what is x here. Raises NotAMount."""
     code, _, text = line.partition(",")
+    text = _AXIS_NUMBER.sub(lambda m: "x" if int(m[1]) == x_axis else "y", printable(text.strip()))
     try:
-        return QueuedError(int(code), text.strip())
+        return QueuedError(int(code), text)
     except ValueError as e:
         raise NotAMount(f"not an error of a mount: {line[:80]!r}") from e

@@ -40,7 +40,7 @@ def test_homing_that_fails_says_why_and_gives_no_home(code, says):
             ("TB?", NO_ERROR),
         ]
     )
-    with pytest.raises(errors.MoveEnded, match=f"homing failed.*{says}") as ended:
+    with pytest.raises(errors.MoveEnded, match=f"homing failed.*{says.lower()}") as ended:
         mount.y.home()
     assert ended.value.reason == 12
     mount.close()
