@@ -56,13 +56,21 @@ def home(mount: Mount | SketchMount, name: str) -> None:
 def jog(mount: Mount | SketchMount, name: str, speed: float, seconds: float | None) -> None:
     """Run one axis at a speed for some seconds, or until Ctrl-C or the board's run limit."""
     axis = getattr(mount, name)
-    _run(mount, [axis], seconds, lambda: axis.jog(speed))
+    if isinstance(mount, SketchMount):
+        axis.jog(speed)
+        _let_run(mount, seconds)
+    else:
+        _run(mount, [axis], seconds, lambda: axis.jog(speed))
 
 
 def drive(mount: Mount | SketchMount, m1: int, m2: int, seconds: float | None) -> None:
     """Drive both motors for some seconds, or until Ctrl-C or the board's run limit."""
     if m1 == 0 and m2 == 0:
         mount.stop()
+        return
+    if isinstance(mount, SketchMount):
+        mount.drive(m1, m2)
+        _let_run(mount, seconds)
         return
     axes = [axis for axis in (mount.x, mount.y) if (m1, m2)[axis.number - 1]]
     _run(mount, axes, seconds, lambda: mount.drive(m1, m2))
@@ -104,14 +112,14 @@ def _shown(line: StatusLine, name: str, where_to: str) -> Callable[[AxisStatus],
     return lambda status: line.show(f"{name}: {status.position:+.1f} steps, {where_to}; Ctrl-C stops")
 
 
-def _run(mount: Mount | SketchMount, axes: Sequence[Axis], seconds: float | None, start: Callable[[], None]) -> None:
+def _let_run(mount: SketchMount, seconds: float | None) -> None:
+    while seconds is None:
+        mount.sleep(3600)
+    mount.sleep(seconds)
+
+
+def _run(mount: Mount, axes: Sequence[Axis], seconds: float | None, start: Callable[[], None]) -> None:
     """Start a motion that has no end of its own, and wait until it ends."""
-    if isinstance(mount, SketchMount):
-        start()
-        while seconds is None:
-            mount.sleep(3600)
-        mount.sleep(seconds)
-        return
     limit_s = min(axis.run_limit_s for axis in axes)
     if seconds is not None and seconds > limit_s:
         name = next(axis.name for axis in axes if axis.run_limit_s == limit_s)
