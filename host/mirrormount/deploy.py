@@ -11,13 +11,14 @@ import os
 import sys
 import time
 from collections.abc import Callable, Collection
+from typing import Any
 
 from mirrormount import deploy_drive
 from mirrormount.deploy_plan import THIS, Plan, board_choice, boards, firmware, firmware_hash, plan
 from mirrormount.deploy_talk import STATUS, Options, ask, check, quiet
-from mirrormount.drive_ports import channels, serial_number
+from mirrormount.drive_ports import serial_number
 from mirrormount.drives import Drive, drive_at, find_bootloaders, find_drives
-from mirrormount.errors import CannotOpen, ConnectionLost, DeployError, NoBoardFound, SeveralBoardsFound
+from mirrormount.errors import CannotOpen, ConnectionLost, DeployError, NoBoardFound, SeveralBoardsFound, WrongDrive
 from mirrormount.link import Link, find_micropython, find_one, list_ports, open_port
 from mirrormount.progress import Progress
 from mirrormount.remote import Mpremote
@@ -84,18 +85,33 @@ def choose(options: Options) -> Drive | None:
     """
     if options.drive is not None:
         drive = drive_at(options.drive)
-        named = [port for port in list_ports.comports() if port.device == options.port]
-        return dataclasses.replace(drive, uid=serial_number(named[0])) if named and not drive.uid else drive
+        named = _named(options.port) if options.port is not None else None
+        if named is None:
+            return drive
+        if drive.uid and drive.uid != serial_number(named):
+            raise WrongDrive(f"{drive} and {options.port} are not of one board: their serial numbers differ")
+        return dataclasses.replace(drive, uid=serial_number(named), vouched=True)
     drives = find_drives()
     if options.port is not None:
-        port = os.path.realpath(options.port) if os.path.exists(options.port) else options.port
-        ports = list_ports.comports() if drives else []
-        return next((d for d in drives if port in vars(channels(d, ports)).values()), None)
+        named = _named(options.port) if drives else None
+        found = [d for d in drives if named is not None and d.uid and d.uid == serial_number(named)]
+        if len(found) > 1:
+            raise SeveralBoardsFound(
+                f"several drives say that {options.port} is theirs, name one: "
+                + ", ".join(f"--drive {drive}" for drive in found)
+            )
+        return dataclasses.replace(found[0], vouched=True) if found else None
     others = [device for device, _ in find_micropython()] if drives else []
     if len(drives) + len(others) > 1:
         names = [*others, *(f"--drive {drive}" for drive in drives)]
         raise SeveralBoardsFound(f"several boards found, name one: {', '.join(names)}")
     return drives[0] if drives else None
+
+
+def _named(address: str) -> Any:
+    """The port of this name among the system's, or None."""
+    port = os.path.realpath(address) if os.path.exists(address) else address
+    return next((found for found in list_ports.comports() if found.device == port), None)
 
 
 def _board_choice(options: Options) -> dict[str, bytes]:

@@ -11,12 +11,13 @@ import time
 from collections.abc import Callable
 
 from mirrormount import drive_console, volumes
+from mirrormount.board_side import MANIFEST
 from mirrormount.deploy_plan import boards
 from mirrormount.deploy_talk import Options, ask, check, quiet
 from mirrormount.drive_copy import Files, check_room, check_writable, install, kept_sources, remove, survey
 from mirrormount.drive_plan import answers, drive_firmware, drive_plan, motor_library
-from mirrormount.drive_ports import Channels, channels
-from mirrormount.drives import Drive, check_version
+from mirrormount.drive_ports import Channels, channels, namesakes, unproven
+from mirrormount.drives import Drive, check_version, find_drives, untried
 from mirrormount.errors import (
     CannotOpen,
     ConnectionLost,
@@ -25,9 +26,12 @@ from mirrormount.errors import (
     MountError,
     NoAnswer,
     NotSeenRunning,
+    WrongDrive,
 )
 from mirrormount.link import Link, list_ports, open_port
+from mirrormount.printable import printable
 from mirrormount.progress import Progress
+from mirrormount.supported import CIRCUITPYTHON
 
 _BACK_S = 30.0  # a reset, a second of safe-mode wait, a second before boot_out.txt, USB, and the imports
 _BY_HAND_S = 60.0  # for somebody to find the reset button
@@ -42,10 +46,15 @@ def deploy(drive: Drive, this: dict[str, bytes], options: Options, progress: Pro
     """
     started = time.monotonic()
     check_version(drive)
+    if untried(drive):
+        progress.phase(f"CircuitPython {drive.version} is newer than any that was tried ({CIRCUITPYTHON.span})")
+    _check_claims(drive)
     wanted = drive_firmware() | motor_library() | this
     files = Files(drive.path)
     progress.phase(f"looking at {drive}")
     there, sizes, old = survey(files)
+    if old.damage:
+        progress.phase(f"{MANIFEST} on the drive is not as deploy writes it, so it does not count: {old.damage}")
     if options.board and options.board not in (known := boards([*wanted, *there])):
         raise DeployError(f"there is no board file {options.board!r}, only {', '.join(known)}")
     todo = drive_plan(wanted, there, old, may_replace(options))
@@ -66,8 +75,11 @@ def deploy(drive: Drive, this: dict[str, bytes], options: Options, progress: Pro
 def undeploy(drive: Drive, options: Options, progress: Progress) -> str:
     """Take off the drive what deploy has put there, and nothing else. Returns one line for the user."""
     files = Files(drive.path)
-    if not survey(files)[2].files:
-        raise DeployError(f"{drive} has no firmware that deploy has put there: nothing was removed")
+    _check_claims(drive)
+    old = survey(files)[2]
+    if not old.files:
+        why = f" ({MANIFEST} there is not as deploy writes it: {old.damage})" if old.damage else ""
+        raise DeployError(f"{drive} has no firmware that deploy has put there{why}: nothing was removed")
     check_writable(_room(drive))
     ports = _approach(drive, options.stop)
     progress.phase("removing")
@@ -106,6 +118,18 @@ def _room(drive: Drive) -> volumes.Room:
 
 def _channels(drive: Drive) -> Channels:
     return channels(drive, list_ports.comports())
+
+
+def _check_claims(drive: Drive) -> None:
+    """Raise WrongDrive for a drive whose ports are not certain: something else may be there."""
+    if others := [] if drive.vouched else namesakes(drive, find_drives()):
+        names = ", ".join(str(other) for other in others)
+        raise WrongDrive(f"{drive} has the same UID as {names}: nothing was changed; unplug all but one")
+    if claimed := unproven(drive, list_ports.comports()):
+        raise WrongDrive(
+            f"{drive} says that {' and '.join(claimed)} is its board's, and nothing else says so: nothing was sent"
+            f" there; if it is, name it as well: mirrormount deploy {claimed[0]} --drive {printable(str(drive.path))}"
+        )
 
 
 def _approach(drive: Drive, stop: bool) -> Channels:
@@ -188,6 +212,7 @@ def _identity(device: str, expected: tuple[str, ...]) -> str:
             raise DeployError(f"{device} says {heard.strip()[-60:]!r}" if heard.strip() else f"{device} is silent")
         axes, told = check(link, expected)
         what = "checksum (it has no SHA-256)" if told.startswith("crc32-") else "hash"
-        return f"{found[1]}, mountfw {found[2]}, {axes} axes, the board tells the {what} of what was sent"
+        who = printable(f"{found[1]}, mountfw {found[2]}")
+        return f"{who}, {axes} axes, the board tells the {what} of what was sent"
     finally:
         link.close()

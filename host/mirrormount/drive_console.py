@@ -4,6 +4,7 @@ import time
 
 from mirrormount.errors import ConnectionLost, DeployError
 from mirrormount.link import Link, open_port
+from mirrormount.printable import printable
 
 _PROMPT_S = 6.0
 _QUIET_S = 0.2
@@ -64,4 +65,4 @@ def last_words(port: str) -> str:
     finally:
         link.close()
     said = [line.strip() for line in heard.splitlines() if "Error" in line or line.startswith("mirrormount")]
-    return f"it says: {said[-1]}" if said else ""
+    return f"it says: {printable(said[-1])}" if said else ""

@@ -8,11 +8,10 @@ beside, made sure of, and renamed. FAT has no journal: power that goes inside on
 import contextlib
 import errno
 import hashlib
-import os
 from collections.abc import Iterable, Iterator
-from pathlib import Path
 
 from mirrormount.board_side import MANIFEST
+from mirrormount.circuitpy_files import Files
 from mirrormount.drive_plan import (
     BOOT,
     CODE,
@@ -39,66 +38,16 @@ _FOLDERS = ("lib", "lib/adafruit_motor", "mountfw", "mountfw/boards")
 _OURS_TO_REMOVE = ("mountfw/boards", "mountfw", "lib/adafruit_motor")
 
 
-class Files:
-    """A drive's files, by paths from its root. Everything that is written is asked to be on the drive on return."""
-
-    def __init__(self, root: Path) -> None:
-        self.root = root
-
-    def read(self, path: str) -> bytes:
-        """A file's content, from the drive itself where the system lets us say so (Linux), else maybe from memory."""
-        with open(self.root / path, "rb") as f:
-            if hasattr(os, "posix_fadvise"):
-                os.posix_fadvise(f.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)
-            return f.read()
-
-    def write(self, path: str, content: bytes) -> None:
-        """Write a file in its place."""
-        with open(self.root / path, "wb") as f:
-            f.write(content)
-            f.flush()
-            os.fsync(f.fileno())
-
-    def rename(self, path: str, to: str) -> None:
-        """Rename a file, over another if there is one."""
-        os.replace(self.root / path, self.root / to)
-        self.sync()
-
-    def remove(self, path: str) -> None:
-        """Remove a file."""
-        os.remove(self.root / path)
-
-    def make_folder(self, path: str) -> None:
-        """Make a folder, if it is not there."""
-        (self.root / path).mkdir(exist_ok=True)
-
-    def remove_folder(self, path: str) -> None:
-        """Remove a folder if it is there and nothing is in it."""
-        folder = self.root / path
-        if folder.is_dir() and not any(folder.iterdir()):
-            folder.rmdir()
-
-    def sync(self) -> None:
-        """Have the system write what it still holds back. Windows has no such call: there each file is all there is."""
-        if hasattr(os, "sync"):
-            os.sync()
-
-    def exists(self, path: str) -> bool:
-        """True if there is such a file."""
-        return (self.root / path).is_file()
-
-
 def survey(files: Files) -> tuple[dict[str, str], dict[str, int], Manifest]:
     """{path: SHA-256} and {path: bytes} of the files that a deploy may have to do with, and its manifest.
 
     Raises DriveFailed.
     """
     with _told("nothing was changed"):
-        paths = [p for p in files.root.iterdir() if p.name.lower().startswith((*PROGRAMS, "code.txt"))]
+        paths = [path for path in files.listed() if path.lower().startswith((*PROGRAMS, "code.txt"))]
         for folder in ("mountfw", "lib/adafruit_motor"):
-            paths += (files.root / folder).rglob("*")
-        names = {_name(path.relative_to(files.root).as_posix()): path for path in paths if path.is_file()}
-        content = {name: files.read(path.relative_to(files.root).as_posix()) for name, path in names.items()}
+            paths += files.listed(folder)
+        content = {_name(path): files.read(path) for path in paths}
     hashes = {name: hashlib.sha256(text).hexdigest() for name, text in content.items()}
     return hashes, {name: len(text) for name, text in content.items()}, read_manifest(content.get(MANIFEST, b""))
 

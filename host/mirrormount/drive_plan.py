@@ -9,14 +9,17 @@ import hashlib
 import importlib.resources
 import importlib.util
 import json
+import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from importlib.resources.abc import Traversable
 from pathlib import Path
 
 from mirrormount.board_side import MANIFEST
+from mirrormount.circuitpy_files import is_path
 from mirrormount.deploy_plan import THIS, board_choice, boards, firmware_checksum, firmware_hash
 from mirrormount.errors import DeployError, LibraryMissing
+from mirrormount.printable import printable
 from mountfw import __version__
 
 CODE, BOOT = "code.py", "boot.py"
@@ -25,6 +28,7 @@ STUB = b'print("mirrormount: a deploy of the firmware was not finished. Nothing 
 _BEFORE_OURS = "code.txt"  # CircuitPython takes it rather than code.py
 _FRESH = b'print("Hello World!")\n'  # the code.py that CircuitPython writes on a new drive: nobody's
 _LIBRARY = "lib/adafruit_motor"
+_SHA256 = re.compile("[0-9a-f]{64}")
 
 
 def sha256(content: bytes) -> str:
@@ -86,6 +90,7 @@ class Manifest:
     aside: dict[str, list[str]] = field(default_factory=dict)  # somebody else's file: [its copy, SHA-256]
     # it was cut: {path: SHA-256} of what was there of an earlier one; other files of it may be half written
     unfinished: dict[str, str] | None = None
+    damage: str = ""  # why what is on the drive was not taken: it is then as if there were none
 
     def text(self) -> bytes:
         """As it is on the drive; `version` and `files` are as on MicroPython."""
@@ -98,12 +103,38 @@ class Manifest:
 
 
 def read_manifest(text: bytes) -> Manifest:
-    """From what is on the drive; an empty one if that cannot be read."""
+    """From what is on the drive, which is checked like any input; an empty one, with the reason, if it is not ours."""
+    if not text:
+        return Manifest()
     try:
         told = json.loads(text)
-        return Manifest(dict(told["files"]), dict(told.get("aside", {})), told.get("unfinished"))
-    except (ValueError, KeyError, TypeError):
-        return Manifest()
+        unfinished = None if told.get("unfinished") is None else _hashes(told["unfinished"])
+        return Manifest(_hashes(told["files"]), _asides(told.get("aside", {})), unfinished)
+    except RecursionError:
+        return Manifest(damage="it is nested too deeply")
+    except (ValueError, KeyError, TypeError, AttributeError) as e:
+        return Manifest(damage=printable(str(e) if type(e) is ValueError else f"{type(e).__name__}: {e}", 100))
+
+
+def _hashes(told: dict) -> dict[str, str]:
+    """{path: SHA-256}, each a path that a deploy writes to. Raises ValueError."""
+    for path, sha in told.items():
+        if not _is_ours(path) or not (isinstance(sha, str) and _SHA256.fullmatch(sha)):
+            raise ValueError(f"{path!r} is not a file that deploy puts on a drive")
+    return dict(told)
+
+
+def _asides(told: dict) -> dict[str, list[str]]:
+    """{path: [its copy, SHA-256]}, each copy beside its file. Raises ValueError."""
+    for path, (copy, sha) in told.items():
+        beside = isinstance(copy, str) and re.fullmatch(re.escape(path) + r"\.bak\d{0,4}", copy)
+        if not (_is_ours(path) or path == _BEFORE_OURS) or not beside or not _SHA256.fullmatch(sha):
+            raise ValueError(f"{copy!r} is not the copy that deploy makes of a file")
+    return {path: [copy, sha] for path, (copy, sha) in told.items()}
+
+
+def _is_ours(path: str) -> bool:
+    return is_path(path) and (path in PROGRAMS or path.startswith(("mountfw/", f"{_LIBRARY}/")))
 
 
 @dataclass(frozen=True)

@@ -1,14 +1,19 @@
 """Drives of CircuitPython boards: found by their boot_out.txt, which CircuitPython writes at start-up."""
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from mirrormount import volumes
+from mirrormount.circuitpy_files import read_beginning
 from mirrormount.errors import WrongDrive
+from mirrormount.printable import printable
 from mirrormount.supported import CIRCUITPYTHON, text
 
 _FIRST_LINE = re.compile(r"Adafruit CircuitPython (\S+) on [^;]*; *(.*)")
+_NUMBER = re.compile(r"(\d{1,4})\.(\d{1,4})")
+_BOARD_ID = re.compile(r"[a-z0-9_]{1,60}")
+_UID = re.compile(r"[0-9A-F]{4,64}")
 _LONGEST = 4096  # the lines that matter come first; what boot.py prints comes after
 GET_IT = (
     "the .uf2 for the board is at circuitpython.org/downloads: double-press reset, or hold BOOTSEL while plugging in,"
@@ -18,16 +23,20 @@ GET_IT = (
 
 @dataclass(frozen=True)
 class Drive:
-    """A board's drive: where it is mounted, and what its boot_out.txt says. uid is upper-case hex, or ""."""
+    """A board's drive: where it is mounted, and what its boot_out.txt says. uid is upper-case hex, or "".
+
+    vouched: a person has named a port as that of this board.
+    """
 
     path: Path
     version: str
     name: str
     board_id: str = ""
     uid: str = ""
+    vouched: bool = field(default=False, compare=False)
 
     def __str__(self) -> str:
-        return f"{self.path} ({self.name})"
+        return f"{printable(str(self.path))} ({self.name})"
 
     @property
     def has_mountfw(self) -> bool:
@@ -43,16 +52,20 @@ def find_drives() -> list[Drive]:
 def read_drive(path: Path) -> Drive | None:
     """The drive at path, or None if no CircuitPython has written a boot_out.txt there."""
     try:
-        with open(path / "boot_out.txt", "rb") as f:
-            text = f.read(_LONGEST).decode("utf-8", "replace")
-    except OSError:
+        said = read_beginning(path, "boot_out.txt", _LONGEST).decode("utf-8", "replace")
+    except (OSError, WrongDrive):
         return None
-    found = _FIRST_LINE.match(text)
+    found = _FIRST_LINE.match(said)
     if not found:
         return None
-    told = dict(line.split(":", 1) for line in text.splitlines() if line.startswith(("Board ID:", "UID:")))
+    told = dict(line.split(":", 1) for line in said.splitlines() if line.startswith(("Board ID:", "UID:")))
+    board_id, uid = told.get("Board ID", "").strip(), told.get("UID", "").strip().upper()
     return Drive(
-        path, found[1], found[2].strip(), told.get("Board ID", "").strip(), told.get("UID", "").strip().upper()
+        path,
+        printable(found[1], 40),
+        printable(found[2].strip(), 60),
+        board_id if _BOARD_ID.fullmatch(board_id) else "",
+        uid if _UID.fullmatch(uid) else "",
     )
 
 
@@ -75,12 +88,18 @@ def drive_at(path: Path) -> Drive:
 
 def check_version(drive: Drive) -> None:
     """Raise WrongDrive for a CircuitPython that is too old. A build without a number is taken as new."""
-    number = re.match(r"(\d+)\.(\d+)", drive.version)
+    number = _NUMBER.match(drive.version)
     if number and CIRCUITPYTHON.too_old((int(number[1]), int(number[2]))):
         raise WrongDrive(
             f"{drive} runs CircuitPython {drive.version}: {text(CIRCUITPYTHON.lowest)} or later is needed, for older"
             f" ones cannot switch their watchdog off as the firmware does ({GET_IT})"
         )
+
+
+def untried(drive: Drive) -> bool:
+    """True if this CircuitPython is newer than any that was tried."""
+    number = _NUMBER.match(drive.version)
+    return bool(number) and CIRCUITPYTHON.untried((int(number[1]), int(number[2])))
 
 
 def is_bootloader(path: Path) -> bool:
