@@ -13,6 +13,8 @@ from mirrormount.errors import BadFile, BadValue
 from mirrormount.settings import AXES, SETTINGS, check, setting
 
 _LASTS = "until the board restarts; to keep it: mirrormount config save"
+_SAVED = "saved on the board"
+_SAVE_HELP = "keep it, and all other present settings, on the board"
 
 
 def add_arguments(parser: argparse.ArgumentParser, port: argparse.ArgumentParser) -> None:
@@ -23,16 +25,17 @@ def add_arguments(parser: argparse.ArgumentParser, port: argparse.ArgumentParser
         return verbs.add_parser(name, help=what, description=what, parents=[port])
 
     add("get", "show all settings, or one").add_argument("name", nargs="?", metavar="NAME", help="such as x.pulse_us")
-    sub = add("set", "change one setting until the board restarts")
+    sub = add("set", "change one setting until the board restarts, or for good")
     sub.add_argument("name", metavar="NAME", help="such as x.pulse_us")
     sub.add_argument("value", metavar="VALUE")
+    sub.add_argument("--save", action="store_true", help=_SAVE_HELP)
     add("save", "keep the present settings on the board")
     sub = add("restore", "go back to the saved settings")
     sub.add_argument("--factory", action="store_true", help="to those of a new board instead; saved ones stay saved")
     add("export", "write all settings to a TOML file").add_argument("file", metavar="FILE", help="- is standard output")
-    add("import", "take settings from a TOML file: all of them, or none").add_argument(
-        "file", metavar="FILE", help="- is standard input"
-    )
+    sub = add("import", "take settings from a TOML file: all of them, or none")
+    sub.add_argument("file", metavar="FILE", help="- is standard input")
+    sub.add_argument("--save", action="store_true", help=_SAVE_HELP)
 
 
 def run(mount: Mount, args: argparse.Namespace) -> None:
@@ -43,17 +46,24 @@ def run(mount: Mount, args: argparse.Namespace) -> None:
         axis, _, name = args.name.partition(".")
         value = number(args.name, args.value)
         mount.apply({axis: {name: value}})
-        print(f"{args.name} = {value} ({_LASTS})")
+        print(f"{args.name} = {value} ({_kept(mount, args.save)})")
     elif args.verb == "save":
         mount.save()
-        print("saved on the board")
+        print(_SAVED)
     elif args.verb == "restore":
         mount.recall(factory=args.factory)
         print("the factory's settings are in use" if args.factory else "the saved settings are in use")
     elif args.verb == "export":
         export(mount, args.file)
     else:
-        import_(mount, args.file)
+        import_(mount, args.file, save=args.save)
+
+
+def _kept(mount: Mount, save: bool) -> str:
+    """Save if that is wanted. Returns for how long the settings last."""
+    if save:
+        mount.save()
+    return _SAVED if save else _LASTS
 
 
 def check_arguments(args: argparse.Namespace) -> None:
@@ -91,11 +101,11 @@ def export(mount: Mount, name: str) -> None:
         print(f"settings written to {name}")
 
 
-def import_(mount: Mount, name: str) -> None:
+def import_(mount: Mount, name: str, *, save: bool = False) -> None:
     """Take settings from a file, or from standard input: all that it names, or none. Raises BadFile, BadValue."""
     wanted = load(name)
     mount.apply(wanted)
-    print(f"{sum(map(len, wanted.values()))} settings taken ({_LASTS})")
+    print(f"{sum(map(len, wanted.values()))} settings taken ({_kept(mount, save)})")
 
 
 def load(name: str) -> dict[str, Any]:

@@ -53,6 +53,17 @@ def test_saved_settings_are_there_again_after_the_factorys(mount):
     assert mount.settings() == mine
 
 
+def test_a_setting_that_is_set_to_be_kept_is_there_at_the_next_start(tmp_path, capsys):
+    port = ("--port", f"virtual://?speed=max&files={tmp_path}")
+    assert cli.main(["config", "set", "--save", "x.pulse_us", "150000", *port]) == 0
+    assert cli.main(["config", "set", "x.run_duty", "99", *port]) == 0
+    assert cli.main(["config", "get", "x.pulse_us", *port]) == 0
+    assert cli.main(["config", "get", "x.run_duty", *port]) == 0
+    first, second, *values = capsys.readouterr().out.splitlines()
+    assert "saved on the board" in first and "until the board restarts" in second
+    assert values == ["150000", "255"]
+
+
 def test_saved_settings_outlive_a_power_cut(tmp_path):
     address = f"virtual://?speed=max&files={tmp_path}"
     with Mount.open(address) as mount:
