@@ -54,18 +54,21 @@ def test_the_firmware_on_the_drive_makes_steps(board):
     link = Link(board.port)
     mount = Mount(link)
     mount.x.step(2)
-    legs = [(pin, duty) for _, pin, duty in board.port.world.edges if pin == "m2_pos" and duty]
-    assert len(legs) >= 1
+    pulses = [(pin, duty) for _, pin, duty in board.port.world.edges if duty]
+    assert pulses == [("m2_pos", 65535), ("m2_en", 65535)] * 2
     assert mount.x.position == 2
 
 
-def test_the_port_runs_with_no_file_but_those_on_the_drive(board):
+def test_what_is_on_the_drive_runs_and_not_the_firmware_of_this_computer(board):
     deploy(Options())
-    (board.root / "mountfw" / "ticks.py").unlink()
-    board.end()
-    board.port = SteppedPort(World(machines.circuitpython(board.root, firmware=board.root)))
-    board.port.write(b"*IDN?\n")
-    assert b"mirrormount" not in board.port.read(2)
+    package = board.root / "mountfw" / "__init__.py"
+    package.write_text('__version__ = "9.8.7"\n')
+    module = board.root / "mountfw" / "errors.py"
+    assert "NO ERROR DETECTED" in module.read_text()
+    module.write_text(module.read_text().replace("NO ERROR DETECTED", "NO ERROR ON THIS DRIVE"))
+    board.start()
+    assert board.firmware(b"*IDN?\n").rstrip().endswith(b",9.8.7")
+    assert board.firmware(b"TB?\n") == b"0, NO ERROR ON THIS DRIVE\r\n"
 
 
 def test_a_build_without_sha256_tells_a_checksum_that_deploy_knows(board):

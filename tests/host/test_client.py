@@ -7,6 +7,7 @@ import pytest
 
 from mirrormount import Mount, errors
 from mirrormount.client import Ended
+from mirrormount.link import Port
 
 
 @pytest.fixture
@@ -199,9 +200,40 @@ def test_a_jog_takes_over_from_a_step(mount):
     assert mount.x.status().direction == -1
 
 
-def test_a_stop_of_another_thread_is_not_overtaken_by_the_start_of_a_motion():
+class CountingPort:
+    """A port that notes when one thread makes its n-th call of read() or write()."""
+
+    def __init__(self, port: Port) -> None:
+        self._port = port
+        self.lockstep = port.lockstep
+        self._left, self._thread, self.reached = 0, "", threading.Event()
+
+    def note(self, thread: str, calls: int) -> None:
+        self._left, self._thread, self.reached = calls, thread, threading.Event()
+
+    def _count(self) -> None:
+        if threading.current_thread().name == self._thread:
+            self._left -= 1
+            if self._left == 0:
+                self.reached.set()
+
+    def read(self, timeout_s: float) -> bytes:
+        self._count()
+        return self._port.read(timeout_s)
+
+    def write(self, data: bytes) -> None:
+        self._count()
+        self._port.write(data)
+
+    def close(self) -> None:
+        self._port.close()
+
+
+@pytest.mark.parametrize("calls", range(1, 13))
+def test_a_stop_of_another_thread_is_not_overtaken_by_the_start_of_a_motion(calls):
     with Mount.open("virtual://") as mount:
-        for trial in range(40):
+        mount.link.port = port = CountingPort(mount.link.port)
+        for _ in range(4):
             ended: list[BaseException | None] = []
 
             def step(ended=ended) -> None:
@@ -211,9 +243,10 @@ def test_a_stop_of_another_thread_is_not_overtaken_by_the_start_of_a_motion():
                 except errors.MountError as e:
                     ended.append(e)
 
-            thread = threading.Thread(target=step)
+            port.note("step", calls)
+            thread = threading.Thread(target=step, name="step")
             thread.start()
-            threading.Event().wait(trial % 8 * 0.0005)  # any moment of the exchange
+            assert port.reached.wait(20)
             mount.stop()
             thread.join(20)
             assert isinstance(ended[0], errors.MoveEnded), ended
