@@ -1,6 +1,6 @@
 """`mirrormount check`: the self-test, one line a check. Nothing moves unless that is asked for.
 
-A check is a function of the mount that returns what it found, or raises CheckError with what is wrong
+A check is a function of the mount that returns what it found, or raises Wrong with what is wrong
 and what to do, or NotTested with the reason. Other checks still run after one that failed.
 """
 

@@ -10,6 +10,7 @@ import pytest
 from mirrormount import errors as host
 from mirrormount.remedies import REMEDIES
 from mirrormount.virtual.wiring import DRIVES, SWITCHES
+from mountfw import app
 from mountfw import errors as wire
 from mountfw.boards import pico, pico_drv8833
 
@@ -23,6 +24,7 @@ ALLOWED = {
     **{name: set() for name in PURE},
     "bridge": set(),
     "endstop": set(),
+    "room": set(),
     "position": {"errors"},
     "homing": {"errors"},
     "parameters": {"position"},
@@ -61,6 +63,21 @@ def imported(path: Path) -> set[str]:
 def test_the_core_imports_what_the_architecture_allows(name):
     ours = {n.split(".")[1] for n in imported(FIRMWARE / f"{name}.py") if n.startswith("mountfw.")} - {"__version__"}
     assert ours <= ALLOWED[name]
+
+
+def test_the_architecture_page_says_who_may_import_whom_as_it_is():
+    text = (ROOT / "docs" / "architecture.md").read_text()
+    sentence = " ".join(text.split("Who may import whom: ")[1].split("`app` joins")[0].split())
+    said = {}
+    for importers, imports in re.findall(r"`([a-z ]+)` (?:take|takes|import) (`[a-z ]+`|nothing of ours)", sentence):
+        said |= {name: set(imports.strip("`").split()) - {"nothing", "of", "ours"} for name in importers.split()}
+    assert said == {name: taken for name, taken in ALLOWED.items() if name not in ("app", "repl")}
+
+
+def test_the_architecture_page_gives_the_loops_own_times():
+    text = (ROOT / "docs" / "architecture.md").read_text()
+    shown = {name: float(ms) * 1000 for ms, name in re.findall(r"(\d[\d.]*) ms \(`(_[A-Z]+_US)`\)", text)}
+    assert shown == {"_SPIN_US": app._SPIN_US, "_LOOK_US": app._LOOK_US}
 
 
 def test_only_the_ports_name_a_platform_inside_functions_too():

@@ -61,7 +61,7 @@ class _Hold:
 
 
 class Pilot:
-    """Owns the mount. press() … stop() may be called from any thread, and return at once.
+    """Owns the mount. order() … call() may be called from any thread, and return at once.
 
     address: a port, or None for the one board there is. Attributes to be read by any thread: mount (None while
     there is no board), status, trouble (why there is no board, "" if there is one), driver (whose motion it is).
