@@ -93,3 +93,24 @@ def test_what_is_read_off_the_edges():
     assert (
         longest_pass_us([(1, "pass", 65535), (4, "pass", 0), (5, "m1_en", 0), (6, "pass", 65535), (7, "pass", 0)]) == 3
     )
+
+
+def test_update_replaces_what_is_between_the_marks_of_the_page_and_nothing_else():
+    page = run.PAGE.read_text(encoding="utf-8")
+    text = run.updated(page, "a table")
+    assert text.count("\n\na table\n\n") == 1
+    before, after = page.split(run.BEGIN)[0], page.split(run.END)[1]
+    assert text.startswith(before + run.BEGIN) and text.endswith(run.END + after)
+    assert run.updated(text, "a table") == text
+
+
+@pytest.mark.parametrize("page", ["no mark", run.BEGIN, run.END + run.BEGIN, f"{run.BEGIN}{run.END}{run.END}"])
+def test_a_page_without_its_marks_is_not_written(page):
+    with pytest.raises(ValueError, match="once each"):
+        run.updated(page, "a table")
+
+
+def test_a_part_of_the_table_does_not_replace_it(capsys):
+    with pytest.raises(SystemExit):
+        run.parse(["--update", "--only", "stop"])
+    assert "--only" in capsys.readouterr().err

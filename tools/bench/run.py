@@ -1,15 +1,17 @@
 """Measures the firmware on an emulated RP2040, in emulated time, and prints a table beside the paper's figures.
 
-    .venv/bin/python tools/bench/run.py [--n N] [--only ROW[,ROW]] [--json FILE]
+    .venv/bin/python tools/bench/run.py [--n N] [--only ROW[,ROW]] [--json FILE] [--update]
 
 Needs what the rp2040 machine needs (docs/architecture.md). A row is named in full, or several are by how they begin:
-`--only stop`. Results repeat exactly: all moments are seeded.
+`--only stop`. Results repeat exactly: all moments are seeded. --update writes all rows into docs/performance.md.
 """
 
 import argparse
 import json
 import sys
 import time
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from pathlib import Path
 
 from lab import Lab
@@ -18,6 +20,9 @@ from table import Measurement, as_json, markdown
 
 from mirrormount.errors import MountError
 from mirrormount.virtual import emulator
+
+PAGE = Path(__file__).parents[2] / "docs" / "performance.md"
+BEGIN, END = "<!-- measured by tools/bench/run.py --update -->", "<!-- end of what was measured -->"
 
 
 def parse(arguments: list[str]) -> argparse.Namespace:
@@ -28,9 +33,13 @@ def parse(arguments: list[str]) -> argparse.Namespace:
     parser.add_argument("--list", action="store_true", help="list the rows")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write everything to FILE, too")
     parser.add_argument("--image", type=Path, metavar="FILE", help="the MicroPython image (.uf2 or .bin)")
+    parser.add_argument("--jobs", type=int, default=2, metavar="N", help="rows measured at a time (default 2)")
+    parser.add_argument("--update", action="store_true", help="write the table into docs/performance.md")
     options = parser.parse_args(arguments)
-    if options.n < 1:
-        parser.error("--n must be at least 1")
+    if options.n < 1 or options.jobs < 1:
+        parser.error("--n and --jobs must be at least 1")
+    if options.update and options.only:
+        parser.error("--update writes the whole table: leave out --only")
     return options
 
 
@@ -46,14 +55,24 @@ def chosen(only: str) -> list[Row]:
     return [row for row in ROWS if not names or row.name in found]
 
 
-def measured(row: Row, n: int, image: Path | None) -> Measurement:
-    """One row, with a line about it on stderr."""
+def measured(name: str, n: int, image: Path | None) -> tuple[list[float], float]:
+    """The values of the row of that name, and how long they took in s, with a line about it on stderr."""
     start = time.monotonic()
+    (row,) = (row for row in ROWS if row.name == name)
     with Lab(row.name, min(n, row.most_n or n), image) as lab:
         values = row.measure(lab)
-    measurement = Measurement(row, values, time.monotonic() - start)
-    print(f"{row.name}: {measurement.wall_s:.1f} s", file=sys.stderr, flush=True)
-    return measurement
+    wall_s = time.monotonic() - start
+    print(f"{row.name}: {wall_s:.1f} s", file=sys.stderr, flush=True)
+    return values, wall_s
+
+
+def updated(page: str, about: str) -> str:
+    """A page with what was measured between its two marks. Raises ValueError if it has not each of them once."""
+    before, begin, rest = page.partition(BEGIN)
+    _, end, after = rest.partition(END)
+    if not (begin and end) or BEGIN in after or END in after:
+        raise ValueError(f"the page must have the lines {BEGIN} and {END}, once each")
+    return f"{before}{begin}\n\n{about}\n\n{end}{after}"
 
 
 def main(arguments: list[str]) -> int:
@@ -66,17 +85,27 @@ def main(arguments: list[str]) -> int:
     try:
         with Lab("identity", 1, options.image) as lab:
             identity, firmware = lab.board().ask(b"*IDN?;XF?").split("; ")
-        measurements = [measured(row, options.n, options.image) for row in rows]
+        # Emulated time does not depend on what else this computer does, so rows may be measured side by side
+        with ProcessPoolExecutor(options.jobs) as pool:
+            work = partial(measured, n=options.n, image=options.image)
+            results = list(pool.map(work, [row.name for row in rows]))
         image = emulator.find_image(options.image).name
     except MountError as e:
         print(f"bench: {e}", file=sys.stderr)
         return 1
-    print(f"{identity}, firmware {firmware[:12]}, {image}\n\n{markdown(measurements)}")
+    measurements = [Measurement(row, *result) for row, result in zip(rows, results, strict=True)]
+    table = markdown(measurements)
+    print(f"{identity}, firmware {firmware[:12]}, {image}\n\n{table}")
     if options.json:
         about = {"identity": identity, "firmware": firmware, "image": image}
         options.json.write_text(
             json.dumps(about | {"rows": as_json(measurements)}, ensure_ascii=False, indent=1) + "\n", encoding="utf-8"
         )
+    if options.update:
+        text = updated(
+            PAGE.read_text(encoding="utf-8"), f"`{identity}`, firmware `{firmware[:12]}`, `{image}`:\n\n{table}"
+        )
+        PAGE.write_text(text, encoding="utf-8")
     return 0
 
 
