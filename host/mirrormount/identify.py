@@ -15,6 +15,7 @@ from mirrormount.link import Link
 # what those who serve a board say to a client that they turn away
 TAKEN = "mirrormount: this board has a client already"
 NO_BOARD = "mirrormount: the board is not there"
+AT_PROMPT = "mirrormount: the board is at its Python prompt, which is not served on TCP"
 TOKEN_REFUSED = "mirrormount: the first line must be the token"
 
 _ANSWER_S = 1.0
@@ -62,6 +63,8 @@ def _check_served(heard: str) -> None:
         raise PortBusy("another program drives this board")
     if NO_BOARD in heard:
         raise PortAbsent("the program that serves this board has lost it: plug the board in")
+    if AT_PROMPT in heard:
+        raise AtPrompt("the board is at its Python prompt: press Ctrl-D there (on its pty) to start mountfw")
     if TOKEN_REFUSED in heard:
         raise TokenNeeded(
             "this board is served with a token, which Mount does not send: go through ssh -L (docs/network.md)"

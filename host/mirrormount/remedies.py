@@ -152,7 +152,7 @@ REMEDIES = {
     "PortBusy": Remedy(
         "Another program has the port open, or drives the served board.",
         "Close it: a serial monitor, an editor's REPL, another panel. The line names the process where the system "
-        "tells it. `mirrormount stop` gets through all the same.",
+        "tells it. mirrormount stop gets through all the same.",
     ),
     "NotAMount": Remedy(
         "Something else answers, or nothing does.",

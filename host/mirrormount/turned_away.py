@@ -4,9 +4,10 @@ import contextlib
 import socket
 import time
 
-from mirrormount.identify import TAKEN
+from mirrormount.identify import AT_PROMPT, TAKEN
 
 TAKEN_LINE = TAKEN.encode() + b"\r\n"
+AT_PROMPT_LINE = AT_PROMPT.encode() + b"\r\n"
 GRACE_S = 0.2  # how long a newcomer waits: the client before him may just have gone without our having seen it
 
 _LEAVE_S = 2.0  # how long the one who is told may take to close

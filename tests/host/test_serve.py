@@ -82,12 +82,12 @@ def served(board, tmp_path) -> Iterator[Callable[..., Served]]:
 
 
 class Cable:
-    """Joins a board and whoever connects to it, so that a test can press keys on the board's console."""
+    """Joins a board's pty and whoever connects to it, so that a test can press keys on the board's console."""
 
     def __init__(self, board: ServedBoard) -> None:
         self._server = socket.create_server(("127.0.0.1", 0))
         self.address = f"socket://127.0.0.1:{self._server.getsockname()[1]}"
-        self.board = socket.create_connection(("127.0.0.1", int(board.tcp.rsplit(":", 1)[1])))
+        self.console = open(board.link, "r+b", buffering=0)  # noqa: SIM115 (closed on the way out)
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._carry)
 
@@ -98,18 +98,20 @@ class Cable:
     def __exit__(self, *_: object) -> None:
         self._ended.set()
         self._thread.join()
-        self.board.close()
+        self.console.close()
         self._server.close()
 
     def _carry(self) -> None:
         host, _ = self._server.accept()
-        other = {host: self.board, self.board: host}
         with host:
             while not self._ended.is_set():
-                for end in select.select(list(other), [], [], 0.01)[0]:
-                    if not (data := end.recv(4096)):
+                ready = select.select([host, self.console], [], [], 0.01)[0]
+                if host in ready:
+                    if not (data := host.recv(4096)):
                         return
-                    other[end].sendall(data)
+                    self.console.write(data)
+                if self.console in ready:
+                    host.sendall(self.console.read(4096))
 
 
 def hear(client: socket.socket, n: int) -> bytes:
@@ -316,7 +318,7 @@ def test_at_the_boards_prompt_nothing_from_the_network_is_obeyed(board, tmp_path
         try:
             client = served.connect()
             assert ask(client, b"1MD?") == b"1"
-            cable.board.sendall(b"\x03")
+            cable.console.write(b"\x03")
             served.says("at its Python prompt")
             while client.recv(1000):  # until it is closed
                 pass

@@ -1,9 +1,11 @@
 """A served board and clients in processes of their own: what dies, freezes or floods stops nothing but itself."""
 
+import contextlib
 import json
 import os
 import signal
 import socket
+import stat
 import subprocess
 import sys
 
@@ -159,31 +161,89 @@ def test_a_board_that_goes_in_mid_move_is_one_clear_error(board):
     assert "\n" not in str(lost.value)
 
 
+def until(port, text: bytes) -> bytes:
+    """Read from an open file until text has come."""
+    seen = b""
+    while text not in seen:
+        seen += port.read(4096)
+    return seen
+
+
+def raw_socket(board) -> socket.socket:
+    return socket.create_connection(("127.0.0.1", int(board.tcp.rsplit(":", 1)[1])))
+
+
 def test_ctrl_c_from_a_terminal_turns_the_motors_off_and_gives_the_prompt(board):
-    with socket.create_connection(("127.0.0.1", int(board.tcp.rsplit(":", 1)[1]))) as raw:
-        raw.sendall(b"02550255")
+    with open(board.link, "r+b", buffering=0) as raw:
+        raw.write(b"02550255")
         wait_for(lambda: all(board.enables().values()), "the motors to run")
-        raw.sendall(b"\x03")
+        raw.write(b"\x03")
         wait_for(lambda: not board.driving(), "the motors to stop")
-        seen = b""
-        while b">>> " not in seen:
-            seen += raw.recv(4096)
+        until(raw, b">>> ")
     with pytest.raises(errors.AtPrompt, match="Ctrl-D"):
+        Mount.open(str(board.link))
+    with pytest.raises(errors.AtPrompt, match="pty"):
         Mount.open(board.tcp)
 
 
 def test_ctrl_d_at_the_prompt_starts_the_firmware_again(board):
-    with socket.create_connection(("127.0.0.1", int(board.tcp.rsplit(":", 1)[1]))) as raw:
-        raw.sendall(b"\x03")
-        seen = b""
-        while b">>> " not in seen:
-            seen += raw.recv(4096)
-        raw.sendall(b"\x04")
-        while b"soft reboot" not in seen:
-            seen += raw.recv(4096)
+    with open(board.link, "r+b", buffering=0) as raw:
+        raw.write(b"\x03")
+        until(raw, b">>> ")
+        raw.write(b"\x04")
+        until(raw, b"soft reboot")
     with Mount.open(board.tcp) as mount:
         mount.x.step(1)
         assert mount.x.position == 1
+
+
+MACHINES = ("cpython", "micropython", "circuitpython")
+
+
+@pytest.mark.parametrize("machine", MACHINES)
+def test_on_tcp_the_keys_of_the_prompt_do_not_exist_and_ctrl_c_is_a_stop(serve, machine):
+    board = serve("--machine", machine)
+    with raw_socket(board) as raw:
+        raw.sendall(b"1XM60000;1MV+\n")
+        wait_for(board.driving, "the motor to run")
+        raw.sendall(b"\x03")
+        wait_for(lambda: not board.driving(), "the stop")
+        raw.sendall(b"\n\x01\x02\x04\x05import os\r\x04\n!\nTB?;1XE?\n")
+        answer = raw.makefile("rb").readline()
+    assert answer.rstrip().split(b", ")[0].split(b"; ")[0] in (b"0", b"6", b"60") and b">>>" not in answer
+
+
+@pytest.mark.parametrize("machine", MACHINES)
+@pytest.mark.parametrize(
+    "begins", [b"GET / HTTP/1.1\r\n", b"POST / HTTP/1.1\r\n", b"PRI * HTTP/2.0\r\n\r\nSM", b"\x16\x03\x01\x02\x00"]
+)
+def test_who_begins_as_a_browser_or_tls_does_reaches_no_board(serve, machine, begins):
+    board = serve("--machine", machine)
+    with raw_socket(board) as raw:
+        raw.sendall(begins + b"\x03\x03\r\n\r\n1XM60000;1MV+\n02550255\n")
+        with contextlib.suppress(ConnectionResetError):
+            assert raw.recv(100) == b""
+    with Mount.open(board.tcp) as mount:
+        assert mount.ask("1XM?") == "10000" and mount.take_errors() == []
+    assert board.edges() == []
+
+
+def test_a_board_at_its_prompt_obeys_nobody_on_tcp(serve):
+    board = serve("--machine", "micropython")
+    with open(board.link, "r+b", buffering=0) as raw:
+        raw.write(b"\x03")
+        until(raw, b">>> ")
+    with raw_socket(board) as raw:
+        raw.sendall(b"print(6*7)\r\n")
+        said = b""
+        with contextlib.suppress(ConnectionResetError):
+            while data := raw.recv(100):
+                said += data
+    assert b"42" not in said and b"Python prompt" in said
+
+
+def test_the_boards_pty_is_its_users_alone(board):
+    assert stat.S_IMODE(os.stat(board.link).st_mode) == 0o600
 
 
 def test_what_a_dead_client_left_unread_does_not_confuse_the_next(board):

@@ -4,13 +4,10 @@ usage: micropython -X heapsize=192k boot_micropython.py FAKES_DIR ROOT_DIR MACHI
 
 ROOT_DIR becomes the board's file system. As on a board: boot.py and main.py run, then there is a prompt,
 friendly or raw (with raw paste), which real mpremote works with; Ctrl-D is a soft reset. The one thing
-that a board can and this cannot: interrupt code that never looks at a clock, a pin or its input.
+that a board can and this cannot: interrupt code that never looks at a clock, a pin or its input. What of the
+host can be reached from here: fakes/_fence.py.
 """
 
-import builtins
-import gc
-import io
-import os
 import sys
 
 FAKES, ROOT, MACHINE_NAME = sys.argv[1], sys.argv[2], sys.argv[3]
@@ -19,17 +16,6 @@ START_US, READ_FD, WRITE_FD = int(sys.argv[4]), int(sys.argv[5]), int(sys.argv[6
 CTRL_A, CTRL_B, CTRL_C, CTRL_D, CTRL_E = 1, 2, 3, 4, 5
 _RAW_BANNER = b"raw REPL; CTRL-B to exit\r\n>"
 _PASTE_WINDOW = 128
-
-
-class _Delegate:
-    """A stand-in for a module that cannot be shadowed by a path: its attributes, and some of our own."""
-
-    def __init__(self, module, changes):
-        for name in dir(module):
-            if not name.startswith("__"):
-                setattr(self, name, getattr(module, name))
-        for name, value in changes.items():
-            setattr(self, name, value)
 
 
 class _SoftReset(Exception):
@@ -50,6 +36,7 @@ def _install():
     sys.path[:] = [FAKES]
     import _seam
     import micropython
+    from _fence import Delegate, install
 
     seam = _seam.seam = _seam.Seam(open(READ_FD, "rb"), open(WRITE_FD, "wb"), START_US)
 
@@ -64,10 +51,8 @@ def _install():
         seam.locks -= 1
         return micropython.heap_unlock()
 
-    sys.modules["micropython"] = _Delegate(
-        micropython,
-        {"kbd_intr": kbd_intr, "heap_lock": heap_lock, "heap_unlock": heap_unlock, "const": lambda x: x},
-    )
+    changes = {"kbd_intr": kbd_intr, "heap_lock": heap_lock, "heap_unlock": heap_unlock, "const": lambda x: x}
+    sys.modules["micropython"] = Delegate(micropython, (), changes)
 
     import _console
 
@@ -76,22 +61,22 @@ def _install():
 
     out = _console.stdout
 
-    def say(*values, sep=" ", end="\n", file=None):
+    def say(*values, sep=" ", end="\n", file=None):  # the VM's own goes to the process's stdout
         (file or out).write(sep.join([str(v) for v in values]) + end)
 
-    builtins.print = say  # the VM's own goes to the process's stdout
-    changes = {"stdin": _console.stdin, "stdout": out, "stderr": out, "implementation": _Implementation}
-    sys.modules["sys"] = _Delegate(sys, changes)
-    import vfs
-
-    vfs.umount("/")
-    vfs.mount(vfs.VfsPosix(ROOT), "/")
-    os.chdir("/")
+    streams = {"stdin": _console.stdin, "stdout": out, "stderr": out, "implementation": _Implementation}
+    install(ROOT, {"builtins": {"print": say}, "sys": streams})
     sys.path[:] = ["", "/lib"]
     return seam, _console.stdin.buffer.readinto, out.buffer.write
 
 
 seam, readinto, write = _install()
+del sys  # the VM's: what is imported from here on is what a board has
+
+import gc  # noqa: E402
+import io  # noqa: E402
+import sys  # noqa: E402
+
 _kept = set(sys.modules)
 _byte = bytearray(1)
 _globals = {"__name__": "__main__"}

@@ -14,7 +14,10 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Protocol
 
-from mirrormount.turned_away import GRACE_S, TAKEN_LINE, TurnedAway
+from mirrormount.first_bytes import FirstBytes, NotAClient
+from mirrormount.guest import acknowledge
+from mirrormount.telnet import Inlet
+from mirrormount.turned_away import AT_PROMPT_LINE, GRACE_S, TAKEN_LINE, TurnedAway
 from mirrormount.virtual.world import World
 
 _QUANTUM_US = 1000  # a busy firmware never leads the wall's clock by more
@@ -49,14 +52,21 @@ class Port(Protocol):
         ...
 
     def refuse(self, line: bytes) -> None:
-        """Another port has the client: say the line to whoever comes here."""
+        """Another port has the client, or this one is not for what the board does now: say the line to who is here."""
+        ...
+
+    @property
+    def prompt(self) -> bool:
+        """Is the board's Python prompt for whoever comes here?"""
         ...
 
     def close(self) -> None: ...
 
 
 class PtyPort:
-    """A pseudo-terminal, under a symlink if one is asked for. POSIX only."""
+    """A pseudo-terminal of this user alone, under a symlink if one is asked for. POSIX only."""
+
+    prompt = True
 
     def __init__(self, link: Path | None = None) -> None:
         import pty
@@ -73,6 +83,7 @@ class PtyPort:
         self._master, slave = self._openpty()
         self._setraw(slave)
         self._name = os.ttyname(slave)
+        os.fchmod(slave, 0o600)  # the board's prompt is behind it
         os.close(slave)
         os.set_blocking(self._master, False)
         self._poll = select.poll()
@@ -128,14 +139,18 @@ class PtyPort:
 
 
 class TcpPort:
-    """A listening socket on the loopback interface.
+    """A listening socket on the loopback interface, for commands: anybody on this computer can reach it, and so can
+    a web page. So it has no prompt and none of its keys (Ctrl-C is a stop), and a web browser is not let in.
 
     A newcomer waits a moment before he is turned away: the client before him may just have gone
     without our having seen it.
     """
 
+    prompt = False
+
     def __init__(self, port: int) -> None:
         self._server = socket.create_server(("127.0.0.1", port))
+        self._first, self._inlet = FirstBytes(), Inlet(telnet=False)
         self._server.setblocking(False)
         self._client: socket.socket | None = None
         self._newcomer: socket.socket | None = None
@@ -164,10 +179,13 @@ class TcpPort:
             return b""
         except OSError:
             data = b""
-        if not data:
-            self._client.close()
-            self._client = None
-        return data
+        acknowledge(self._client)
+        if data:
+            with contextlib.suppress(NotAClient):
+                return self._inlet.feed(self._first.feed(data))
+        self._client.close()
+        self._client = None
+        return b""
 
     def give(self, data: bytes) -> int:
         if not self._client:
@@ -198,6 +216,7 @@ class TcpPort:
                 self._since = time.monotonic()
         if self._newcomer and not self._client:
             self._client, self._newcomer = self._newcomer, None
+            self._first, self._inlet = FirstBytes(), Inlet(telnet=False)
         elif self._newcomer and time.monotonic() - self._since > GRACE_S:
             self._away.add(self._newcomer, TAKEN_LINE)
             self._newcomer = None
@@ -206,6 +225,8 @@ class TcpPort:
 
 class PairPort:
     """One end of a socket pair whose other end is in this process."""
+
+    prompt = True
 
     def __init__(self, end: socket.socket) -> None:
         self._end = end
@@ -263,7 +284,7 @@ def serve(world: World, ports: Sequence[Port], stopped: Callable[[], bool]) -> N
             plugged = world.usb
             for port in ports:
                 port.plug(plugged)
-        client = choice.look()
+        client = choice.look(world.at_prompt)
         world.opened(client is not None)
         if client and unread:
             del unread[: client.give(bytes(unread))]
@@ -271,7 +292,7 @@ def serve(world: World, ports: Sequence[Port], stopped: Callable[[], bool]) -> N
         wait_s = max(0.0, (now_us + wants_us - wall_us()) * 1e-6)
         watched = [fd for port in ports for fd in port.watched()] if room > 0 else []
         _wait(watched, min(wait_s, _HANGUP_S) if client is None or unread else wait_s)
-        client = choice.look()
+        client = choice.look(world.at_prompt)
         world.opened(client is not None)  # before the first byte of somebody who has just come
         data = client.take(room) if client and room > 0 else b""
         t = max(now_us, min(now_us + wants_us, wall_us()))
@@ -291,7 +312,11 @@ class _Choice:
         self._waiting: dict[Port, float] = {}
         self.client: Port | None = None
 
-    def look(self) -> Port | None:
+    def look(self, at_prompt: bool) -> Port | None:
+        if at_prompt:
+            for port in self._ports:
+                if not port.prompt and port.connected():
+                    port.refuse(AT_PROMPT_LINE)
         if self.client is None or not self.client.connected():
             self.client = next((port for port in self._ports if port.connected()), None)
         for port in self._ports:

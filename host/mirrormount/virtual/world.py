@@ -64,6 +64,8 @@ class World:
         self.flash_operations = 0  # erases and programs so far, of a machine that has a flash
         self._wants_us: int | None = None  # while the firmware waits to go on
         self.lit = False  # the board's LED
+        self.at_prompt = False  # of Python, on the port: what is sent there is obeyed as such
+        self._tail = bytearray()  # what the board sent last
         try:
             self._child = subprocess.Popen(machine, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
         except OSError as e:
@@ -94,9 +96,12 @@ class World:
                 self.bench.advance(t)
                 self._wants_us = dt
             elif kind == _SENT:
+                if not b:
+                    self._watch_prompt(a)
                 (self.on_console if b else self.on_sent)(a)
             elif kind == _USB:
                 self.usb = bool(a)
+                self.at_prompt = self.at_prompt and self.usb
             elif kind == _FLASH:
                 self.flash_operations += 1
             elif kind == _EDGE and a in DRIVES:
@@ -106,6 +111,17 @@ class World:
             elif kind == _EDGE and a in self.probes:
                 self.edges.append((t - START_US, self.probes[a], b))
         return self._wants_us
+
+    def _watch_prompt(self, c: int) -> None:
+        """Is the board at its Python prompt? No answer of the firmware looks like one, or like a soft reset."""
+        tail = self._tail
+        tail.append(c)
+        if c in b" >" and tail.endswith((b">>> ", b"exit\r\n>")):
+            self.at_prompt = True
+        elif c == 0x74 and tail.endswith(b"soft reboot"):
+            self.at_prompt = False
+        if len(tail) > 256:
+            del tail[:-16]
 
     def go(self, t_us: int, grant_us: int, received: Iterable[int] = ()) -> None:
         """Let the firmware go on at t_us (>= now_us) for at most grant_us, with bytes received."""
