@@ -60,10 +60,12 @@ def _go_through(mount: Mount, talk: Dialogue) -> dict[int, Scale]:
         switches(mount, axis, talk)
     scales = {}
     summary = []
-    distance_mm = talk.number("Distance from the mirror to the screen, in mm (0: no scale now)", 0, 1e6)
+    distance_mm = talk.number("Distance from the mirror to the screen, in mm (0: no scale now)", "mm", 0, 1e6)
     if distance_mm:
-        incidence = talk.number("Angle between beam and mirror's normal, in degrees (folding mirror: 45)", 0, 80)
-        n = round(talk.number("Steps from mark to mark", 2, 1000, 20))
+        incidence = talk.number(
+            "Angle between beam and mirror's normal, in degrees (folding mirror: 45)", "degrees", 0, 80
+        )
+        n = talk.whole_number("Steps from mark to mark", "steps", 2, 1000, 20)
         for axis in axes:
             found, take_up_us = scale(mount, axis, talk, distance_mm, incidence, n)
             scales[axis.number] = found

@@ -14,6 +14,7 @@ WAYS = {"x": ("right", "left"), "y": ("up", "down")}
 _TRIES = (5, 10, 20)  # steps: the first few may vanish in the backlash
 _ENDS = {1: 0, 2: 1}  # the bit of an end-stop: which of an axis's ways leads to it
 _MOST_TAKE_UP_US = 2_000_000
+_USUAL_MRAD = (0.01, 2.0)  # of the mirror a step; the paper's mount: 0.2
 _ALIKE = 0.25  # relative difference of the two directions that is still believed without a question
 
 
@@ -75,7 +76,7 @@ def scale(
         elif max(found.lost) > _approach(n):
             n *= 2
             talk.say(f"  The backlash is too large for so few steps. Again, with {n}.")
-        elif _believed(found, axis, talk):
+        elif _believed(found, axis, talk, distance_mm):
             break
     pulse_us, step_duty, inverted = axis.ask_whole("XP?", "XD?", "XI?")
     take_up_us = min(_MOST_TAKE_UP_US, round(found.backlash * pulse_us))
@@ -139,15 +140,20 @@ def _marks(mount: Mount, axis: Axis, talk: Dialogue, n: int) -> Marks:
     for steps in (_approach(n), n, -n, -n, n):
         _step(mount, axis, steps, talk)
         question = f"Where is the spot now, in mm (more is {WAYS[axis.name][0]})?"
-        readings.append(talk.number(question, -100_000, 100_000))
+        readings.append(talk.number(question, "mm", -100_000, 100_000))
     return Marks(*readings)
 
 
-def _believed(found: Measured, axis: Axis, talk: Dialogue) -> bool:
+def _believed(found: Measured, axis: Axis, talk: Dialogue, distance_mm: float) -> bool:
     talk.say(
         f"  {axis.name}: {found.positive:.4g} mrad a step {WAYS[axis.name][0]}, {found.negative:.4g}"
         f" {WAYS[axis.name][1]}; a turn loses {found.lost[0]:.2f} and {found.lost[1]:.2f} steps"
     )
+    least, most = _USUAL_MRAD
+    if not (least <= found.positive <= most and least <= found.negative <= most):
+        talk.say(f"  A step usually turns a mirror by {least:g} … {most:g} mrad.")
+        talk.say(f"  Is the distance {distance_mm:g} mm, and were the marks in mm?")
+        return talk.yes("Take it nevertheless?")
     alike = abs(found.positive - found.negative) <= _ALIKE * max(found.positive, found.negative)
     if alike and min(found.lost) > -1:
         return True

@@ -7,6 +7,7 @@ import pytest
 from served import run_cli
 
 from mirrormount import Mount, calibration, errors
+from mirrormount.dialogue import Dialogue
 from mirrormount.marks import Marks, beam_per_mirror, measure
 from mirrormount.setup_command import run
 from mirrormount.virtual.bench import SCREEN_MM
@@ -262,3 +263,42 @@ def test_the_arithmetic_gives_back_what_made_the_marks():
 def test_a_folding_mirror_turns_the_beam_less_when_it_tips():
     assert beam_per_mirror("y", 45) == pytest.approx(math.sqrt(2))
     assert beam_per_mirror("x", 45) == beam_per_mirror("y", 0) == 2
+
+
+def test_every_number_is_repeated_with_its_unit(mount):
+    person = set_up(mount, {"Distance": ["5000"], "Angle": ["45.5"]}, distance_mm=SCREEN_MM)
+    assert {"  = 5000 mm", "  = 45.5 degrees", "  = 8 steps"} <= set(person.said)
+
+
+@pytest.mark.parametrize(
+    ("typed", "replies", "means"),
+    [("7,62", ["yes"], "7.62"), ("7,620", ["yes"], "7.620"), ("7,620", ["no", "yes"], "7620"), ("1,2,3", [], None)],
+)
+def test_what_a_comma_means_is_asked(typed, replies, means):
+    asked, said = [], []
+    answers = iter([typed, *replies, "1"])
+
+    def answer(question):
+        asked.append(question)
+        return next(answers)
+
+    value = Dialogue(answer, said.append).number("How far, in mm?", "mm", 0, 1e6)
+    assert value == (1.0 if means is None else float(means))
+    assert sum("A comma" in question for question in asked) == len(replies)
+    assert said[-1] == f"  = {value:.10g} mm"
+
+
+def test_no_number_is_rounded_to_whole_steps_in_silence():
+    said = []
+    answers = iter(["7.5", "8"])
+    assert Dialogue(lambda question: next(answers), said.append).whole_number("Steps", "steps", 2, 1000, 20) == 8
+    assert "  please give a whole number" in said
+
+
+@pytest.mark.parametrize("distance_mm", [SCREEN_MM / 500, SCREEN_MM * 100])
+def test_a_scale_that_no_such_mount_has_is_questioned_and_not_taken(mount, distance_mm):
+    asked = {"Take it nevertheless": ["no", KeyboardInterrupt()]}
+    with pytest.raises(KeyboardInterrupt):
+        set_up(mount, asked, distance_mm=distance_mm)
+    assert asked["Take it nevertheless"] == []
+    assert not calibration.path().exists()
