@@ -4,11 +4,12 @@ An Axis speaks through its Mount, which keeps the motion alive and knows of stop
 motion stops both motors when it is interrupted (Ctrl-C, or an interrupted cell of a notebook).
 """
 
+import html
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from mirrormount.errors import BadValue, MoveEnded, NoAnswer, NotAMount
-from mirrormount.status import AxisStatus, Ended, Homed, Limits
+from mirrormount.status import AxisStatus, Ended, Homed, Limits, table
 from mirrormount.values import whole_number, whole_numbers
 from mountfw import errors as wire
 
@@ -30,6 +31,18 @@ class Axis:
         self.name = name
         self.number = number
         self._deadline = 0.0
+
+    def __repr__(self) -> str:
+        """What the board last said of it; the board is not asked."""
+        seen = self._mount._seen
+        last = f"{getattr(seen[1], self.name)}, {self._mount._age()}" if seen else "not seen yet"
+        return f"<Axis {self.name}: {last}>"
+
+    def _repr_html_(self) -> str:
+        seen = self._mount._seen
+        return (
+            table([(self.name, getattr(seen[1], self.name))], self._mount._age()) if seen else html.escape(repr(self))
+        )
 
     @property
     def position(self) -> float:

@@ -30,7 +30,7 @@ from mirrormount.errors import (
 )
 from mirrormount.identify import TAKEN, identify
 from mirrormount.link import Link, find_one, open_port
-from mirrormount.status import AxisStatus, Ended, Homed, Limits, QueuedError, Status, parse_error, parse_status
+from mirrormount.status import AxisStatus, Ended, Homed, Limits, QueuedError, Status, parse_error, parse_status, table
 from mirrormount.stop_socket import SENT, STOPPED, Stoppable
 from mirrormount.values import whole_number
 from mountfw import errors as wire
@@ -75,6 +75,8 @@ class Mount:
         self._since: int | None = None  # what they were when unless_stopped() began
         self._gate = threading.Lock()  # held for the writing of a stop, and of what starts a motion
         self._lost: MountError | None = None
+        self._seen: tuple[float, Status] | None = None  # when the last status came, and what it was
+        self._closed = False
         self._boot_id: int | None = None
         self._stoppable: Stoppable | None = None
         self.status()
@@ -103,6 +105,7 @@ class Mount:
 
     def close(self) -> None:
         """Close the port. Does not stop: the board's keep-alive will."""
+        self._closed = True
         self._feeding.clear()
         feeder = self._feeder
         if feeder:
@@ -110,6 +113,21 @@ class Mount:
         if self._stoppable:
             self._stoppable.close()
         self.link.close()
+
+    def __repr__(self) -> str:
+        """What the board last said; the board is not asked."""
+        axes = self._seen[1] if self._seen else "not seen yet"
+        return f"<Mount {self.identity}: {axes}; {self._age()}>"
+
+    def _repr_html_(self) -> str:
+        axes = [("x", self._seen[1].x), ("y", self._seen[1].y)] if self._seen else []
+        return table(axes, f"{self.identity}: {self._age()}")
+
+    def _age(self) -> str:
+        """How old the last status is, for a text."""
+        if self._closed:
+            return "closed"
+        return f"as it was {self.link.monotonic() - self._seen[0]:.1f} s ago" if self._seen else "not seen yet"
 
     def __enter__(self) -> Self:
         return self
@@ -367,6 +385,7 @@ class Mount:
     def _parse_status(self, line: str) -> Status:
         status = parse_status(line, self.x.number)
         boot_id = status.boot_id
+        self._seen = self.link.monotonic(), status
         if self._boot_id is None:
             self._boot_id = boot_id
         elif boot_id != self._boot_id:

@@ -1,9 +1,11 @@
 """What a board tells of itself and of its axes, as plain data. Imports errors, printable."""
 
+import html
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-from mirrormount.errors import NotAMount
+from mirrormount.errors import REASONS, NotAMount
 from mirrormount.printable import printable
 
 _AXIS_NUMBER = re.compile(r"\bAXIS ([12])\b")
@@ -22,6 +24,12 @@ class AxisStatus:
     reason: int
     certainty: str
 
+    def __str__(self) -> str:
+        return f"{self.position:+.3f} steps ({self.certainty}), {'moving' if self.moving else 'at rest'}"
+
+    def _repr_html_(self) -> str:
+        return table([("", self)])
+
 
 @dataclass(frozen=True)
 class Status:
@@ -37,6 +45,12 @@ class Status:
     def moving(self) -> bool:
         """True while either axis moves."""
         return self.x.moving or self.y.moving
+
+    def __str__(self) -> str:
+        return f"x: {self.x}; y: {self.y}"
+
+    def _repr_html_(self) -> str:
+        return table([("x", self.x), ("y", self.y)])
 
 
 @dataclass(frozen=True)
@@ -76,6 +90,17 @@ class QueuedError:
 
     def __str__(self) -> str:
         return f"{self.code}: {self.text.lower()}"
+
+
+def table(axes: Sequence[tuple[str, AxisStatus]], caption: str = "") -> str:
+    """Axes as an HTML table, for a notebook; the caption is text."""
+    rows = [
+        f"<tr><th>{name}</th><td>{axis.position:+.3f}</td><td>{axis.certainty}</td>"
+        f"<td>{'moving' if axis.moving else 'at rest'}</td><td>{REASONS.get(axis.reason, axis.reason)}</td></tr>"
+        for name, axis in axes
+    ]
+    titles = "".join(f"<th>{title}</th>" for title in ("axis", "steps", "certainty", "now", "last move"))
+    return f"<table><caption>{html.escape(caption)}</caption><tr>{titles}</tr>{''.join(rows)}</table>"
 
 
 def parse_status(line: str, x_axis: int) -> Status:
