@@ -324,6 +324,14 @@ def apt_install(packages: Sequence[str], run: Run, which: Which = shutil.which) 
 # The packages in it
 
 
+OURSELVES = ("--no-deps", "--no-build-isolation", "-e", ".")  # built by what the lock has put into .venv
+
+
+def locked(lock: str) -> List[Sequence[str]]:
+    """Arguments of pip for what a lock file names, at these versions and with these hashes only."""
+    return [("--no-deps", "--require-hashes", "-r", lock)]
+
+
 class Wanted(NamedTuple):
     """What one script needs in .venv."""
 

@@ -12,8 +12,8 @@ import _bootstrap as bootstrap
 
 WANTED = bootstrap.Wanted(
     purpose="demo",
-    pip_arguments=[["-e", ".[plot]"]],
-    files=["pyproject.toml", "firmware_py/mountfw/__init__.py"],
+    pip_arguments=[*bootstrap.locked("tools/demo-requirements.txt"), bootstrap.OURSELVES],
+    files=["tools/demo-requirements.txt", "pyproject.toml", "firmware_py/mountfw/__init__.py"],
     modules=["serial", "numpy", "matplotlib"],
 )
 

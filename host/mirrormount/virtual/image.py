@@ -4,6 +4,7 @@ The official image is used only if its SHA-256 is the one written here: whoever 
 micropython.org and this computer cannot put another in its place. With CI=true nobody is asked for it.
 """
 
+import contextlib
 import hashlib
 import http.client
 import os
@@ -14,6 +15,7 @@ import sys
 import threading
 import urllib.error
 import urllib.request
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
@@ -61,6 +63,29 @@ def cache() -> Path:
     """The folder where the emulator's parts are kept."""
     folder = os.environ.get("MIRRORMOUNT_CACHE")
     return Path(folder) if folder else user_cache_path("mirrormount")
+
+
+@contextlib.contextmanager
+def held(name: str) -> Iterator[None]:
+    """Hold a lock of the cache folder, so that one process at a time makes what is kept there; the next one finds it.
+
+    Systems without fcntl (Windows) have no such lock. Raises EmulatorMissing if the folder cannot be written to.
+    """
+    try:
+        import fcntl
+    except ImportError:
+        yield
+        return
+    try:
+        cache().mkdir(parents=True, exist_ok=True)
+        file = (cache() / f"{name}.lock").open("a")
+    except OSError as e:
+        raise EmulatorMissing(
+            f"{cache()} cannot be written to ({e.strerror}): name another with MIRRORMOUNT_CACHE"
+        ) from e
+    with file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield
 
 
 def find_image(image: Path | None) -> Path:
