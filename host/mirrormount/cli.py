@@ -131,7 +131,13 @@ def _parser() -> argparse.ArgumentParser:
         "--host", default="127.0.0.1", help="where to listen; 0.0.0.0: all networks of this computer, with a token"
     )
     sub.add_argument("--http", metavar="PORT", help="the web server's port (default: 8080, or the next free one)")
-    sub.add_argument("--token", help="what the link must carry (default: $MIRRORMOUNT_TOKEN, or made up where needed)")
+    sub.add_argument(
+        "--token-file",
+        type=Path,
+        metavar="FILE",
+        help="the token is FILE's first line (default: $MIRRORMOUNT_TOKEN, or made where one is needed)",
+    )
+    sub.add_argument("--token", help="the token itself; other users see it in the list of processes")
     sub.add_argument(
         "--patience", default="0.35", metavar="S", help="stop what a page drives when it is silent for so long (0.35)"
     )

@@ -53,12 +53,12 @@ def open_page(browser: Browser, context: BrowserContext) -> Iterator[Callable[..
     """Opens a page (with options in a browser of its own), and waits until it can drive. Fails on errors of scripts."""
     pages, faults = [], []
 
-    def open_page(url: str, **options) -> Page:
+    def open_page(url: str, until: str = "body.ready", **options) -> Page:
         page = browser.new_page(**options) if options else context.new_page()
         pages.append(page)
         page.on("pageerror", lambda e: faults.append(str(e)))
         page.goto(url)
-        page.wait_for_selector("body.ready")
+        page.wait_for_selector(until)
         return page
 
     yield open_page

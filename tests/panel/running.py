@@ -10,6 +10,7 @@ import subprocess
 import sys
 import threading
 from pathlib import Path
+from urllib.parse import urlsplit
 
 from served import PATIENCE_S, ServedBoard, wait_for
 
@@ -46,7 +47,7 @@ class Panel:
 
     @property
     def port(self) -> int:
-        return int(self.url.rpartition(":")[2].partition("/")[0])
+        return urlsplit(self.url).port
 
     def end(self) -> str:
         """End it as a service manager would. Returns what it has written to stderr."""

@@ -22,7 +22,7 @@ def served(monkeypatch):
     calls = []
 
     def serve(address, opening, patience_s, browser):
-        calls.append((address, opening.links, opening.token))
+        calls.append((address, opening.addresses, opening.entrance.token))
 
     monkeypatch.setattr(command, "_serve", serve)
     monkeypatch.setattr(command, "find", list)
@@ -103,9 +103,18 @@ def test_loopback_needs_no_token_and_a_wider_network_makes_a_new_one_each_time(s
     assert tokens[1] and tokens[2] and tokens[1] != tokens[2]
 
 
-def test_a_token_with_strange_characters_is_quoted_in_the_link(served):
-    assert cli.main(["panel", "--virtual", "--http", "0", "--token", "a&b=c d#"]) == 0
-    assert served[0][1][0].endswith("/?token=a%26b%3Dc%20d%23")
+def test_a_token_in_the_command_line_and_a_short_one_are_warned_of(served, capsys):
+    assert cli.main(["panel", "--virtual", "--http", "0", "--token", "mirror"]) == 0
+    assert served[0][2] == b"mirror"
+    warned = capsys.readouterr().err
+    assert "list of processes" in warned and "can be guessed" in warned and len(warned.splitlines()) == 2
+
+
+def test_a_long_token_of_a_file_is_taken_without_a_word(served, capsys, tmp_path):
+    (tmp_path / "token").write_text("kKq3-0d7LbX_u2mTzR9sWg\n")
+    assert cli.main(["panel", "--virtual", "--http", "0", "--token-file", str(tmp_path / "token")]) == 0
+    assert served[0][2] == b"kKq3-0d7LbX_u2mTzR9sWg"
+    assert capsys.readouterr().err == ""
 
 
 def test_without_nicegui_the_line_says_what_to_install(served, monkeypatch, capsys):

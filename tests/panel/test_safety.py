@@ -194,7 +194,8 @@ def test_a_page_that_comes_again_does_not_keep_alive_what_it_held_before(page, p
     """As when its network has changed, and nobody has told the panel that the first connection is dead."""
     hold(page, board)
     key = page.locator("[data-page]").get_attribute("data-page")
-    with connect(f"ws://127.0.0.1:{panel.port}/drive/{key}", proxy=None) as again:
+    with connect(f"ws://127.0.0.1:{panel.port}/drive", proxy=None) as again:
+        again.send(json.dumps({"page": key}))
         beat_until(again, lambda: not board.driving())
     assert status_after(panel, board).x.reason == ABORTED
 

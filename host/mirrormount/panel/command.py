@@ -1,6 +1,7 @@
 """`mirrormount panel`: serves the panel, says where, and opens the browser. Until Ctrl-C, which stops the motors."""
 
 import argparse
+import contextlib
 import importlib.util
 import ipaddress
 import math
@@ -11,13 +12,14 @@ import socket
 import sys
 import threading
 import webbrowser
+from collections.abc import Callable
 from dataclasses import dataclass
 from types import FrameType
-from urllib.parse import quote
 
 from mirrormount.errors import BadAddress, BadValue, CannotListen, ExtraMissing, NoBoardFound
 from mirrormount.link import find
-from mirrormount.tokens import check_token
+from mirrormount.panel.entrance import Entrance
+from mirrormount.tokens import SHORT, is_short, read_token
 
 _PORT = 8080
 _PATIENCE_S = 0.1, 2.0
@@ -26,12 +28,16 @@ _TRIED = 20  # ports after it, if no other was asked for
 
 @dataclass(frozen=True)
 class Opening:
-    """Where pages come in. links: what to open, the best first. wide: from other computers, too."""
+    """Where pages come in. addresses: to be opened, the best first. wide: from other computers, too."""
 
     listener: socket.socket
-    token: bytes | None
-    links: list[str]
+    addresses: list[str]
     wide: bool
+    entrance: Entrance
+
+    def link(self, address: str, code: Callable[[], str]) -> str:
+        """What to open at an address; with a code, where a sign-in is needed."""
+        return address if self.entrance.token is None else f"{address}enter#{code()}"
 
 
 def run(args: argparse.Namespace) -> None:
@@ -43,11 +49,11 @@ def run(args: argparse.Namespace) -> None:
     listener = _listen(args.host, args.http)
     try:
         wide = not ipaddress.ip_address(listener.getsockname()[0]).is_loopback
-        token = args.token if args.token is not None else os.environ.get("MIRRORMOUNT_TOKEN") or None
-        if token is None and wide:
-            token = secrets.token_urlsafe(16)
-        checked = check_token(token)
-        _serve(address, Opening(listener, checked, _links(listener, token), wide), patience_s, args.browser)
+        token = read_token(args.token, args.token_file) or (secrets.token_urlsafe(16).encode() if wide else None)
+        for warning in _warnings(args.token, token):
+            print(f"mirrormount: warning: {warning}", file=sys.stderr)
+        opening = Opening(listener, _links(listener), wide, Entrance(token))
+        _serve(address, opening, patience_s, args.browser)
     finally:
         listener.close()
 
@@ -100,13 +106,21 @@ def _listen(host: str, port: str | None) -> socket.socket:
     raise CannotListen(f"cannot listen on {host}:{ports[0]}: {failures[0]}; take another port: --http 0")
 
 
-def _links(listener: socket.socket, token: str | None) -> list[str]:
-    """What to open, the best first."""
+def _warnings(argument: str | None, token: bytes | None) -> list[str]:
+    warnings = []
+    if argument is not None:
+        warnings.append("other users of this computer can see --token in the list of processes: use --token-file FILE")
+    if is_short(token):
+        warnings.append(SHORT)
+    return warnings
+
+
+def _links(listener: socket.socket) -> list[str]:
+    """Addresses to be opened, the best first."""
     host, port = listener.getsockname()[:2]
-    query = "" if token is None else f"?token={quote(token, safe='')}"
     address = ipaddress.ip_address(host)
     hosts = _own_addresses(address.version) if address.is_unspecified else [host]
-    return [f"http://{f'[{h}]' if ':' in h else h}:{port}/{query}" for h in hosts]
+    return [f"http://{f'[{h}]' if ':' in h else h}:{port}/" for h in hosts]
 
 
 def _own_addresses(version: int) -> list[str]:
@@ -142,10 +156,14 @@ def _serve(address: str | None, opening: Opening, patience_s: float, browser: bo
         signal.signal(signal.SIGHUP, lambda *_: signal.raise_signal(signal.SIGTERM))
     try:
         pilot.open()
-        server = make_server(desk, pilot, opening.token, opening.links[0] if opening.wide else None)
+        entrance, best, own = opening.entrance, opening.addresses[0], opening.addresses[-1]
+        entrance.told = lambda client, _code: _tell_used(opening, client)
+        phone = (lambda: opening.link(best, entrance.new_code)) if opening.wide else None
+        server = make_server(desk, pilot, entrance, phone)
         _tell(pilot.mount.identity if pilot.mount else "", opening)
-        if browser:  # in a thread: some do not return
-            show = threading.Thread(target=webbrowser.open, args=(opening.links[-1],), daemon=True)
+        if browser:  # in a thread: some do not return. Others can read its arguments: the code in them works once
+            link = opening.link(own, entrance.new_code)
+            show = threading.Thread(target=webbrowser.open, args=(link,), daemon=True)
             server.when_ready(show.start)
         server.run([opening.listener])
     finally:
@@ -158,11 +176,18 @@ def _end(_signal: int, _frame: FrameType | None) -> None:
 
 def _tell(identity: str, opening: Opening) -> None:
     print(identity)
+    links = [opening.link(address, opening.entrance.terminal_code) for address in opening.addresses]
     if opening.wide:
         import segno
 
-        print("On a phone in the same network (whoever has this link can drive the mount):")
+        print("On a phone in the same network (whoever has this link can drive the mount; it works once):")
         if sys.stdout.isatty():
-            segno.make(opening.links[0], error="m").terminal(compact=True)
-    for link in opening.links:
+            segno.make(links[0], error="m").terminal(compact=True)
+    for link in links:
         print(f"ready {link}", flush=True)
+
+
+def _tell_used(opening: Opening, client: str) -> None:
+    link = opening.link(opening.addresses[0], opening.entrance.terminal_code)
+    with contextlib.suppress(OSError):  # the terminal has gone
+        print(f"the link was used by {client}; for another browser: {link}", flush=True)

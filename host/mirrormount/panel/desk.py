@@ -13,17 +13,23 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 TICK_S = 0.05  # between two ticks
+CONNECTED = 24  # pages that may be open at a time
+WAITING, WAITING_HERE = 32, 8  # pages that have no connection, of all clients and of one
 SILENT_S = 0.35  # a page that has not been heard of for so long is not alive: its motion is stopped (--patience)
 
 
 @dataclass(eq=False)
 class Page:
-    """One open page. heard_s: the tick, in seconds, that it was last known to have seen."""
+    """One open page. heard_s: the tick, in seconds, that it was last known to have seen.
+
+    key: the secret of this page, in its HTML and nowhere else; its driving socket begins with it.
+    """
 
     number: int
     where: str
-    key: str = field(default_factory=lambda: secrets.token_urlsafe(12))  # of this run of the panel only
+    key: str = field(default_factory=lambda: secrets.token_urlsafe(16))
     heard_s: float = float("-inf")
+    drop: Callable[[], object] = lambda: None  # free what it takes
     connection: object = None
     notices: list[str] = field(default_factory=list)  # to be shown there, and nowhere else
 
@@ -61,14 +67,24 @@ class Desk:
         return int(self._clock() * 1000)
 
     def add(self, where: str) -> Page:
-        """A page that is being built, and has not said anything yet."""
+        """A page that is being built, and has not sent anything yet. Older ones that never did are dropped."""
+        waiting = [page for page in self._pages if not page.connected]
+        for most, pages in ((WAITING, waiting), (WAITING_HERE, [p for p in waiting if p.where == where])):
+            for page in pages[: max(0, len(pages) + 1 - most)]:
+                page.drop()
+                self.forget(page)
         page = Page(next(self._numbers), where)
         self._pages.append(page)
         return page
 
+    @property
+    def full(self) -> bool:
+        """True if there is no room for one more connected page."""
+        return len(self.pages) >= CONNECTED
+
     def find(self, key: str) -> Page | None:
         """The page of that key, connected or not."""
-        return next((page for page in self._pages if page.key == key), None)
+        return next((page for page in self._pages if secrets.compare_digest(page.key.encode(), key.encode())), None)
 
     def enter(self, page: Page, connection: object) -> None:
         """It has come by this connection; an older one of it counts no more. Who comes first controls."""

@@ -14,25 +14,33 @@ from fastapi import APIRouter, Response, WebSocket, WebSocketDisconnect
 
 from mirrormount.errors import BadValue
 from mirrormount.panel.desk import TICK_S, Desk, Page
+from mirrormount.panel.guard import FLOOD
 from mirrormount.panel.orders import parse
 from mirrormount.panel.pilot import Pilot
+from mirrormount.tokens import same
 
 _LATE = "nothing was done: that came late, the network or this browser was stuck; ask again"
 _WATCHES = "nothing was done: another page controls; take control first"
 _LONGEST = 400  # characters of a message: more is no message of ours
+_FIRST_S = 5.0  # until the first message, which says which page it is
+_NO_KEY = 4401  # a close code: the page must sign in
 _UNKNOWN_PAGE = 4404  # a close code: the page is of another run of the panel, and must be loaded again
 
 
-def routes(desk: Desk, pilot: Pilot) -> APIRouter:
-    """/drive, and /stop as a second way for the same word."""
+def routes(desk: Desk, pilot: Pilot, key: str | None) -> APIRouter:
+    """/drive, and /stop as a second way for the same word.
+
+    key: what only a page of this panel's own origin has, beside its number (entrance.py); None: no sign-in is needed.
+    """
     router = APIRouter()
 
-    @router.websocket("/drive/{key}")
-    async def drive(socket: WebSocket, key: str) -> None:
+    @router.websocket("/drive")
+    async def drive(socket: WebSocket) -> None:
         await socket.accept()
-        page = desk.find(key)
+        page, refused = await _introduced(socket, desk, key)
         if page is None:
-            await socket.close(_UNKNOWN_PAGE)
+            with contextlib.suppress(RuntimeError):
+                await socket.close(refused)
             return
         tasks = [asyncio.create_task(_tick(socket, desk, pilot))]
         if isinstance(page.connection, WebSocket):  # what it holds through that one it cannot let go through this
@@ -45,7 +53,10 @@ def routes(desk: Desk, pilot: Pilot) -> APIRouter:
                 if page.connection is not socket:
                     break
                 _hear(text, page, desk, pilot)
-        except (WebSocketDisconnect, RuntimeError, KeyError):  # KeyError: not a text
+        except WebSocketDisconnect as e:
+            if e.code == FLOOD:
+                pilot.say(f"{page.name} was closed: it sent too many messages")
+        except (RuntimeError, KeyError):  # KeyError: not a text
             pass
         finally:
             if desk.leave(page, socket):
@@ -59,6 +70,17 @@ def routes(desk: Desk, pilot: Pilot) -> APIRouter:
         return Response(status_code=204)
 
     return router
+
+
+async def _introduced(socket: WebSocket, desk: Desk, key: str | None) -> tuple[Page | None, int]:
+    """The page whose secrets are the first message, or None and the close code."""
+    try:
+        first = _parsed(await asyncio.wait_for(socket.receive_text(), _FIRST_S))
+    except (TimeoutError, WebSocketDisconnect, RuntimeError, KeyError):
+        return None, _NO_KEY
+    if key is not None and not same(str(first.get("key")).encode("utf-8", "replace"), key.encode()):
+        return None, _NO_KEY
+    return desk.find(str(first.get("page"))), _UNKNOWN_PAGE
 
 
 async def _see_off(socket: WebSocket) -> None:

@@ -7,8 +7,10 @@ from pathlib import Path
 from nicegui import app, ui
 
 from mirrormount.panel import card_of_settings, card_of_wire, cards_of_motion, cards_of_state
+from mirrormount.panel.asking import warn
 from mirrormount.panel.desk import Desk, Page
 from mirrormount.panel.driving import refusal
+from mirrormount.panel.entrance import CODE_S
 from mirrormount.panel.pilot import Pilot
 
 STATIC = Path(__file__).parent / "static"
@@ -18,22 +20,27 @@ _HEAD = """<link rel="stylesheet" href="/panel/panel.css">
 _MODES = {None: "brightness_auto", False: "light_mode", True: "dark_mode"}
 
 Refresh = Callable[[], None]
+Link = Callable[[], str] | None
 _log = logging.getLogger("mirrormount.panel")
 
 
-def register(desk: Desk, pilot: Pilot, link: str | None) -> None:
-    """Make the page known to NiceGUI. link: what a phone opens, None if only this computer can."""
+def register(desk: Desk, pilot: Pilot, link: Link) -> None:
+    """Make the page known to NiceGUI. link(): a new link for a phone, None if only this computer can open one."""
     app.add_static_files("/panel", STATIC, max_cache_age=0)
 
     @ui.page("/", title="Mirror mount", response_timeout=10)
     def index() -> None:
         client = ui.context.client
+        if desk.full:
+            ui.label("Too many pages of this panel are open: close one, then load this page again.")
+            return
         page = desk.add(client.ip or "?")
+        page.drop = client.delete
         client.on_delete(lambda: desk.forget(page))
         _build(page, desk, pilot, link)
 
 
-def _build(page: Page, desk: Desk, pilot: Pilot, link: str | None) -> None:
+def _build(page: Page, desk: Desk, pilot: Pilot, link: Link) -> None:
     ui.add_head_html(_HEAD)
     refreshes: list[Refresh] = [_header(page, desk, pilot, link)]
     with ui.element("main").classes("cards").props(f'data-page="{page.key}"'):
@@ -62,7 +69,7 @@ def _build(page: Page, desk: Desk, pilot: Pilot, link: str | None) -> None:
     ui.timer(_REFRESH_S, refresh)
 
 
-def _header(page: Page, desk: Desk, pilot: Pilot, link: str | None) -> Refresh:
+def _header(page: Page, desk: Desk, pilot: Pilot, link: Link) -> Refresh:
     with ui.element("header").classes("top"):
         ui.label("mirrormount").classes("brand")
         lamp = ui.element("span").classes("lamp")
@@ -71,7 +78,7 @@ def _header(page: Page, desk: Desk, pilot: Pilot, link: str | None) -> Refresh:
         role = ui.label().classes("role")
         claim = ui.button("Take control").props("""dense no-caps outline data-send='{"do": "claim"}'""")
         if link:
-            ui.button(icon="qr_code_2", on_click=lambda: _show_link(link)).props(
+            ui.button(icon="qr_code_2", on_click=lambda: _show_link(page, link)).props(
                 "flat dense aria-label='Open on a phone'"
             )
         _mode_button()
@@ -95,14 +102,20 @@ def _header(page: Page, desk: Desk, pilot: Pilot, link: str | None) -> Refresh:
     return refresh
 
 
-def _show_link(link: str) -> None:
+def _show_link(page: Page, link: Callable[[], str]) -> None:
     import segno
 
+    if not page.connected:  # its driving socket has shown the key; without it there is no link for others either
+        warn("nothing was done: this page has no connection of its own to the panel")
+        return
+    text = link()
     with ui.dialog() as dialog, ui.card():
         ui.label("Open this panel on a phone in the same network").classes("title")
-        ui.html(segno.make(link, error="m").svg_inline(scale=5, dark="#000", light="#fff"), sanitize=False)
-        ui.label(link).classes("mono")
-        ui.label("Whoever has this link can drive the mount.").classes("hint")
+        ui.html(segno.make(text, error="m").svg_inline(scale=5, dark="#000", light="#fff"), sanitize=False)
+        ui.label(text).classes("mono link")
+        ui.label(
+            f"Whoever has this link can drive the mount. It works once, within {CODE_S / 60:.0f} minutes."
+        ).classes("hint")
         ui.button("Close", on_click=dialog.close).props("no-caps flat")
     dialog.open()
 

@@ -1,6 +1,7 @@
 """The web server of the panel: NiceGUI on uvicorn, behind the guard, with no traceback for anybody's eyes."""
 
 import logging
+import logging.handlers
 import socket
 from collections.abc import Callable
 
@@ -14,17 +15,28 @@ from mirrormount.errors import CannotListen
 from mirrormount.panel import page
 from mirrormount.panel.desk import Desk
 from mirrormount.panel.driving import routes
+from mirrormount.panel.entrance import Entrance
 from mirrormount.panel.guard import Guard
 from mirrormount.panel.pilot import Pilot
+from mirrormount.printable import printable
 
-_LOG_MOST = 1 << 20  # bytes: a log that is longer begins anew
+_LOG_MOST = 1 << 20  # bytes of the log; one older file of this size is kept
+_MESSAGE_MOST = 1 << 16  # bytes of a message of a socket
 
 
 class Server:
     """Serves until a signal ends it; the motors are stopped before the pages are seen off."""
 
     def __init__(self, app: Guard, pilot: Pilot) -> None:
-        config = uvicorn.Config(app, log_config=None, lifespan="on", timeout_graceful_shutdown=1, ws_ping_interval=10)
+        config = uvicorn.Config(
+            app,
+            log_config=None,
+            lifespan="on",
+            timeout_graceful_shutdown=1,
+            ws_ping_interval=10,
+            ws_max_size=_MESSAGE_MOST,
+            server_header=False,
+        )
         self._uvicorn = _Uvicorn(config, pilot)
 
     def when_ready(self, action: Callable[[], object]) -> None:
@@ -54,11 +66,11 @@ class _Uvicorn(uvicorn.Server):
         super().handle_exit(sig, frame)  # type: ignore[arg-type]
 
 
-def make_server(desk: Desk, pilot: Pilot, token: bytes | None, link: str | None) -> Server:
-    """The panel of a pilot. link: what a phone opens, if the panel is open to the network."""
+def make_server(desk: Desk, pilot: Pilot, entrance: Entrance, link: Callable[[], str] | None) -> Server:
+    """The panel of a pilot. link(): a new link for a phone, if the panel is open to the network."""
     _log_to_file()
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
-    app.include_router(routes(desk, pilot))
+    app.include_router(routes(desk, pilot, entrance.key))
     page.register(desk, pilot, link)
 
     def fault(error: Exception) -> None:
@@ -73,7 +85,8 @@ def make_server(desk: Desk, pilot: Pilot, token: bytes | None, link: str | None)
     gui.on_page_exception(fault_of_page)
     ui.run_with(app, title="Mirror mount", dark=None, tailwind=False, show_welcome_message=False, favicon="🎯")
     core.app.config.message_history_length = 0  # what was sent to a page that was away is not true any more
-    return Server(Guard(app, token), pilot)
+    core.sio.on("log", lambda _sid, _message: None)  # what a page would write to this program's log
+    return Server(Guard(app, entrance), pilot)
 
 
 def _log_to_file() -> None:
@@ -81,13 +94,12 @@ def _log_to_file() -> None:
     path = user_log_path("mirrormount") / "panel.log"
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        longer = path.exists() and path.stat().st_size > _LOG_MOST
-        to_file = logging.FileHandler(path, "w" if longer else "a", encoding="utf-8")
+        to_file = logging.handlers.RotatingFileHandler(path, maxBytes=_LOG_MOST, backupCount=1, encoding="utf-8")
         more = f"more in {path}"
     except OSError:  # no reason not to drive
         to_file = logging.NullHandler()
         more = f"more could not be written to {path}"
-    to_file.setFormatter(logging.Formatter("%(asctime)s %(name)s %(levelname)s: %(message)s"))
+    to_file.setFormatter(_Printable("%(asctime)s %(name)s %(levelname)s: %(message)s"))
     to_screen = logging.StreamHandler()
     to_screen.setLevel(logging.ERROR)
     to_screen.setFormatter(_OneLine(more))
@@ -101,6 +113,13 @@ def _log_to_file() -> None:
         logger.setLevel(logging.WARNING)
 
 
+class _Printable(logging.Formatter):
+    """Lines in which nothing controls a terminal, wherever they came from."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        return "\n".join(printable(line, 500) for line in super().format(record).splitlines())
+
+
 class _OneLine(logging.Formatter):
     """A fault in one line; how it came about is in the file."""
 
@@ -109,4 +128,4 @@ class _OneLine(logging.Formatter):
         self._more = more
 
     def format(self, record: logging.LogRecord) -> str:
-        return f"mirrormount: {str(record.getMessage()).splitlines()[0]} ({self._more})"
+        return f"mirrormount: {printable(str(record.getMessage()).partition(chr(10))[0])} ({self._more})"

@@ -11,13 +11,15 @@
 (() => {
   const ARROWS = { ArrowUp: "y+", ArrowDown: "y-", ArrowLeft: "x-", ArrowRight: "x+" };
   const AGAIN_MS = 500; // between two attempts to reach the panel
+  const BEAT_MS = 20; // the least between two beats: ticks that were held back come all at once
   const SILENT_MS = 1000; // a panel that is not heard of for so long is not reached
 
   let socket = null;
   let tick = null; // the last that the panel has sent
   let heardAt = -Infinity; // when it came
+  let beatAt = -Infinity; // when the last beat was sent
   let held = null; // {element, by}: what is down, and which pointer or key holds it
-  let key = null; // of this page
+  let key = null; // the secret of this page
 
   const field = (name) => document.querySelector(`input[name="${name}"]`)?.value ?? "";
 
@@ -36,13 +38,16 @@
       return;
     }
     const scheme = location.protocol === "https:" ? "wss" : "ws";
-    socket = new WebSocket(`${scheme}://${location.host}/drive/${key}`);
+    socket = new WebSocket(`${scheme}://${location.host}/drive`);
+    // the first message: this page's own secret, and the one that signing in has left (entrance.py)
+    socket.onopen = () => socket.send(JSON.stringify({ page: key, key: localStorage.getItem("mirrormount-key") }));
     socket.onmessage = (event) => hear(JSON.parse(event.data));
     socket.onclose = (event) => {
       held = tick = null;
       document.body.classList.remove("ready");
       document.body.classList.add("cut");
       if (event.code === 4404) location.reload(); // the panel was started anew
+      else if (event.code === 4401) location.replace("/enter"); // the key is missing
       else setTimeout(connect, AGAIN_MS);
     };
   }
@@ -52,7 +57,10 @@
     heardAt = performance.now();
     document.body.classList.remove("cut");
     document.body.classList.add("ready");
-    send({ do: "beat" });
+    if (heardAt - beatAt > BEAT_MS) {
+      beatAt = heardAt;
+      send({ do: "beat" });
+    }
     if (message.spot) window.mountScreen?.(message.spot);
   }
 

@@ -1,0 +1,42 @@
+"""How often something may happen: a token bucket. Told the time; it waits for nothing."""
+
+import time
+from collections import OrderedDict
+from collections.abc import Callable
+
+
+class Rate:
+    """At most `burst` at once, and `per_s` a second over a long time."""
+
+    def __init__(self, burst: float, per_s: float, clock: Callable[[], float] = time.monotonic) -> None:
+        self._burst = self._left = burst
+        self._per_s = per_s
+        self._clock = clock
+        self._at_s = clock()
+
+    def take(self) -> bool:
+        """Count one. False if it is too many."""
+        now_s = self._clock()
+        self._left = min(self._burst, self._left + (now_s - self._at_s) * self._per_s)
+        self._at_s = now_s
+        if self._left < 1:
+            return False
+        self._left -= 1
+        return True
+
+
+class Rates:
+    """A Rate for each client, of the last `clients` that came."""
+
+    def __init__(self, burst: float, per_s: float, clients: int = 256) -> None:
+        self._new = lambda: Rate(burst, per_s)
+        self._clients = clients
+        self._rates: OrderedDict[str, Rate] = OrderedDict()
+
+    def take(self, client: str) -> bool:
+        """Count one of this client. False if it is too many."""
+        rate = self._rates.pop(client, None) or self._new()
+        self._rates[client] = rate
+        if len(self._rates) > self._clients:
+            self._rates.popitem(last=False)
+        return rate.take()
