@@ -19,6 +19,7 @@ from mountfw.commands import Commands
 from mountfw.controller import Controller
 from mountfw.endstop import EndStop
 from mountfw.frame import Frame
+from mountfw.own_reply import OwnReply
 from mountfw.room import make_room
 from mountfw.settings import Records
 from mountfw.ticks import diff
@@ -45,7 +46,7 @@ def _no_watchdog():
 class App:
     """The firmware of one mount. step() is one pass of the loop and never waits longer than _SLEEP_MS."""
 
-    def __init__(self, port, controller, commands, link, frame, replies):
+    def __init__(self, port, controller, commands, link, frame, replies, own):
         self.controller = controller
         self._commands = commands
         self._records = controller.records
@@ -53,6 +54,7 @@ class App:
         self._link = link
         self._frame = frame
         self._replies = replies
+        self._own = own
         self._ticks_us = port.ticks_us
         self._any = port.any
         self._drain = port.drain
@@ -106,7 +108,7 @@ class App:
             pass  # there may be a stop in what is still coming: all else can wait
         elif self._commands.busy:
             self._commands.go_on()
-        elif self._link.unparsed:
+        elif self._link.unparsed > self._link.ahead:
             self._obey(self._link.next())
         elif not heard:  # after a byte the next pass looks at once, so that a pause is seen from its beginning
             self._sleep_ms = self._idle(now_us, left_us)
@@ -114,6 +116,7 @@ class App:
         if diff(now_us, self._shown_at) >= _SHOW_US:
             self._shown_at = now_us
             self.show()
+            self._own.tick(now_us)
             self._feed()
         self._passed(diff(now_us, woke_at))
 
@@ -158,7 +161,7 @@ class App:
         if message == wire.FRAME:
             frame = self._frame
             controller.frame(frame.m1, frame.m2)
-            if self._link.unparsed < _BEHIND:
+            if self._link.unparsed < _BEHIND and not self._own.muted:
                 self._replies.echo(frame.packed)  # best effort: nobody is told if it did not fit
         elif message == wire.LINE:
             self._commands.take()
@@ -166,8 +169,16 @@ class App:
             controller.stop_all(errors.ABORTED)
         elif message == wire.ZEROS:
             controller.stop_all(errors.STOPPED)
+        elif message == wire.SUSPECT:
+            controller.suspect(self._frame.m1, self._frame.m2)
+        elif message >= wire.OWN_REPLY:
+            if message == wire.WAS_OWN_REPLY:
+                controller.errors.take_back(errors.MALFORMED)
+            controller.malformed(errors.OWN_REPLY)
+            self._own.returned(self._ticks_us())
         else:
             controller.malformed(errors.MALFORMED if message == wire.MALFORMED else errors.LINE_TOO_LONG)
+            self._own.doubt()
         if controller.held and not self._link.stops_ahead:
             controller.hold(errors.NONE_YET)
 
@@ -192,11 +203,11 @@ class App:
         """Nothing waits: answer, and give up what stays unfinished. Returns the ms that the next pass may sleep."""
         waiting = self._replies.waiting
         if waiting:
-            self._answer()
+            self._answer(now_us)
         quiet_us = self._silence(now_us)
         if quiet_us < left_us:
             left_us = quiet_us
-        if self._link.unparsed or self.controller.watching():
+        if self._link.unparsed > self._link.ahead or self.controller.watching():
             return 0
         if self._records.waiting and not (waiting or self._link.gap_us()):
             self._records.record(now_us, self.controller.moving())
@@ -215,18 +226,28 @@ class App:
         quiet_us = controller.silence(now_us) if controller.keep_alive_ms else NEVER_US
         gap_us = self._link.gap_us()
         if gap_us:
-            gap_us -= diff(now_us, controller.heard_at)
+            gap_us -= self._silent_us(now_us)
             if gap_us <= 0:
                 self._obey(self._link.gap())
             elif gap_us < quiet_us:
                 return gap_us
         return quiet_us
 
-    def _answer(self):
+    def _silent_us(self, now_us):
+        """Since when nothing has come; and nothing been sent, if a frame waits for what may come of that."""
+        silent_us = diff(now_us, self.controller.heard_at)
+        if self._link.deciding():
+            unsent_us = diff(now_us, self._own.sent_at)
+            if 0 <= unsent_us < silent_us:
+                return unsent_us
+        return silent_us
+
+    def _answer(self, now_us):
         """Send some bytes, if the host takes them. Nothing ever waits for output."""
         for _ in range(_SEND):
             if not (self._replies.waiting and self.port.writable()):
                 break
+            self._own.sent(now_us)
             self.port.write(self._replies.read())
             self._look()
 
@@ -249,7 +270,8 @@ def build(port, board):
     global built
     error_queue = errors.ErrorQueue()
     cause = port.reset_cause()
-    replies = wire.Replies()
+    own = OwnReply(port.pack)
+    replies = wire.Replies(own)
     frame = Frame(port.pack)
     line = Line()
     axes = []
@@ -288,9 +310,9 @@ def build(port, board):
     if number is not None:
         port.on_rise(number, controller.guard)
     commands = Commands(controller, line, replies, about)
-    link = wire.Link(frame, line, port.pack)
-    built = App(port, controller, commands, link, frame, replies)
-    for thing, most in ((link, 13), (frame, 13), (replies, 13), (controller, 18)):
+    link = wire.Link(frame, line, port.pack, own)
+    built = App(port, controller, commands, link, frame, replies, own)
+    for thing, most in ((link, 18), (frame, 13), (replies, 13), (own, 24), (controller, 18)):
         make_room(thing, most)
     for axis in axes:
         for thing, most in ((axis, 60), (axis.position, 18), (axis.bridge, 13)):

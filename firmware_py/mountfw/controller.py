@@ -112,6 +112,13 @@ class Controller:
         self.stop_all(errors.STOPPED)
         self.errors.push(code)
 
+    def suspect(self, m1, m2):
+        """A frame that may be our own reply must wait; but what it turns off goes off now: no stop is late."""
+        if m1 == 0:
+            self._axis1.frame(0)
+        if m2 == 0:
+            self._axis2.frame(0)
+
     def frame(self, m1, m2):
         """Obey a frame."""
         if m1 == 0 and m2 == 0:

@@ -17,6 +17,7 @@ INTERNAL_FAULT = 64
 ANSWER_DROPPED = 65
 WATCHDOG_RESET = 66
 NOT_SAVED = 67
+OWN_REPLY = 68
 
 # of one axis
 AXIS_OUT_OF_RANGE = 1
@@ -49,6 +50,7 @@ MESSAGES = {
     65: b"AN ANSWER WAS DROPPED",
     66: b"FIRMWARE HAD HUNG, BOARD WAS RESET",
     67: b"COULD NOT BE SAVED",
+    68: b"OWN REPLY RECEIVED: MOTORS STOPPED",
 }
 
 AXIS_MESSAGES = {
@@ -117,6 +119,11 @@ class ErrorQueue:
         if self.waiting < 10:
             self._codes[(self._first + self.waiting) % 10] = code
             self.waiting += 1
+
+    def take_back(self, code):
+        """Forget the newest error if it is this one: a better one follows."""
+        if self.waiting and self._codes[(self._first + self.waiting - 1) % 10] == code:
+            self.waiting -= 1
 
     def pop(self):
         """The oldest error's code, taken from the queue; 0 if there is none."""

@@ -1,10 +1,12 @@
-"""Bytes in, messages out; answers in, bytes out. Pure (sans-IO); imports nothing of ours.
+"""Bytes in, messages out; answers in, bytes out. Pure (sans-IO). Imports own_reply.
 
 receive() only stores a byte, and says at once when it completes a stop: the stops are looked
 for before anything is parsed. next() returns the next message, or NEED_BYTES. Every change of
 state is in this file. Two stops that nothing can swallow: `!` anywhere, and eight `0` bytes in
 a row anywhere.
 """
+
+from mountfw.own_reply import DECIDE_US, OWN, UNDECIDED
 
 # messages
 NEED_BYTES = 0
@@ -14,6 +16,9 @@ FRAME = 3
 LINE = 4
 MALFORMED = 5
 TOO_LONG = 6
+SUSPECT = 7  # a frame that may be our own reply; FRAME or OWN_REPLY follows
+OWN_REPLY = 8  # what the board has sent came back
+WAS_OWN_REPLY = 9  # the same of what has just been MALFORMED
 
 FRAME_GAP_US = 50_000  # an unfinished frame, or a skipped tail, is given up after this silence
 LINE_GAP_US = 1_000_000  # an unfinished line
@@ -24,6 +29,8 @@ _BOUNDARY = 0
 _IN_FRAME = 1
 _IN_LINE = 2
 _SKIPPING = 3  # the rest of something refused or cut, up to a line end or a gap
+_DECIDING = 4  # a frame is held: what follows it decides
+_RETURNED = 5  # the rest of our own reply, up to a gap
 
 _STOP = 0x21
 _CTRL_C = 0x03  # reaches us only where it is not the console's
@@ -37,7 +44,7 @@ _AT_ONCE = 3  # bytes that one call of next() parses at most: a piece of work mu
 
 
 class Link:
-    """The receiving side. frame and line are mountfw's Frame and Line; pack is frame.pack().
+    """The receiving side. frame and line are mountfw's Frame and Line; pack is frame.pack(); own an OwnReply.
 
     The port fills the ring: by receive(), or with faster code that does the same. So these are for both:
     ring, mask (its size is a power of two), write (the index of the next byte), unparsed
@@ -45,9 +52,10 @@ class Link:
     RP2040), so that what waits there can be searched for stops at once, however slowly it is obeyed.
     """
 
-    def __init__(self, frame, line, pack, size=4096):
+    def __init__(self, frame, line, pack, own, size=4096):
         self.stops_ahead = 0  # received, not yet parsed: nothing may start before them
         self.unparsed = 0  # bytes received, not yet parsed
+        self.ahead = 0  # of these: compared already with our own reply, and not enough to decide
         self.ring = bytearray(size)
         self.mask = size - 1
         self.write = 0
@@ -55,6 +63,8 @@ class Link:
         self._frame = frame
         self._line = line
         self._pack = pack
+        self._own = own
+        self._comparing = False  # is what is skipped compared with our own reply?
         self._state = _BOUNDARY
 
     def receive(self, c):
@@ -87,7 +97,9 @@ class Link:
             if packed >= 0:
                 self._frame.take(packed)
                 self.unparsed -= _FRAME_LENGTH
-                return FRAME
+                return self._judge() if self._own.wary or self.unparsed > 1 else FRAME
+        if self._state == _DECIDING:
+            return self._decide()
         for _ in range(_AT_ONCE):
             if not self.unparsed:
                 break
@@ -105,19 +117,90 @@ class Link:
         state = self._state
         if state == _BOUNDARY:
             return 0
+        if state == _DECIDING:
+            return DECIDE_US
         return LINE_GAP_US if state == _IN_LINE else FRAME_GAP_US
 
+    def deciding(self):
+        """Is a frame held? Then silence is counted from what was sent, too."""
+        return self._state == _DECIDING
+
     def gap(self):
-        """That silence is over (a poll has just said that nothing waits). MALFORMED or NEED_BYTES."""
-        cut = self._state == _IN_FRAME or self._state == _IN_LINE
+        """That silence is over (a poll has just said that nothing waits). MALFORMED, NEED_BYTES, or the held FRAME."""
+        state = self._state
         self._state = _BOUNDARY
-        return MALFORMED if cut else NEED_BYTES
+        self._comparing = False
+        self.ahead = 0
+        if state == _DECIDING:
+            return FRAME
+        return MALFORMED if state == _IN_FRAME or state == _IN_LINE else NEED_BYTES
+
+    # ---- our own reply
+
+    def _judge(self):
+        """A frame is whole. FRAME; or SUSPECT or OWN_REPLY, if it may be our own."""
+        own = self._own
+        packed = self._frame.packed
+        if own.suspects(packed):
+            if own.is_number(packed):
+                return self._decided(OWN)
+            own.expect(packed)
+            self._state = _DECIDING
+            return SUSPECT
+        if self.unparsed < 2 or not own.may_end_line(self.ring[self.write - self.unparsed & self.mask]):
+            return FRAME
+        own.expect(packed)
+        while self.ahead < self.unparsed:  # what is here already may tell, however long ago it was sent
+            verdict = own.feed(self._after())
+            if verdict:
+                return self._decided(verdict)
+        return self._decided(UNDECIDED)
+
+    def _decide(self):
+        """Compare what follows the held frame. FRAME, OWN_REPLY, or NEED_BYTES."""
+        for _ in range(_AT_ONCE):
+            if self.ahead >= self.unparsed:
+                break
+            verdict = self._own.feed(self._after())
+            if verdict:
+                return self._decided(verdict)
+        return NEED_BYTES
+
+    def _after(self):
+        """The next byte after the held frame; it is not parsed yet."""
+        at = self.write - self.unparsed + self.ahead
+        self.ahead += 1
+        return self.ring[at & self.mask]
+
+    def _decided(self, verdict):
+        self.ahead = 0
+        if verdict == OWN:
+            self._state = _RETURNED
+            return OWN_REPLY
+        self._state = _BOUNDARY
+        return FRAME
+
+    def _skip(self, c):
+        """Byte c of what is skipped. WAS_OWN_REPLY if it tells that this is our own reply."""
+        if self._comparing:
+            verdict = self._own.feed(c)
+            self._comparing = verdict == UNDECIDED
+            if verdict == OWN:
+                self._state = _RETURNED
+                return WAS_OWN_REPLY
+        if c == 10 or c == 13:
+            self._state = _BOUNDARY
+            self._comparing = False
+        return NEED_BYTES
+
+    # ---- parsing
 
     def _parse(self, c):
         state = self._state
         if c == _STOP or c == _CTRL_C:
             self.stops_ahead -= 1
-            if state != _BOUNDARY:
+            self._comparing = False
+            if state != _BOUNDARY and state != _RETURNED:
                 self._state = _SKIPPING  # the tail of the cut message is never obeyed
             return STOP
         if c < 0x20 and (c == 1 or c == 2 or c == 4 or c == 5 or c == 0x18):
@@ -128,13 +211,14 @@ class Link:
             c = _ZERO
         message = NEED_BYTES
         if state == _IN_LINE:
-            message = self._refuse(c, MALFORMED) if stopped else self._in_line(c)  # in text, zeros would go on
+            # in text, zeros would go on
+            message = self._refuse(c, MALFORMED, self._line) if stopped else self._in_line(c)
         elif state == _IN_FRAME:
             message = self._in_frame(c)
         elif state == _BOUNDARY:
             message = self._first_byte(c)
-        elif c == 10 or c == 13:
-            self._state = _BOUNDARY
+        elif state == _SKIPPING:
+            message = self._skip(c)
         return ZEROS if stopped and not message else message
 
     def _first_byte(self, c):
@@ -149,8 +233,8 @@ class Link:
             self._line.start()
             self._state = _IN_LINE
             return self._in_line(c)
-        self._state = _SKIPPING
-        return MALFORMED
+        self._line.start()
+        return self._refuse(c, MALFORMED, self._line)
 
     def _in_frame(self, c):
         frame = self._frame
@@ -165,21 +249,25 @@ class Link:
             return NEED_BYTES
         if result > 0:
             self._state = _BOUNDARY
-            return FRAME
-        return self._refuse(c, MALFORMED)
+            return self._judge() if self._own.wary or self.unparsed > 1 else FRAME
+        return self._refuse(c, MALFORMED, frame)
 
     def _in_line(self, c):
-        result = self._line.feed(c)
+        line = self._line
+        result = line.feed(c)
         if result > 0:
             self._state = _BOUNDARY
-            return LINE
+            return self._decided(OWN) if self._own.is_answer(line, c) == OWN else LINE
         if result < 0:
-            return self._refuse(c, TOO_LONG if result == _TOO_LONG else MALFORMED)
+            return self._refuse(c, TOO_LONG if result == _TOO_LONG else MALFORMED, line)
         return NEED_BYTES
 
-    def _refuse(self, c, message):
+    def _refuse(self, c, message, part):
+        """This part of a message (a Frame or a Line) and c cannot be parsed."""
         self._state = _BOUNDARY if c == 10 or c == 13 else _SKIPPING
-        return message
+        verdict = self._own.refused(part, c, self._frame.packed)
+        self._comparing = verdict == UNDECIDED
+        return self._decided(OWN) if verdict == OWN else message
 
 
 _CHARACTERS = tuple([bytes((c,)) for c in range(0x20, 0x40)])
@@ -193,7 +281,8 @@ class Replies:
     little of one pass. A text must not change until it is sent.
     """
 
-    def __init__(self, size=256):
+    def __init__(self, own, size=256):
+        self._own = own  # an OwnReply: it is told what is sent
         self._items = [None] * size  # texts (bytes), numbers and echoes; size is a power of two
         self._mask = size - 1
         self.waiting = False  # has read() a byte?
@@ -251,12 +340,13 @@ class Replies:
             c = self._digit(item)
             if not self._power:
                 self._sent()
-            return c
-        c = item[self._at]
-        self._at += 1
-        if self._at == len(item):
-            self._at = 0
-            self._sent()
+        else:
+            c = item[self._at]
+            self._at += 1
+            if self._at == len(item):
+                self._at = 0
+                self._sent()
+        self._own.answered(c)
         return c
 
     def _digit(self, n):
@@ -279,6 +369,8 @@ class Replies:
         """Five lines: 0 the frame, 1 and 2 its numbers, 3 and 4 their magnitudes. _at is 16 x line + place."""
         line = self._at >> 4
         place = self._at & 0xF
+        if self._at == 0:
+            self._own.said(packed)
         self._at += 1
         if place == _CR_AT:
             return 13

@@ -77,6 +77,14 @@ REMEDIES = {
         "power cut. On CircuitPython: the non-volatile memory refuses, or has no room.",
         "Free some space on the board (mpremote fs ls), or redeploy; then again.",
     ),
+    "68": Remedy(
+        "What the board had just sent came back to it: the port is in a terminal's default mode and echoes. The "
+        "reply to a frame is that frame, so it would have driven again; both motors were stopped, and frames get "
+        "no reply for a second.",
+        "stty -F PORT raw -echo before anything is written to the port, or use a program that opens it raw "
+        "(mirrormount does). On a port that does not echo: a frame was followed by its own first number alone on "
+        "a line.",
+    ),
     "n01": Remedy(
         "A target beyond ±1 000 000 steps, a move that needs more on-time than the move limit XT, or a run "
         "that reached the edge of what can be counted.",

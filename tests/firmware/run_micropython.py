@@ -9,6 +9,7 @@ import sys
 
 TESTS = (
     "test_wire",
+    "test_own_reply",
     "test_stops",
     "test_motion",
     "test_backlash",
