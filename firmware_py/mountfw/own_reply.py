@@ -54,6 +54,7 @@ class OwnReply:
         self._length = 0
         self._place = 0
         self._ends = 0
+        self._caret = False  # was the last byte a `^`?
 
     # ---- what is sent
 
@@ -100,6 +101,7 @@ class OwnReply:
     def expect(self, packed):
         """feed() is to compare what follows this frame with the reply to it."""
         self._ends = 0
+        self._caret = False
         self._place = 0
         n = packed >> 10 & 0xFF
         length = 0
@@ -120,13 +122,16 @@ class OwnReply:
     def feed(self, c):
         """Compare byte c: OTHER, OWN, or UNDECIDED so far."""
         place = self._place
+        if self._caret:  # `^M`
+            return OWN if c == 0x4D or c == 0x4A else OTHER
+        if c == 0x5E:
+            self._caret = True
+            return UNDECIDED if place == 0 or place == self._length else OTHER
         if c == 10 or c == 13:
             if place:
                 return OWN if place == self._length else OTHER
             self._ends += 1
             return UNDECIDED if self._ends <= _ENDS else OTHER
-        if c == 0x5E:  # `^M`
-            return OWN if place == 0 or place == self._length else OTHER
         if not self._ends or place >= self._length or c != self._expected[place]:
             return OTHER
         self._place = place + 1
@@ -152,6 +157,7 @@ class OwnReply:
 
     def _compare(self, part, c):
         self._ends = 1
+        self._caret = False
         self._place = 0
         for i in range(part.length):
             verdict = self.feed(part.text[i])

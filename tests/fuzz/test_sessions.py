@@ -2,6 +2,7 @@
 
 import os
 import random
+import re
 from concurrent.futures import ProcessPoolExecutor
 
 from model import parse
@@ -17,6 +18,13 @@ PIECES = (
 SILENCES_US = (0, 0, 0, 0, 20, 300, 2_000, 30_000, 49_000, 55_000, 200_000, 1_050_000)
 
 
+def like_a_reply(data: list[tuple[int, int]]) -> bool:
+    """Is there a frame with its first number behind it, alone on a line?"""
+    text = bytes(c for c, _ in data).decode("latin")
+    pairs = re.findall(r"(?=([0+-]\d{3})[0+-]\d{3}[\r\n]+(-?\d{1,3})[\r\n])", text)
+    return any(int(field) == int(number) for field, number in pairs)
+
+
 def session(random_: random.Random) -> list[tuple[int, int]]:
     data = b"".join(random_.choice(PIECES) for _ in range(random_.randint(1, 5)))
     if random_.random() < 0.3:
@@ -29,14 +37,16 @@ def session(random_: random.Random) -> list[tuple[int, int]]:
 def note_events(rig: Rig, events: list[tuple]) -> None:
     """Write down what the app hands to the controller."""
     controller, obey = rig.controller, rig.app._obey
-    words = {1: "stop", 2: "zeros", 5: "bad", 6: "long"}
+    words = {1: "stop", 2: "zeros", 5: "bad", 6: "long", 8: "own"}
 
     def noted(message: int) -> None:
         if message == 3:
             events.append(("frame", rig.app._frame.m1, rig.app._frame.m2))
         elif message == 4:
             events.append(("line", bytes(rig.line.text[: rig.line.length]).decode()))
-        elif message:
+        elif message == 9:
+            events[-1] = ("own",)
+        elif message and message != 7:
             events.append((words[message],))
         obey(message)
         if not rig.app._link.stops_ahead:
@@ -51,7 +61,7 @@ def play(rig: Rig, data: list[tuple[int, int]]) -> None:
             rig.take_in()
         rig.send(bytes([c]), after_us=silence_us)  # it comes while the loop sleeps, as in life
     rig.take_in()
-    while rig.app._link.unparsed:
+    while rig.app._link.unparsed or rig.app._link.deciding():
         rig.step()
 
 
@@ -68,7 +78,14 @@ def run_sessions(seed: int, count: int) -> list[str]:
         play(rig, data)
         rig.run(1_100_000 if random_.random() < 0.1 else 0)
         shown = f"seed {seed}: {data!r}"
-        if (expected := parse(data)) != events[: len(expected)] or set(events[len(expected) :]) - {("bad",)}:
+        expected = parse(data)
+        if ("own",) in events:
+            # as the board's own reply: all behind it is dropped, so there is no more to compare
+            end = events.index(("own",))
+            events[:] = events[:end]
+            if like_a_reply(data):
+                expected = expected[:end]
+        if expected != events[: len(expected)] or set(events[len(expected) :]) - {("bad",)}:
             wrong.append(f"{shown}\n  expected {expected}\n  got      {events}")
         rig.send(random_.choice((b"!", b"00000000")))
         rig.take_in()
@@ -109,6 +126,8 @@ LEGAL = (
 
 def outcome(first: bytes, second: bytes, apart_us: int) -> tuple:
     rig = Rig()
+    rig.ask(b"TE?\n")
+    rig.run(150_000)  # now it is known that nothing returns, so no frame waits
     rig.send(first)
     if apart_us:
         rig.take_in()

@@ -72,7 +72,7 @@ def test_the_architecture_page_says_who_may_import_whom_as_it_is():
     text = (ROOT / "docs" / "architecture.md").read_text()
     sentence = " ".join(text.split("Who may import whom: ")[1].split("`app` joins")[0].split())
     said = {}
-    for importers, imports in re.findall(r"`([a-z ]+)` (?:take|takes|import) (`[a-z ]+`|nothing of ours)", sentence):
+    for importers, imports in re.findall(r"`([a-z_ ]+)` (?:take|takes|import) (`[a-z_ ]+`|nothing of ours)", sentence):
         said |= {name: set(imports.strip("`").split()) - {"nothing", "of", "ours"} for name in importers.split()}
     assert said == {name: taken for name, taken in ALLOWED.items() if name not in ("app", "repl")}
 
