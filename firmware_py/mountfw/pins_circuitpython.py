@@ -8,18 +8,12 @@ import digitalio
 import microcontroller
 import pwmio
 
+from mountfw.boards import FILE_OF
+
 # A duty takes effect when the PWM's period is over (RP2040 data sheet 4.5.2), and off is a duty here: to put a
 # pin in another's hands takes a new object. So whatever the board file asks for, no period is longer than 50 us.
 _LEAST_PWM_HZ = 20_000
 PERIOD_US = 50
-
-# the board file of a board_id, where it has another name
-_BOARDS = {
-    "raspberry_pi_pico": "pico",
-    "raspberry_pi_pico_w": "pico",
-    "adafruit_feather_esp32s3_4mbflash_2mbpsram": "adafruit_feather_esp32s3",
-    "adafruit_feather_esp32s3_nopsram": "adafruit_feather_esp32s3",
-}
 
 _gpios = getattr(microcontroller, "pin")  # noqa: B009 (CircuitPython's stubs do not know it)
 _outputs = {}  # pin: what drives it; an object of CircuitPython's keeps its pin until it is given back
@@ -142,15 +136,19 @@ def find_board():
     None, after a line that names the file to write, if there is none.
     """
     global _led
-    name = _BOARDS.get(pins.board_id, pins.board_id)
+    name = FILE_OF.get(pins.board_id, pins.board_id)
     for candidate in ("this", name):
         try:
             found = getattr(__import__("mountfw.boards." + candidate).boards, candidate)
         except ImportError:
             continue
-        if _led is None:
-            _led = digitalio.DigitalInOut(_pin(found.LED))
-            _led.switch_to_output(False)
+        # the LED of a W is the radio chip's: to switch it takes too long for the loop
+        if _led is None and found.LED is not None and not (found.LED == "LED" and pins.board_id.endswith("_w")):
+            try:
+                _led = digitalio.DigitalInOut(_pin(found.LED))
+                _led.switch_to_output(False)
+            except (AttributeError, ValueError):
+                pass  # this board has none of that name, or uses it for something else
         return found
     print("mountfw: no board file for '%s': write mountfw/boards/%s.py (copy pico.py)" % (name, name))
     return None

@@ -16,6 +16,7 @@ import micropython
 from machine import PWM, Pin
 
 from mountfw import errors
+from mountfw.boards import FILE_OF
 from mountfw.console_micropython import any, drain, pack, writable, write  # noqa: F401 (verbs of this port, too)
 
 ticks_us = time.ticks_us  # pyright: ignore[reportAttributeAccessIssue]
@@ -194,14 +195,18 @@ def find_board():
     global _led
     machine_name = getattr(sys.implementation, "_machine", "unknown board").split(" with ")[0]
     name = "".join([c.lower() if c.isalpha() or c.isdigit() else "_" for c in machine_name])
-    if name in ("raspberry_pi_pico", "raspberry_pi_pico_w"):
-        name = "pico"
+    name = FILE_OF.get(name, name)
     for candidate in ("this", name):
         try:
             board = getattr(__import__("mountfw.boards." + candidate).boards, candidate)
         except ImportError:
             continue
-        _led = Pin(board.LED, Pin.OUT, value=0)
+        # the LED of a W is the radio chip's: to switch it takes too long for the loop
+        if board.LED is not None and not (board.LED == "LED" and machine_name.endswith(" W")):
+            try:
+                _led = Pin(board.LED, Pin.OUT, value=0)
+            except ValueError:
+                pass  # this board has none of that name
         return board
     print("mountfw: no board file for '%s': write mountfw/boards/%s.py (copy pico.py)" % (machine_name, name))
     return None

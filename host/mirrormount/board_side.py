@@ -4,6 +4,9 @@ Plain MicroPython that CPython runs, too (the tests do). Paths are relative to t
 power cut may come after any single operation on a file, so nothing that a boot looks at changes
 but by a rename: first the files arrive as NAME.new, then one rename puts the journal in place, and
 from there on replay() of entry/main.py (sent along with this text) can finish what the journal says.
+
+What a deploy replaces is copied to a folder first, with a journal that brings it back: revert() puts that journal in
+place when the new firmware does not answer, and forget() removes it when it does.
 """
 
 import binascii
@@ -14,6 +17,8 @@ import os
 MARK = "@mirrormount "  # begins the one line that the host reads
 JOURNAL = "mountfw.journal"
 MANIFEST = "mountfw/manifest.json"
+KEPT = "mountfw.kept"  # the folder of what a deploy has replaced, until the new firmware has answered
+UNDO = KEPT + "/undo"  # the journal that brings it back
 _IS_FOLDER = 0x4000
 _ENOENT = 2
 
@@ -64,12 +69,13 @@ def files_in(folder):
 
 
 def read_manifest():
-    """{path: SHA-256} of what a deploy has put here."""
+    """What a deploy has noted here: files, {path: SHA-256}; aside, {path: [name of its copy, SHA-256]}."""
     try:
         with open(MANIFEST) as f:
-            return json.load(f)["files"]
+            told = json.load(f)
+        return told["files"], told.get("aside", {})
     except (OSError, ValueError, KeyError):
-        return {}
+        return {}, {}
 
 
 def survey(replay):
@@ -78,7 +84,16 @@ def survey(replay):
     paths = [name for name in os.listdir() if name.startswith("main.py")]
     if exists("mountfw"):
         paths += files_in("mountfw")
-    return {"files": {path: hash_of(path) for path in paths}, "manifest": read_manifest(), "room": room()}
+    files, aside = read_manifest()
+    return {
+        "files": {path: hash_of(path) for path in paths},
+        "sizes": {path: os.stat(path)[6] for path in paths},
+        "manifest": files,
+        "aside": aside,
+        "kept": exists(KEPT),
+        "undo": exists(UNDO),
+        "room": room(),
+    }
 
 
 def room():
@@ -94,32 +109,82 @@ def make_folders(folders):
             os.mkdir(folder)
 
 
-def commit(new, backup, journal, replay):
+def commit(new, backup, journal, replay, keep=(), undo=()):
     """Verify what was uploaded ({path: SHA-256}; the file is path.new), then let the journal put it in place.
 
-    backup: the name for a copy of main.py, or "". Raises ValueError for a file that did not arrive well.
+    backup: the name for a copy of main.py, or "". keep: what the journal will replace, is copied to KEPT/0, KEPT/1 ...;
+    undo: the journal that brings it back from there. Raises ValueError for a file that did not arrive well.
     """
     for path in new:
         if hash_of(path + ".new") != new[path]:
             raise ValueError("damaged on the way: " + path)
+    forget()
     if backup:
-        with open("main.py", "rb") as f:
-            program = f.read()
-        with open(backup + ".new", "wb") as f:
-            f.write(program)
+        copy("main.py", backup + ".new")
         os.rename(backup + ".new", backup)
-    with open(JOURNAL + ".new", "w") as f:
-        f.write("\n".join(journal))
-    os.rename(JOURNAL + ".new", JOURNAL)
+    if undo:
+        make_folders((KEPT,))
+        for number, path in enumerate(keep):
+            copy(path, KEPT + "/" + str(number))
+        write_lines(UNDO, undo)
+    write_lines(JOURNAL, journal)
     replay()
 
 
-def clean(paths):
-    """Remove what an upload that failed has left. True if nothing had been committed."""
+def copy(path, to):
+    """Copy a file, piece by piece."""
+    buffer = bytearray(512)
+    view = memoryview(buffer)
+    with open(path, "rb") as f, open(to, "wb") as out:
+        while True:
+            n = f.readinto(buffer)
+            if not n:
+                break
+            out.write(view[:n])
+
+
+def write_lines(path, lines):
+    """Make a file of these lines, whole or not at all."""
+    with open(path + ".new", "w") as f:
+        f.write("\n".join(lines))
+    os.rename(path + ".new", path)
+
+
+def forget():
+    """Remove what is kept of the firmware before: its journal first, so that no part of it is ever brought back."""
+    if exists(KEPT):
+        remove(UNDO)
+        for path in files_in(KEPT):
+            os.remove(path)
+        os.rmdir(KEPT)
+
+
+def revert(replay):
+    """Bring back what was here before the last deploy. False if nothing of it is kept."""
+    replay()
+    if not exists(UNDO):
+        return False
+    os.rename(UNDO, JOURNAL)  # from here on a boot finishes it, too
+    replay()
+    forget()
+    remove_empty_folders()
+    return True
+
+
+def remove_empty_folders():
+    """Remove the firmware's folders, if nothing is in them."""
+    for folder in ("mountfw/boards", "mountfw"):
+        if exists(folder) and not os.listdir(folder):
+            os.rmdir(folder)
+
+
+def clean(paths, replay):
+    """Remove what an upload that failed has left; what it may have committed is brought back."""
+    revert(replay)
     for path in paths:
         remove(path + ".new")
     remove(JOURNAL + ".new")
-    return not exists(JOURNAL)
+    forget()
 
 
 def remove(path):
@@ -132,22 +197,29 @@ def remove(path):
 
 
 def undeploy(replay):
-    """Remove what the manifest says, unless somebody has changed it since: main.py first, the manifest last."""
+    """Remove what the manifest says, unless somebody has changed it since: main.py first, the manifest last.
+
+    A program that a deploy has put aside gets its name back.
+    """
     replay()
+    forget()
     removed = []
     kept = []
-    manifest = read_manifest()
+    restored = []
+    manifest, aside = read_manifest()
     for path in sorted(manifest):  # "main.py" is before "mountfw/": from its removal on, nothing of ours boots
         remove(path + ".new")
         if exists(path):
             if hash_of(path) == manifest[path]:
                 os.remove(path)
                 removed.append(path)
-            else:
+            elif path not in aside or hash_of(path) != aside[path][1]:  # else it was restored before a cut
                 kept.append(path)
+    for path in aside:
+        if exists(aside[path][0]) and not exists(path) and hash_of(aside[path][0]) == aside[path][1]:
+            os.rename(aside[path][0], path)
+            restored.append(path)
     if manifest:
         remove(MANIFEST)
-    for folder in ("mountfw/boards", "mountfw"):
-        if exists(folder) and not os.listdir(folder):
-            os.rmdir(folder)
-    return {"removed": removed, "kept": kept, "found": bool(manifest)}
+    remove_empty_folders()
+    return {"removed": removed, "kept": kept, "restored": restored, "found": bool(manifest)}

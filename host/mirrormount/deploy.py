@@ -5,32 +5,33 @@ remote.py does the work on the board, in two calls of mpremote: look, then uploa
 decides what has to be done, and board_side.py tells why a power cut leaves the old firmware or the new one.
 """
 
-import ast
 import dataclasses
 import os
 import sys
 import time
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from typing import Any
 
 from mirrormount import deploy_drive
+from mirrormount.board_file import check_board_file, read_pins
 from mirrormount.deploy_plan import THIS, Plan, board_choice, boards, firmware, firmware_hash, plan
-from mirrormount.deploy_talk import STATUS, Options, ask, check, quiet
+from mirrormount.deploy_talk import STATUS, Options, quiet
+from mirrormount.deploy_trial import before, settle, try_it
 from mirrormount.drive_ports import serial_number
 from mirrormount.drives import Drive, drive_at, find_bootloaders, find_drives
-from mirrormount.errors import CannotOpen, ConnectionLost, DeployError, NoBoardFound, SeveralBoardsFound, WrongDrive
+from mirrormount.errors import DeployError, NoBoardFound, SeveralBoardsFound, WrongDrive
 from mirrormount.link import Link, find_micropython, find_one, list_ports, open_port
+from mirrormount.printable import printable
 from mirrormount.progress import Progress
 from mirrormount.remote import Mpremote
+from mirrormount.supported import MICROPYTHON, text
 
 FLASH_IT = (
     "MicroPython goes on first: hold BOOTSEL while plugging in and drop the .uf2 for the board on the drive that"
     " appears (micropython.org/download), or run: uvx mpflash flash"
 )
 OR_CIRCUITPYTHON = "; or CircuitPython in the same way (circuitpython.org/downloads)"
-_BACK_S = 20.0  # how long a board may take to come back from its reset
 _SPARE_BLOCKS = 4  # room that the file system needs to rename and to write the journal
-_IN_A_BOARD_FILE = {"NAME", "BRIDGE", "AXIS_1", "AXIS_2", "PWM_HZ", "DEAD_TIME_US", "LED"}
 
 
 def deploy(options: Options, progress: Progress | None = None) -> str:
@@ -45,22 +46,29 @@ def deploy(options: Options, progress: Progress | None = None) -> str:
         return deploy_drive.deploy(drive, this, options, progress)
     port = _find(options.port)
     progress.phase("looking at the board")
-    _approach(port, options.stop)
+    answered = _approach(port, options.stop)
     board = Mpremote(port)
     there = board.survey()
     with board.reset_if_it_fails():
+        _check_version(there["version"], progress)
+        if there["undo"]:  # a deploy was cut before its firmware had answered
+            board.forget() if answered else board.revert()
+            there = board.survey()
         progress.phase("compiling")
         wanted = firmware(None if options.source else there["mpy"]) | this
         if options.board and options.board not in (known := boards([*wanted, *there["files"]])):
             raise DeployError(f"there is no board file {options.board!r}, only {', '.join(known)}")
-        todo = plan(wanted, there["files"], there["manifest"], may_replace(options))
-        _check_room(todo, there["room"])
+        check_board_file(there["machine"], {*wanted, *there["files"]})
+        todo = plan(wanted, there["files"], there["manifest"], may_replace(options), there["aside"])
+        _check_room(todo, there)
         board.install(todo, progress)
     progress.phase("restarting")
-    identity, axes = _come_back(port, {firmware_hash(todo.after)})
+    runs = {firmware_hash(todo.after)}
+    identity, axes = try_it(board, port, runs, before(there), progress)
+    left = settle(board, port, runs) if todo.undo or there["kept"] else ""
     files = f"{len(wanted)} files ({len(wanted) - todo.changed} unchanged)"
     kept = f"; the main.py that was there is now {todo.backup}" if todo.backup else ""
-    return f"OK: {identity}, {axes} axes, {files} in {time.monotonic() - started:.1f} s{kept}"
+    return f"OK: {identity}, {axes} axes, {files} in {time.monotonic() - started:.1f} s{kept}{left}"
 
 
 def undeploy(options: Options, progress: Progress | None = None) -> str:
@@ -74,8 +82,9 @@ def undeploy(options: Options, progress: Progress | None = None) -> str:
     done = Mpremote(port).undeploy()
     if not done["found"]:
         raise DeployError("this board has no firmware that deploy has put there: nothing was removed")
-    kept = f"; kept, because changed since: {', '.join(done['kept'])}" if done["kept"] else ""
-    return f"OK: {len(done['removed'])} files removed{kept}"
+    back = f"; there again: {printable(', '.join(done['restored']))}" if done["restored"] else ""
+    kept = f"; kept, because changed since: {printable(', '.join(done['kept']))}" if done["kept"] else ""
+    return f"OK: {len(done['removed'])} files removed{back}{kept}"
 
 
 def choose(options: Options) -> Drive | None:
@@ -115,31 +124,31 @@ def _named(address: str) -> Any:
 
 
 def _board_choice(options: Options) -> dict[str, bytes]:
-    """The file boards/this.py that --board or --pins stands for, if there is one."""
+    """The file boards/this.py that --board or --pins stands for, if there is one. Raises DeployError."""
     if options.board:
         if not options.board.isidentifier():
-            raise DeployError(f"a board's name is that of its file, for instance pico, not {options.board!r}")
+            raise DeployError(
+                f"a board's name is that of its file, for instance pico, not '{printable(options.board)}'"
+            )
         return {THIS: board_choice(options.board)}
-    if not options.pins:
-        return {}
-    try:
-        text = options.pins.read_bytes()
-        tree = ast.parse(text, str(options.pins))
-    except OSError as e:
-        raise DeployError(f"{options.pins}: {e.strerror}") from e
-    except (SyntaxError, ValueError) as e:
-        line = f":{e.lineno}: {e.msg}" if isinstance(e, SyntaxError) else f": {e}"
-        raise DeployError(f"{options.pins}{line}") from e
-    targets = [t for node in tree.body if isinstance(node, ast.Assign) for t in node.targets]
-    missing = _IN_A_BOARD_FILE - {t.id for t in targets if isinstance(t, ast.Name)}
-    if missing and not any(isinstance(node, ast.ImportFrom) for node in tree.body):
-        raise DeployError(f"{options.pins}: a board file also says {', '.join(sorted(missing))} (see boards/pico.py)")
-    return {THIS: text}
+    return {THIS: read_pins(options.pins)} if options.pins else {}
 
 
-def _check_room(todo: Plan, room: list[int]) -> None:
-    free, block = room
-    need = sum(-(-len(content) // block) * block for content in todo.upload.values()) + _SPARE_BLOCKS * block
+def _check_version(version: list[int], progress: Progress) -> None:
+    found = (version[0], version[1])
+    if MICROPYTHON.too_old(found):
+        raise DeployError(
+            f"this board runs MicroPython {text(found)}: {text(MICROPYTHON.lowest)} or later is needed; nothing was"
+            f" changed. {FLASH_IT}"
+        )
+    if MICROPYTHON.untried(found):
+        progress.phase(f"MicroPython {text(found)} is newer than any that was tried ({MICROPYTHON.span})")
+
+
+def _check_room(todo: Plan, there: dict) -> None:
+    free, block = there["room"]
+    sizes = [*map(len, todo.upload.values()), *(there["sizes"].get(path, 0) for path in todo.keep)]
+    need = sum(-(-size // block) * block for size in sizes) + _SPARE_BLOCKS * block
     if todo.upload and need > free:
         raise DeployError(f"the board's flash is full: {need // 1024} KB are needed, {free // 1024} KB are free")
 
@@ -175,14 +184,17 @@ def _find(address: str | None) -> str:
     return address
 
 
-def _approach(port: str, stop: bool) -> None:
-    """See to it that a MicroPython is there and no motor moves. Sends no stop unless told to. Raises DeployError."""
+def _approach(port: str, stop: bool) -> bool:
+    """See to it that a MicroPython is there and no motor moves. Sends no stop unless told to.
+
+    True if the firmware answered. Raises DeployError.
+    """
     link = Link(open_port(port))
     try:
         link.drain(0.1)
         heard = quiet(link, stop)
         if STATUS.search(heard):
-            return
+            return True
         link.write(b"\r\x03\x03")
         heard += link.drain(0.2).decode("ascii", "replace")
         link.write(b"\x02")
@@ -193,34 +205,4 @@ def _approach(port: str, stop: bool) -> None:
         raise DeployError("this board runs CircuitPython, and its drive is not mounted here: mount it, or say --drive")
     if ">>>" not in heard:
         raise DeployError(f"no Python answers on this board. {FLASH_IT}")
-
-
-def _come_back(port: str, wanted: Collection[str]) -> tuple[str, int]:
-    """Wait for the board to answer as a mount again. Returns "board, mountfw version" and its number of axes.
-
-    Its port may go and come back meanwhile. Raises DeployError.
-    """
-    end = time.monotonic() + _BACK_S
-    heard = ""
-    while time.monotonic() < end:
-        try:
-            link = Link(open_port(port))
-        except CannotOpen:
-            time.sleep(0.05)
-            continue
-        try:
-            link.drain(0.1)
-            heard = ask(link, b"*IDN?\n")
-            if heard.startswith("mirrormount,"):
-                _, name, _, version = heard.splitlines()[0].split(",")  # it may answer an earlier question, too
-                return f"{name}, mountfw {version.strip()}", check(link, wanted)[0]
-            if ">>>" in heard:
-                link.write(b"\r\x04")  # once more, to hear why
-                heard = link.drain(0.5).decode("ascii", "replace")
-                break
-        except ConnectionLost:
-            continue
-        finally:
-            link.close()
-    said = [line.strip() for line in heard.splitlines() if line.startswith(("mountfw", "  File")) or "Error" in line]
-    raise DeployError("the firmware is on the board but does not answer" + (f"; it says: {said[-1]}" if said else ""))
+    return False

@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable
 
 from mirrormount import drive_console, volumes
+from mirrormount.board_file import check_board_file
 from mirrormount.board_side import MANIFEST
 from mirrormount.deploy_plan import boards
 from mirrormount.deploy_talk import Options, ask, check, quiet
@@ -57,6 +58,7 @@ def deploy(drive: Drive, this: dict[str, bytes], options: Options, progress: Pro
         progress.phase(f"{MANIFEST} on the drive is not as deploy writes it, so it does not count: {old.damage}")
     if options.board and options.board not in (known := boards([*wanted, *there])):
         raise DeployError(f"there is no board file {options.board!r}, only {', '.join(known)}")
+    check_board_file(drive.board_id, {*wanted, *there})
     todo = drive_plan(wanted, there, old, may_replace(options))
     check_room(todo, sizes, _room(drive))
     expected = answers(wanted | kept_sources(files, todo, wanted))

@@ -10,7 +10,7 @@ import re
 import subprocess
 import tempfile
 import zlib
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -128,23 +128,33 @@ class Plan:
     journal: list[str]
     changed: int  # files of the firmware that are new or differ
     after: dict[str, str]  # path: SHA-256 when it is done
+    keep: list[str]  # what is replaced or removed: copied to KEPT/0, KEPT/1 ... until the new firmware has answered
+    undo: list[str]  # the journal that brings it back
 
 
 def plan(
-    wanted: dict[str, bytes], there: dict[str, str], manifest: dict[str, str], may_replace: Callable[[str], bool]
+    wanted: dict[str, bytes],
+    there: dict[str, str],
+    manifest: dict[str, str],
+    may_replace: Callable[[str], bool],
+    aside: Mapping[str, list[str]] | None = None,
 ) -> Plan:
     """The plan that makes a board with the files `there` ({path: SHA-256}) hold `wanted`.
 
-    manifest is what an earlier deploy has put there. Files that are neither wanted nor in it, or that somebody
-    has changed since, are not touched, but for a .py or .mpy that would hide a wanted file or be hidden by it.
-    may_replace is asked about a main.py that is not ours, with the name for its copy. Raises DeployError.
+    manifest is what an earlier deploy has put there, aside what it has put aside ({path: [its copy, SHA-256]}).
+    Files that are neither wanted nor in it, or that somebody has changed since, are not touched, but for a .py or .mpy
+    that would hide a wanted file or be hidden by it. may_replace is asked about a main.py that is not ours, with the
+    name for its copy. Raises DeployError.
     """
     hashes = {path: hashlib.sha256(content).hexdigest() for path, content in wanted.items()}
-    backup = _backup(hashes["main.py"], there, manifest, may_replace)
+    copy = _copy_of_main(hashes["main.py"], there, manifest, may_replace)
+    backup = "" if copy in there else copy
+    aside = dict(aside or {}) | ({"main.py": [copy, there["main.py"]]} if copy else {})
     ours = dict(hashes)
     if THIS in manifest and THIS in there:  # an earlier choice stays
         ours.setdefault(THIS, manifest[THIS])
-    listed = json.dumps({"version": __version__, "files": dict(sorted(ours.items()))}, indent=1).encode()
+    noted = {"version": __version__, "files": dict(sorted(ours.items()))} | ({"aside": aside} if aside else {})
+    listed = json.dumps(noted, indent=1).encode()
     new = wanted | {board_side.MANIFEST: listed}
     hashes[board_side.MANIFEST] = hashlib.sha256(listed).hexdigest()
     verify = {path: sha for path, sha in hashes.items() if there.get(path) != sha}
@@ -158,13 +168,19 @@ def plan(
     journal = [f"{path}.new>{path}" for path in order[:1]] + sorted(gone & set(there))
     journal += [f"{path}.new>{path}" for path in order[1:]]
     after = {path: sha for path, sha in (there | hashes).items() if path not in gone}
-    return Plan(upload, verify, backup, journal, len(verify.keys() & wanted.keys()), after)
+    keep = [path for path in order if path in there]
+    keep += sorted(path for path in gone & set(there) if not path.endswith(".new"))
+    back = {path: f"{board_side.KEPT}/{number}>{path}" for number, path in enumerate(keep)}
+    back |= {path: path for path in (*order, backup) if path and path not in there}
+    # main.py last: the new one can finish a journal at each boot, the old one perhaps not
+    undo = [back[path] for path in sorted(back, key=lambda path: (path == "main.py", path))]
+    return Plan(upload, verify, backup, journal, len(verify.keys() & wanted.keys()), after, keep, undo)
 
 
-def _backup(
+def _copy_of_main(
     wanted_main: str, there: dict[str, str], manifest: dict[str, str], may_replace: Callable[[str], bool]
 ) -> str:
-    """The name for a copy of somebody else's main.py; "" if there is none, or it has one already."""
+    """The name for a copy of somebody else's main.py, which may be there already; "" if the main.py is ours."""
     present = there.get("main.py")
     if present in (None, wanted_main, manifest.get("main.py")):
         return ""
@@ -176,7 +192,7 @@ def _backup(
             "the board has a main.py of somebody else: nothing was changed; to replace it (a copy stays"
             f" as {name}) say --replace-main"
         )
-    return "" if name in there else name
+    return name
 
 
 def _counterpart(path: str) -> str:

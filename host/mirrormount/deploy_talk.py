@@ -8,6 +8,7 @@ from pathlib import Path
 from mirrormount.errors import DeployError, NoAnswer, PortBusy
 from mirrormount.identify import TAKEN
 from mirrormount.link import Link
+from mirrormount.printable import printable
 
 STATUS = re.compile(r"\d+,\d+,\d+((?:\|-?\d+,[01],-?\d+,\d+,\d+,\d+)+)")
 _ANSWER_S = 1.0
@@ -59,16 +60,22 @@ def _moves(heard: str) -> bool:
     return bool(status) and any(axis.split(",")[1] == "1" for axis in status[1].strip("|").split("|"))
 
 
-def check(link: Link, wanted: Collection[str]) -> tuple[int, str]:
-    """What runs must be what was sent: XF? answers one of wanted. Returns the number of axes, and that answer."""
+def check(link: Link, wanted: Collection[str] | None) -> tuple[int, str]:
+    """What runs must be what was sent: XF? answers one of wanted (None: anything). Returns axes, and that answer.
+
+    Raises DeployError, NoAnswer, ConnectionLost.
+    """
     # the address comes back with the answers: those to earlier questions, from a board that was starting, are not ours
     answer = link.ask(_ADDRESS + b"XF?;XH?;XS?\n", _ANSWER_S)
     while not answer.startswith(_ADDRESS.decode()):
         answer = link.read_line(_ANSWER_S)
-    found, health, status = answer[len(_ADDRESS) :].split("; ")
-    if found not in wanted:
+    parts = answer[len(_ADDRESS) :].split("; ")
+    if len(parts) != 3:
+        raise DeployError(f"the board answers {answer[:60]!r} when asked what runs there")
+    found, health, status = parts
+    if wanted is not None and found not in wanted:
         expected = " or ".join(f"{one[:16]}…" for one in wanted)
-        raise DeployError(f"the board's firmware is not what was sent (XF? {found[:16]}…, not {expected})")
+        raise DeployError(f"the board's firmware is not what was sent (XF? {printable(found[:16])}…, not {expected})")
     numbers = health.split(",")
     if len(numbers) != 4 or not all(number.isdecimal() for number in numbers):
         raise DeployError(f"the board does not tell its health: {health[:60]!r}")

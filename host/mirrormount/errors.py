@@ -153,6 +153,10 @@ class MpremoteError(DeployError):
     """A call of mpremote failed."""
 
 
+class FirmwareFailed(DeployError):
+    """The new firmware did not answer after a deploy; the message says what the board has now."""
+
+
 class WrongDrive(DeployError):
     """Not the drive of a CircuitPython board, or its CircuitPython is too old."""
 

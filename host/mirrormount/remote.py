@@ -11,15 +11,21 @@ import os
 import subprocess
 import tempfile
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 from pathlib import Path
 
 from mirrormount import board_side
 from mirrormount.deploy_plan import Plan
 from mirrormount.errors import DeployError, MountError, MpremoteError
+from mirrormount.printable import printable
 from mirrormount.progress import Progress
 from mirrormount.python_child import python_module
 
+_ABOUT = """told['mpy'] = getattr(sys.implementation, '_mpy', None)
+told['machine'] = getattr(sys.implementation, '_machine', '')
+told['version'] = list(sys.implementation.version[:2])"""
+_LONGEST_LINE = 1 << 20  # characters; longer ones are taken in parts
 _CALL_S = 300.0  # the longest that one call of mpremote may take
 
 
@@ -30,9 +36,11 @@ class Mpremote:
         self._port = port
 
     def survey(self) -> dict:
-        """See board_side.survey; and `mpy`, the board's format of compiled files (or None)."""
-        told = "import sys\ntold = survey(replay)\ntold['mpy'] = getattr(sys.implementation, '_mpy', None)\nsay(told)"
-        return self._tell(told, fresh=True)
+        """See board_side.survey; and `mpy`, the format of compiled files (or None), `machine` and `version`."""
+        told = self._tell(f"import sys\ntold = survey(replay)\n{_ABOUT}\nsay(told)", fresh=True)
+        if not _is_survey(told):
+            raise DeployError("what the board tells of its files makes no sense: nothing was changed")
+        return told
 
     def install(self, todo: Plan, progress: Progress) -> None:
         """Upload, verify, commit, reset. Raises DeployError, with the board as it was."""
@@ -45,8 +53,7 @@ class Mpremote:
                 local = Path(scratch) / str(number)
                 local.write_bytes(content)
                 steps.append(["fs", "cp", "-f", str(local), f":/{path}.new"])
-            commit = f"commit({todo.verify!r}, {todo.backup!r}, {todo.journal!r}, replay)\nsay(True)"
-            steps.append(["run", self._script(scratch, "commit", commit)])
+            steps.append(["run", self._script(scratch, "commit", f"{commit_call(todo)}\nsay(True)")])
             uploading = _Uploading(progress, list(todo.upload))
             try:
                 self._run(*steps, ["reset"], on_line=uploading.heard)
@@ -58,6 +65,14 @@ class Mpremote:
     def undeploy(self) -> dict:
         """See board_side.undeploy; the board restarts."""
         return self._tell("say(undeploy(replay))", ["reset"], fresh=True)
+
+    def forget(self) -> None:
+        """See board_side.forget; the board restarts."""
+        self._tell("forget()\nsay(True)", ["reset"], fresh=True)
+
+    def revert(self) -> bool:
+        """See board_side.revert; the board restarts."""
+        return self._tell("say(revert(replay))", ["reset"], fresh=True) is True
 
     def reset(self) -> None:
         """Restart the board."""
@@ -76,12 +91,12 @@ class Mpremote:
     def _clean(self, paths: list[str], why: MpremoteError) -> None:
         """After a failed upload. Raises DeployError."""
         try:
-            as_before = self._tell(f"say(clean({paths!r}))")
+            self._tell(f"clean({paths!r}, replay)\nsay(True)")
         except DeployError:
-            raise DeployError(f"the upload failed ({why}); the old firmware is still there: deploy again") from why
-        if as_before:
-            raise DeployError(f"the upload failed ({why}); the board has the firmware that it had") from why
-        raise DeployError(f"the upload was cut ({why}); the board finishes it when it restarts") from why
+            raise DeployError(
+                f"the upload failed ({why}); the firmware that was there is kept on the board: deploy again"
+            ) from why
+        raise DeployError(f"the upload failed ({why}); the board has the firmware that it had") from why
 
     def _tell(self, code: str, *more: list[str], fresh: bool = False):
         """Run code after board_side; returns what it tells."""
@@ -95,7 +110,10 @@ class Mpremote:
             self._run(["run", self._script(scratch, "script", code)], *more, on_line=hear, fresh=fresh)
         if not told:
             raise DeployError("mpremote ran, but the board told nothing: try again")
-        return json.loads(told[0])
+        try:
+            return json.loads(told[0])
+        except (ValueError, RecursionError):
+            raise DeployError("what the board tells cannot be understood: try again") from None
 
     def _script(self, folder: str, name: str, code: str) -> str:
         path = Path(folder) / f"{name}.py"
@@ -125,13 +143,15 @@ class Mpremote:
             last = ""
             try:
                 assert process.stdout
-                for line in process.stdout:
+                for line in iter(partial(process.stdout.readline, _LONGEST_LINE), ""):
                     on_line(line.strip())
                     last = line.strip() or last
             finally:
                 timer.cancel()
         if process.returncode:
-            raise MpremoteError(last.removeprefix("mpremote: ") or f"mpremote ended with {process.returncode}")
+            raise MpremoteError(
+                printable(last.removeprefix("mpremote: ")) or f"mpremote ended with {process.returncode}"
+            )
 
 
 class _Uploading:
@@ -147,6 +167,35 @@ class _Uploading:
         if line.startswith("cp ") and self._begun < len(self._paths):
             self._progress.bar(self._begun, len(self._paths), self._paths[self._begun])
             self._begun += 1
+
+
+def commit_call(todo: Plan, replay: str = "replay") -> str:
+    """The call on the board that commits what was uploaded."""
+    return f"commit({todo.verify!r}, {todo.backup!r}, {todo.journal!r}, {replay}, {todo.keep!r}, {todo.undo!r})"
+
+
+def _is_survey(told: object) -> bool:
+    """True if a board's survey has the form that it should have: what comes from a board is input."""
+    if not isinstance(told, dict):
+        return False
+    texts = (told.get("files"), told.get("manifest"))
+    sizes, asides = told.get("sizes"), told.get("aside")
+    return (
+        all(isinstance(part, dict) and all(isinstance(v, str) for v in part.values()) for part in texts)
+        and isinstance(sizes, dict)
+        and _are_whole(sizes.values())
+        and isinstance(asides, dict)
+        and all(isinstance(v, list) and len(v) == 2 and all(isinstance(x, str) for x in v) for v in asides.values())
+        and isinstance(told.get("machine"), str)
+        and all(isinstance(told.get(name), list) and len(told[name]) == 2 for name in ("room", "version"))
+        and _are_whole([*told["room"], *told["version"]])
+        and told["room"][1] > 0
+        and (told.get("mpy") is None or _are_whole([told["mpy"]]))
+    )
+
+
+def _are_whole(numbers: Iterable[object]) -> bool:
+    return all(type(number) is int and 0 <= number < 1 << 40 for number in numbers)
 
 
 def on_board() -> str:

@@ -14,7 +14,7 @@ import pytest
 
 from mirrormount import board_side, deploy_plan
 from mirrormount.deploy_plan import Plan, firmware, firmware_hash, plan
-from mirrormount.remote import on_board
+from mirrormount.remote import commit_call, on_board
 from mirrormount.virtual import emulator
 from mirrormount.virtual.emulator import RawPrompt
 from mirrormount.virtual.files import firmware_folder
@@ -109,16 +109,11 @@ class Board(Stepped):
             for path, content in todo.upload.items():
                 prompt.put(path + ".new", content)
             before_commit()
-            prompt.run(commit(todo, replay))
+            prompt.run(commit_call(todo, replay))
         return of_firmware(there["files"]), todo
 
 
 NO_REPLAY = "lambda: None"  # leaves a journal to the next boot
-
-
-def commit(todo: Plan, replay: str = "replay") -> str:
-    """The call on the board that commits what was uploaded."""
-    return f"commit({todo.verify!r}, {todo.backup!r}, {todo.journal!r}, {replay})"
 
 
 def of_firmware(files: dict[str, str]) -> dict[str, str]:

@@ -14,9 +14,12 @@ from served import ServedBoard, run_cli, wait_for
 
 import mountfw
 from mirrormount import Mount, errors
+from mirrormount.board_side import KEPT
 from mirrormount.deploy import Options, deploy, may_replace
 from mirrormount.deploy_plan import firmware, firmware_hash, plan
 from mirrormount.errors import EmulatorMissing
+from mirrormount.remote import Mpremote
+from mirrormount.supported import MICROPYTHON
 from mirrormount.virtual import machines
 
 PACKAGE = Path(mountfw.__file__).parent / "package.json"
@@ -235,6 +238,135 @@ def test_a_flash_that_is_full_leaves_the_old_firmware_running(deployed):
     assert wait_for(lambda: deployed.ask("VE?"), "the old firmware")
 
 
+def broken(monkeypatch, line: str) -> None:
+    """The firmware that deploy has is one whose app.py begins with this line."""
+    files = firmware(None)
+    files["mountfw/app.py"] = line.encode() + b"\n" + files["mountfw/app.py"]
+    monkeypatch.setattr("mirrormount.deploy.firmware", lambda _mpy: dict(files))
+
+
+def test_a_new_firmware_that_fails_gives_way_to_the_old_one_and_its_last_line_is_told(deployed, monkeypatch):
+    before = contents(deployed.root)
+    broken(monkeypatch, "raise RuntimeError('no such thing')")
+    with pytest.raises(errors.FirmwareFailed) as e:
+        deploy(Options(port=deployed.port))
+    assert str(e.value) == (
+        "the firmware on the board does not start; it says: RuntimeError: no such thing; the firmware that was there"
+        " before is back and answers"
+    )
+    assert contents(deployed.root) == before
+    assert deployed.ask("VE?") == f"MM2 mirrormount {mountfw.__version__}"
+
+
+def test_a_first_deploy_that_fails_leaves_nothing_that_fails_at_each_boot(boot, monkeypatch):
+    board = boot()
+    broken(monkeypatch, "import no_such_module")
+    with pytest.raises(errors.FirmwareFailed, match=r"no module named 'no_such_module'.*no main\.py, as before"):
+        deploy(Options(port=board.port))
+    assert contents(board.root) == {}
+
+
+def test_a_program_of_somebody_else_is_back_when_the_firmware_fails(boot, tmp_path, monkeypatch):
+    (tmp_path / "files").mkdir()
+    (tmp_path / "files" / "main.py").write_text(THEIRS)
+    board = boot()
+    broken(monkeypatch, "import no_such_module")
+    with pytest.raises(errors.FirmwareFailed, match=r"the main\.py that was there before is back"):
+        deploy(Options(port=board.port, replace_main=True))
+    assert contents(board.root) == {"main.py": THEIRS.encode()}
+
+
+def test_a_firmware_that_starts_and_never_answers_gives_way_too(deployed, monkeypatch):
+    before = contents(deployed.root)
+    broken(monkeypatch, "import time\nwhile True: time.sleep_ms(50)")
+    monkeypatch.setattr("mirrormount.deploy_trial._BACK_S", 4.0)
+    with pytest.raises(errors.FirmwareFailed, match="does not answer; the firmware that was there before is back"):
+        deploy(Options(port=deployed.port))
+    assert contents(deployed.root) == before
+
+
+@pytest.mark.parametrize("line", ["# another version", "import no_such_module"], ids=["that works", "that fails"])
+def test_a_deploy_that_was_ended_before_a_firmware_answered_is_settled_by_the_next(deployed, monkeypatch, line):
+    def end(*_):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        broken(patch, line)
+        patch.setattr("mirrormount.deploy.try_it", end)
+        with pytest.raises(KeyboardInterrupt):
+            deploy(Options(port=deployed.port))
+    assert (deployed.root / KEPT).is_dir()
+    assert deployed.deploy().returncode == 0
+    assert set(contents(deployed.root)) == listed(deployed.root) | {"mountfw/manifest.json"}
+
+
+def test_undeploy_gives_a_program_that_was_put_aside_its_name_back(boot, tmp_path):
+    (tmp_path / "files").mkdir()
+    (tmp_path / "files" / "main.py").write_text(THEIRS)
+    board = boot()
+    assert board.deploy("--replace-main").returncode == 0
+    assert board.deploy("--source").returncode == 0
+    assert "there again: main.py" in run_cli("undeploy", board.port).stdout
+    assert contents(board.root) == {"main.py": THEIRS.encode()}
+
+
+def test_a_board_without_a_board_file_is_named_before_anything_is_uploaded(deployed, monkeypatch):
+    before = contents(deployed.root)
+    real = Mpremote.survey
+    monkeypatch.setattr(Mpremote, "survey", lambda self: real(self) | {"machine": "Odd\x1b[2JBoard with RP2040"})
+    with pytest.raises(errors.DeployError) as e:
+        deploy(Options(port=deployed.port, source=True))
+    assert r"no board file for a 'Odd\x1b[2JBoard'" in str(e.value)
+    assert "--board (adafruit_feather_esp32s3, " in str(e.value) and "--pins FILE" in str(e.value)
+    assert contents(deployed.root) == before
+    assert deploy(Options(port=deployed.port, board="rp2")).startswith("OK: RP2 board, ")
+
+
+def test_a_micropython_that_is_too_old_is_refused_and_a_newer_one_is_mentioned(deployed, monkeypatch, capsys):
+    before = contents(deployed.root)
+    real = Mpremote.survey
+    with monkeypatch.context() as patch:
+        patch.setattr(Mpremote, "survey", lambda self: real(self) | {"version": [1, 19]})
+        oldest = ".".join(map(str, MICROPYTHON.lowest))
+        with pytest.raises(errors.DeployError, match=rf"1\.19: {oldest} or later.*nothing was changed"):
+            deploy(Options(port=deployed.port, source=True))
+    assert contents(deployed.root) == before
+    monkeypatch.setattr(Mpremote, "survey", lambda self: real(self) | {"version": [2, 0]})
+    deploy(Options(port=deployed.port))
+    assert "MicroPython 2.0 is newer than any that was tried" in capsys.readouterr().err
+
+
+SURVEY = {"files": {}, "sizes": {}, "manifest": {}, "aside": {}, "kept": False, "undo": False, "room": [9, 9]}
+SURVEY |= {"mpy": None, "machine": "x", "version": [1, 25]}
+
+
+@pytest.mark.parametrize(
+    "told",
+    [
+        *(None, 7, [], {}),
+        *({"files": 7}, {"files": {"main.py": 7}}, {"sizes": {"main.py": "x"}}, {"machine": 7}),
+        *({"room": [1, 0]}, {"room": [-1, 4096]}, {"version": ["x", 1]}, {"aside": {"main.py": 7}}, {"mpy": "x"}),
+    ],
+)
+def test_what_a_board_tells_is_checked_before_anything_depends_on_it(monkeypatch, told):
+    monkeypatch.setattr(Mpremote, "_tell", lambda *_, **__: SURVEY)
+    assert Mpremote("COM4").survey() == SURVEY
+    answer = SURVEY | told if isinstance(told, dict) and told else told
+    monkeypatch.setattr(Mpremote, "_tell", lambda *_, **__: answer)
+    with pytest.raises(errors.DeployError, match="makes no sense: nothing was changed"):
+        Mpremote("COM4").survey()
+
+
+@pytest.mark.parametrize(
+    "line", ["[" * 100_000, "9" * 5000, "{", "\x1b[2J"], ids=["deep", "5000 digits", "half", "odd"]
+)
+def test_what_a_board_tells_that_cannot_be_read_is_one_line(monkeypatch, line):
+    monkeypatch.setattr(Mpremote, "_run", lambda self, *_, on_line, **__: on_line("@mirrormount " + line))
+    with pytest.raises(errors.DeployError) as e:
+        Mpremote("COM4").survey()
+    assert str(e.value).isprintable()
+
+
 def test_a_board_whose_power_went_after_the_commit_boots_the_new_firmware(boot, deployed_files, tmp_path):
     root = Path(shutil.copytree(deployed_files, tmp_path / "cut"))
     new = (root / "mountfw" / "axis.mpy").read_bytes()
@@ -259,8 +391,28 @@ def test_ones_own_pins_are_what_the_board_runs_with(deployed, tmp_path):
     assert "OK: My Pico, " in done.stdout, done.stderr
 
 
+FROM_PICO = "from mountfw.boards.pico import *\n"
+PINS_THAT_CANNOT_WORK = [
+    (FROM_PICO + "BRIDGE = 'Enable'", "BRIDGE is 'enable' or 'two-pwm', not 'Enable'"),
+    (FROM_PICO + "EMERGENCY_STOPP = 14", "EMERGENCY_STOPP is no name of a board file"),
+    (FROM_PICO + "EMERGENCY_STOP = 10", "pin 10 is used twice: EMERGENCY_STOP and AXIS_1"),
+    (FROM_PICO + "LED = 'GP7'", "pin 7 is used twice: LED and AXIS_2 neg"),
+    (FROM_PICO + "LED = 99", "LED is the number of a GPIO"),
+    (FROM_PICO + "PWM_HZ = 4e3", "PWM_HZ is a whole number"),
+    (FROM_PICO + "BRIDGE = 'two-pwm'", '"en" is a pin for BRIDGE "enable", and None'),
+    (FROM_PICO + "AXIS_1 = {'pos': 3}", "AXIS_1 says en, pos, neg, stop_pos, stop_neg"),
+    (FROM_PICO + "NAME = b'a,b'", "NAME is"),
+    ("from mountfw.boards.picco import *", "there is no board file 'picco'"),
+    ("import os\nos.abort()", "constants only"),
+    ("NAME = open('x').read()", "pins.py:1: a board file holds constants only"),
+    ("X = " + "[" * 5000, "pins.py"),
+    ("X = " + "9" * 5000, "pins.py"),
+]
+
+
 @pytest.mark.parametrize(
-    ("text", "says"), [("NAME = (", "pins.py:1"), ("NAME = b''", "also says AXIS_1"), (None, "No such file")]
+    ("text", "says"),
+    [("NAME = (", "pins.py:1"), ("NAME = b'x'", "also says AXIS_1"), (None, "No such file"), *PINS_THAT_CANNOT_WORK],
 )
 def test_pins_that_cannot_work_are_refused_before_a_board_is_looked_for(tmp_path, text, says):
     pins = tmp_path / "pins.py"
@@ -273,7 +425,8 @@ def test_pins_that_cannot_work_are_refused_before_a_board_is_looked_for(tmp_path
 def test_an_unknown_board_changes_nothing_and_names_those_there_are(deployed):
     before = contents(deployed.root)
     done = deployed.deploy("--board", "picco")
-    assert "only adafruit_feather_esp32s3, adafruit_feather_rp2040, pico, pico_drv8833" in done.stderr
+    names = "adafruit_feather_esp32s3, adafruit_feather_rp2040, pico, pico2, pico2_w, pico_drv8833, pico_w, rp2, seeed_"
+    assert f"only {names}" in done.stderr
     assert contents(deployed.root) == before
 
 

@@ -100,17 +100,27 @@ class Board:
         power = Power(self.root, last)
         side = self.side(power)
         there = side["survey"](side["replay"])
-        return plan(wanted, there["files"], there["manifest"], lambda _copy: True), side, power
+        if there["undo"]:  # as deploy does for a board whose firmware does not answer
+            side["revert"](side["replay"])
+            there = side["survey"](side["replay"])
+        return plan(wanted, there["files"], there["manifest"], lambda _copy: True, there["aside"]), side, power
 
-    def deploy(self, wanted: dict[str, bytes], last: int | None = None) -> int:
-        """All that a deploy does on the board. Returns how many operations that were; PowerCut after `last`."""
+    def deploy(self, wanted: dict[str, bytes], last: int | None = None, answers: bool = True) -> int:
+        """All that a deploy does on the board. Returns how many operations that were; PowerCut after `last`.
+
+        answers: whether the new firmware does; else the old one is put back.
+        """
         todo, side, power = self.plan(wanted, last)
         if todo.journal:
             side["make_folders"](("mountfw", "mountfw/boards"))
             for path, content in todo.upload.items():
                 with power.open(path + ".new", "wb") as f:
                     f.write(content)
-            side["commit"](todo.verify, todo.backup, todo.journal, side["replay"])
+            side["commit"](todo.verify, todo.backup, todo.journal, side["replay"], todo.keep, todo.undo)
+        if answers:
+            side["forget"]()
+        else:
+            assert side["revert"](side["replay"])
         return power.count
 
     def undeploy(self, last: int | None = None) -> int:
@@ -229,14 +239,76 @@ def test_a_boot_that_finishes_a_deploy_may_be_cut_too(tmp_path):
     older(board)
     todo, side, _ = board.plan(NEW)
     board.put({path + ".new": content for path, content in todo.upload.items()})
-    side["commit"](todo.verify, todo.backup, todo.journal, lambda: None)
+    side["commit"](todo.verify, todo.backup, todo.journal, lambda: None, todo.keep, todo.undo)
     count = Board(Path(shutil.copytree(board.root, tmp_path / "whole"))).boot()
     for last in range(1, count + 1):
         cut = Board(Path(shutil.copytree(board.root, tmp_path / f"cut{last}")))
         with pytest.raises(PowerCut):
             cut.boot(last)
         cut.boot()
-        assert {p: c for p, c in cut.contents().items() if not p.endswith(".json")} == NEW
+        booted = {p: c for p, c in cut.contents().items() if not p.startswith(board_side.KEPT)}
+        assert {p: c for p, c in booted.items() if not p.endswith(".json")} == NEW
+
+
+def test_a_firmware_that_does_not_answer_leaves_the_board_as_it_was(board):
+    before = board.contents()
+    board.deploy(NEW, answers=False)
+    assert board.contents() == before
+
+
+def test_a_cut_while_the_old_firmware_comes_back_leaves_the_old_one_or_the_new_one(board, each_cut):
+    old, before = board.runs(), board.contents()
+    committed = Board(board.root.parent / "committed")
+    shutil.copytree(board.root, committed.root, dirs_exist_ok=True)
+    committed.deploy(NEW)
+    for cut, whole in each_cut(lambda b, last: b.deploy(NEW, last, answers=False)):
+        assert whole.contents() == before
+        cut.boot()
+        assert cut.runs() in (old, committed.runs())
+        cut.deploy(NEW)
+        assert cut.contents() == committed.contents()
+
+
+def test_a_boot_that_finishes_bringing_back_may_be_cut_too(board, tmp_path):
+    old = board.runs()
+    todo, side, _ = board.plan(NEW)
+    side["make_folders"](("mountfw", "mountfw/boards"))
+    board.put({path + ".new": content for path, content in todo.upload.items()})
+    side["commit"](todo.verify, todo.backup, todo.journal, side["replay"], todo.keep, todo.undo)
+    (board.root / board_side.UNDO).rename(board.root / board_side.JOURNAL)
+    count = Board(Path(shutil.copytree(board.root, tmp_path / "counted"))).boot()
+    for last in range(1, count + 1):
+        cut = Board(Path(shutil.copytree(board.root, tmp_path / f"boot{last}")))
+        with pytest.raises(PowerCut):
+            cut.boot(last)
+        cut.boot()
+        assert cut.runs() == old
+
+
+def test_of_an_upload_that_fails_after_the_commit_nothing_is_left_either(board):
+    before = board.contents()
+    todo, side, _ = board.plan(NEW)
+    side["make_folders"](("mountfw", "mountfw/boards"))
+    board.put({path + ".new": content for path, content in todo.upload.items()})
+    side["commit"](todo.verify, todo.backup, todo.journal, lambda: None, todo.keep, todo.undo)
+    side["clean"](list(todo.verify), side["replay"])
+    assert board.contents() == before
+
+
+def test_undeploy_gives_a_program_that_was_put_aside_its_name_back_over_any_cut(tmp_path):
+    board = Board(tmp_path / "board")
+    somebody_elses(board)
+    before = board.contents()
+    board.deploy(OLD)
+    board.deploy(NEW)
+    assert board.contents()["main.py.bak2"] == THEIRS.encode()
+    count = Board(Path(shutil.copytree(board.root, tmp_path / "whole"))).undeploy()
+    for last in range(1, count + 1):
+        cut = Board(Path(shutil.copytree(board.root, tmp_path / f"cut{last}")))
+        with pytest.raises(PowerCut):
+            cut.undeploy(last)
+        cut.undeploy()
+        assert cut.contents() == before, last
 
 
 def test_after_a_cut_of_undeploy_nothing_of_ours_runs_or_all_of_it(tmp_path):
@@ -270,8 +342,8 @@ def test_a_file_that_arrives_damaged_commits_nothing(tmp_path):
     todo, side, _ = board.plan(NEW)
     board.put({path + ".new": content + b"?" for path, content in todo.upload.items()})
     with pytest.raises(ValueError, match="damaged"):
-        side["commit"](todo.verify, todo.backup, todo.journal, side["replay"])
-    assert side["clean"](list(todo.verify)) is True
+        side["commit"](todo.verify, todo.backup, todo.journal, side["replay"], todo.keep, todo.undo)
+    side["clean"](list(todo.verify), side["replay"])
     assert board.contents() == before
 
 

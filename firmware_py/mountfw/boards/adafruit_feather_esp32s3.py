@@ -1,4 +1,4 @@
-"""Adafruit Feather ESP32-S3 with an SN754410, L293D or TB6612. Not tried: nothing has run this file.
+"""Adafruit Feather ESP32-S3 with an SN754410, L293D or TB6612. Not tried on hardware.
 
 Numbers are GPIOs; in brackets, what is printed on the board. The same places as on the Feather RP2040. See pico.py for
 what the names mean.

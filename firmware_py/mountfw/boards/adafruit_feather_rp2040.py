@@ -1,4 +1,4 @@
-"""Adafruit Feather RP2040 with an SN754410, L293D or TB6612. Not tried on the board.
+"""Adafruit Feather RP2040 with an SN754410, L293D or TB6612. Not tried on hardware.
 
 Numbers are GPIOs; in brackets, what is printed on the board. See pico.py for what the names mean.
 """

@@ -1,4 +1,6 @@
-"""Raspberry Pi Pico and Pico W with an SN754410, L293D or TB6612 (docs/bring-up.md has the wiring).
+"""Raspberry Pi Pico with an SN754410, L293D or TB6612 (docs/bring-up.md has the wiring).
+
+Not tried on hardware; in the emulator, with official images of MicroPython and CircuitPython.
 
 To fit another board, copy this file under the name that the firmware asks for and change it. To
 change the wiring of one mount, copy it to this.py on the board: that goes before every other.
@@ -26,4 +28,5 @@ PWM_HZ = 4000
 # Between the legs' change and the enable. The SN754410 switches within about 1 us.
 DEAD_TIME_US = 10
 
+# A pin, or the name that the platform gives it; None: no LED. One that this board lacks is left out.
 LED = "LED"

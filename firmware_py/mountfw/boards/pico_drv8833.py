@@ -1,4 +1,4 @@
-"""Raspberry Pi Pico and Pico W with a DRV8833, or another bridge with two PWM inputs a motor.
+"""Raspberry Pi Pico or Pico 2 with a DRV8833, or another bridge with two PWM inputs a motor. Not tried on hardware.
 
 The pins are those of pico.py without the enables, so that a mount can change its bridge and
 keep its wires.
