@@ -36,6 +36,7 @@ MOTORS = (
     ("motor 1\nup / down", BLUE, ("2Y", 6, 10.5), ("1Y", 3, 7.5)),
     ("motor 2\nright / left", GREEN, ("4Y", 14, 6.0), ("3Y", 11, 3.0)),
 )
+EMERGENCY_STOP = ("emergency_stop", 2.4, "GP14", 19)  # as in SWITCHES, in the colour of the motors' supply
 # Name, colour, height, Pico pin and its number
 SWITCHES = (
     ("m1_sw_pos", BLUE, 10.5, "GP10", 14),
@@ -48,23 +49,26 @@ NOTES = """
 •  Blue: motor 1, up and down. Green: motor 2, right and left. Signal names are the firmware's;
     “pos” is the leg that is high for a positive number.
 •  R1 and R2 keep the motors off while the board starts or is flashed: 10 kΩ; on a Pico 2, at most 8.2 kΩ.
-•  C1 and C2 stand next to the bridge, between pin 8 and its ground pins.
+•  C1 and C2 stand next to the bridge, between pin 8 and its ground pins; C3 stands at pin 16.
 •  USB feeds the Pico and pin 16; the motor supply feeds pin 8 and nothing else.
     The two share only the ground. No GP pin may see more than 3.3 V.
+•  The emergency stop has two normally closed contacts: one breaks the motors' supply, the other
+    tells the firmware (optional). D9 blocks a supply whose poles are exchanged.
 """
 
 RAIL, BOTTOM, GND_3, SUPPLY = 0.0, 1.7, 12.5, 14.5  # heights: ground, boxes, the Pico's GND 3, both supplies
 PICO, PICO_RIGHT, PICO_TOP = 6.0, 10.5, 15.5
 BRIDGE, BRIDGE_RIGHT, BRIDGE_TOP = 18.5, 23.5, 12.5
-PULL_DOWN, MOTOR, SMALL_CAPACITOR, BULK_CAPACITOR, SOURCE = 16.0, 26.0, 30.0, 32.0, 36.5  # places across
-NOTES_AT, PINOUT = (0.0, -2.2), (29.0, -1.8)
+PULL_DOWN, LOGIC_CAPACITOR, MOTOR, SMALL_CAPACITOR, BULK_CAPACITOR = 16.0, 17.2, 26.0, 30.0, 32.0  # places across
+DIODE, BUTTON, SWITCH, FUSE, SOURCE = 33.0, 36.0, 39.0, 42.0, 45.0  # where each begins, on the way to the supply
+NOTES_AT, PINOUT, CLAMPS = (0.0, -2.2), (29.0, -1.8), (40.0, -5.3)
 
 
 def main() -> None:
     """Draw, and write both files."""
     with schemdraw.Drawing(show=False, canvas="matplotlib") as d:
         d.config(fontsize=NORMAL, lw=1.8, margin=0.5, bgcolor="white")
-        for part in (supply, pico, bridge, signals, motors, switches, legend):
+        for part in (supply, pico, bridge, signals, motors, switches, clamps, legend):
             part(d)
     drawn: Any = d.draw(show=False)
     figure = drawn.getfig()
@@ -106,13 +110,15 @@ def pico(d) -> None:
     middle = (PICO + PICO_RIGHT) / 2
     box(d, middle - 0.7, middle + 0.7, PICO_TOP, PICO_TOP + 0.5, "#dddddd")
     write(d, (middle, PICO_TOP + 0.9), "USB, to the computer")
-    write(d, (middle - 0.6, 13.0), "Raspberry Pi\nPico or\nPico W", LARGE)
+    write(d, (middle - 0.6, 13.0), "Raspberry Pi\nPico (W) or\nPico 2 (W)", LARGE)
     pin(d, (PICO_RIGHT, SUPPLY), "right", "VBUS", 40)
     pin(d, (PICO_RIGHT, GND_3), "right", "GND", 3)
     pin(d, (middle, BOTTOM), "bottom", "GND", 38)
     wire(d, (middle, BOTTOM), (middle, RAIL), dot=True)
     wire(d, (PICO_RIGHT, SUPPLY), (BRIDGE + 1.4, SUPPLY), (BRIDGE + 1.4, BRIDGE_TOP), color=RED)
     write(d, (14, SUPPLY + 0.35), "5 V from USB, for the bridge's logic", SMALL, RED)
+    d += elm.Capacitor().at((LOGIC_CAPACITOR, SUPPLY)).to((LOGIC_CAPACITOR, GND_3)).dot()
+    write(d, (LOGIC_CAPACITOR + 0.45, (SUPPLY + GND_3) / 2), "C3\n100 nF", align="left")
 
 
 def bridge(d) -> None:
@@ -134,7 +140,7 @@ def signals(d) -> None:
         pin(d, (BRIDGE, y), "left", bridge_pin, bridge_number)
         wire(d, (PICO_RIGHT, y), (BRIDGE, y), color=color)
         write(d, (13.2, y + 0.32), name, NORMAL, color)
-    wire(d, (PICO_RIGHT, GND_3), (PULL_DOWN, GND_3))
+    wire(d, (PICO_RIGHT, GND_3), (LOGIC_CAPACITOR, GND_3))
     for name, y, to_ground in (("R1", SIGNALS[0][2], GND_3), ("R2", SIGNALS[-1][2], RAIL)):
         d += elm.Resistor().at((PULL_DOWN, y)).to((PULL_DOWN, to_ground)).idot()
         write(d, (PULL_DOWN - 0.4, (y + to_ground) / 2), name + "\n10 kΩ", align="right")
@@ -159,20 +165,30 @@ def switches(d) -> None:
         d += elm.Button(nc=True).at((0, y)).to((PICO, y)).color(color)
         write(d, (1.5, y + 0.35), name, NORMAL, color)
         d += elm.Dot().at((0, y))
+    name, y, pico_pin, number = EMERGENCY_STOP
+    pin(d, (PICO, y), "left", pico_pin, number)
+    d += elm.Button(nc=True).at((0, y)).to((PICO, y)).color(ORANGE)
+    write(d, (1.4, y + 0.35), name, SMALL, ORANGE)
+    d += elm.Dot().at((0, y))
     wire(d, (0, SWITCHES[0][2]), (0, RAIL))
     words = "End-stop switches (optional),\nnormally closed;\npull-ups are in the Pico"
     write(d, (2.6, 12.2), words, SMALL, GREY)
 
 
 def supply(d) -> None:
-    """The ground that all share; the motors' own supply, its switch, the capacitors next to the bridge."""
+    """The common ground; the motors' own supply with what protects and stops it; the capacitors at the bridge."""
     d += elm.Line().at((0, RAIL)).to((SOURCE, RAIL)).linewidth(3.5)
     d += elm.Ground().at((PULL_DOWN - 2.5, RAIL)).theta(0)
     write(d, (PULL_DOWN - 3.2, RAIL - 0.55), "common ground", align="right")
     x = BRIDGE_RIGHT - 1.4
-    wire(d, (x, BRIDGE_TOP), (x, SUPPLY), (BULK_CAPACITOR, SUPPLY), color=ORANGE)
-    d += elm.Switch().at((BULK_CAPACITOR, SUPPLY)).to((SOURCE, SUPPLY)).color(ORANGE)
-    write(d, ((BULK_CAPACITOR + SOURCE) / 2, SUPPLY + 0.9), "motor power", NORMAL, ORANGE)
+    wire(d, (x, BRIDGE_TOP), (x, SUPPLY), (DIODE, SUPPLY), color=ORANGE)
+    d += elm.Schottky().at((BUTTON, SUPPLY)).to((DIODE, SUPPLY)).color(ORANGE)
+    d += elm.Button(nc=True).at((BUTTON, SUPPLY)).to((SWITCH, SUPPLY)).color(ORANGE)
+    d += elm.Switch().at((SWITCH, SUPPLY)).to((FUSE, SUPPLY)).color(ORANGE)
+    d += elm.Fuse().at((FUSE, SUPPLY)).to((SOURCE, SUPPLY)).color(ORANGE)
+    labels = ((DIODE, "D9\n1N5822"), (BUTTON, "emergency\nstop"), (SWITCH, "motor\npower"), (FUSE, "F1\n1 A"))
+    for start, words in labels:
+        write(d, (start + 1.5, SUPPLY + 1.3), words, NORMAL, ORANGE)
     d += elm.Capacitor().at((SMALL_CAPACITOR, SUPPLY)).to((SMALL_CAPACITOR, RAIL)).dot().idot()
     d += elm.Capacitor(polar=True).at((BULK_CAPACITOR, SUPPLY)).to((BULK_CAPACITOR, RAIL)).dot().idot()
     write(d, (SMALL_CAPACITOR - 0.5, 8.2), "C1\n100 nF", align="right")
@@ -180,6 +196,22 @@ def supply(d) -> None:
     d += elm.Battery().at((SOURCE, SUPPLY)).to((SOURCE, RAIL))
     write(d, (SOURCE - 0.6, 7.25), "+\n\n\n-")
     write(d, (SOURCE - 0.7, 5.3), "motor supply\nabout 6 V DC\nnot the USB 5 V", align="right")
+
+
+def clamps(d) -> None:
+    """The two diodes of an output, drawn once for all four."""
+    x, y = CLAMPS
+    d += elm.Schottky().at((x, y)).to((x, y + 2.5)).color(ORANGE)
+    d += elm.Schottky().at((x, y - 2.5)).to((x, y)).color(ORANGE)
+    wire(d, (x - 2, y), (x + 2, y), color=BLUE)
+    d += elm.Dot().at((x, y)).color(BLUE)
+    write(d, (x - 2.2, y), "1Y", align="right")
+    write(d, (x + 2.2, y), "to the motor", align="left")
+    write(d, (x, y + 2.9), "VCC2, pin 8", color=ORANGE)
+    write(d, (x, y - 2.9), "common ground")
+    write(d, (x + 0.6, y + 1.3), "D1", align="left")
+    write(d, (x + 0.6, y - 1.3), "D2", align="left")
+    write(d, (x, PINOUT[1] + 0.6), "The same at 2Y, 3Y and 4Y: D1 to D8, 1N5819")
 
 
 def legend(d) -> None:

@@ -1,0 +1,63 @@
+"""The drawing of the wiring, the table beside it and the board file tell the same pins."""
+
+import importlib.util
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+from mountfw.boards import pico
+
+ROOT = Path(__file__).resolve().parents[2]
+PHYSICAL = {2: 4, 3: 5, 4: 6, 5: 7, 6: 9, 7: 10, 10: 14, 11: 15, 12: 16, 13: 17, 14: 19}  # of a Pico, by its GPIO
+STOP = "emergency_stop"  # what GP14 is for, once a board file says so
+
+
+@pytest.fixture(scope="module")
+def wiring():
+    """tools/wiring.py as a module."""
+    spec = importlib.util.spec_from_file_location("mirrormount_tools_wiring", ROOT / "tools" / "wiring.py")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def board_file() -> dict[str, int]:
+    """Each signal's GPIO, by the names that the drawing uses."""
+    names = {"en": "en", "pos": "pos", "neg": "neg", "stop_pos": "sw_pos", "stop_neg": "sw_neg"}
+    axes = {1: pico.AXIS_1, 2: pico.AXIS_2}
+    return {f"m{n}_{shown}": axis[name] for n, axis in axes.items() for name, shown in names.items()}
+
+
+def test_the_drawing_shows_the_pins_of_the_board_file(wiring):
+    drawn = {row[0]: (row[3], row[4]) for row in (*wiring.SIGNALS, *wiring.SWITCHES)}
+    drawn[wiring.EMERGENCY_STOP[0]] = wiring.EMERGENCY_STOP[2:]
+    pins = board_file() | {STOP: 14}
+    assert drawn == {name: (f"GP{pin}", PHYSICAL[pin]) for name, pin in pins.items()}
+
+
+def test_the_table_of_the_page_has_the_pins_of_the_board_file(wiring):
+    text = (
+        (ROOT / "docs" / "bring-up.md")
+        .read_text(encoding="utf-8")
+        .split("## 2. Wiring")[1]
+        .split("**With a DRV8833**")[0]
+    )
+    told = {}
+    for bridge, gpios, numbers, what in re.findall(
+        r"^\| \S+ \| ([^|]+) \| (GP[^|]+) \| ([^|]+) \| (.*) \|$", text, re.M
+    ):
+        names = re.findall(r"`(\w+)`", what)
+        for name, gpio, number in zip(names, gpios.split(", "), numbers.split(", "), strict=True):
+            told[name] = (gpio, int(number), bridge.split(" ")[0])
+    at_bridge = {row[0]: str(row[6]) for row in wiring.SIGNALS}
+    pins = board_file() | {STOP: 14}
+    assert told == {name: (f"GP{pin}", PHYSICAL[pin], at_bridge.get(name, "–")) for name, pin in pins.items()}
+
+
+def test_the_drawing_is_what_the_tool_draws(wiring, monkeypatch, tmp_path):
+    monkeypatch.setattr(wiring, "IMAGES", tmp_path)
+    wiring.main()
+    assert (tmp_path / "wiring.svg").read_bytes() == (ROOT / "docs" / "images" / "wiring.svg").read_bytes()
