@@ -3,4 +3,4 @@
 Read app.py first: it is the loop. docs/architecture.md tells who may import whom.
 """
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"

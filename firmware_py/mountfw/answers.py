@@ -56,8 +56,9 @@ class Answers:
 
     def velocity(self, axis):
         r = self._replies
-        r.add(axis.velocity // 100)
-        part = axis.velocity % 100
+        velocity = axis.possible_velocity()
+        r.add(velocity // 100)
+        part = velocity % 100
         if part:
             r.add(b".")
             r.add(part // 10)
@@ -135,8 +136,10 @@ class Answers:
         self._replies.add(self.about.identity)
 
     def version(self, _axis):
-        self._replies.add(b"MM2 mirrormount ")
-        self._replies.add(_VERSION)
+        r = self._replies
+        r.add(b"MM2 Version ")  # four words as on its controllers, and a short first one: clients count on both
+        r.add(_VERSION)
+        r.add(b" mirrormount")
 
     def firmware_hash(self, _axis):
         self._replies.add(self.about.firmware_hash)

@@ -32,7 +32,7 @@ _FINISH_PULSE_US = 250_000  # a soft stop lets a pulse end that has less than th
 _SHORTEST_US = 200  # no pulse is shorter, so less than that is not taken up
 _SHORT_US = 900  # a pulse that may be over before the loop comes round is waited for where it begins
 _TURN_US = 5  # half of what one turn of that waiting takes an RP2040
-_REST_US = 1_000  # least rest after a pulse
+_MOST_ON_US = 1_000_000_000  # a move's time under drive is counted up to here: its sum stays a small integer
 _COUNT_US = 20_000  # a run is counted at least this often while it is served, so that its sums stay small
 
 
@@ -133,14 +133,14 @@ class Axis(Parameters):
             return False
         position = self.position
         target = self.whole_steps() + n
-        if not self._in_reach(n, target):
+        if not self._in_reach(target):
             return False
         self.last_relative = n
         position.target = target
         self._steps_left = abs(n)
         self._stopping = False
         self._begin(n, self.step_duty)
-        self._period_us = max(100_000_000 // self.velocity, self.pulse_us + _REST_US)
+        self._period_us = 100_000_000 // self.possible_velocity()
         if n == 0:
             self._finish(errors.DONE)
         elif self._rests():
@@ -154,11 +154,9 @@ class Axis(Parameters):
         self._next_at = add(self._on_at, self._period_us)
         return self.resting and 0 < diff(self._next_at, self._ticks_us()) <= self._period_us
 
-    def _in_reach(self, n, target):
-        """May n steps to target be asked for? If not, an error says why."""
-        take_up_us = self.position.take_up(n) // self.step_duty
-        most = (self.move_limit_ms * 1000 - take_up_us) // self.pulse_us
-        if not -MAX_STEPS <= target <= MAX_STEPS or abs(n) > most:
+    def _in_reach(self, target):
+        """May a target be asked for? If not, an error says why. No time bounds the move: its steps do."""
+        if not -MAX_STEPS <= target <= MAX_STEPS:
             self.error(errors.AXIS_OUT_OF_RANGE)
         elif self.checking & 8 and target > self.soft_maximum:
             self.error(errors.AXIS_POSITIVE_SOFT)
@@ -497,7 +495,8 @@ class Axis(Parameters):
     def _pulse_over(self):
         self.bridge.off()
         self._counting = True
-        self._on_us += diff(self._cut_at, self._on_at)
+        on_us = self._on_us + diff(self._cut_at, self._on_at)
+        self._on_us = on_us if on_us < _MOST_ON_US else _MOST_ON_US
         self.state = REST
         if self._taking_up:
             self.position.taken_up(self._direction)

@@ -11,6 +11,7 @@ from mountfw.command import COMMAND, END, MINUS, NOTHING, NUMBER, PLUS, QUERY, k
 from mountfw.position import MAX_STEPS
 from mountfw.settings import SETTINGS, allowed
 
+_ADDRESS = 1  # of this controller, in a line that names one
 _CONNECTED = 2  # axes this mount has
 _DIALECT_AXES = 4  # axes the dialect knows; those above _CONNECTED answer as not connected
 
@@ -20,11 +21,12 @@ _VA = key(b"VA")
 _XL = key(b"XL")
 _MD = key(b"MD")
 _ST = key(b"ST")
+_STOPS = (_ST, key(b"AB"))
 
 # what a controller with a network, other motors or an encoder has: nothing is set, a query is answered so
 _CONSTANT = {
-    b"SA": b"1",
-    b"SC": b"2",  # one unit, at address 1
+    b"SA": b"%d" % _ADDRESS,
+    b"SC": b"%d" % (1 << _ADDRESS),  # a bit for each address that is in use
     b"SD": b"1",
     b"RS": b"0",
     b"ZZ": b"0",
@@ -53,6 +55,7 @@ class Commands:
         self._read = False  # is its next command read and to be executed?
         self._stage = 0  # of a command that takes several pieces
         self._answers = 0  # of the line in hand
+        self._elsewhere = False  # is it addressed to another controller?
         self.answers = answers = Answers(controller, replies, about)
         # (needs an axis, set, query); set(axis, line) and query(axis) of the axis, or of None
         commands = {
@@ -60,6 +63,7 @@ class Commands:
             b"*RST": (False, self._restart, None),
             b"*RCL": (False, self._recall, None),
             b"SM": (False, self._save, None),
+            b"XX": (False, self._purge, None),
             b"VE": (False, None, answers.version),
             b"PR": (True, self._move_by, answers.relative),
             b"PA": (True, self._move_to, answers.target),
@@ -83,7 +87,7 @@ class Commands:
             b"XH": (False, None, answers.health),
         }
         for name in _NO_ENCODER:
-            commands[name] = (True, self._not_fitted, answers.zero)
+            commands[name] = (True, self._open_loop, answers.zero)
         self._commands = {key(name): entry for name, entry in commands.items()}
         for name in _SETTINGS:
             self._commands[name] = (True, self._set, self._ask_setting)
@@ -100,6 +104,9 @@ class Commands:
         self._stage = 0
         self._read = False
         self.busy = True
+        self._elsewhere = self._line.address_length > 0 and self._line.address() != _ADDRESS
+        if self._elsewhere:
+            self._errors.push(errors.NO_SUCH_CONTROLLER)
 
     def go_on(self):
         """Go on with the line in hand: read a little of it, or execute a command or a piece of it, or end it."""
@@ -119,18 +126,20 @@ class Commands:
 
     def _execute(self, line):
         """Do the command that was read. True if it is to be called again: there is more to do."""
+        if self._elsewhere and (line.kind == QUERY or line.name not in _STOPS):
+            return None  # a stop stops, whoever it is for
         entry = self._commands.get(line.name)
         if entry is None:
-            return self._errors.push(errors.NO_SUCH_COMMAND)
+            return self._refuse(errors.NO_SUCH_COMMAND)
         action = entry[2] if line.kind == QUERY else entry[1]
         if action is None:
-            return self._errors.push(errors.NO_SUCH_COMMAND)
+            return self._refuse(errors.NO_SUCH_COMMAND)
         axis = None
         if entry[0] or (line.axis >= 0 and line.kind != QUERY):
             if line.axis < 0:
-                return self._errors.push(errors.AXIS_MISSING)
+                return self._refuse(errors.AXIS_MISSING)
             if not 1 <= line.axis <= _DIALECT_AXES:
-                return self._errors.push(errors.NO_SUCH_AXIS)
+                return self._refuse(errors.NO_SUCH_AXIS)
             if line.axis > _CONNECTED:
                 return self._not_connected(line)
             axis = self._axes[line.axis - 1]
@@ -138,6 +147,14 @@ class Commands:
             self._next_answer()
             return action(axis)
         return action(axis, line)
+
+    def _refuse(self, code):
+        """Queue an error; a query is answered with its number, so that a client does not wait in vain."""
+        self._errors.push(code)
+        if self._line.kind == QUERY:
+            self._next_answer()
+            self._replies.add(b"ERROR ")
+            self._replies.add(code)
 
     def _not_connected(self, line):
         if line.kind == QUERY:
@@ -259,13 +276,14 @@ class Commands:
     def _velocity(self, axis, line):
         if not self._number(line):
             return
+        entry = _SETTINGS[_VA]
         n = line.hundredths()
-        if n < 1:
+        if not entry[1] <= n <= entry[2]:
             self._errors.push(errors.OUT_OF_RANGE)
-        elif n > 100_000_000 // (axis.pulse_us + 1000):
+            return
+        axis.set("velocity", n)  # kept, also if the pulses do not fit in yet: they may become shorter
+        if axis.possible_velocity() < n:
             axis.error(errors.AXIS_TOO_FAST)
-        else:
-            axis.set("velocity", n)
 
     def _define(self, axis, line):
         if (line.kind != NOTHING and not self._number(line)) or self._refused(axis):
@@ -286,6 +304,12 @@ class Commands:
         self._stage = self._records.save(self._stage)
         return self._stage > 0
 
+    def _purge(self, axis, line):
+        """The settings as they were made, also on the flash."""
+        if line.kind == NOTHING and not (self._axes[0].moving() or self._axes[1].moving()):
+            self._records.factory()
+        return self._save(axis, line)  # which refuses it if it was not done
+
     def _recall(self, _axis, line):
         if self._integer(line, 0, 1) and not self._any_moves():
             if line.rounded():
@@ -298,8 +322,10 @@ class Commands:
     def _accept(self, _axis, _line):
         pass
 
-    def _not_fitted(self, axis, _line):
-        axis.error(errors.AXIS_NOT_FITTED)
+    def _open_loop(self, axis, line):
+        """0 is how it is: nothing is measured, and no loop is closed. All else needs an encoder."""
+        if self._number(line) and (line.whole or line.millionths):
+            axis.error(errors.AXIS_NOT_FITTED)
 
     def _ask_constant(self, _axis):
         self._replies.add(_CONSTANTS[self._line.name])

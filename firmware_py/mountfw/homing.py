@@ -7,7 +7,7 @@
     SLOW       towards it in short pulses; where it opens is the place
 
 The axis drives, counts and ends the move; this only says what comes next. In all it may drive for
-move_limit_ms. A switch at the other end that opens meanwhile is a fault of the wiring, and ends it.
+search_limit_ms. A switch at the other end that opens meanwhile is a fault of the wiring, and ends it.
 """
 
 from mountfw import errors
@@ -47,7 +47,7 @@ class Homing:
         axis = self._axis
         self._run_duty = axis.run_duty
         self._step_duty = axis.step_duty
-        self._limit_us = axis.move_limit_ms * 1000
+        self._limit_us = axis.search_limit_ms * 1000
         self._back_off_us = axis.pulse_us * _BACK_OFF_STEPS + axis.take_up_us
         self._go(_FAST)
 

@@ -5,6 +5,8 @@ A new setting counts from the next move on: what a step and a gap are is measure
 
 from mountfw.position import MAX_STEPS, Position
 
+_REST_US = 1_000  # least rest after a pulse
+
 
 class Parameters:
     """What an axis is set to. The two EndStops are named for the electrical direction."""
@@ -30,12 +32,13 @@ class Parameters:
         self.inverted = 0
         self.switches = 0  # bit 0: the positive end-stop is fitted, bit 1: the negative one
         self.run_limit_ms = 10_000
-        self.move_limit_ms = 120_000
-        self.velocity = 200  # hundredths of a step per second
+        self.search_limit_ms = 120_000
+        self.velocity = 200  # hundredths of a step per second, as asked for: see possible_velocity()
         self.acceleration = 100_000  # kept for those who ask: DC pulses do not ramp
         self.soft_minimum = -MAX_STEPS
         self.soft_maximum = MAX_STEPS
-        self.checking = 0  # bit 0: end-stops ignored, bit 3: soft limits checked
+        # bit 0: end-stops are ignored, bit 1: the following error is (there is none), bit 3: soft limits are checked
+        self.checking = 0
         self.motor_type = 3  # 0: none
 
     def load(self, values):
@@ -80,6 +83,16 @@ class Parameters:
             self.position.step_changed()
             self.position.step = step
         self.position.set_gap(self.take_up_us * self.step_duty)
+
+    def possible_velocity(self):
+        """Hundredths of a step per second: what was asked for, or as much of it as the pulses fit in.
+
+        That is a whole number of steps if it is one at least, because drivers of the dialect read whole numbers.
+        """
+        most = 100_000_000 // (self.pulse_us + _REST_US)
+        if self.velocity <= most:
+            return self.velocity
+        return most // 100 * 100 or most
 
     # ---- the end-stops
 

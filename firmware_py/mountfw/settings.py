@@ -23,14 +23,17 @@ SETTINGS = (
     (b"XI", "inverted", 0, 1, True),
     (b"XL", "switches", 0, 7, True),
     (b"XM", "run_limit_ms", 1, 400_000, False),
-    (b"XT", "move_limit_ms", 1, 400_000, False),
-    (b"VA", "velocity", 1, 100_000_000 // 1200, False),
+    (b"XT", "search_limit_ms", 1, 400_000, False),
+    (b"VA", "velocity", 1, 200_000, False),
     (b"AC", "acceleration", 1, 200_000, False),
     (b"SL", "soft_minimum", -MAX_STEPS, MAX_STEPS, False),
     (b"SR", "soft_maximum", -MAX_STEPS, MAX_STEPS, False),
-    (b"ZH", "checking", 0, 9, True),
+    (b"ZH", "checking", 0, 11, True),
     (b"QM", "motor_type", 0, 3, True),
 )
+
+_CHECKING_BITS = 1 | 2 | 8
+_RENAMED = {"move_limit_ms": "search_limit_ms"}  # what an older firmware has saved
 
 _SETTINGS = "mountfw.settings"
 _POSITION = "mountfw.position"
@@ -48,7 +51,7 @@ def allowed(name, value):
     """May the setting of this name (of its attribute) have this value?"""
     for _, attribute, least, most, _ in SETTINGS:
         if attribute == name:
-            return least <= value <= most and (name != "checking" or value & ~9 == 0)
+            return least <= value <= most and (name != "checking" or value & ~_CHECKING_BITS == 0)
     return False
 
 
@@ -137,7 +140,7 @@ class Records:
             if len(words) != 3 or words[0] not in ("1", "2"):
                 return None
             try:
-                number, name, value = int(words[0]), words[1], int(words[2])
+                number, name, value = int(words[0]), _RENAMED.get(words[1], words[1]), int(words[2])
             except ValueError:
                 return None
             if not allowed(name, value) or (name == "switches" and not self._axes[number - 1].can_fit(value)):

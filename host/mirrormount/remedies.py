@@ -34,9 +34,13 @@ REMEDIES = {
         "The command needs a value after it.",
         "1PR5, not 1PR.",
     ),
+    "48": Remedy(
+        "A line was addressed to another controller than 1 (2>1PR5). Nothing of it was done but ST and AB.",
+        "Address 1, or none.",
+    ),
     "60": Remedy(
-        "A byte that cannot continue the message, or a message that was never finished. It may have been a "
-        "damaged stop, so both motors were stopped.",
+        "A byte that cannot continue the message (a backspace, too), a message that was never finished, or eight "
+        "zeros in a line. It may have been a damaged stop, so both motors were stopped.",
         "If it repeats: cable, baud rate, two programs on one port, a frame that is not padded to sddd sddd. "
         "End every frame with a line feed.",
     ),
@@ -86,9 +90,8 @@ REMEDIES = {
         "a line.",
     ),
     "n01": Remedy(
-        "A target beyond ±1 000 000 steps, a move that needs more on-time than the move limit XT, or a run "
-        "that reached the edge of what can be counted.",
-        "Check the number; raise XT; define a nearer zero with DH.",
+        "A target beyond ±1 000 000 steps, or a run that reached the edge of what can be counted.",
+        "Check the number; define a nearer zero with DH.",
     ),
     "n04": Remedy(
         "The switch at the positive end is active, or its wire is broken.",
@@ -112,16 +115,17 @@ REMEDIES = {
         "Use axis 1 or 2; QM3 on the axis says that there is a motor.",
     ),
     "n10": Remedy(
-        "VA asks for more steps per second than pulses of length XP fit in. The old value stays.",
-        "Make the pulse shorter first.",
+        "More steps per second were asked for (VA) than pulses of length XP fit in. The value is kept, and the axis "
+        "makes as many as are possible.",
+        "VA? says how many. A shorter pulse allows more.",
     ),
     "n14": Remedy(
         "The axis moves, and the command would disturb that.",
         "Wait for MD? to be 1, or stop it.",
     ),
     "n35": Remedy(
-        "A switch was declared fitted for which the board has no input; or homing needs a switch that is not "
-        "fitted (XL) or is ignored (ZH1); or an encoder was set, and there is none.",
+        "A switch was declared fitted for which the board has no input; or a search (MT, OR) needs a switch that is "
+        "not fitted (XL) or is ignored (ZH1); or a closed loop was asked for, and there is no encoder.",
         "Say what is fitted: mirrormount setup, or mirrormount config set x.switches 3 (XL). See the board's file "
         "in mountfw/boards for its inputs.",
     ),

@@ -95,8 +95,8 @@ def _bounds(mount: Mount, keep_alives: list[int]) -> str:
     """What ends a motion that nobody waits for."""
     if keep_alives and keep_alives[-1]:
         return f"the board stops it {keep_alives[-1]} ms after the last byte of this program (keep-alive)"
-    run_s, move_s = (max(axis.ask_whole(query)[0] for axis in (mount.x, mount.y)) / 1000 for query in ("XM?", "XT?"))
+    run_s, search_s = (max(axis.ask_whole(query)[0] for axis in (mount.x, mount.y)) / 1000 for query in ("XM?", "XT?"))
     return (
-        f"it goes on without this program: a run for {run_s:g} s at most, a move for {move_s:g} s under drive"
-        " at most; mirrormount stop ends it"
+        f"it goes on without this program: a run for {run_s:g} s at most, a search for a switch for {search_s:g} s"
+        " under drive at most, a move until its steps are made; mirrormount stop ends it"
     )

@@ -59,13 +59,13 @@ SETTINGS = {
     "run_duty": Setting("XV", 1, 255, "duty of a run, 1 … 255"),
     "take_up_us": Setting("XB", 0, 2_000_000, "drive that takes up the backlash, us; 0: off"),
     "run_limit_ms": Setting("XM", 1, 400_000, "longest run, ms"),
-    "move_limit_ms": Setting("XT", 1, 400_000, "most time under drive of one move, ms"),
-    "velocity": Setting("VA", 0.01, 833.33, "steps per second", decimals=2),
+    "search_limit_ms": Setting("XT", 1, 400_000, "longest search for a switch, ms of drive"),
+    "velocity": Setting("VA", 0.01, 2000, "steps per second", decimals=2),
     "acceleration": Setting("AC", 1, 200_000, "kept for other programs; pulses do not ramp"),
     "switches": Setting("XL", 0, 7, "switches fitted: 1 positive + 2 negative + 4 home"),
     "soft_minimum": Setting("SL", -_MOST_STEPS, _MOST_STEPS, "negative soft limit, steps"),
     "soft_maximum": Setting("SR", -_MOST_STEPS, _MOST_STEPS, "positive soft limit, steps"),
-    "checking": Setting("ZH", 0, 9, "1 ignores end-stops + 8 checks soft limits", among=(0, 1, 8, 9)),
+    "checking": Setting("ZH", 0, 11, "1 ignores end-stops + 8 checks soft limits", among=(0, 1, 2, 3, 8, 9, 10, 11)),
 }
 
 
@@ -139,7 +139,7 @@ def check_together(before: Mapping[str, Mapping[str, Any]], wanted: Mapping[str,
         after = {**before[axis], **wanted[axis]}
         if after["soft_minimum"] > after["soft_maximum"]:
             raise BadValue(f"{axis}.soft_minimum {after['soft_minimum']} is above its maximum {after['soft_maximum']}")
-        if "velocity" in wanted[axis]:  # the board would refuse it (n10), with the pulse already changed
+        if "velocity" in wanted[axis]:  # the board would make fewer steps (n10)
             most = 100_000_000 // (after["pulse_us"] + 1000) / 100
             if after["velocity"] > most:
                 raise BadValue(

@@ -10,6 +10,7 @@ import sys
 TESTS = (
     "test_wire",
     "test_own_reply",
+    "test_dialect",
     "test_stops",
     "test_motion",
     "test_backlash",

@@ -186,15 +186,31 @@ def test_a_frame_takes_both_axes():
 ZERO = b"00000000"
 
 
-def test_limits_of_position_and_of_time_refuse_a_move():
+def test_a_target_beyond_what_can_be_counted_is_refused():
     rig = Rig()
-    rig.ask(b"1PR601;1PR-601;1PA1000001;1DH1000001\n")
+    rig.ask(b"1PR1000001;1PR-1000001;1PA1000001;1DH1000001\n")
     assert rig.errors() == [101] * 4
-    rig.ask(b"1XT1000;1PR6\n")
-    assert rig.errors() == [101]
     rig.ask(b"1DH1000000;1PR1\n")
     assert rig.errors() == [101]
     assert rig.drives() == (0, 0)
+
+
+def test_a_move_over_the_whole_travel_is_accepted_whatever_time_it_takes():
+    for settings in (b"\n", b"1XP2000000;1XT1;1XM1\n"):
+        for here, there in ((1_000_000, -1_000_000), (-1_000_000, 1_000_000)):
+            rig = Rig()
+            rig.ask(settings)
+            rig.ask(b"1DH%d;1PA%d\n" % (here, there))
+            assert rig.errors() == []
+            assert rig.drives() == (255 if there > here else -255, 0)
+            assert rig.ask(b"1PA?;1MD?\n") == b"%d; 0\r\n" % there
+
+
+def test_the_time_under_drive_of_a_long_move_is_counted_up_to_1000_seconds():
+    rig = Rig()
+    rig.ask(b"1XP2000000;1PR502\n")
+    rig.run(1_030_000_000)
+    assert rig.ask(b"1XE?\n") == b"1,502,1000000000\r\n"
 
 
 def test_a_run_ends_at_the_edge_of_what_can_be_counted():
@@ -219,11 +235,23 @@ def test_the_way_back_from_the_edge_is_open():
 def test_velocity_is_kept_in_hundredths_and_bounded_by_the_pulse():
     rig = Rig()
     assert rig.ask(b"1VA?;1VA0.05;1VA?;1VA2.5;1VA?\n") == b"2; 0.05; 2.5\r\n"
-    rig.ask(b"1VA4.98\n")
-    assert rig.errors() == [110]
-    rig.ask(b"1VA0;1VA-1;1VA0.001\n")
-    assert rig.errors() == [7, 7, 7]
-    assert rig.ask(b"1VA?\n") == b"2.5\r\n"
+    rig.ask(b"1VA0;1VA-1;1VA0.001;1VA2000.01\n")
+    assert rig.errors() == [7, 7, 7, 7]
+    assert rig.ask(b"1VA?;1VA4.97;1VA?\n") == b"2.5; 4.97\r\n"
+    assert rig.errors() == []
+
+
+def test_a_velocity_above_what_the_pulses_allow_is_kept_and_what_is_possible_is_told():
+    rig = Rig()
+    assert rig.ask(b"1VA4.98;1VA?;1VA2000;1VA?\n") == b"4; 4\r\n"  # in whole steps, as drivers read them
+    assert rig.errors() == [110, 110]
+    assert rig.ask(b"1XP2000000;1VA?;1XP1000;1VA?;1XP200;1VA?\n") == b"0.49; 500; 833\r\n"
+    assert rig.errors() == []
+    rig.ask(b"1XP20000;1PR4\n")
+    rig.run(200_000)
+    starts = [us for us, pin, duty in rig.port.edges if pin == 2 and duty]
+    assert [20_900 < b - a < 22_500 for a, b in zip(starts, starts[1:])] == [True] * 3  # 47 a second
+    assert rig.ask(b"1VA?\n") == b"47\r\n"
 
 
 def test_every_parameter_is_checked_and_answered():

@@ -185,7 +185,7 @@ def test_a_right_checksum_over_a_value_out_of_range_gives_the_settings_as_made_a
         for value in (least - 1, most + 1, 1 << 40, -(1 << 40)):
             for number in (1, 2):
                 assert_as_made(Rig(files={FILE: seal("%d %s %d\n" % (number, name, value))}), DAMAGED)
-    assert_as_made(Rig(files={FILE: seal("1 checking 2\n")}), DAMAGED)
+    assert_as_made(Rig(files={FILE: seal("1 checking 4\n")}), DAMAGED)
     assert_as_made(Rig(files={FILE: seal("1 switches 4\n")}), DAMAGED)  # a Pico's board file has no home switch
 
 
@@ -206,6 +206,33 @@ def test_settings_of_an_older_firmware_that_knew_fewer_are_taken():
     assert rig.axis1.run_duty == 7
     assert rig.axis2.pulse_us == 1000
     assert rig.axis1.pulse_us == 200_000
+
+
+def test_a_search_limit_that_was_saved_by_its_older_name_is_taken():
+    rig = Rig(files={FILE: seal("1 move_limit_ms 777\n2 run_duty 7\n")})
+    assert rig.errors() == []
+    assert (rig.axis1.search_limit_ms, rig.axis2.run_duty) == (777, 7)
+
+
+def test_a_purge_leaves_the_settings_as_made_in_use_and_on_the_flash():
+    rig, _ = saved()
+    do(rig, b"XX\n")
+    assert settings(rig) == settings(Rig())
+    assert rig.errors() == []
+    assert_as_made(restart(rig), 0)
+
+
+def test_a_purge_with_a_value_or_while_an_axis_moves_changes_nothing():
+    rig, were = saved()
+    rig.ask(b"1QM3;2QM3\n")
+    now = settings(rig)
+    rig.ask(b"XX1\n")
+    assert rig.errors() == [7]
+    rig.ask(b"2PR2\n")
+    do(rig, b"XX\n")
+    assert rig.errors() == [214]
+    assert settings(rig) == now
+    assert settings(restart(rig)) == were
 
 
 def test_a_damaged_file_is_told_by_rcl1_too_and_mended_by_saving():

@@ -129,8 +129,8 @@ def test_malformed_lines_stop_and_execute_nothing_of_themselves():
         b"1PR1;255-\n",
         b"1PR+\x0b\n",
         b"1PR1..5\n",
-        b"1PR12345678\n",
-        b"1PR1.1234567\n",
+        b"1PR12345678901\n",
+        b"1PR01234567\n",
         b"1PR1;\n",
         b"1\n",
         b"*\n",
@@ -173,8 +173,8 @@ def test_spaces_case_and_decimals_of_the_dialect():
         b"1PA3\n",
         b"1 PA 3\r\n",
         b"1pa3.000000\n",
-        b"0>1PA+3\n",
-        b"05> 1 PA 3 \n",
+        b"1>1PA+3\n",
+        b"01> 1 PA 3 \n",
         b"1>1PA3;1TP?\n",
     ):
         rig = Rig()
@@ -192,8 +192,8 @@ def test_halves_round_away_from_zero():
 
 def test_answers_of_a_line_are_joined_and_the_address_is_echoed():
     rig = Rig()
-    assert rig.ask(b"2>1TP?;2TP?;TB?\r\n") == b"2>0; 0; 0, NO ERROR DETECTED\r\n"
-    assert rig.ask(b"0>VE?\n") == b"0>MM2 mirrormount 0.1.0\r\n"
+    assert rig.ask(b"1>1TP?;2TP?;TB?\r\n") == b"1>0; 0; 0, NO ERROR DETECTED\r\n"
+    assert rig.ask(b"01>VE?\n") == b"01>MM2 Version 0.2.0 mirrormount\r\n"
 
 
 def test_axes_that_the_dialect_has_and_this_mount_has_not_answer_as_unconnected():
@@ -354,4 +354,4 @@ def test_the_text_after_a_long_name_moves_nothing_and_hides_nothing():
         rig.ask(line)
         assert rig.drives() == (0, 0), line
         assert rig.errors()[-1] == 60
-    assert rig.ask(b"HOSTNAME?;IPADDR 192.168.0.1;VE?\n") == b"mirrormount; MM2 mirrormount 0.1.0\r\n"
+    assert rig.ask(b"HOSTNAME?;IPADDR 192.168.0.1;VE?\n") == b"mirrormount; MM2 Version 0.2.0 mirrormount\r\n"

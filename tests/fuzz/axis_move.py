@@ -12,6 +12,7 @@ if TYPE_CHECKING:
 DONE, STOPPED, ABORTED, END_STOP, SOFT_LIMIT, RUN_LIMIT, SUPERSEDED, HOMING_FAILED = 1, 2, 3, 4, 5, 6, 8, 12
 UNKNOWN, COUNTED, HOMED, ESTIMATED = 0, 1, 2, 3
 
+_PULSE_SLACK_US = 100
 BACK_OFF_STEPS = 20  # so far homing drives off a switch before it says that it is not released
 
 
@@ -22,7 +23,7 @@ class Move:
     kind: str
     way: int
     duties: tuple[int, ...]  # that it may drive with
-    limit_us: float  # of XM, or XT
+    limit_us: float  # of XM, of XT, or of its steps
     n: int = 0
     period_us: int = 0
     soft_limit: int | None = None
@@ -38,6 +39,12 @@ class Move:
     drives: int = 0
     pulse_at: int | None = None
     off_at: int | None = None
+
+
+def possible_velocity(wanted: int, pulse_us: int) -> int:
+    """Hundredths of a step per second: what fits, in whole steps if that is not what was asked for."""
+    most = 100_000_000 // (pulse_us + 1000)
+    return wanted if wanted <= most else most - most % 100 if most >= 100 else most
 
 
 def rounded(x: float) -> int:
@@ -66,17 +73,15 @@ def _of_steps(model: AxisModel, name: str, value: int) -> dict[int, set[int]]:
     s, slack = model.settings, model.slack + 0.0006 * bool(model.slack)
     for position in (model.position - slack, model.position, model.position + slack):
         n = value if name == "PR" else rounded(value - position)
-        need = model.gap.need(n)
-        for take_up in (max(need - model.gap.slack, 0), need + model.gap.slack):
-            target = rounded(position) + n
-            code = 0
-            if abs(n) > (s["XT"] * 1000 - take_up // s["XD"]) // s["XP"] or abs(target) > 1_000_000:
-                code = 101
-            elif s["ZH"] & 8 and target > s["SR"]:
-                code = 106
-            elif s["ZH"] & 8 and target < s["SL"]:
-                code = 107
-            found.setdefault(code, set()).add(n)
+        target = rounded(position) + n
+        code = 0
+        if abs(target) > 1_000_000:
+            code = 101
+        elif s["ZH"] & 8 and target > s["SR"]:
+            code = 106
+        elif s["ZH"] & 8 and target < s["SL"]:
+            code = 107
+        found.setdefault(code, set()).add(n)
     return found
 
 
@@ -93,8 +98,9 @@ def started(model: AxisModel, name: str, value: int, n: int) -> Move:
     """The move that an accepted command begins."""
     s = model.settings
     if name in ("PR", "PA"):
-        period_us = max(100_000_000 // s["VA"], s["XP"] + 1000)
-        return Move("steps", 1 if n > 0 else -1, (s["XD"],), s["XT"] * 1000, n=n, period_us=period_us)
+        limit_us = abs(n) * (s["XP"] + _PULSE_SLACK_US) + s["XB"]
+        period_us = 100_000_000 // possible_velocity(s["VA"], s["XP"])
+        return Move("steps", 1 if n > 0 else -1, (s["XD"],), limit_us, n=n, period_us=period_us)
     way = 1 if value > 0 else -1
     if name == "frame":
         return Move("frame", way, (abs(value),), s["XM"] * 1000)

@@ -7,7 +7,8 @@ the board must understand: a list of events. Written from docs/protocol.md, not 
 import re
 
 FRAME = re.compile(r"[0+-]\d{3}[0+-]\d{3}")
-SHORT = r"\*?[A-Za-z]+ *(\?|[+-]|[+-]?\d{1,7}(\.\d{1,6})?)? *"
+NUMBER = r"[+-]?(0\d{0,6}|[1-9]\d{0,9})(\.\d+)?"
+SHORT = rf"\*?[A-Za-z]+ *(\?|[+-]|{NUMBER})? *"
 LONG = r"\*?[A-Za-z]{6,}(\? *|[ \"-)+-:<=@[-`{-~][ \"-:<=?-~]*)?"  # a network's name, and text
 COMMAND = rf" *(\d{{1,2}} *)?({SHORT}|{LONG})"
 LINE = re.compile(rf"(\d{{1,2}}>)?{COMMAND}(;{COMMAND})*")

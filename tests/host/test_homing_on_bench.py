@@ -65,7 +65,7 @@ def test_without_a_switch_nothing_moves(mount):
 
 
 def test_a_switch_that_is_never_reached_ends_homing_at_the_move_limit(mount):
-    mount.apply({"x": {"move_limit_ms": 500}})
+    mount.apply({"x": {"search_limit_ms": 500}})
     with pytest.raises(errors.MoveEnded, match="245") as ended:
         mount.x.find_end_stop(1)
     assert ended.value.reason == 12

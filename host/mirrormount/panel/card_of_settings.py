@@ -17,7 +17,7 @@ from mirrormount.settings import AXES, SETTINGS
 _GROUPS = (
     ("Pulse and speed", ("pulse_us", "step_duty", "velocity", "run_duty")),
     ("Take-up", ("take_up_us",)),
-    ("Limits", ("checking", "soft_minimum", "soft_maximum", "run_limit_ms", "move_limit_ms")),
+    ("Limits", ("checking", "soft_minimum", "soft_maximum", "run_limit_ms", "search_limit_ms")),
     ("Wiring", ("inverted", "switches", "motor_type")),
 )
 _NAMES = [name for _, names in _GROUPS for name in names]
