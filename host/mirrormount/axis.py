@@ -238,7 +238,7 @@ class Axis:
                 mount._feed()
 
     def _seek(self, command: str) -> None:
-        """Begin to look for a switch. The move limit bounds the time under drive; slow pulses have rests between."""
+        """Begin to look for a switch. The search limit bounds the time under drive; slow pulses have rests between."""
         mount = self._mount
         stops = mount._count_stops()
         limit_ms, pulse_us = self.ask_whole("XT?", "XP?")
