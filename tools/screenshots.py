@@ -27,7 +27,7 @@ def main(folder: Path) -> None:
     with tempfile.TemporaryDirectory() as scratch, sync_playwright() as playwright:
         os.environ["XDG_CONFIG_HOME"] = scratch
         _calibrate()
-        panel = Panel("virtual://", Path(scratch))
+        panel = Panel("virtual://", Path(scratch), "--patience", "2")
         browser = playwright.chromium.launch(executable_path=CHROMIUM, chromium_sandbox=False)
         try:
             page = browser.new_page(viewport=DESK)

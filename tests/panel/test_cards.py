@@ -6,6 +6,10 @@ import pytest
 from running import Panel
 from served import wait_for
 
+from mirrormount import Mount
+from mirrormount.panel.card_of_settings import GROUPS
+from mirrormount.settings import SETTINGS
+
 
 @pytest.fixture
 def panel_options() -> list[str]:
@@ -33,7 +37,7 @@ def test_a_pulse_that_is_set_is_the_pulse_that_is_made(page, board):
     open_settings(page)
     page.get_by_label("x: length of a step's pulse, us").fill("50000")
     page.get_by_role("button", name="Apply").click()
-    page.get_by_text("applied").wait_for()
+    page.get_by_text("applied", exact=True).wait_for()
     page.get_by_role("button", name="RIGHT", exact=True).click()
     page.get_by_text("+1.000").wait_for()
     assert on_times_us(board, "m2_en") == [pytest.approx(50_000, abs=50)]
@@ -47,14 +51,63 @@ def test_a_pulse_that_is_set_is_the_pulse_that_is_made(page, board):
         ("y: steps per second", "1.234", "at most 2 decimals"),
     ],
 )
-def test_a_setting_that_cannot_be_is_told_and_none_is_changed(page, label, typed, told):
+def test_a_setting_that_cannot_be_is_told_and_none_is_changed(page, panel, board, label, typed, told):
     open_settings(page)
     page.get_by_label("x: drive that takes up the backlash, us; 0: off").fill("1000")
     page.get_by_label(label).fill(typed)
     page.get_by_role("button", name="Apply").click()
     page.get_by_text(told).wait_for()
-    page.get_by_role("button", name="Restore saved").click()
-    wait_for_value(page, "x: drive that takes up the backlash, us; 0: off", "0")
+    panel.end()
+    with Mount.open(str(board.link)) as mount:
+        assert mount.settings()["x"]["take_up_us"] == 0
+
+
+def test_the_card_has_a_field_for_every_setting_of_both_axes(page):
+    assert sorted(name for _, names in GROUPS for name in names) == sorted(SETTINGS)
+    open_settings(page)
+    for axis in ("x", "y"):
+        for setting in SETTINGS.values():
+            assert page.get_by_label(f"{axis}: {setting.what}", exact=True).input_value() != ""
+
+
+def change_direction(page) -> str:
+    """Apply and save another direction of x. Returns the label of the setting."""
+    open_settings(page)
+    label = f"x: {SETTINGS['inverted'].what}"
+    page.get_by_label(label).fill("1")
+    page.get_by_role("button", name="Apply").click()
+    page.get_by_text("applied", exact=True).wait_for()
+    return label
+
+
+def test_factory_asks_first_and_cancel_changes_nothing(page, panel, board):
+    label = change_direction(page)
+    page.get_by_role("button", name="Factory").click()
+    page.get_by_text("Replace all settings by the factory's?").wait_for()
+    assert stop_is_on_top(page)
+    page.get_by_role("button", name="Cancel").click()
+    page.get_by_text("Replace all settings by the factory's?").wait_for(state="hidden")
+    assert page.get_by_label(label).input_value() == "1"
+    panel.end()
+    with Mount.open(str(board.link)) as mount:
+        assert mount.settings()["x"]["inverted"] == 1
+
+
+def test_factory_can_be_undone_after_the_page_was_loaded_again(open_page, page, panel, board):
+    label = change_direction(page)
+    page.get_by_role("button", name="Factory").click()
+    page.get_by_role("button", name="Replace them").click()
+    wait_for_value(page, label, "0")
+    page.reload()
+    page.wait_for_selector("body.ready")
+    open_settings(page)
+    assert page.get_by_label(label).input_value() == "0"
+    page.get_by_role("button", name="Put them back").click()
+    wait_for_value(page, label, "1")
+    page.get_by_role("button", name="Put them back").wait_for(state="hidden")
+    panel.end()
+    with Mount.open(str(board.link)) as mount:
+        assert mount.settings()["x"]["inverted"] == 1
 
 
 def test_saved_settings_come_back_and_others_do_not(page):
@@ -65,11 +118,12 @@ def test_saved_settings_come_back_and_others_do_not(page):
     page.get_by_text("saved on the board").wait_for()
     page.get_by_label(label).fill("4000")
     page.get_by_role("button", name="Apply").click()
-    page.get_by_text("applied").last.wait_for()
+    page.get_by_text("applied", exact=True).last.wait_for()
     wait_for_value(page, label, "4000")
     page.get_by_role("button", name="Restore saved").click()
     wait_for_value(page, label, "3000")
     page.get_by_role("button", name="Factory").click()
+    page.get_by_role("button", name="Replace them").click()
     wait_for_value(page, label, "0")
 
 
@@ -78,7 +132,7 @@ def test_a_move_beyond_a_soft_limit_is_refused_with_its_reason(page, board):
     page.get_by_label("x: positive soft limit, steps").fill("3")
     page.get_by_label("x: 1 ignores end-stops + 8 checks soft limits").fill("8")
     page.get_by_role("button", name="Apply").click()
-    page.get_by_text("applied").wait_for()
+    page.get_by_text("applied", exact=True).wait_for()
     page.get_by_label("Target of x").fill("4")
     page.get_by_label("Target of x").press("Enter")
     page.get_by_text("the board says 206: ").first.wait_for()
@@ -89,8 +143,8 @@ def test_an_error_in_a_motion_is_listed_with_cause_and_remedy(page, board):
     open_settings(page)
     page.get_by_label("y: longest run, ms").fill("100")
     page.get_by_role("button", name="Apply").click()
-    page.get_by_text("applied").wait_for()
-    page.get_by_label("Speed of motor 1").fill("255")
+    page.get_by_text("applied", exact=True).wait_for()
+    page.get_by_label("Speed of Y").fill("255")
     page.get_by_role("button", name="OK", exact=True).first.click()
     page.get_by_text("the board says 140: ").first.wait_for()
     page.get_by_text("Cause: One run or one frame drove for as long as XM allows.").wait_for()
@@ -116,7 +170,7 @@ def test_the_wire_log_shows_both_directions_without_the_polls(page):
 
 
 def test_a_virtual_board_shows_its_spot_and_follows_it(open_page, tmp_path):
-    panel = Panel("virtual://", tmp_path)
+    panel = Panel("virtual://", tmp_path, "--patience", "2")
     try:
         page = open_page(panel.url)
         page.locator("canvas[data-screen]").wait_for()
@@ -148,20 +202,21 @@ def test_every_control_can_be_reached_with_the_tab_key(page):
     for _ in range(3 * everything):
         page.keyboard.press("Tab")
         reached.add(page.evaluate("document.activeElement.outerHTML"))
-    named = {"data-stop", 'data-press="x+"', 'name="speed"', 'name="m1"', 'name="target_y"', 'name="steps"'}
+    named = {"data-stop", 'data-press="1 0"', 'name="speed"', 'name="speed_x"', 'name="target_y"', 'name="steps"'}
     assert {name for name in named if not any(name in html for html in reached)} == set()
 
 
 @pytest.mark.parametrize("width", [390, 1600])
 def test_a_refusal_is_in_sight_and_nothing_covers_stop(open_page, panel, width):
     page = open_page(panel.url, viewport={"width": width, "height": 844})
-    page.get_by_label("Speed of motor 1").fill("256")
+    page.get_by_label("Speed of Y").fill("256")
     page.get_by_role("button", name="OK", exact=True).first.click()
-    told = page.locator(".q-notification", has_text="nothing was done: motor 1")
+    told = page.locator(".q-notification", has_text="nothing was done: the speed of Y")
     told.wait_for()
     page.wait_for_function("document.getAnimations().length === 0")
-    box = told.bounding_box()
-    assert 0 <= box["y"] < 300 and box["x"] >= 0 and box["x"] + box["width"] <= width
+    box, stop = told.bounding_box(), page.locator("[data-stop]").bounding_box()
+    assert box["y"] >= 0 and box["y"] + box["height"] <= stop["y"]
+    assert box["x"] >= 0 and box["x"] + box["width"] <= width
     assert stop_is_on_top(page)
 
 
@@ -192,7 +247,7 @@ def test_a_setting_that_another_page_has_changed_is_not_undone(open_page, page, 
     open_settings(other)
     page.get_by_label("x: drive that takes up the backlash, us; 0: off").fill("1000")
     page.get_by_role("button", name="Apply").click()
-    page.get_by_text("applied").wait_for()
+    page.get_by_text("applied", exact=True).wait_for()
     other.get_by_role("button", name="Take control").click()
     other.get_by_text("you control").wait_for()
     other.get_by_label("y: drive that takes up the backlash, us; 0: off").fill("2000")

@@ -1,14 +1,19 @@
 """Each way of driving, from the browser to the pins of the virtual board."""
 
 import itertools
+import re
 
 import pytest
 from running import pulses, run_until_driving, wait_for_rest
 from served import wait_for
 
+from mirrormount.panel.cards_of_motion import SLOW
+from mirrormount.panel.presses import MOST
+
 LEGS = {"UP": "m1_pos", "DOWN": "m1_neg", "RIGHT": "m2_pos", "LEFT": "m2_neg"}
 ARROWS = {"UP": "ArrowUp", "DOWN": "ArrowDown", "RIGHT": "ArrowRight", "LEFT": "ArrowLeft"}
 PULSE_US = 200_000
+FRESH = {"viewport": {"width": 1600, "height": 1000}}  # a browser of its own, that remembers nothing
 
 
 @pytest.fixture
@@ -95,15 +100,82 @@ def test_a_button_in_focus_is_held_with_the_space_bar(page, board):
     assert legs_used(board) == {"m2_neg"}
 
 
-def test_the_slider_sets_the_speed_of_the_run_and_not_of_the_step(page, board):
+def duties(board) -> list[int]:
+    return [e["duty"] for e in board.edges() if e["pin"] == "m2_en"]
+
+
+def test_the_slider_starts_slow_and_sets_the_speed_of_the_run_and_not_of_the_step(open_page, panel, board):
+    page = open_page(panel.url, **FRESH)
+    assert page.get_by_role("slider", name="Speed").input_value() == str(SLOW)
     page.get_by_role("slider", name="Speed").focus()
-    for _ in range(100):
-        page.keyboard.press("ArrowLeft")
+    for _ in range(5):
+        page.keyboard.press("ArrowRight")
     hold(page, "RIGHT")
     wait_for_run(board)
     page.mouse.up()
     wait_for_rest(board)
-    assert [e["duty"] for e in board.edges() if e["pin"] == "m2_en"] == [65535, 0, 155 * 257, 0]
+    assert duties(board) == [65535, 0, (SLOW + 5) * 257, 0]
+
+
+def test_the_slider_is_remembered_when_the_page_is_loaded_again(open_page, panel, board):
+    page = open_page(panel.url, **FRESH)
+    page.get_by_role("slider", name="Speed").fill("33")
+    page.reload()
+    page.wait_for_selector("body.ready")
+    assert page.locator('[data-shows="speed"]').inner_text() == "33"
+    hold(page, "RIGHT")
+    wait_for_run(board)
+    page.mouse.up()
+    wait_for_rest(board)
+    assert duties(board) == [65535, 0, 33 * 257, 0]
+
+
+def test_four_taps_in_a_row_are_four_steps(page, board):
+    for _ in range(4):
+        page.keyboard.press("ArrowRight")
+    wait_for_pulses(board, 4)
+    page.get_by_text("+4.000").wait_for()
+    assert on_times_us(board, "m2_en") == [pytest.approx(PULSE_US, abs=50)] * 4
+    assert page.locator(".q-notification").count() == 0
+
+
+def test_taps_that_wait_are_shown_and_stop_drops_them(page, board):
+    page.keyboard.down("Shift")
+    for _ in range(4):
+        page.keyboard.press("ArrowRight")
+    page.keyboard.up("Shift")
+    page.get_by_text("3 queued").wait_for()
+    page.keyboard.press("Escape")
+    wait_for_rest(board)
+    page.get_by_text("queued", exact=False).filter(has_text=re.compile("^[0-9]+ queued$")).wait_for(state="detached")
+    page.get_by_text("last move: aborted (STOP was pressed)").wait_for()
+    page.keyboard.press("ArrowUp")
+    page.locator("section", has_text="Y ·").get_by_text("+1.000").wait_for()
+    assert len(on_times_us(board, "m2_en")) < 10
+
+
+def test_more_taps_than_can_wait_are_told(page, board):
+    page.keyboard.down("Shift")
+    for _ in range(MOST + 2):
+        page.keyboard.press("ArrowRight")
+    page.keyboard.up("Shift")
+    page.get_by_text("this press was not counted: 10 steps wait already").first.wait_for()
+    page.keyboard.press("Escape")
+    wait_for_rest(board)
+
+
+def test_a_diagonal_button_steps_both_axes_at_once_and_holds_run_both(page, board):
+    page.get_by_role("button", name="UP AND LEFT").click()
+    wait_for_pulses(board, 2)
+    assert legs_used(board) == {"m1_pos", "m2_neg"}
+    for enable in ("m1_en", "m2_en"):
+        assert on_times_us(board, enable) == [pytest.approx(PULSE_US, abs=50)]
+    on = [e["t_us"] for e in board.edges() if e["pin"].endswith("_en") and e["duty"]]
+    assert abs(on[1] - on[0]) < PULSE_US  # both were on at the same time
+    hold(page, "DOWN AND RIGHT")
+    wait_for(lambda: board.enables() == {"m1_en": SLOW * 257, "m2_en": SLOW * 257}, "both axes to run")
+    page.mouse.up()
+    wait_for_rest(board)
 
 
 def test_sliding_off_the_button_stops(page, board):
@@ -137,8 +209,8 @@ def test_fine_steps_are_as_many_as_stated(page, board):
 
 
 def test_typed_speeds_run_both_motors_until_stop(page, board):
-    page.get_by_label("Speed of motor 1").fill("-100")
-    page.get_by_label("Speed of motor 2").fill("50")
+    page.get_by_label("Speed of Y").fill("-100")
+    page.get_by_label("Speed of X").fill("50")
     page.get_by_role("button", name="OK").click()
     wait_for(lambda: board.enables() == {"m1_en": 100 * 257, "m2_en": 50 * 257}, "both motors at their speeds")
     assert legs_used(board) == {"m1_neg", "m2_pos"}
@@ -148,10 +220,10 @@ def test_typed_speeds_run_both_motors_until_stop(page, board):
 
 @pytest.mark.parametrize("typed", ["256", "-256", "1.5", "fast", "", "1e2", "٣"])
 def test_a_speed_that_cannot_be_is_told_and_drives_nothing(page, board, typed):
-    page.get_by_label("Speed of motor 1").fill(typed)
-    page.get_by_label("Speed of motor 2").fill("50")
+    page.get_by_label("Speed of Y").fill(typed)
+    page.get_by_label("Speed of X").fill("50")
     page.get_by_role("button", name="OK").click()
-    page.get_by_text("nothing was done: motor 1").wait_for()
+    page.get_by_text("nothing was done: the speed of Y").wait_for()
     assert board.edges() == []
 
 

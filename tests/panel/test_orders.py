@@ -5,21 +5,21 @@ import pytest
 from mirrormount.errors import BadValue
 from mirrormount.panel.orders import Drive, GoTo, Home, Press, Steps, Zero, parse
 
-PRESS = {"do": "press", "axis": "x", "way": 1, "speed": "128"}
+PRESS = {"do": "press", "x": 1, "y": 0, "speed": "128"}
 
 
 @pytest.mark.parametrize(
     ("message", "order"),
     [
-        ({"do": "drive", "m1": "-255", "m2": " 7 "}, Drive(-255, 7)),
+        ({"do": "drive", "x": "-255", "y": " 7 "}, Drive(x=-255, y=7)),
         ({"do": "steps", "axis": "y", "way": -1, "n": "3"}, Steps("y", -3)),
         ({"do": "steps", "axis": "y", "way": 1, "n": "+3"}, Steps("y", 3)),
         ({"do": "goto", "axis": "x", "to": "0"}, GoTo("x", 0)),
         ({"do": "goto", "axis": "x", "to": "\N{MINUS SIGN}3"}, GoTo("x", -3)),
         ({"do": "home", "axis": "x"}, Home("x")),
         ({"do": "zero", "axis": "y"}, Zero("y")),
-        (PRESS, Press("x", 1, 128, False)),
-        (PRESS | {"coarse": True}, Press("x", 1, 128, True)),
+        (PRESS, Press(1, 0, 128, False)),
+        (PRESS | {"coarse": True}, Press(1, 0, 128, True)),
     ],
 )
 def test_an_order_is_understood(message, order):
@@ -43,10 +43,11 @@ def test_an_order_is_understood(message, order):
         {"do": "steps", "axis": "x", "way": 0, "n": "3"},
         {"do": "steps", "axis": "x", "n": "3"},
         {"do": "goto", "axis": "x"},
-        {"do": "drive", "m1": "1"},
-        {"do": "drive", "m1": "256", "m2": "0"},
-        PRESS | {"way": 0},
-        PRESS | {"way": 2},
+        {"do": "drive", "x": "1"},
+        {"do": "drive", "x": "256", "y": "0"},
+        PRESS | {"x": 0},
+        PRESS | {"x": 2},
+        PRESS | {"y": None},
         PRESS | {"speed": "0"},
         PRESS | {"speed": "-5"},
         PRESS | {"speed": "9" * 5000},
@@ -59,7 +60,11 @@ def test_what_is_no_order_is_refused_in_words(message):
 
 
 def test_a_coarse_press_is_ten_steps_and_full_speed():
-    assert parse(PRESS | {"way": -1, "coarse": True}).steps == -10
-    assert parse(PRESS | {"way": -1, "coarse": True}).run == -1.0
-    assert parse(PRESS).steps == 1
-    assert parse(PRESS).run == pytest.approx(128 / 255)
+    assert parse(PRESS | {"x": -1, "coarse": True}).steps == {"x": -10}
+    assert parse(PRESS | {"x": -1, "coarse": True}).run == {"x": -1.0}
+    assert parse(PRESS).steps == {"x": 1}
+    assert parse(PRESS).run == {"x": pytest.approx(128 / 255)}
+
+
+def test_a_diagonal_press_is_of_both_axes():
+    assert parse(PRESS | {"y": -1}).steps == {"x": 1, "y": -1}

@@ -11,8 +11,9 @@ from mirrormount.link import SerialPort
 from mirrormount.panel.desk import Desk
 from mirrormount.panel.orders import Drive, GoTo, Press, Steps
 from mirrormount.panel.pilot import Pilot
+from mirrormount.panel.presses import HOLD_S
 
-RIGHT = Press("x", 1, 255, False)
+RIGHT = Press(1, 0, 255, False)
 
 
 class AlwaysAlive(Desk):
@@ -20,6 +21,90 @@ class AlwaysAlive(Desk):
 
     def alive(self, page) -> bool:
         return page.connected
+
+
+class Clock:
+    """Time in seconds, that passes only when told."""
+
+    def __init__(self) -> None:
+        self.now_s = 1000.0
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+@pytest.fixture
+def clock():
+    return Clock()
+
+
+@pytest.fixture
+def timed(desk, clock):
+    """A pilot for which the time between press and release passes only when told."""
+    pilot = Pilot("virtual://", desk, clock)
+    pilot.open()
+    wait_for(lambda: pilot.status, "the first look at the board")
+    yield pilot
+    pilot.close()
+
+
+def looked(pilot) -> None:
+    """Wait until the pilot has looked at the board twice."""
+    for _ in range(2):
+        before = pilot.seen_s
+        wait_for(lambda before=before: pilot.seen_s > before, "a look")
+
+
+def test_a_press_of_0_6_s_is_one_whole_step(timed, page, clock):
+    before = len(sent(timed))
+    timed.order(page, RIGHT)
+    wait_for(lambda: timed.status.x.position == 1, "the step")
+    clock.now_s += 0.6
+    looked(timed)
+    timed.release(page)
+    looked(timed)
+    assert timed.status.x.position == 1
+    assert not any("MV" in line or line == "!" for line in sent(timed)[before:])
+
+
+def test_a_press_that_is_held_for_longer_is_a_run_until_it_is_let_go(timed, page, clock):
+    timed.order(page, RIGHT)
+    wait_for(lambda: timed.status.x.position == 1, "the step")
+    clock.now_s += HOLD_S
+    wait_for(lambda: timed.status.x.position > 1.1, "the run")
+    timed.release(page)
+    wait_for(lambda: not moving(timed), "the end of the run")
+    assert timed.why == "the button was let go"
+
+
+def tap(pilot, page, press=RIGHT) -> None:
+    pilot.order(page, press)
+    pilot.release(page)
+
+
+@pytest.mark.parametrize("how", ["stop", "gone", "refusal"])
+def test_presses_that_wait_are_dropped(pilot, page, desk, how):
+    for _ in range(5):
+        tap(pilot, page, Press(1, 0, 255, True))
+    wait_for(lambda: moving(pilot) and len(pilot.presses) == 4, "the first one")
+    if how == "stop":
+        pilot.stop("the test")
+    elif how == "gone":
+        pilot.gone(page)
+    else:
+        pilot.call(lambda mount: mount.link.ask(b"1PR1;2PR1;XS?\n", 1.0)).result(20)  # n14: it moves
+    wait_for(lambda: not pilot.presses and not moving(pilot), "rest")
+    looked(pilot)
+    assert not moving(pilot) and pilot.status.x.position <= 10
+
+
+def test_a_press_of_a_diagonal_that_one_axis_refuses_stops_the_other(pilot, page):
+    pilot.call(lambda mount: mount.apply({"y": {"soft_maximum": 3, "checking": 8}})).result(20)
+    tap(pilot, page, Press(1, 1, 255, True))
+    wait_for(lambda: page.notices, "the refusal")
+    wait_for(lambda: not moving(pilot), "rest")
+    looked(pilot)
+    assert pilot.status.x.position < 10 and pilot.status.y.position == 0
 
 
 @pytest.fixture

@@ -185,7 +185,7 @@ def test_a_page_that_watches_cannot_change_settings_or_the_zero(open_page, page,
     watcher.get_by_role("button", name="Zero").first.click()
     watcher.get_by_text("another page controls").wait_for()
     watcher.get_by_text("Limits, take-up, pulse and speed").click()
-    watcher.get_by_role("button", name="Factory").click()
+    watcher.get_by_role("button", name="Restore saved").click()
     watcher.locator(".q-notification__badge", has_text="2").wait_for()  # told again
     assert watcher.get_by_text("+1.000").count() == 1
 

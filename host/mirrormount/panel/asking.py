@@ -1,30 +1,38 @@
-"""One question to the mount from a page's button: wait for it without blocking, and say how it ended."""
+"""What a page says to its user for a moment, and how a question to the mount ended."""
 
-import asyncio
-from collections.abc import Callable
+from collections.abc import Awaitable
 from typing import TypeVar
 
 from nicegui import ui
 
-from mirrormount.client import Mount
 from mirrormount.errors import MountError
-from mirrormount.panel.pilot import Pilot
 
 T = TypeVar("T")
 
 
 def warn(text: str) -> None:
     """Show this page why nothing was done."""
-    ui.notify(text, type="warning", textColor="white", position="top", timeout=6000, close_button="OK")
+    _show(text, "refused", 6000)
 
 
-async def ask(pilot: Pilot, work: Callable[[Mount], T], done: str = "") -> T | None:
-    """What work(mount) returns, done in the mount's thread; None after an error, which the page shows."""
+def confirm(text: str) -> None:
+    """Show this page what was done."""
+    _show(text, "done", 2500)
+
+
+async def ask(question: Awaitable[T], done: str = "") -> T | None:
+    """What the question returns; None after an error, which the page shows."""
     try:
-        result = await asyncio.wrap_future(pilot.call(work))
+        result = await question
     except MountError as e:
-        ui.notify(str(e), type="negative", position="top", timeout=8000, close_button="OK")
+        _show(str(e), "refused", 8000)
         return None
     if done:
-        ui.notify(done, type="positive", position="top", timeout=2500)
+        confirm(done)
     return result
+
+
+def _show(text: str, kind: str, for_ms: int) -> None:
+    """At the bottom, above STOP: no key of the pad is covered there, nor what is in the header."""
+    ok = [{"label": "OK", "color": "white", "noCaps": True}]
+    ui.notify(text, position="bottom", timeout=for_ms, classes=f"toast {kind}", actions=ok, badgeColor="grey-10")

@@ -6,56 +6,83 @@ from typing import Any
 from nicegui import ui
 from nicegui.events import GenericEventArguments
 
-from mirrormount.client import Mount
 from mirrormount.errors import BadValue
-from mirrormount.panel.asking import ask, warn
+from mirrormount.panel.asking import ask, confirm, warn
+from mirrormount.panel.board_settings import BoardSettings
 from mirrormount.panel.cards_of_motion import card
-from mirrormount.panel.pilot import Pilot
 from mirrormount.settings import AXES, SETTINGS
 
 # the board's names in the order and the words of a person at the bench
-_GROUPS = (
-    ("Pulse and speed", ("pulse_us", "step_duty", "velocity", "run_duty")),
+GROUPS = (
+    ("Pulse and speed", ("pulse_us", "step_duty", "velocity", "acceleration", "run_duty")),
     ("Take-up", ("take_up_us",)),
     ("Limits", ("checking", "soft_minimum", "soft_maximum", "run_limit_ms", "search_limit_ms")),
     ("Wiring", ("inverted", "switches", "motor_type")),
 )
-_NAMES = [name for _, names in _GROUPS for name in names]
+_NAMES = [name for _, names in GROUPS for name in names]
+_DONE = "done"
 
 
-def build(pilot: Pilot, refusal: Callable[[object], str]) -> None:
+def build(settings: BoardSettings, refusal: Callable[[object], str]) -> Callable[[], None]:
     """A card that opens to all settings. refusal(tick): why this page may not change them; "" if it may."""
+
+    def button(word: str, action: Callable[[], Awaitable[object]]) -> ui.button:
+        async def clicked(event: GenericEventArguments) -> None:
+            why = refusal(event.args)
+            if why:
+                warn(why)
+            else:
+                await action()
+
+        # with the last tick that the page has seen: NiceGUI keeps a click until the network is back
+        return ui.button(word).on("click", clicked, js_handler="() => emit(window.mountTick())").props("no-caps")
+
     with card("Settings"), ui.expansion("Limits, take-up, pulse and speed").classes("fold") as fold:
-        form = _Form(pilot)
+        form = _Form(settings)
+        with ui.dialog() as question, ui.card():
+            ui.label("Replace all settings by the factory's?").classes("title")
+            ui.label(
+                "All settings of both axes change at once: direction, switches, limits, pulse and speed."
+                " What is saved on the board stays saved. The present settings are kept, to be put back."
+            )
+            with ui.element("div").classes("line"):
 
-        def button(word: str, action: Callable[[], Awaitable[object]]) -> ui.button:
-            async def clicked(event: GenericEventArguments) -> None:
-                why = refusal(event.args)
-                if why:
-                    warn(why)
-                else:
-                    await action()
+                async def agreed() -> None:
+                    question.close()
+                    await form.factory()
 
-            # with the last tick that the page has seen: NiceGUI keeps a click until the network is back
-            return ui.button(word).on("click", clicked, js_handler="() => emit(window.mountTick())").props("no-caps")
+                button("Replace them", agreed).props("unelevated")
+                ui.button("Cancel", on_click=question.close).props("flat no-caps")
+
+        async def inquire() -> None:
+            question.open()
 
         with ui.element("div").classes("line"):
             button("Apply", form.apply).props("unelevated")
             button("Save on the board", form.save).props("outline")
             button("Restore saved", form.restore).props("flat")
-            button("Factory", form.factory).props("flat")
+            button("Factory …", inquire).props("flat")
+        with ui.element("div").classes("line undo") as undo:
+            ui.label("All settings were replaced. The ones before are kept.").classes("grow")
+            button("Put them back", form.undo).props("outline")
         ui.label("Applied settings last until the board restarts, unless they are saved.").classes("hint")
     fold.on_value_change(lambda e: form.read() if e.value else None)
+
+    def refresh() -> None:
+        undo.set_visibility(settings.before is not None)
+
+    refresh()
+    return refresh
 
 
 class _Form:
     """A field for every setting of both axes, and what the buttons do."""
 
-    def __init__(self, pilot: Pilot) -> None:
-        self._pilot = pilot
+    def __init__(self, settings: BoardSettings) -> None:
+        self._settings = settings
         self._fields: dict[tuple[str, str], ui.input] = {}
         self._read: dict[tuple[str, str], str] = {}  # what the board had when it was last asked
-        for title, names in _GROUPS:
+        for title, names in GROUPS:
             ui.label(title).classes("group")
             for name in names:
                 self._row(name)
@@ -65,18 +92,18 @@ class _Form:
         with ui.element("div").classes("setting"):
             ui.label(what).classes("grow")
             for axis in AXES:
-                field = ui.input(axis).props(f'dense outlined inputmode=decimal aria-label="{axis}: {what}"')
+                field = ui.input(axis.upper()).props(f'dense outlined inputmode=decimal aria-label="{axis}: {what}"')
                 self._fields[axis, name] = field.props("hide-bottom-space")
 
     async def read(self) -> None:
         """Show what the board has now."""
-        settings = await ask(self._pilot, lambda mount: mount.settings())
+        settings = await ask(self._settings.read())
         if settings:
             for (axis, name), field in self._fields.items():
                 self._read[axis, name] = str(settings[axis][name])
                 field.set_value(self._read[axis, name])
 
-    async def apply(self) -> bool:
+    async def apply(self, done: str = "applied") -> bool:
         """Have the board take what was edited: all of it, or nothing. True if it did.
 
         What was not edited is not sent: another page may have changed it meanwhile.
@@ -88,32 +115,38 @@ class _Form:
         except BadValue as e:
             warn(f"nothing was changed: {e}")
             return False
-        done = await self._change(lambda mount: mount.apply(wanted), "applied")
-        if done:
-            await self.read()
-        return done
+        return await self._made(self._settings.change(lambda mount: mount.apply(wanted)), done)
 
     async def save(self) -> None:
         """Apply, and keep it on the board for its next start."""
-        if await self.apply():
-            await self._change(lambda mount: mount.save(), "saved on the board")
+        if await self.apply(""):
+            await self._made(self._settings.change(lambda mount: mount.save()), "saved on the board")
 
     async def restore(self) -> None:
         """Back to what is saved on the board."""
-        if await self._change(lambda mount: mount.recall(), "restored"):
-            await self.read()
+        await self._made(self._settings.replace(lambda mount: mount.recall()), "restored")
 
     async def factory(self) -> None:
         """Back to the settings as made; what is saved stays."""
-        if await self._change(lambda mount: mount.recall(factory=True), "factory settings"):
-            await self.read()
+        await self._made(self._settings.replace(lambda mount: mount.recall(factory=True)), "factory settings")
 
-    async def _change(self, work: Callable[[Mount], None], done: str) -> bool:
-        def change(mount: Mount) -> bool:
-            work(mount)
-            return True
+    async def undo(self) -> None:
+        """Back to what restore() or factory() has replaced."""
+        await self._made(self._settings.undo(), "the earlier settings are back")
 
-        return bool(await ask(self._pilot, change, done))
+    async def _made(self, change: Awaitable[None], done: str) -> bool:
+        """Show what the board has after a change. True if it took it."""
+
+        async def make() -> str:
+            await change
+            return _DONE
+
+        if await ask(make()) != _DONE:
+            return False
+        await self.read()
+        if done:
+            confirm(done)
+        return True
 
     def _edited(self, axis: str, name: str) -> bool:
         return (self._fields[axis, name].value or "").strip() != self._read.get((axis, name), "")

@@ -9,13 +9,15 @@ from mirrormount.errors import REASONS
 from mirrormount.panel.asking import warn
 from mirrormount.panel.cards_of_motion import card, number, send
 from mirrormount.panel.desk import Page
-from mirrormount.panel.pilot import Notice, Pilot
+from mirrormount.panel.notices import Notice
+from mirrormount.panel.pilot import Pilot, Point
 from mirrormount.remedies import remedy_of
 from mirrormount.status import AxisStatus
+from mountfw import errors as wire
 
 _TITLES = {"x": "X · right and left", "y": "Y · up and down"}
 _CERTAINTY = {
-    "unknown": ("position unknown", "The last number known. Zero it, or home it."),
+    "unknown": ("position unknown", "Counted since the board started, from nowhere known. Zero it, or home it."),
     "counted": ("counted", "Counted in steps since it was called zero."),
     "homed": ("homed", "Counted from its home switch."),
     "estimated": ("estimated", "Part of it was run by time, not by steps."),
@@ -24,6 +26,8 @@ _SWITCHES = ((1, "+ end-stop"), (2, "− end-stop"), (4, "home"))
 _PLOT_S = 60.0
 _PLOT_EVERY_S = 0.5
 _PLOT_POINTS = 300
+_GAP_S = 0.5  # without a position for longer: no line is drawn
+_GREY = "#737b82"  # readable on the cards of both themes
 _COLOURS = {"x": "#0b8f98", "y": "#d9480f"}
 
 Refresh = Callable[[], None]
@@ -31,7 +35,7 @@ Refresh = Callable[[], None]
 
 def axis(pilot: Pilot, name: str) -> Refresh:
     """Position, target, lamps and reason of one axis; go to, zero, home."""
-    with card(_TITLES[name]):
+    with card(_TITLES[name]) as box:
         with ui.element("div").classes("line"):
             position = ui.label().classes("position mono")
             ui.label("steps").classes("unit")
@@ -42,7 +46,7 @@ def axis(pilot: Pilot, name: str) -> Refresh:
         with ui.element("div").classes("lamps"):
             moving, certain = _Lamp("moving"), _Lamp("")
             switches = [(bit, _Lamp(word)) for bit, word in _SWITCHES]
-            reason = ui.label().classes("hint reason")
+        reason = ui.label().classes("hint reason").props("role=status")
         with ui.element("div").classes("line"):
             number(f"target_{name}", "0", f"Target of {name}, in steps").classes("grow")
             send("Go to", {"do": "goto", "axis": name}, f"to:target_{name}", enter=f"target_{name}")
@@ -50,26 +54,36 @@ def axis(pilot: Pilot, name: str) -> Refresh:
             send("Zero", {"do": "zero", "axis": name}).props("flat")
 
     def refresh() -> None:
-        status: AxisStatus | None = getattr(pilot.status, name, None)
-        if status is None:
-            position.set_text("–")
-            mrad.set_text("")
-            for lamp in (moving, certain, *(lamp for _, lamp in switches)):
-                lamp.show("")
-            reason.set_text("")
-            return
-        position.set_text(f"{status.position:+.3f}".replace("-", "−"))
-        mrad.set_text(pilot.mrad_text(name, status.position))
+        known, last = pilot.is_known, pilot.last
+        box.classes(toggle=None, add="" if known else "stale", remove="stale" if known else "")
+        status: AxisStatus | None = getattr(last, name, None)
+        position.set_text("–" if status is None else f"{status.position:+.3f}".replace("-", "−"))
+        mrad.set_text("" if status is None else pilot.mrad_text(name, status.position))
         wanted = pilot.targets[name]
-        target.set_text("" if wanted is None else f"target {wanted:+d}".replace("-", "−"))
+        if status is None or not known:
+            target.set_text("")
+            for lamp in (moving, certain, *(lamp for _, lamp in switches)):
+                lamp.show("unknown")
+            certain.show("unknown", "not known now")
+            reason.set_text("" if status is None else f"not known since {pilot.seen_at}: the number is the last one")
+            return
+        target.set_text("" if wanted is None or not status.moving else f"on the way to {wanted:+d}".replace("-", "−"))
         moving.show("on" if status.moving else "")
         word, why = _CERTAINTY[status.certainty]
-        certain.show({"unknown": "bad", "estimated": "warn"}.get(status.certainty, "on"), word, why)
+        certain.show({"unknown": "", "estimated": "warn"}.get(status.certainty, "on"), word, why)
         for bit, lamp in switches:
             lamp.show("warn" if status.limits & bit else "")
-        reason.set_text("" if status.moving else f"last move: {REASONS.get(status.reason, status.reason)}")
+        reason.set_text(_reason(status, pilot))
 
     return refresh
+
+
+def _reason(status: AxisStatus, pilot: Pilot) -> str:
+    """How the last move ended, in words."""
+    if status.moving:
+        return "it moves"
+    text = f"last move: {REASONS.get(status.reason, status.reason)}"
+    return f"{text} ({pilot.why})" if status.reason == wire.ABORTED and pilot.why else text
 
 
 class _Lamp:
@@ -83,7 +97,7 @@ class _Lamp:
         self._state: tuple[str, str, str] | None = None
 
     def show(self, state: str, word: str = "", why: str = "") -> None:
-        """state: "" (off), on, warn or bad."""
+        """state: "" (off), on, warn, bad, or unknown."""
         if (state, word, why) == self._state:
             return
         self._state = (state, word, why)
@@ -107,13 +121,31 @@ def plot(pilot: Pilot) -> Refresh:
         if now - drawn[0] < _PLOT_EVERY_S or not points or points[-1][0] == drawn[1]:
             return
         drawn[:] = now, points[-1][0]
-        recent = [p for p in points if now - p[0] < _PLOT_S]
-        recent = recent[:: max(1, len(recent) // _PLOT_POINTS)] + recent[-1:]
-        for i, series in enumerate(chart.options["series"], 1):
-            series["data"] = [[round(p[0] - now, 2), p[i]] for p in recent]
+        for series, data in zip(chart.options["series"], curves(points, now), strict=True):
+            series["data"] = data
         chart.update()
 
     return refresh
+
+
+def curves(points: list[Point], now: float) -> tuple[list[list[float | None]], list[list[float | None]]]:
+    """x and y over time for the plot: thinned out, with a gap (None) wherever they were not known for a while."""
+    recent = [p for p in points if now - p[0] < _PLOT_S]
+    every = max(1, len(recent) // _PLOT_POINTS)
+    xs: list[list[float | None]] = []
+    ys: list[list[float | None]] = []
+    before = None
+    for i, (at_s, x, y) in enumerate(recent):
+        gap = before is not None and at_s - before > _GAP_S
+        before = at_s
+        t = round(at_s - now, 2)
+        if gap:
+            xs.append([t, None])
+            ys.append([t, None])
+        if gap or x is None or i % every == 0 or i == len(recent) - 1:
+            xs.append([t, x])
+            ys.append([t, y])
+    return xs, ys
 
 
 def _empty_plot() -> dict:
@@ -123,7 +155,7 @@ def _empty_plot() -> dict:
     return {
         "animation": False,
         "grid": {"left": 44, "right": 12, "top": 28, "bottom": 34},
-        "legend": {"top": 0, "right": 8, "icon": "roundRect", "itemHeight": 3, "textStyle": {"color": "#888"}},
+        "legend": {"top": 0, "right": 8, "icon": "roundRect", "itemHeight": 3, "textStyle": {"color": _GREY}},
         "xAxis": {
             "type": "value",
             "min": -_PLOT_S,
@@ -131,7 +163,7 @@ def _empty_plot() -> dict:
             "name": "s",
             "nameGap": 4,
             "axisLine": low,
-            "axisLabel": {"color": "#888"},
+            "axisLabel": {"color": _GREY},
             "splitLine": grey,
         },
         "yAxis": {
@@ -141,11 +173,13 @@ def _empty_plot() -> dict:
             "scale": True,
             "minInterval": 1,
             "name": "steps",
-            "nameTextStyle": {"color": "#888"},
-            "axisLabel": {"color": "#888"},
+            "nameTextStyle": {"color": _GREY},
+            "axisLabel": {"color": _GREY},
             "splitLine": grey,
         },
-        "series": [{**line, "name": name, "lineStyle": {"width": 2}, "color": _COLOURS[name]} for name in ("x", "y")],
+        "series": [
+            {**line, "name": name.upper(), "lineStyle": {"width": 2}, "color": _COLOURS[name]} for name in ("x", "y")
+        ],
     }
 
 
@@ -169,7 +203,7 @@ def news(page: Page, pilot: Pilot) -> Refresh:
 
     def refresh() -> None:
         while page.notices:
-            warn(page.notices.pop(0))
+            warn(page.notices.popleft())
         driver = pilot.driver
         keep_alive.show(
             "on" if driver else "", f"keep-alive: {driver.name} drives" if driver else "keep-alive: at rest"
@@ -184,7 +218,7 @@ def news(page: Page, pilot: Pilot) -> Refresh:
             for notice in reversed(notices[-12:]):
                 _row(notice)
             if not notices:
-                ui.label("Nothing yet.").classes("hint")
+                ui.label("Nothing since the panel was started.").classes("hint")
 
     return refresh
 

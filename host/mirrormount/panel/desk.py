@@ -9,6 +9,7 @@ kept back carries an old tick, and is refused. No clock but the panel's own is n
 import itertools
 import secrets
 import time
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -31,7 +32,7 @@ class Page:
     heard_s: float = float("-inf")
     drop: Callable[[], object] = lambda: None  # free what it takes
     connection: object = None
-    notices: list[str] = field(default_factory=list)  # to be shown there, and nowhere else
+    notices: deque[str] = field(default_factory=lambda: deque(maxlen=20))  # to be shown there, and nowhere else
 
     @property
     def connected(self) -> bool:

@@ -19,6 +19,7 @@ from mirrormount.panel.orders import parse
 from mirrormount.panel.pilot import Pilot
 from mirrormount.tokens import same
 
+_STOP = "STOP was pressed"
 _LATE = "nothing was done: that came late, the network or this browser was stuck; ask again"
 _WATCHES = "nothing was done: another page controls; take control first"
 _LONGEST = 400  # characters of a message: more is no message of ours
@@ -66,7 +67,7 @@ def routes(desk: Desk, pilot: Pilot, key: str | None) -> APIRouter:
 
     @router.post("/stop")
     async def stop() -> Response:
-        pilot.stop()
+        pilot.stop(_STOP)
         return Response(status_code=204)
 
     return router
@@ -94,7 +95,7 @@ def _hear(text: str, page: Page, desk: Desk, pilot: Pilot) -> None:
     message = _parsed(text)
     what = message.get("do")
     if what == "stop":
-        pilot.stop()
+        pilot.stop(_STOP)
         return
     fresh = desk.hear(page, message.get("tick"))
     if what == "release":
@@ -105,7 +106,7 @@ def _hear(text: str, page: Page, desk: Desk, pilot: Pilot) -> None:
         page.notices.append(_LATE)
     elif what == "claim":
         if desk.controller is not page:
-            pilot.stop()
+            pilot.stop(f"{page.name} took control")
             desk.claim(page)
     elif desk.controller is not page:
         page.notices.append(_WATCHES)

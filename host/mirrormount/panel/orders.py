@@ -19,22 +19,30 @@ FULL = 255
 
 @dataclass(frozen=True)
 class Press:
-    """A direction button goes down: some steps at once, and a run at `speed` (1 … 255) if it is held."""
+    """A direction button goes down: some steps at once, and a run at `speed` (1 … 255) if it is held.
 
-    axis: str
-    way: int
+    x, y: which way, -1, 0 or 1; both for a diagonal.
+    """
+
+    x: int
+    y: int
     speed: int
     coarse: bool
 
     @property
-    def steps(self) -> int:
-        """Steps made at once, signed."""
-        return self.way * (COARSE_STEPS if self.coarse else FINE_STEPS)
+    def ways(self) -> dict[str, int]:
+        """The axes that take part, each with its way."""
+        return {axis: way for axis, way in (("x", self.x), ("y", self.y)) if way}
 
     @property
-    def run(self) -> float:
-        """Speed of the run, -1 … 1; a coarse one goes at full speed."""
-        return self.way * (1.0 if self.coarse else self.speed / FULL)
+    def steps(self) -> dict[str, int]:
+        """Steps made at once, signed."""
+        return {axis: way * (COARSE_STEPS if self.coarse else FINE_STEPS) for axis, way in self.ways.items()}
+
+    @property
+    def run(self) -> dict[str, float]:
+        """Speeds of the run, -1 … 1; a coarse one goes at full speed."""
+        return {axis: way * (1.0 if self.coarse else self.speed / FULL) for axis, way in self.ways.items()}
 
 
 @dataclass(frozen=True)
@@ -55,10 +63,10 @@ class GoTo:
 
 @dataclass(frozen=True)
 class Drive:
-    """Run both motors at -255 … 255."""
+    """Run both axes at -255 … 255."""
 
-    m1: int
-    m2: int
+    x: int
+    y: int
 
 
 @dataclass(frozen=True)
@@ -82,16 +90,12 @@ def parse(message: Mapping[str, Any]) -> Order:
     """The order in a message. Raises BadValue in words for the person who typed it."""
     what = message.get("do")
     if what == "drive":
-        return Drive(_whole(message, "m1", FULL, "motor 1"), _whole(message, "m2", FULL, "motor 2"))
+        return Drive(_whole(message, "x", FULL, "the speed of X"), _whole(message, "y", FULL, "the speed of Y"))
+    if what == "press":
+        return _press(message)
     axis = message.get("axis")
     if axis not in ("x", "y"):
         raise BadValue(f"an axis is x or y, not {axis!r}")
-    if what == "press":
-        way = _way(message)
-        speed = _whole(message, "speed", FULL, "the speed")
-        if speed < 1:
-            raise BadValue(f"the speed is 1 … {FULL}, not {speed}")
-        return Press(axis, way, speed, message.get("coarse") is True)
     if what == "steps":
         way = _way(message)
         n = _whole(message, "n", MOST_STEPS, "the number of steps")
@@ -105,6 +109,16 @@ def parse(message: Mapping[str, Any]) -> Order:
     if what == "zero":
         return Zero(axis)
     raise BadValue(f"there is no order {what!r}")
+
+
+def _press(message: Mapping[str, Any]) -> Press:
+    x, y = (_whole(message, axis, 1, "a direction") for axis in ("x", "y"))
+    if not (x or y):
+        raise BadValue("a press has a direction")
+    speed = _whole(message, "speed", FULL, "the speed")
+    if speed < 1:
+        raise BadValue(f"the speed is 1 … {FULL}, not {speed}")
+    return Press(x, y, speed, message.get("coarse") is True)
 
 
 def _way(message: Mapping[str, Any]) -> int:

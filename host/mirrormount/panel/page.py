@@ -8,6 +8,7 @@ from nicegui import app, ui
 
 from mirrormount.panel import card_of_settings, card_of_wire, cards_of_motion, cards_of_state
 from mirrormount.panel.asking import warn
+from mirrormount.panel.board_settings import BoardSettings
 from mirrormount.panel.desk import Desk, Page
 from mirrormount.panel.driving import refusal
 from mirrormount.panel.entrance import CODE_S
@@ -27,6 +28,7 @@ _log = logging.getLogger("mirrormount.panel")
 def register(desk: Desk, pilot: Pilot, link: Link) -> None:
     """Make the page known to NiceGUI. link(): a new link for a phone, None if only this computer can open one."""
     app.add_static_files("/panel", STATIC, max_cache_age=0)
+    settings = BoardSettings(pilot)
 
     @ui.page("/", title="Mirror mount", response_timeout=10)
     def index() -> None:
@@ -37,15 +39,15 @@ def register(desk: Desk, pilot: Pilot, link: Link) -> None:
         page = desk.add(client.ip or "?")
         page.drop = client.delete
         client.on_delete(lambda: desk.forget(page))
-        _build(page, desk, pilot, link)
+        _build(page, desk, pilot, settings, link)
 
 
-def _build(page: Page, desk: Desk, pilot: Pilot, link: Link) -> None:
+def _build(page: Page, desk: Desk, pilot: Pilot, settings: BoardSettings, link: Link) -> None:
     ui.add_head_html(_HEAD)
     refreshes: list[Refresh] = [_header(page, desk, pilot, link)]
     with ui.element("main").classes("cards").props(f'data-page="{page.key}"'):
         with ui.element("div").classes("column"):
-            cards_of_motion.hold()
+            refreshes += [cards_of_motion.hold(pilot)]
             cards_of_motion.by_numbers()
         with ui.element("div").classes("column"):
             refreshes += [cards_of_state.axis(pilot, name) for name in ("x", "y")]
@@ -53,7 +55,7 @@ def _build(page: Page, desk: Desk, pilot: Pilot, link: Link) -> None:
         with ui.element("div").classes("column"):
             if pilot.spot_mm():
                 cards_of_state.screen()
-            card_of_settings.build(pilot, lambda tick: refusal(desk, page, tick))
+            refreshes += [card_of_settings.build(settings, lambda tick: refusal(desk, page, tick))]
             refreshes += [card_of_wire.build(pilot)]
     _footer()
 

@@ -62,7 +62,7 @@ class _Uvicorn(uvicorn.Server):
             self.ready()
 
     def handle_exit(self, sig: int, frame: object) -> None:
-        self._pilot.stop()
+        self._pilot.stop("the panel is being ended", tell=False)
         super().handle_exit(sig, frame)  # type: ignore[arg-type]
 
 
@@ -74,7 +74,7 @@ def make_server(desk: Desk, pilot: Pilot, entrance: Entrance, link: Callable[[],
     page.register(desk, pilot, link)
 
     def fault(error: Exception) -> None:
-        pilot.stop()
+        pilot.stop("the panel has a fault", tell=False)
         pilot.say(f"the panel has a fault ({type(error).__name__}); the motors were stopped", "PanelFault")
 
     def fault_of_page(error: Exception) -> None:

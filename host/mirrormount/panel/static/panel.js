@@ -1,7 +1,7 @@
 // Driving from a browser: what is pressed, what is let go, and the word "stop".
 //
 // Elements say what they do by an attribute:
-//   data-press="x+" | "x-" | "y+" | "y-"      press = one step, hold = run
+//   data-press="1 0"                          press = one step right, hold = run; "-1 1": left and up at once
 //   data-send='{"do": "goto", "axis": "x"}'   an order; the page's fields are put in where it names them
 //   data-stop                                 stop
 //   data-fields="to:target_x"                 fields of an order: key:name of the input
@@ -9,7 +9,7 @@
 "use strict";
 
 (() => {
-  const ARROWS = { ArrowUp: "y+", ArrowDown: "y-", ArrowLeft: "x-", ArrowRight: "x+" };
+  const ARROWS = { ArrowUp: "0 1", ArrowDown: "0 -1", ArrowLeft: "-1 0", ArrowRight: "1 0" };
   const AGAIN_MS = 500; // between two attempts to reach the panel
   const BEAT_MS = 20; // the least between two beats: ticks that were held back come all at once
   const SILENT_MS = 1000; // a panel that is not heard of for so long is not reached
@@ -37,6 +37,7 @@
       setTimeout(connect, 50);
       return;
     }
+    remembered();
     const scheme = location.protocol === "https:" ? "wss" : "ws";
     socket = new WebSocket(`${scheme}://${location.host}/drive`);
     // the first message: this page's own secret, and the one that signing in has left (entrance.py)
@@ -88,8 +89,8 @@
 
   function press(element, by, coarse) {
     if (held || element.disabled) return;
-    const [axis, sign] = element.dataset.press;
-    const order = { do: "press", axis, way: sign === "+" ? 1 : -1, coarse, speed: field("speed") };
+    const [x, y] = element.dataset.press.split(" ").map(Number);
+    const order = { do: "press", x, y, coarse, speed: field("speed") };
     if (!send(order)) return;
     held = { element, by };
     element.classList.add("held");
@@ -111,9 +112,26 @@
     send(message);
   }
 
+  // ---- the slider: this browser remembers it
+
+  const SPEED = "mirrormount-speed";
+
+  function show(input) {
+    const shown = document.querySelector(`[data-shows="${input.name}"]`);
+    if (shown) shown.textContent = input.value;
+  }
+
+  function remembered() {
+    const input = document.querySelector('input[name="speed"]');
+    const speed = Number(localStorage.getItem(SPEED));
+    if (!input || !(speed >= Number(input.min) && speed <= Number(input.max))) return;
+    input.value = speed;
+    show(input);
+  }
+
   document.addEventListener("input", (event) => {
-    const shown = document.querySelector(`[data-shows="${event.target.name}"]`);
-    if (shown) shown.textContent = event.target.value;
+    show(event.target);
+    if (event.target.name === "speed") localStorage.setItem(SPEED, event.target.value);
   });
 
   const under = (event) => document.elementFromPoint(event.clientX, event.clientY)?.closest("[data-press]");

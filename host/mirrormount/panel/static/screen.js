@@ -40,7 +40,7 @@
     const style = getComputedStyle(canvas);
     pen.fillStyle = style.getPropertyValue("--screen");
     pen.fillRect(0, 0, size, size);
-    grid(pen, size, scale, style.getPropertyValue("--screen-grid"));
+    grid(pen, size, scale, style.getPropertyValue("--screen-grid"), style.getPropertyValue("--screen-text"));
     pen.strokeStyle = style.getPropertyValue("--trail");
     pen.lineWidth = Math.max(1, size / 350);
     pen.lineJoin = "round";
@@ -56,10 +56,10 @@
     pen.fillRect(0, 0, size, size);
   }
 
-  function grid(pen, size, scale, colour) {
+  function grid(pen, size, scale, colour, text) {
     const mm = half > 60 ? 20 : half > 25 ? 10 : 5;
     pen.strokeStyle = colour;
-    pen.fillStyle = colour;
+    pen.fillStyle = text;
     pen.lineWidth = 1;
     pen.font = `${Math.round(size / 34)}px system-ui`;
     for (let i = -Math.floor(half / mm); i * mm <= half; i++) {

@@ -1,0 +1,226 @@
+"""What can be read, reached and touched: contrasts, sizes and the focus, as a real browser lays them out."""
+
+import signal
+
+import pytest
+from running import run_until_driving
+from served import wait_for
+
+from mirrormount.panel.cards_of_state import curves
+
+
+@pytest.fixture
+def panel_options() -> list[str]:
+    return ["--patience", "2"]  # nothing here is about a page that is out of touch
+
+
+THEMES = ["light", "dark"]
+PHONE, DESK = {"width": 390, "height": 844}, {"width": 1600, "height": 1000}
+
+# The contrast (WCAG 2.2) of every text with what is painted behind it. Backgrounds are mixed as they lie on each other.
+CONTRASTS = """() => {
+  const parse = (text) => {
+    const n = text.match(/[\\d.]+/g).map(Number);
+    return { rgb: n.slice(0, 3), a: n.length > 3 ? n[3] : 1 };
+  };
+  const over = (top, under) => top.rgb.map((c, i) => c * top.a + under[i] * (1 - top.a));
+  const luminance = (rgb) => {
+    const [r, g, b] = rgb.map((c) => (c /= 255) <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4);
+    return 0.2126 * r + 0.7152 * g + 0.0722 * b;
+  };
+  const ground = (element) => {
+    const layers = [];
+    for (let e = element; e; e = e.parentElement) {
+      const c = parse(getComputedStyle(e).backgroundColor);
+      if (c.a > 0) layers.push(c);
+      if (c.a === 1) break;
+    }
+    return layers.reverse().reduce((under, top) => over(top, under), [255, 255, 255]);
+  };
+  const opacity = (element) => {
+    let o = 1;
+    for (let e = element; e; e = e.parentElement) o *= Number(getComputedStyle(e).opacity);
+    return o;
+  };
+  const poor = [], seen = [];
+  const walk = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+  const check = (element, text) => {
+    const style = getComputedStyle(element);
+    if (!element.checkVisibility({ opacityProperty: true, visibilityProperty: true })) return;
+    if (element.closest("[class*='-enter-active'], [class*='-leave-active']")) return; // on its way in or out
+    if (element.closest(".q-icon, script, style, [aria-hidden=true]") || element.disabled) return;
+    const behind = ground(element);
+    const ink = parse(style.color);
+    const front = over({ rgb: ink.rgb, a: ink.a * opacity(element) }, behind);
+    const [light, dark] = [luminance(front), luminance(behind)].sort((a, b) => b - a);
+    const ratio = (light + 0.05) / (dark + 0.05);
+    const size = parseFloat(style.fontSize), bold = Number(style.fontWeight) >= 700;
+    const least = size >= 24 || (bold && size >= 18.66) ? 3 : 4.5;
+    seen.push(text);
+    if (ratio < least) poor.push(`${ratio.toFixed(2)} < ${least}: ${text.slice(0, 40)}`);
+  };
+  while (walk.nextNode()) {
+    const text = walk.currentNode.textContent.trim();
+    if (text) check(walk.currentNode.parentElement, text);
+  }
+  for (const input of document.querySelectorAll("input:not([type=range])")) if (input.value) check(input, input.value);
+  return { poor, seen };
+}"""
+
+
+def settled(page) -> None:
+    page.wait_for_function("document.getAnimations().every((a) => a.playState !== 'running')")
+
+
+def assert_readable(page, *texts: str) -> None:
+    """Everything in sight can be read, and these texts are among it."""
+    settled(page)
+    found = page.evaluate(CONTRASTS)
+    assert found["poor"] == []
+    for text in texts:
+        assert any(text in seen for seen in found["seen"]), text
+
+
+@pytest.mark.parametrize("colors", THEMES)
+def test_everything_can_be_read(open_page, panel, board, colors):
+    page = open_page(panel.url, viewport=DESK, color_scheme=colors)
+    page.get_by_text("Limits, take-up, pulse and speed").click()
+    page.get_by_text("What goes over the wire").click()
+    page.get_by_label("Speed of Y").fill("256")
+    page.get_by_role("button", name="OK", exact=True).first.click()
+    page.locator(".toast").wait_for()
+    assert_readable(page, "OK", "Save on the board", "Go to", "nothing was done")
+    page.get_by_role("button", name="Factory").click()
+    page.get_by_text("Replace all settings by the factory's?").wait_for()
+    assert_readable(page, "Replace them", "Cancel")
+    page.get_by_role("button", name="Replace them").click()
+    page.get_by_role("button", name="Put them back").wait_for()
+    assert_readable(page, "Put them back")
+
+
+@pytest.mark.parametrize("colors", THEMES)
+def test_everything_can_be_read_when_the_board_has_gone_and_when_the_panel_has(open_page, panel, board, colors):
+    page = open_page(panel.url, viewport=DESK, color_scheme=colors)
+    page.get_by_text("position unknown").first.wait_for()
+    board.end()
+    page.get_by_text("No board:").wait_for()
+    page.get_by_text("not known since").first.wait_for()
+    assert_readable(page, "No board:", "not known now", "not known since")
+    panel.kill()
+    page.get_by_text("No connection to the panel.").wait_for()
+    assert_readable(page, "No connection to the panel.")
+
+
+@pytest.mark.parametrize("viewport", [PHONE, DESK])
+def test_everything_that_can_be_touched_is_at_least_44_px(open_page, panel, viewport):
+    page = open_page(panel.url, viewport=viewport)
+    page.get_by_text("Limits, take-up, pulse and speed").click()
+    page.get_by_text("What goes over the wire").click()
+    page.get_by_label("Speed of Y").fill("256")
+    page.get_by_role("button", name="OK", exact=True).first.click()
+    page.locator(".toast").wait_for()
+    settled(page)
+    small = page.evaluate(
+        """() => [...document.querySelectorAll("button, [role=button], [role=checkbox], input, .q-item--clickable")]
+            .filter((e) => e.checkVisibility())
+            .map((e) => [e, (e.closest(".q-field__control, .q-checkbox") ?? e).getBoundingClientRect()])
+            .filter(([, box]) => box.width < 43.5 || box.height < 43.5)
+            .map(([e, box]) => `${box.width} x ${box.height}: ${e.outerHTML.slice(0, 120)}`)"""
+    )
+    assert small == []
+
+
+@pytest.mark.parametrize("viewport", [PHONE, {"width": 1600, "height": 600}])
+@pytest.mark.parametrize("key", ["Tab", "Shift+Tab"])
+def test_what_has_the_focus_is_neither_under_stop_nor_under_the_header(open_page, panel, viewport, key):
+    page = open_page(panel.url, viewport=viewport)
+    page.get_by_text("Limits, take-up, pulse and speed").click()
+    page.get_by_label("x: length of a step's pulse, us").wait_for()
+    settled(page)
+    hidden = []
+    for _ in range(page.locator("button:visible, input:visible").count() + 5):
+        page.keyboard.press(key)
+        settled(page)
+        hidden += page.evaluate(
+            """() => {
+                const e = document.activeElement;
+                if (e === document.body || e.closest("footer, header")) return [];
+                const box = e.getBoundingClientRect();
+                const top = document.querySelector("header").getBoundingClientRect().bottom;
+                const bottom = document.querySelector("footer").getBoundingClientRect().top;
+                return box.top >= top - 1 && box.bottom <= bottom + 1 ? [] : [e.outerHTML.slice(0, 120)];
+            }"""
+        )
+    assert hidden == []
+
+
+@pytest.mark.parametrize("viewport", [PHONE, DESK])
+def test_no_message_covers_take_control(open_page, page, panel, viewport):
+    watcher = open_page(panel.url, viewport=viewport)
+    watcher.get_by_role("button", name="UP", exact=True).click()
+    watcher.locator(".toast", has_text="another page controls").wait_for()
+    settled(watcher)
+    watcher.get_by_role("button", name="Take control").click(timeout=5000)  # fails if something is in front of it
+    watcher.get_by_text("you control").wait_for()
+
+
+def test_an_unknown_position_is_no_alarm(page):
+    page.get_by_text("position unknown").first.wait_for()
+    assert page.locator("section .lamp.bad").count() == 0
+
+
+def test_stop_is_told_in_words_and_the_target_goes(page, board):
+    page.get_by_label("Target of x").fill("20")
+    page.get_by_label("Target of x").press("Enter")
+    page.get_by_text("on the way to +20").wait_for()
+    run_until_driving(board)
+    page.keyboard.press("Escape")
+    page.locator(".news").get_by_text("stopped: STOP was pressed").wait_for()
+    page.get_by_text("last move: aborted (STOP was pressed)").wait_for()
+    page.get_by_text("on the way to").wait_for(state="detached")
+
+
+def test_a_stop_while_nothing_moves_is_told_too(page):
+    page.keyboard.press("Escape")
+    page.locator(".news").get_by_text("stopped: STOP was pressed").wait_for()
+    assert page.get_by_text("Nothing since the panel was started").count() == 0
+
+
+@pytest.mark.parametrize("how", ["gone", "frozen"])
+def test_what_is_not_known_any_more_is_said_to_be_so(page, board, how):
+    page.keyboard.press("ArrowRight")
+    page.get_by_text("+1.000").wait_for()
+    board.process.send_signal(signal.SIGTERM if how == "gone" else signal.SIGSTOP)
+    page.get_by_text("not known since").first.wait_for()
+    assert page.locator("section.stale .position").first.inner_text() in ("+1.000", "+0.000")
+    assert page.locator("section.stale .lamp:is(.on, .warn, .bad)").count() == 0
+
+
+def test_the_plot_has_a_gap_where_the_position_was_not_known():
+    points = [(t / 20, 1.0, 2.0) for t in range(1, 21)]
+    points += [(1.05, None, None)]
+    points += [(5 + t / 20, 9.0, 8.0) for t in range(1, 21)]
+    x, y = curves(points, 6.0)
+    assert [steps for _, steps in x].count(None) >= 1
+    for curve, after in ((x, 9.0), (y, 8.0)):
+        before = curve[[steps for _, steps in curve].index(after) - 1]
+        assert before[1] is None
+
+
+def test_the_plot_has_a_gap_where_nobody_looked_and_none_elsewhere():
+    points = [(t / 20, 1.0, 2.0) for t in range(1, 1000)]
+    assert None not in [steps for _, steps in curves(points, 50.0)[0]]
+    points = [p for p in points if not 20 < p[0] < 30]
+    assert [steps for _, steps in curves(points, 50.0)[0]].count(None) == 1
+
+
+def test_settings_are_read_from_the_board_once_however_often_pages_ask(open_page, page, panel, board):
+    """A page that watches and opens its settings again and again takes no time from the one that drives."""
+    watcher = open_page(panel.url)
+    page.get_by_text("What goes over the wire").click()
+    for _ in range(20):
+        watcher.get_by_text("Limits, take-up, pulse and speed").click()
+    page.keyboard.press("ArrowRight")
+    page.get_by_text("+1.000").wait_for()
+    wait_for(lambda: "1PR1" in page.locator(".wire").inner_text() or "2PR1" in page.locator(".wire").inner_text(), "it")
+    assert page.locator(".wire").inner_text().count("XI?;2QM?") <= 1
