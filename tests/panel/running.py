@@ -78,6 +78,11 @@ def run_until_driving(board: ServedBoard) -> None:
     wait_for(board.driving, "a motor to run")
 
 
+def wait_for_motion(board: ServedBoard) -> None:
+    """Wait until a motor has run, if only for a step that is over by now."""
+    wait_for(lambda: any(e["pin"].endswith("_en") and e["duty"] for e in board.edges()), "a motor to have run")
+
+
 def wait_for_rest(board: ServedBoard) -> None:
     wait_for(lambda: not board.driving(), "the motors to rest")
 

@@ -6,7 +6,7 @@ import re
 import sys
 
 import pytest
-from running import Panel, run_until_driving
+from running import Panel, wait_for_motion
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
@@ -203,7 +203,7 @@ def test_any_loopback_address_can_be_listened_to(open_page, board, tmp_path):
     try:
         assert panel.url.startswith("http://127.0.0.2:")
         open_page(panel.url).get_by_role("button", name="UP", exact=True).click()
-        run_until_driving(board)
+        wait_for_motion(board)
     finally:
         panel.kill()
 

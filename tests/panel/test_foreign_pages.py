@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from http.client import HTTPConnection
 
 import pytest
-from running import Panel, run_until_driving
+from running import Panel, run_until_driving, wait_for_motion
 from served import wait_for
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
@@ -61,7 +61,7 @@ def test_a_site_that_frames_the_panel_cannot_have_a_press_steer_it(open_page, fo
         foreign.mouse.click(x, y)
     page = open_page(panel.url)
     page.get_by_role("button", name="UP", exact=True).click()  # no page was there before: this one controls
-    run_until_driving(board)
+    wait_for_motion(board)
     assert {e["pin"] for e in board.edges()} == {"m1_pos", "m1_en"}
 
 
@@ -93,6 +93,7 @@ def page_key(panel: Panel) -> str | None:
     return html.partition('"data-page":"')[2].partition('"')[0] if answer.status == 200 else None
 
 
+@pytest.mark.wall_clock  # a stop would be right where this computer lets the page stand still
 def test_pages_that_are_fetched_in_a_row_are_refused_and_the_page_that_drives_goes_on(page, panel, board):
     page.keyboard.down("ArrowRight")
     run_until_driving(board)
@@ -102,6 +103,7 @@ def test_pages_that_are_fetched_in_a_row_are_refused_and_the_page_that_drives_go
     page.keyboard.up("ArrowRight")
 
 
+@pytest.mark.wall_clock  # a stop would be right where this computer lets the page stand still
 def test_a_socket_that_sends_too_much_is_closed_and_the_page_that_drives_goes_on(page, panel, board):
     page.get_by_label("Number of steps").fill("20")
     page.get_by_text("right ▶").click()

@@ -6,7 +6,7 @@ import signal
 from pathlib import Path
 
 import pytest
-from running import Network, NotStarted, Panel, run_until_driving, status_after, wait_for_rest
+from running import Network, NotStarted, Panel, run_until_driving, status_after, wait_for_motion, wait_for_rest
 from served import ServedBoard, wait_for
 from websockets.sync.client import connect
 
@@ -142,7 +142,7 @@ def test_a_page_that_comes_after_the_one_that_controlled_has_gone_controls(open_
     page.close()
     other = open_page(panel.url)
     other.get_by_role("button", name="UP", exact=True).click()
-    run_until_driving(board)
+    wait_for_motion(board)
 
 
 def test_an_unplugged_board_is_told_and_comes_back_without_moving(page, panel, board, tmp_path):
@@ -231,7 +231,7 @@ def test_a_panel_that_cannot_write_its_log_drives(open_page, board):
     panel = Panel(str(board.link), Path(os.devnull))
     try:
         open_page(panel.url).get_by_role("button", name="UP", exact=True).click()
-        run_until_driving(board)
+        wait_for_motion(board)
     finally:
         panel.kill()
 
