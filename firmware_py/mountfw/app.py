@@ -9,7 +9,7 @@ No piece of work takes long: some bytes are parsed, or one message obeyed, or on
 bytes sent. So whatever comes, the next look at the input and at the switches is less than a millisecond away.
 """
 
-from mountfw import errors
+from mountfw import board_file, errors
 from mountfw import link as wire
 from mountfw.answers import About
 from mountfw.axis import NEVER_US, REST, Axis
@@ -266,8 +266,14 @@ class App:
 
 
 def build(port, board):
-    """An App on a port (see port_micropython.py or port_circuitpython.py), wired as a board file says (see boards/)."""
+    """An App on a port (see port_micropython.py or port_circuitpython.py), wired as a board file says (see boards/).
+
+    Raises ValueError if that cannot be used.
+    """
     global built
+    wrong = board_file.fault(board_file.values(board), False)
+    if wrong:
+        raise ValueError(wrong)
     error_queue = errors.ErrorQueue()
     cause = port.reset_cause()
     own = OwnReply(port.pack)

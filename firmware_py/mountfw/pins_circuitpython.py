@@ -3,11 +3,15 @@
 boot.py takes this much of the port, before USB is there.
 """
 
+import os
+import sys
+
 import board as pins
 import digitalio
 import microcontroller
 import pwmio
 
+from mountfw import board_file
 from mountfw.boards import FILE_OF
 
 # A duty takes effect when the PWM's period is over (RP2040 data sheet 4.5.2), and off is a duty here: to put a
@@ -133,15 +137,12 @@ def led(on):
 def find_board():
     """The board file: boards/this.py if there is one, else that of this board by its board_id.
 
-    None, after a line that names the file to write, if there is none.
+    None, after a line that says why, if there is none or it cannot be used.
     """
     global _led
     name = FILE_OF.get(pins.board_id, pins.board_id)
-    for candidate in ("this", name):
-        try:
-            found = getattr(__import__("mountfw.boards." + candidate).boards, candidate)
-        except ImportError:
-            continue
+    found = board_file.find(("this", name), os.listdir, sys.platform[:3] == "RP2")
+    if found:
         # the LED of a W is the radio chip's: to switch it takes too long for the loop
         if _led is None and found.LED is not None and not (found.LED == "LED" and pins.board_id.endswith("_w")):
             try:
@@ -150,7 +151,8 @@ def find_board():
             except (AttributeError, ValueError):
                 pass  # this board has none of that name, or uses it for something else
         return found
-    print("mountfw: no board file for '%s': write mountfw/boards/%s.py (copy pico.py)" % (name, name))
+    if found is False:
+        print("mountfw: no board file for '%s': write mountfw/boards/%s.py (copy pico.py)" % (name, name))
     return None
 
 

@@ -15,7 +15,7 @@ import machine
 import micropython
 from machine import PWM, Pin
 
-from mountfw import errors
+from mountfw import board_file, errors
 from mountfw.boards import FILE_OF
 from mountfw.console_micropython import any, drain, pack, writable, write  # noqa: F401 (verbs of this port, too)
 
@@ -190,17 +190,14 @@ def _file_hash(path):
 def find_board():
     """The board file: boards/this.py if there is one, else that of this board by its name.
 
-    None, after a line that names the file to write, if there is none.
+    None, after a line that says why, if there is none or it cannot be used.
     """
     global _led
     machine_name = getattr(sys.implementation, "_machine", "unknown board").split(" with ")[0]
     name = "".join([c.lower() if c.isalpha() or c.isdigit() else "_" for c in machine_name])
     name = FILE_OF.get(name, name)
-    for candidate in ("this", name):
-        try:
-            board = getattr(__import__("mountfw.boards." + candidate).boards, candidate)
-        except ImportError:
-            continue
+    board = board_file.find(("this", name), os.listdir, True)
+    if board:
         # the LED of a W is the radio chip's: to switch it takes too long for the loop
         if board.LED is not None and not (board.LED == "LED" and machine_name.endswith(" W")):
             try:
@@ -208,7 +205,8 @@ def find_board():
             except ValueError:
                 pass  # this board has none of that name
         return board
-    print("mountfw: no board file for '%s': write mountfw/boards/%s.py (copy pico.py)" % (machine_name, name))
+    if board is False:
+        print("mountfw: no board file for '%s': write mountfw/boards/%s.py (copy pico.py)" % (machine_name, name))
     return None
 
 

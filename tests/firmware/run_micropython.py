@@ -11,6 +11,7 @@ TESTS = (
     "test_wire",
     "test_own_reply",
     "test_dialect",
+    "test_board_file",
     "test_stops",
     "test_motion",
     "test_backlash",

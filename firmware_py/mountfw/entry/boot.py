@@ -13,5 +13,5 @@ board = port.find_board()
 if board:
     port.motors_off(board)
 one_channel = getattr(board, "ONE_CHANNEL", False)  # of a board with too few endpoints: two would end in safe mode
-usb_cdc.enable(console=True, data=not one_channel)
+usb_cdc.enable(console=True, data=board is not None and not one_channel)
 supervisor.status_bar.console = not one_channel  # what it writes would be in the middle of our answers

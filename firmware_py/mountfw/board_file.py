@@ -1,0 +1,133 @@
+"""What a board file says, which of them is used, and what is wrong with one. Pure; imports nothing of ours.
+
+A motor must not turn because of a slip in a board file: a file that cannot be used is refused, with one line that
+says why, before any pin is touched, and no other file takes its place. `mirrormount deploy` asks fault(), too.
+"""
+
+# each bridge, and which pins of an axis carry its duty
+BRIDGES = {"enable": ("en",), "two-pwm": ("pos", "neg")}
+DRIVES = ("en", "pos", "neg")
+STOPS = ("stop_pos", "stop_neg")
+REQUIRED = ("NAME", "BRIDGE", "AXIS_1", "AXIS_2", "PWM_HZ", "DEAD_TIME_US", "LED")
+OPTIONAL = ("EMERGENCY_STOP", "ONE_CHANNEL")
+
+_MOST_PWM_HZ = 200_000
+_MOST_DEAD_TIME_US = 10_000
+
+
+def find(candidates, listdir, rp2):
+    """The first of these board files that there is, as a module. None, after a printed line, if it cannot be used.
+
+    False if there is none. listdir is os.listdir; rp2: is this an RP2040 or RP2350?
+    """
+    path = __import__("mountfw.boards").boards.__path__
+    files = listdir(path if isinstance(path, str) else path[0])
+    for name in candidates:
+        if name + ".py" in files or name + ".mpy" in files:
+            return _load(name, rp2)
+    return False
+
+
+def _load(name, rp2):
+    try:
+        board = getattr(__import__("mountfw.boards." + name).boards, name)
+        wrong = fault(values(board), rp2)
+    except Exception as e:
+        wrong = "%s: %s" % (type(e).__name__, e)
+    if not wrong:
+        return board
+    print("mountfw: boards/%s.py cannot be used, so no pin is driven: %s" % (name, wrong))
+    return None
+
+
+def values(board):
+    """What a board file says: name to value. Modules that it imports and names with an underscore do not count."""
+    module = type(__import__("mountfw"))
+    found = {name: getattr(board, name) for name in dir(board) if name[0] != "_"}
+    return {name: value for name, value in found.items() if not isinstance(value, module)}
+
+
+def fault(values, rp2=True):
+    """What is wrong with a board file that says this (name to value), in words; "" if nothing is.
+
+    rp2: is it for an RP2040 or RP2350?
+    """
+    for name in sorted(values):
+        if name not in REQUIRED and name not in OPTIONAL:
+            return "%s is no name that a board file may have" % name
+    for name in REQUIRED:
+        if name not in values:
+            return "%s is missing" % name
+    return (
+        _fault_of_constants(values)
+        or _fault_of_axis("AXIS_1", values)
+        or _fault_of_axis("AXIS_2", values)
+        or _fault_of_pins(values, rp2)
+    )
+
+
+def _fault_of_constants(values):
+    if values["BRIDGE"] not in BRIDGES:
+        return "BRIDGE is %r, not one of %s" % (values["BRIDGE"], ", ".join(sorted(BRIDGES)))
+    if not isinstance(values["NAME"], bytes):
+        return "NAME is %r, not bytes" % (values["NAME"],)
+    for name, least, most in (("PWM_HZ", 10, _MOST_PWM_HZ), ("DEAD_TIME_US", 0, _MOST_DEAD_TIME_US)):
+        if type(values[name]) is not int or not least <= values[name] <= most:
+            return "%s is %r, not a whole number within %d ... %d" % (name, values[name], least, most)
+    if type(values.get("ONE_CHANNEL", False)) is not bool:
+        return "ONE_CHANNEL is neither True nor False"
+    if not (values["LED"] is None or isinstance(values["LED"], str) or _is_pin(values["LED"])):
+        return "LED is %r, neither a pin's number nor its name nor None" % (values["LED"],)
+    return ""
+
+
+def _fault_of_axis(axis, values):
+    pins = values[axis]
+    if not isinstance(pins, dict):
+        return "%s is no dictionary of pins" % axis
+    for name in sorted(pins):
+        if name not in DRIVES + STOPS:
+            return "%s: %r is not one of %s" % (axis, name, ", ".join(DRIVES + STOPS))
+    for name in DRIVES + STOPS:
+        if name not in pins:
+            return "%s: %s is missing" % (axis, name)
+        may_be_none = name in STOPS or (name == "en" and values["BRIDGE"] != "enable")
+        if not (_is_pin(pins[name]) or (pins[name] is None and may_be_none)):
+            return "%s: %s is %r, not a pin's number" % (axis, name, pins[name])
+    if values["BRIDGE"] != "enable" and pins["en"] is not None:
+        return "%s: en is %r, but a %s bridge has none: None" % (axis, pins["en"], values["BRIDGE"])
+    return ""
+
+
+def _fault_of_pins(values, rp2):
+    """No pin may be used twice; and on an RP2040 or RP2350, no PWM output."""
+    stop = values.get("EMERGENCY_STOP")
+    if stop is not None and not _is_pin(stop):
+        return "EMERGENCY_STOP is %r, neither a pin's number nor None" % (stop,)
+    used = {}
+    carriers = {}
+    places = [("LED", values["LED"]), ("EMERGENCY_STOP", stop)]
+    places += [
+        ("%s: %s" % (axis, name), values[axis][name]) for axis in ("AXIS_1", "AXIS_2") for name in DRIVES + STOPS
+    ]
+    for place, pin in places:
+        if pin is None:
+            continue
+        if pin in used:
+            return "pin %s is used twice, at %s and at %s" % (pin, used[pin], place)
+        used[pin] = place
+        if rp2 and place[:4] == "AXIS" and place[8:] in BRIDGES[values["BRIDGE"]]:
+            carrier = _pwm_output(pin)
+            if carrier in carriers:
+                return "pins %d and %d share one PWM output, so both motors would turn" % (carriers[carrier], pin)
+            carriers[carrier] = pin
+    return ""
+
+
+def _is_pin(value):
+    return type(value) is int and 0 <= value < 64
+
+
+def _pwm_output(gpio):
+    """Which of the chip's PWM outputs GPIO `gpio` carries (RP2040 data sheet 4.5.2, RP2350 data sheet 12.5.2)."""
+    return (gpio & 15) if gpio < 32 else 16 + (gpio & 7)

@@ -1,0 +1,91 @@
+"""What is wrong with a board file, in words. Runs under CPython and MicroPython."""
+
+from rig import Board, Port
+
+from mountfw import app, board_file
+from mountfw.boards import (
+    adafruit_feather_esp32s3,
+    adafruit_feather_rp2040,
+    pico,
+    pico2,
+    pico2_w,
+    pico_drv8833,
+    pico_w,
+    rp2,
+    seeed_xiao_rp2040,
+)
+
+
+def said(**changes):
+    """What the Pico's file says, changed."""
+    values = board_file.values(pico)
+    values.update(changes)
+    return values
+
+
+def pins(**changes):
+    return dict(pico.AXIS_1, **changes)
+
+
+def test_every_board_file_of_ours_is_good():
+    for board in (pico, pico_w, pico2, pico2_w, pico_drv8833, rp2, seeed_xiao_rp2040, adafruit_feather_rp2040):
+        assert board_file.fault(board_file.values(board)) == "", board
+    assert board_file.fault(board_file.values(adafruit_feather_esp32s3), False) == ""
+
+
+def test_a_slip_is_refused_in_words():
+    two_pwm = dict(pico_drv8833.AXIS_1)
+    for changes, words in (
+        ({"BRIDGE": "Enable"}, "BRIDGE is 'Enable', not one of enable, two-pwm"),
+        ({"BRIDGE": None}, "BRIDGE is None, not one of enable, two-pwm"),
+        ({"BRIGDE": "enable"}, "BRIGDE is no name that a board file may have"),
+        ({"emergency_stop": 14}, "emergency_stop is no name that a board file may have"),
+        ({"NAME": "Pico"}, "NAME is 'Pico', not bytes"),
+        ({"PWM_HZ": 4e3}, "PWM_HZ is 4000.0, not a whole number within 10 ... 200000"),
+        ({"DEAD_TIME_US": -1}, "DEAD_TIME_US is -1, not a whole number within 0 ... 10000"),
+        ({"ONE_CHANNEL": 1}, "ONE_CHANNEL is neither True nor False"),
+        ({"LED": 13.0}, "LED is 13.0, neither a pin's number nor its name nor None"),
+        ({"AXIS_1": (2, 3, 4)}, "AXIS_1 is no dictionary of pins"),
+        ({"AXIS_1": pins(en=None)}, "AXIS_1: en is None, not a pin's number"),
+        ({"AXIS_1": pins(pos="GP3")}, "AXIS_1: pos is 'GP3', not a pin's number"),
+        ({"AXIS_1": pins(pos=True)}, "AXIS_1: pos is True, not a pin's number"),
+        ({"AXIS_1": pins(stop_pos=1.0)}, "AXIS_1: stop_pos is 1.0, not a pin's number"),
+        ({"AXIS_1": pins(enable=2)}, "AXIS_1: 'enable' is not one of en, pos, neg, stop_pos, stop_neg"),
+        ({"AXIS_1": {"en": 2, "pos": 3, "neg": 4, "stop_pos": None}}, "AXIS_1: stop_neg is missing"),
+        ({"BRIDGE": "two-pwm"}, "AXIS_1: en is 2, but a two-pwm bridge has none: None"),
+        ({"AXIS_1": pins(en=5)}, "pin 5 is used twice, at AXIS_1: en and at AXIS_2: en"),
+        ({"AXIS_1": pins(stop_pos=2)}, "pin 2 is used twice, at AXIS_1: en and at AXIS_1: stop_pos"),
+        ({"EMERGENCY_STOP": 3}, "pin 3 is used twice, at EMERGENCY_STOP and at AXIS_1: pos"),
+        ({"EMERGENCY_STOP": "GP14"}, "EMERGENCY_STOP is 'GP14', neither a pin's number nor None"),
+        ({"AXIS_1": pins(en=21)}, "pins 21 and 5 share one PWM output, so both motors would turn"),
+        (
+            {"BRIDGE": "two-pwm", "AXIS_1": two_pwm, "AXIS_2": dict(two_pwm, pos=19, neg=8, stop_pos=1, stop_neg=0)},
+            "pins 3 and 19 share one PWM output, so both motors would turn",
+        ),
+    ):
+        assert board_file.fault(said(**changes)) == words, changes
+
+
+def test_every_required_name_is_missed():
+    for name in board_file.REQUIRED:
+        values = said()
+        del values[name]
+        assert board_file.fault(values) == name + " is missing"
+
+
+def test_pins_that_carry_no_duty_may_share_a_pwm_output_and_other_chips_have_their_own():
+    assert board_file.fault(said(AXIS_1=pins(pos=21))) == ""
+    assert board_file.fault(said(AXIS_1=pins(en=21)), False) == ""
+
+
+def test_the_firmware_is_not_built_on_a_bad_board_file():
+    board = Board()
+    board.BRIDGE = "enabel"
+    port = Port()
+    try:
+        app.build(port, board)
+    except ValueError as e:
+        assert "enabel" in str(e)
+    else:
+        raise AssertionError("was built")
+    assert port.pins == {}
