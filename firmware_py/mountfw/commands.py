@@ -11,7 +11,7 @@ from mountfw.command import COMMAND, END, MINUS, NOTHING, NUMBER, PLUS, QUERY, k
 from mountfw.position import MAX_STEPS
 from mountfw.settings import SETTINGS, allowed
 
-_ADDRESS = 1  # of this controller, in a line that names one
+_ADDRESS = 1  # of this controller, in a line that names one; 0 is the controller at the port, so this one as well
 _CONNECTED = 2  # axes this mount has
 _DIALECT_AXES = 4  # axes the dialect knows; those above _CONNECTED answer as not connected
 
@@ -104,7 +104,7 @@ class Commands:
         self._stage = 0
         self._read = False
         self.busy = True
-        self._elsewhere = self._line.address_length > 0 and self._line.address() != _ADDRESS
+        self._elsewhere = self._line.address() > _ADDRESS
         if self._elsewhere:
             self._errors.push(errors.NO_SUCH_CONTROLLER)
 

@@ -35,7 +35,7 @@ REMEDIES = {
         "1PR5, not 1PR.",
     ),
     "48": Remedy(
-        "A line was addressed to another controller than 1 (2>1PR5). Nothing of it was done but ST and AB.",
+        "A line was addressed to another controller than 0 or 1 (2>1PR5). Nothing of it was done but ST and AB.",
         "Address 1, or none.",
     ),
     "60": Remedy(

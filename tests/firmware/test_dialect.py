@@ -145,7 +145,7 @@ def test_an_error_in_the_place_of_an_answer_drives_nothing_if_it_comes_back():
 
 
 def test_a_line_for_another_controller_does_nothing_and_is_not_answered():
-    for address in (b"2>", b"0>", b"00>", b"31>", b"11>", b"10>"):
+    for address in (b"2>", b"31>", b"11>", b"10>", b"02>", b"99>"):
         rig = Rig()
         assert rig.ask(address + b"1PR2;1MV+;1XP1000;1DH5;SM;1TP?;ID?;*IDN?\n") == b""
         rig.run(100_000)
@@ -156,7 +156,7 @@ def test_a_line_for_another_controller_does_nothing_and_is_not_answered():
 
 
 def test_a_line_for_this_controller_is_executed_and_its_address_echoed():
-    for address in (b"1>", b"01>"):
+    for address in (b"1>", b"01>", b"0>", b"00>"):
         rig = Rig()
         assert rig.ask(address + b"1MV+;SA?\n") == address + b"1\r\n"
         assert rig.drives() == (255, 0)

@@ -185,12 +185,32 @@ def velocity_is_the_rate_of_the_pulses(t: Trial) -> None:
 
 
 @CHECKS.add("setup_velocity, too fast")
-def a_velocity_that_the_pulses_do_not_fit_in_is_refused(t: Trial) -> None:
-    assert t.driver.setup_velocity(2, speed=_NEWPORT_USUAL) == (_VELOCITY, _ACCELERATION)
+def of_a_velocity_that_the_pulses_do_not_fit_in_as_much_is_made_as_is_possible(t: Trial) -> None:
+    assert t.driver.setup_velocity(2, speed=_NEWPORT_USUAL) == (1000 // (STEP_MS + 1), _ACCELERATION)
     assert t.errors() == [210]
     t.driver.move_by(2, 2)
     t.driver.wait_move()
-    assert t.place.periods_ms(2) == {PERIOD_MS}
+    assert t.place.driven_ms(2) == [STEP_MS] * 2
+    assert t.place.periods_ms(2) == {STEP_MS}  # to 10 ms: 47 a second
+
+
+@CHECKS.add("move_to, far away")
+def a_move_over_all_the_travel_is_begun_and_can_be_stopped(t: Trial) -> None:
+    t.driver.move_to(1, 1_000_000)
+    wait_for(lambda: t.place.driving(1), "the motor to run")
+    assert t.driver.is_moving(1)
+    t.driver.stop(immediate=True)
+    assert not t.place.driving()
+
+
+@CHECKS.add("query(…)")
+def numbers_of_32_bits_are_refused_and_stop_nothing(t: Trial) -> None:
+    t.driver.jog(2, "-")
+    wait_for(lambda: t.place.driving(2), "the motor to run")
+    t.driver.move_to(1, 2147483647)
+    assert t.errors() == [101]
+    assert t.place.driving(2) and not t.place.drives(1)
+    t.driver.stop(2)
 
 
 @CHECKS.add("set_position_reference")
