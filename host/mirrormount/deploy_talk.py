@@ -12,7 +12,7 @@ from mirrormount.printable import printable
 
 STATUS = re.compile(r"\d+,\d+,\d+((?:\|-?\d+,[01],-?\d+,\d+,\d+,\d+)+)")
 _ANSWER_S = 1.0
-_ADDRESS = b"42>"  # a made-up one: a board gives back what it was asked with
+_ADDRESS = b"01>"  # the board's own, spelled as nobody else does: it comes back with the answers
 
 
 @dataclass(frozen=True)

@@ -147,11 +147,12 @@ class Board(Stepped):
     def ask(self, line: bytes, patience_us: int = _PATIENCE_US, before: bytes = b"") -> str:
         """The answer to a line of queries; empty if none comes. before is said before each attempt.
 
-        An address (docs/protocol.md) tells it from every other answer, and echoes may stand before it.
+        The address comes back with it (docs/protocol.md), spelled in two ways by turns: answers keep their order, so a
+        late one is to the line before, which was spelled in the other way.
         """
-        self._asked = self._asked % 90 + 1
-        address = b"%d>" % (self._asked + 9)
-        answer = re.compile(address + rb"(.*)\r\n")
+        self._asked += 1
+        address = (b"1>", b"01>")[self._asked % 2]
+        answer = re.compile(rb"(?m)^" + address + rb"(.*)\r\n")
         self.received.clear()
         for _ in range(0, patience_us, _ASK_US):
             self.give(before + address + line + b"\n")
