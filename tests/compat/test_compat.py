@@ -1,14 +1,22 @@
 """Facts about tools/compat: how it reads pins, and that what fails is told."""
 
+import importlib
+import importlib.util
 import subprocess
 import sys
 from pathlib import Path
 
+import checks
 import pytest
 from checks import Checks, Trial
 from pins import Drive, drives, told
+from place import WAYS
 
 COMPAT = Path(__file__).parent.parent.parent / "tools" / "compat"
+_spec = importlib.util.spec_from_file_location("compat_run", COMPAT / "run.py")  # tools/bench has a run.py, too
+assert _spec and _spec.loader
+run = importlib.util.module_from_spec(_spec)
+_spec.loader.exec_module(run)
 
 
 def edges(*pins: tuple[int, str, int]) -> list[dict]:
@@ -46,6 +54,10 @@ class FakePlace:
 
     address, way = "", "tcp"
     runs = False
+    closed = 0
+
+    def close(self) -> None:
+        self.closed += 1
 
     def mark(self) -> None:
         pass
@@ -80,32 +92,59 @@ def run_away(t: Trial) -> None:
 
 @pytest.mark.parametrize(("body", "why"), [(refuse, "errors"), (run_away, "driven")])
 def test_a_check_that_leaves_an_error_or_a_driven_motor_fails(body, why):
-    checks = Checks()
-    checks.add("call")(body)
+    listed = Checks()
+    listed.add("call")(body)
     kind = FakeDriver()
     with pytest.raises(AssertionError, match=why):
-        Trial(kind, FakePlace()).run(checks[0])
+        Trial(kind, FakePlace()).run(listed[0])
     assert kind.closed == 1
 
 
 def test_errors_that_waited_before_a_check_do_not_fail_it():
-    checks = Checks()
-    checks.add("call")(lambda t: None)
+    listed = Checks()
+    listed.add("call")(lambda t: None)
     kind = FakeDriver()
     kind.queue = ("60", "62")
-    Trial(kind, FakePlace()).run(checks[0])
+    Trial(kind, FakePlace()).run(listed[0])
 
 
 def test_run_prints_a_line_with_what_the_pins_did():
     pytest.importorskip("pylablib", reason="pylablib-lightweight is not installed here")
     words = ["--driver", "pylablib", "--machine", "cpython", "--way", "tcp", "--only", "move_to"]
-    run = subprocess.run([sys.executable, str(COMPAT / "run.py"), *words], capture_output=True, text=True, timeout=60)
-    assert (run.returncode, run.stderr) == (0, "")
-    assert run.stdout.splitlines()[2:] == [
+    done = subprocess.run([sys.executable, str(COMPAT / "run.py"), *words], capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.splitlines()[2:] == [
         "| pylablib | tcp | cpython | move_to | axis 1: nothing; axis 2: 2 x +20 ms, 3 x -20 ms | ok |"
     ]
 
 
+class NotInstalled(FakeDriver):
+    """A driver whose published package is not there."""
+
+    NAME, CHECKS = "fake", Checks()
+
+    def connect(self, *_: object) -> list[str]:
+        raise ModuleNotFoundError("No module named 'published'")
+
+
+def test_a_driver_that_is_not_installed_is_told_and_no_failure(monkeypatch):
+    kind = NotInstalled()
+    kind.CHECKS.add("call")(lambda t: None)
+    place = FakePlace()
+    monkeypatch.setattr(checks, "Place", lambda *_: place)
+    assert [row[-1] for row in run.rows(kind, "tcp", "cpython", "")] == ["not run: No module named 'published'"]
+    assert place.closed == 1
+
+
+def test_each_driver_file_can_be_read_without_its_package_and_has_checks_for_its_ways():
+    assert {"instrumentkit", "newfocus8742", "pylablib"} <= set(run.drivers())
+    for name in run.drivers():
+        kind = importlib.import_module(f"driver_{name}")
+        assert name == kind.NAME
+        assert len(kind.CHECKS) >= 7
+        assert set(kind.WAYS) <= set(WAYS) and all(set(check.ways) & set(kind.WAYS) for check in kind.CHECKS)
+
+
 def test_run_refuses_a_driver_that_has_no_file():
-    run = subprocess.run([sys.executable, str(COMPAT / "run.py"), "--driver", "none"], capture_output=True, text=True)
-    assert run.returncode == 2 and "pylablib" in run.stderr and "Traceback" not in run.stderr
+    done = subprocess.run([sys.executable, str(COMPAT / "run.py"), "--driver", "none"], capture_output=True, text=True)
+    assert done.returncode == 2 and "pylablib" in done.stderr and "Traceback" not in done.stderr

@@ -194,7 +194,7 @@ def of_a_velocity_that_the_pulses_do_not_fit_in_as_much_is_made_as_is_possible(t
     assert t.place.periods_ms(2) == {STEP_MS}  # to 10 ms: 47 a second
 
 
-@CHECKS.add("move_to, far away")
+@CHECKS.add("stop in a long move")
 def a_move_over_all_the_travel_is_begun_and_can_be_stopped(t: Trial) -> None:
     t.driver.move_to(1, 1_000_000)
     wait_for(lambda: t.place.driving(1), "the motor to run")

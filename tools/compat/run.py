@@ -57,7 +57,7 @@ def rows(kind: Any, way: str, machine: str, only: str) -> Iterator[tuple[str, ..
         with trial(kind, way, machine) as opened:
             for check in checks:
                 yield row(opened, check)
-    except EmulatorMissing as e:
+    except (EmulatorMissing, ModuleNotFoundError) as e:
         yield (kind.NAME, way, machine, "", "", f"not run: {e}")
 
 
