@@ -120,7 +120,7 @@ def test_a_board_holds_the_manifest_and_what_it_lists_and_nothing_else(boot):
 
 
 def test_a_board_that_was_deployed_to_starts_by_itself(deployed):
-    assert deployed.ask("VE?") == f"MM2 mirrormount {mountfw.__version__}"
+    assert deployed.ask("VE?") == f"MM2 Version {mountfw.__version__} mirrormount"
 
 
 def test_a_second_deploy_changes_nothing(deployed):
@@ -255,7 +255,7 @@ def test_a_new_firmware_that_fails_gives_way_to_the_old_one_and_its_last_line_is
         " before is back and answers"
     )
     assert contents(deployed.root) == before
-    assert deployed.ask("VE?") == f"MM2 mirrormount {mountfw.__version__}"
+    assert deployed.ask("VE?") == f"MM2 Version {mountfw.__version__} mirrormount"
 
 
 def test_a_first_deploy_that_fails_leaves_nothing_that_fails_at_each_boot(boot, monkeypatch):
@@ -374,7 +374,7 @@ def test_a_board_whose_power_went_after_the_commit_boots_the_new_firmware(boot, 
     (root / "mountfw" / "axis.mpy").write_bytes(b"old")
     (root / "mountfw.journal").write_text("mountfw/axis.mpy.new>mountfw/axis.mpy\nmountfw/axis.py")
     board = boot(root)
-    assert board.ask("VE?") == f"MM2 mirrormount {mountfw.__version__}"
+    assert board.ask("VE?") == f"MM2 Version {mountfw.__version__} mirrormount"
     assert contents(root) == contents(deployed_files)
 
 
@@ -435,7 +435,7 @@ def test_mip_installs_the_same_files(boot):
     mip = [sys.executable, "-m", "mpremote", "connect", board.port, "resume", "mip", "install", "--target=/"]
     subprocess.run([*mip, str(PACKAGE), "+", "reset"], check=True, capture_output=True, timeout=60)
     assert contents(board.root) == firmware(None)
-    assert board.ask("VE?") == f"MM2 mirrormount {mountfw.__version__}"
+    assert board.ask("VE?") == f"MM2 Version {mountfw.__version__} mirrormount"
 
 
 class Stranger:

@@ -42,7 +42,7 @@ def test_all_steps_that_were_sent_are_made(tmp_path):
 
 def test_a_line_with_its_own_address_or_keep_alive_is_waited_for_too(tmp_path):
     run, edges = send("1>XK100;2PR2;VE?", tmp_path / "edges")
-    assert (run.returncode, run.stdout) == (0, f"1>MM2 mirrormount {__version__}\n")
+    assert (run.returncode, run.stdout) == (0, f"1>MM2 Version {__version__} mirrormount\n")
     assert len(widths_us(edges)) == 2
 
 

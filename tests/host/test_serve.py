@@ -151,7 +151,7 @@ def test_a_client_is_greeted_as_a_new_focus_controller_does_and_answered(served)
     client = serve.connect()
     assert hear(client, 6) == GREETING
     assert ask(client, b"*IDN?").decode() == serve.identity
-    assert ask(client, b"1>VE?").startswith(b"1>MM2 mirrormount")
+    assert ask(client, b"1>VE?").startswith(b"1>MM2 Version ")
 
 
 def test_without_telnet_the_first_bytes_are_the_answer(served):
