@@ -1,6 +1,5 @@
 """With CI=true what is not run is a failure: a skipped test fails, and says what it needs.
 
-Tests that are marked given need a file that only a user can give: they alone may be skipped there, too.
 Tests that are marked exhaustive take hours; they are left out without --exhaustive.
 Tests that are marked wall_clock are judged by the time of this computer, and need it for themselves: tools/test.py runs
 all others in two processes with --wall-clock=without, then these alone with --wall-clock=only.
@@ -13,7 +12,7 @@ import tempfile
 import pytest
 
 # what the user's environment may say to a test; all other settings of mirrormount are taken out of it
-KEPT = ("MIRRORMOUNT_CACHE", "MIRRORMOUNT_CIRCUITPYTHON_IMAGE", "MIRRORMOUNT_FUZZ_", "MIRRORMOUNT_IMAGES")
+KEPT = ("MIRRORMOUNT_CACHE", "MIRRORMOUNT_FUZZ_", "MIRRORMOUNT_IMAGES")
 ENDING = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
 
@@ -30,7 +29,6 @@ def pytest_addoption(parser):
 def pytest_configure(config):
     config.addinivalue_line("markers", "exhaustive: takes hours, left out without --exhaustive")
     config.addinivalue_line("markers", "wall_clock: judged by this computer's clock, so nothing runs beside it")
-    config.addinivalue_line("markers", "given: needs a file that nothing fetches or builds, so CI may skip it")
 
 
 def pytest_collection_modifyitems(config, items):
@@ -78,7 +76,7 @@ def _own_environment(tmp_path_factory):
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item, call):
     report = yield
-    may_skip = hasattr(report, "wasxfail") or item.get_closest_marker("given")
+    may_skip = hasattr(report, "wasxfail")
     if os.environ.get("CI") == "true" and report.skipped and not may_skip:
         report.outcome = "failed"
         report.longrepr = f"not run, and CI=true: {report.longrepr}"

@@ -3,10 +3,15 @@
 from collections.abc import Callable, Iterator
 
 import pytest
+from images import FOLDER
 
 from mirrormount.errors import EmulatorMissing
 from mirrormount.virtual.board import Options, make_world
 from mirrormount.virtual.stepped import Stepped
+
+# these need images that only a user can give: without them there is nothing to run, and nothing is skipped
+collect_ignore = [] if FOLDER else ["test_images.py", "test_circuitpython.py"]
+OF_IMAGES = ("test_images.py", "test_circuitpython.py")
 
 
 class Board(Stepped):
@@ -62,3 +67,22 @@ def make_board() -> Iterator[Callable[..., Board]]:
 def board(request, make_board) -> Board:
     """The same board on each machine."""
     return make_board(request.param)
+
+
+def pytest_terminal_summary(terminalreporter):
+    """A table of images and checks, if any were run."""
+    passed: dict[str, list[str]] = {}
+    failed: dict[str, list[str]] = {}
+    for outcome, table in (("passed", passed), ("failed", failed), ("error", failed)):
+        for report in terminalreporter.stats.get(outcome, []):
+            file, _, test = report.nodeid.rpartition("/")[2].partition("::")
+            image = test.partition("[")[2].rstrip("]")
+            if file in OF_IMAGES and image and (report.when == "call" or outcome != "passed"):
+                name = image.rpartition(".uf2")[0]
+                table.setdefault(name, []).append(test.partition("[")[0].removeprefix("test_"))
+    if passed or failed:
+        terminalreporter.section("images")
+        for name in sorted({*passed, *failed}):
+            good, bad = passed.get(name, []), failed.get(name, [])
+            text = f"{len(good)} of {len(good) + len(bad)} checks"
+            terminalreporter.write_line(f"{name}: {text}" + "".join(f"\n    failed: {check}" for check in bad))

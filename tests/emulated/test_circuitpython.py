@@ -1,29 +1,22 @@
-"""The firmware on a real CircuitPython, in the emulated Pico, where MIRRORMOUNT_CIRCUITPYTHON_IMAGE names an image.
+"""The firmware on every official CircuitPython image of a folder, in the emulated Pico: images.py names the folder."""
 
-No image is fetched or built, so elsewhere, on CI too, this file is skipped; tried with CircuitPython 9.1.4 and 10.0.0.
-"""
-
-import os
 import re
 from pathlib import Path
 
 import pytest
+from images import images
 
 from mirrormount.virtual.board import Options, make_world
 from mirrormount.virtual.stepped import Stepped
 
-NAME = "MIRRORMOUNT_CIRCUITPYTHON_IMAGE"
-IMAGE = os.environ.get(NAME)
 STEP_US = 1954  # two steps of CircuitPython's clock
-
-pytestmark = [pytest.mark.given, pytest.mark.skipif(not IMAGE, reason=f"{NAME} names no CircuitPython image")]
 
 
 class Board(Stepped):
     """A board with a console beside its port. Its LED shows CircuitPython's state, too: so start() awaits an answer."""
 
-    def __init__(self) -> None:
-        super().__init__(make_world(Options(machine="rp2040", bench="switches", image=Path(str(IMAGE)))))
+    def __init__(self, image: Path) -> None:
+        super().__init__(make_world(Options(machine="rp2040", bench="switches", image=image)))
         self.console = bytearray()
         self.world.on_console = self.console.append
         self.start()
@@ -75,9 +68,9 @@ class Board(Stepped):
             pass
 
 
-@pytest.fixture(scope="module")
-def running():
-    board = Board()
+@pytest.fixture(scope="module", params=images(circuitpython=True), ids=lambda image: image.name)
+def running(request):
+    board = Board(request.param)
     yield board
     board.world.close()
 

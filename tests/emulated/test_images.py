@@ -1,0 +1,188 @@
+"""The firmware on every official MicroPython image of a folder, in the emulated Pico (images.py says which folder).
+
+The board has the Pico's pins, whatever board the image is of. The tests of an image go through one board, in order.
+"""
+
+import re
+
+import pytest
+from images import images
+from served import ServedBoard, run_cli, wait_for
+
+from conftest import Board
+from mirrormount import Mount
+from mirrormount.deploy_plan import THIS, board_choice, firmware
+from mirrormount.errors import MountError
+from mirrormount.virtual import emulator
+from mirrormount.virtual.board import Options
+
+IMAGES = images(circuitpython=False)
+MPY = 6
+STEP_US = 100_000
+
+
+@pytest.fixture(scope="module", params=IMAGES, ids=lambda image: image.name)
+def image(request):
+    return request.param
+
+
+@pytest.fixture(scope="module")
+def running(image, tmp_path_factory):
+    """A board whose flash holds the firmware as deploy compiles it."""
+    flash = tmp_path_factory.mktemp("image") / "flash.bin"
+    files = firmware(MPY) | {THIS: board_choice("pico")}
+    flash.write_bytes(emulator.flash_with_firmware(image, files).read_bytes())
+    board = Board(Options(machine="rp2040", bench="switches", image=image, flash=flash))
+    yield board
+    board.world.close()
+
+
+@pytest.fixture
+def board(running):
+    """The board, both motors at rest and the errors read."""
+    running.send(b"!\n")
+    running.run(300_000)
+    while running.ask(b"TE?\n", 2_000_000) not in (b"0\r\n", b""):
+        pass
+    return running
+
+
+def test_it_starts_and_tells_who_it_is(board):
+    assert re.match(rb"mirrormount,[^,]+,[0-9a-f]{16},[0-9.]+\r\n", board.ask(b"*IDN?\n"))
+
+
+def test_it_hashes_its_files(board):
+    assert re.fullmatch(rb"[0-9a-f]{64}\r\n", board.ask(b"XF?\n", 3_000_000))
+
+
+@pytest.mark.parametrize(("command", "pins"), [
+    (b"1PR1\n", ["m1_pos", "m1_en"]), (b"1PR-1\n", ["m1_neg", "m1_en"]),
+    (b"2PR1\n", ["m2_pos", "m2_en"]), (b"2PR-1\n", ["m2_neg", "m2_en"])])  # fmt: skip
+def test_a_step_is_one_pulse_of_its_length_on_its_pins(board, command, pins):
+    board.send(b"1XP%d;2XP%d\n" % (STEP_US, STEP_US))
+    board.run(50_000)
+    since = board.world.us
+    board.send(command)
+    board.run(STEP_US + 400_000)
+    edges = board.edges_after(since)
+    assert [pin for _, pin, duty in edges if duty] == pins
+    on, off = (us for us, pin, _ in edges if pin.endswith("_en"))
+    assert abs(off - on - STEP_US) < 50
+
+
+@pytest.mark.parametrize("stop", [b"!\n", b"00000000", b"\x03"], ids=["mark", "zeros", "ctrl-c"])
+@pytest.mark.parametrize("motion", [b"02550255", b"1MV+\n", b"1PR30;2PR-30\n"], ids=["frame", "run", "steps"])
+def test_a_stop_has_every_pin_low_within_two_milliseconds(board, stop, motion):
+    board.send(motion)
+    assert board.run(1_000_000, lambda: not board.off())
+    board.run(30_000)
+    assert not board.off()
+    start = board.world.us
+    board.send(stop)
+    assert board.run(10_000, board.off)
+    assert max(us for us, _, _ in board.edges_after(start)) - start < 2_000
+    if stop == b"\x03":
+        board.until(b">>> ")
+        board.world.lit = False
+        board.send(b"\x04")
+        board.boot()
+        board.received.clear()
+
+
+def test_an_end_stop_ends_a_run_from_an_interrupt(board):
+    board.send(b"1XL3;1DH0;1MV+\n")
+    assert board.run(1_000_000, lambda: not board.off())
+    board.run(30_000)
+    start = board.world.us
+    board.world.bench.broken.add("m1_sw_pos")
+    assert board.run(5_000, board.off)
+    assert max(us for us, pin, _ in board.edges_after(start) if pin == "m1_en") - start < 1_000
+    board.world.bench.broken.clear()
+    assert board.ask(b"TE?\n") == b"104\r\n"
+    board.send(b"1XL0\n")
+
+
+def test_a_host_that_falls_silent_stops_what_moves(board):
+    board.send(b"1XK300;1MV+\n")
+    assert board.run(1_000_000, lambda: not board.off())
+    assert board.run(600_000, board.off)
+    board.send(b"1XK0\n")
+
+
+def test_both_motors_change_with_a_frame_at_a_partial_duty(board):
+    since = board.world.us
+    board.send(b"01280128")
+    board.run(60_000)
+    assert {pin: round(duty * 255) for pin, duty in board.drives().items() if pin.endswith("_en")} == {
+        "m1_en": 128, "m2_en": 128}  # fmt: skip
+    assert board.edges_after(since)
+
+
+def test_the_loop_leaves_the_heap_as_it_is(board):
+    free = int(board.ask(b"XH?\n").split(b",")[0])
+    board.send(b"1PR1\n")
+    board.run(600_000)
+    assert int(board.ask(b"XH?\n").split(b",")[0]) == free
+
+
+def test_the_prompt_has_the_mount(board):
+    board.send(b"\x03")
+    board.until(b">>> ")
+    board.send(b"from mountfw.repl import m\r")
+    board.until(b">>> ")
+    since = board.world.us
+    board.send(b"m.x.step(1); print('done')\r")
+    board.until(b"\ndone")
+    board.run(500_000)
+    assert [pin for _, pin, duty in board.edges_after(since) if duty] == ["m2_pos", "m2_en"]
+    board.world.lit = False
+    board.received.clear()
+    board.send(b"\x04")
+    board.boot()
+
+
+def test_a_reset_turns_off_and_saved_settings_are_there_after_it(board):
+    board.send(b"1XP150000;SM\n")
+    board.run(500_000)
+    board.send(b"1MV+\n")
+    board.run(60_000)
+    assert not board.off()
+    board.world.lit = False
+    board.world.reset(power=False)
+    board.run(1_000)
+    assert board.off()
+    board.boot()
+    assert board.ask(b"1XP?\n", 2_000_000) == b"150000\r\n"
+
+
+def test_a_power_cut_turns_off_and_it_starts_by_itself(board):
+    board.send(b"1MV+\n")
+    board.run(60_000)
+    board.world.lit = False
+    board.world.reset(power=True)
+    board.run(1_000)
+    assert board.off()
+    board.boot()
+    assert board.ask(b"*IDN?\n", 2_000_000).startswith(b"mirrormount,")
+
+
+def test_deploy_and_undeploy_with_mpremote(image, tmp_path):
+    board = ServedBoard(tmp_path, "--machine", "rp2040", "--image", str(image), "--flash", str(tmp_path / "flash.bin"))
+    try:
+        port = ("--port", str(board.link))
+        deployed = run_cli("deploy", *port, "--board", "pico")
+        assert deployed.returncode == 0, deployed.stderr
+        with wait_for(lambda: _opened(board), "the firmware to answer") as mount:
+            mount.x.step(1)
+        assert "m2_en" in [edge["pin"] for edge in board.edges()]
+        assert run_cli("undeploy", *port).returncode == 0
+    finally:
+        board.kill()
+        board.process.stdout.close()
+
+
+def _opened(board):
+    try:
+        return Mount.open(str(board.link))
+    except MountError:
+        return None
