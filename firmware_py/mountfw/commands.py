@@ -64,7 +64,7 @@ class Commands:
             b"*RCL": (False, self._recall, None),
             b"SM": (False, self._save, None),
             b"XX": (False, self._purge, None),
-            b"VE": (False, None, answers.version),
+            b"VE": (False, self._version, answers.version),
             b"PR": (True, self._move_by, answers.relative),
             b"PA": (True, self._move_to, answers.target),
             b"TP": (True, None, answers.position),
@@ -293,6 +293,12 @@ class Commands:
             axis.error(errors.AXIS_OUT_OF_RANGE)
         elif not axis.recorded or self._records.forget():  # the record would tell another number
             axis.position.define(n)
+
+    def _version(self, axis, line):
+        """VE without `?`: its controllers answer that as well, and a driver asks so."""
+        if self._nothing(line):
+            self._next_answer()
+            self.answers.version(axis)
 
     def _keep_alive(self, _axis, line):
         if self._integer(line, 0, 60_000):

@@ -30,6 +30,14 @@ def test_the_version_is_four_words_of_which_the_first_has_at_most_eight_letters(
     assert words[2] == Rig().ask(b"*IDN?\n").strip().split(b",")[-1]
 
 
+def test_the_version_is_told_without_a_question_mark_as_well():
+    rig = Rig()
+    assert rig.ask(b"VE\r\n") == rig.ask(b"VE?\r\n")
+    assert rig.ask(b"1>1MD?;VE;1TP?\n") == b"1>1; " + rig.ask(b"VE?\n").strip() + b"; 0\r\n"
+    assert rig.ask(b"VE1\n") == b""
+    assert rig.errors() == [7]
+
+
 # ---- numbers
 
 

@@ -78,7 +78,7 @@ def test_finding_an_end_stop_leaves_the_position_counted_on():
     assert rig.axis1.position.certainty == 3
 
 
-def test_a_switch_that_is_not_there_is_not_found_within_the_move_limit():
+def test_a_switch_that_is_not_there_is_not_found_within_the_search_limit():
     rig = Track(0, ends=(-90_000_000, 90_000_000), setup=b"1XT2000\n")
     assert rig.until_done(b"1OR\n") == 12
     assert rig.errors() == [145]

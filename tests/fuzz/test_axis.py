@@ -34,17 +34,17 @@ RECORDED_US = st.just(10_500_000)  # at rest, so that the position is on the fla
 GLUED = ("",) * 16 + ("!", "00000000")  # a stop in the same burst as the command
 
 
-def sessions(pulses: tuple, run_limits: tuple, move_limits: tuple, velocities: tuple, switches: tuple):
+def sessions(pulses: tuple, run_limits: tuple, search_limits: tuple, velocities: tuple, switches: tuple):
     """Settings to begin with, and commands: (name, value), a stop glued to it, what is waited after it."""
     takes = (0, 1_370, 17_300, 61_000, 90_700)
     mid_move = (one("XB", *takes), one("XD", 255, 102), one("XV", 255, 77), one("VA", *velocities))
-    limits = (one("XM", *run_limits), one("XT", *move_limits))
+    limits = (one("XM", *run_limits), one("XT", *search_limits))
     at_rest = (one("XP", *pulses), one("XI", 0, 1), one("DH", 0, 3, -70_000), one("ZH", 0, 1, 8, 8))
     soft = (one("SL", -1_000_000, -4, 0), one("SR", 1_000_000, 4, 0))
     command = st.one_of(MOTION, MOTION, MOTION, STOP, st.one_of(*mid_move, *limits), st.one_of(*at_rest, *soft))
     wait = st.one_of(*[WAIT_US] * 6, RECORDED_US)
     commands = st.lists(st.tuples(command, st.sampled_from(GLUED), wait), min_size=20, max_size=40)
-    chosen = {"XP": pulses, "XB": takes, "XD": (255, 102), "XV": (255, 77), "XM": run_limits, "XT": move_limits}
+    chosen = {"XP": pulses, "XB": takes, "XD": (255, 102), "XV": (255, 77), "XM": run_limits, "XT": search_limits}
     chosen |= {"VA": velocities[:1], "XL": switches}
     values = st.fixed_dictionaries({name: st.sampled_from(choice) for name, choice in chosen.items()})
     return st.tuples(values, commands)

@@ -64,7 +64,7 @@ def test_without_a_switch_nothing_moves(mount):
     assert len(mount.link.port.world.edges) == edges
 
 
-def test_a_switch_that_is_never_reached_ends_homing_at_the_move_limit(mount):
+def test_a_switch_that_is_never_reached_ends_homing_at_the_search_limit(mount):
     mount.apply({"x": {"search_limit_ms": 500}})
     with pytest.raises(errors.MoveEnded, match="245") as ended:
         mount.x.find_end_stop(1)
