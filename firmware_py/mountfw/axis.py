@@ -86,6 +86,7 @@ class Axis(Parameters):
         self._on_us = 0
         self._stopping = False
         self._taking_up = False  # is this pulse for the backlash?
+        self._length_us = 0  # of this move's pulses, but for the backlash's
         self._period_us = 0
         self._ends_as = errors.DONE  # why this run ends if nothing ends it earlier
         self._on_at = 0  # when the drive began
@@ -140,19 +141,54 @@ class Axis(Parameters):
         self._steps_left = abs(n)
         self._stopping = False
         self._begin(n, self.step_duty)
-        self._period_us = 100_000_000 // self.possible_velocity()
         if n == 0:
             self._finish(errors.DONE)
-        elif self._rests():
+        else:
+            self._first_pulse(self.pulse_us)
+        return True
+
+    def one_pulse(self, us):
+        """Move by one pulse of its own length: 200 ... 2 000 000 us, either way. False if refused."""
+        if self._refused():
+            return False
+        position = self.position
+        direction = 1 if us > 0 else -1
+        target = position.millisteps + direction * position.worth(abs(us) * self.step_duty)
+        if not self._in_reach_of_pulse(target):
+            return False
+        position.target = (target + 500) // 1000 if target >= 0 else -((500 - target) // 1000)
+        self._steps_left = 1
+        self._stopping = False
+        self._begin(direction, self.step_duty)
+        self._first_pulse(abs(us))
+        return True
+
+    def _first_pulse(self, us):
+        """Give the first pulse of a move whose pulses are so long, after the rest that the pulse before still has.
+
+        At the prompt that one may be so long ago that time wrapped.
+        """
+        rest_us = 100_000_000 // self.possible_velocity() - self.pulse_us
+        before_us = self._length_us + rest_us
+        self._length_us = us
+        self._period_us = us + rest_us
+        self._next_at = add(self._on_at, before_us)
+        if self.resting and 0 < diff(self._next_at, self._ticks_us()) <= before_us:
             self.state = REST
         else:
             self._pulse()
-        return True
 
-    def _rests(self):
-        """After the pulse before this move's period counts; at the prompt that may be so long ago that time wrapped."""
-        self._next_at = add(self._on_at, self._period_us)
-        return self.resting and 0 < diff(self._next_at, self._ticks_us()) <= self._period_us
+    def _in_reach_of_pulse(self, millisteps):
+        """May one pulse of its own length go there? If not, an error says why."""
+        if not -MAX_STEPS * 1000 <= millisteps <= MAX_STEPS * 1000:
+            self.error(errors.AXIS_OUT_OF_RANGE)
+        elif self.checking & 8 and millisteps > self.soft_maximum * 1000:
+            self.error(errors.AXIS_POSITIVE_SOFT)
+        elif self.checking & 8 and millisteps < self.soft_minimum * 1000:
+            self.error(errors.AXIS_NEGATIVE_SOFT)
+        else:
+            return True
+        return False
 
     def _in_reach(self, target):
         """May a target be asked for? If not, an error says why. No time bounds the move: its steps do."""
@@ -452,7 +488,7 @@ class Axis(Parameters):
         us = self.position.take_up(self._direction) // self._duty
         self._taking_up = us >= _SHORTEST_US
         self.was_cut = False
-        self._one_pulse(us if self._taking_up else self.pulse_us)
+        self._one_pulse(us if self._taking_up else self._length_us)
 
     def _one_pulse(self, us):
         self.resting = False
@@ -501,10 +537,13 @@ class Axis(Parameters):
         if self._taking_up:
             self.position.taken_up(self._direction)
             # the same rest as between two steps: a motor that still turns would make the first one longer
-            self._next_at = add(self._cut_at, self._period_us - self.pulse_us)
+            self._next_at = add(self._cut_at, self._period_us - self._length_us)
             self._counting = False
             return
-        self.position.pulsed(self._direction)
+        if self._length_us == self.pulse_us:
+            self.position.pulsed(self._direction)
+        else:
+            self.position.pulsed_by(self._direction, self._length_us * self._duty)
         self._steps_left -= 1
         self._counting = False
         self._next_at = add(self._on_at, self._period_us)

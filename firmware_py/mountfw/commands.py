@@ -13,6 +13,8 @@ from mountfw.settings import SETTINGS, allowed
 
 _ADDRESS = 1  # of this controller, in a line that names one; 0 is the controller at the port, so this one as well
 _CONNECTED = 2  # axes this mount has
+_SHORTEST_US = 200  # pulse of its own length,
+_LONGEST_US = 2_000_000  # as of a step (XP)
 _DIALECT_AXES = 4  # axes the dialect knows; those above _CONNECTED answer as not connected
 
 # one axis's settings by key: attribute, least, most, is it refused while the axis moves?
@@ -81,6 +83,7 @@ class Commands:
             b"MC": (False, self._accept, None),
             b"MZ": (True, self._accept, answers.zero),
             b"XK": (False, self._keep_alive, answers.keep_alive),
+            b"XU": (True, self._pulse, None),
             b"XS": (False, None, answers.status),
             b"XE": (True, None, answers.ended),
             b"XF": (False, None, answers.firmware_hash),
@@ -220,6 +223,14 @@ class Commands:
     def _move_by(self, axis, line):
         if self._number(line):
             axis.steps(line.rounded())
+
+    def _pulse(self, axis, line):
+        if self._integer(line, -_LONGEST_US, _LONGEST_US):
+            us = line.rounded()
+            if abs(us) < _SHORTEST_US:
+                self._errors.push(errors.OUT_OF_RANGE)
+            else:
+                axis.one_pulse(us)
 
     def _move_to(self, axis, line):
         if self._number(line):

@@ -47,6 +47,22 @@ class Position:
         if self.gap:
             self._through_gap(direction, self.step)
 
+    def pulsed_by(self, direction, amount):
+        """A pulse of its own length has moved the mirror: an estimate, for half the time is not half the way."""
+        millisteps = self.worth(amount)
+        self.millisteps += direction * millisteps
+        self.made += direction * (millisteps // 1000)
+        self.is_at_edge = not -_MOST < self.millisteps < _MOST
+        if self.certainty:
+            self.certainty = errors.ESTIMATED
+        if self.gap:
+            self._through_gap(direction, amount)
+
+    def worth(self, amount):
+        """Millisteps that an amount of drive is worth."""
+        whole = amount // self.step
+        return whole * 1000 + self._thousandths(amount - whole * self.step)
+
     def driven(self, direction, amount, over):
         """A run, or a part of a pulse, has driven by amount. If it is over, the part of a step becomes millisteps."""
         if self.gap:
@@ -75,10 +91,14 @@ class Position:
         return (p + 500) // 1000 if p >= 0 else -((500 - p) // 1000)
 
     def _part_millisteps(self):
+        return self._thousandths(self.part)
+
+    def _thousandths(self, part):
+        """A part of a step in thousandths."""
         if self.step < 1_000_000:
-            return (self.part * 1000 + self.step // 2) // self.step
+            return (part * 1000 + self.step // 2) // self.step
         step = self.step // 1000
-        return (self.part + step // 2) // step  # the product would not fit a small integer
+        return (part + step // 2) // step  # the product would not fit a small integer
 
     def drive_to(self, steps, direction, duty):
         """How long to drive in direction at duty to come to a position; 0 if it lies behind, at most MOST_US."""

@@ -15,6 +15,7 @@ TESTS = (
     "test_board_file",
     "test_stops",
     "test_motion",
+    "test_own_length",
     "test_backlash",
     "test_homing",
     "test_emergency",

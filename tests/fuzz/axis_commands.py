@@ -5,7 +5,7 @@ from axis_model import AxisModel
 from axis_move import END_STOP, HOMING_FAILED, RUN_LIMIT, SOFT_LIMIT, STOPPED, SUPERSEDED
 from rig import Rig
 
-MOTIONS = ("PR", "PA", "MV", "MT", "OR", "frame")
+MOTIONS = ("PR", "PA", "XU", "MV", "MT", "OR", "frame")
 STOPS = {"!": 3, "AB": 3, "ST": STOPPED, "1ST": STOPPED, "00000000": STOPPED}
 AT_REST = ("XP", "XI", "DH", "ZH")  # refused with n14 while it moves
 ERRORS_OF = {END_STOP: (104, 105), SOFT_LIMIT: (106, 107), RUN_LIMIT: (140,), HOMING_FAILED: (145, 146, 104, 105)}

@@ -119,7 +119,7 @@ class AxisModel:
         if abs(need_us - SHORTEST_US) <= slack_us + 2:
             raise Unclear
         self.taking_up = need_us >= SHORTEST_US
-        self.nominal_us = need_us if self.taking_up else self.settings["XP"]
+        self.nominal_us = need_us if self.taking_up else m.length_us
         self.tolerance_us = EDGE_US + (slack_us if self.taking_up else 0)
         if not self.taking_up:
             assert m.pulse_at is None or self.now - m.pulse_at >= m.period_us - EDGE_US, "pulses too close"
@@ -151,10 +151,14 @@ class AxisModel:
         elif self.taking_up:
             self.gap.taken_up(way)
         else:
-            self.position += way
-            m.moved += way
+            worth = m.length_us * self.duty / self.step
+            self.position += way * worth
+            m.moved += way * worth
             m.pulses += 1
-            self.gap.through(way, self.step)
+            if worth != 1:
+                self.slack += 0.001  # it rounds to thousandths
+                self.certainty = {c if c == UNKNOWN else ESTIMATED for c in self.certainty}
+            self.gap.through(way, m.length_us * self.duty)
 
     def _count(self, amount: float) -> None:
         """Count a drive, or a part of one, by its time."""

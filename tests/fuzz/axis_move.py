@@ -26,6 +26,7 @@ class Move:
     limit_us: float  # of XM, of XT, or of its steps
     n: int = 0
     period_us: int = 0
+    length_us: int = 0  # of its pulses
     soft_limit: int | None = None
     back_off_us: int = 0
     to_zero: bool = False  # OR
@@ -39,6 +40,10 @@ class Move:
     drives: int = 0
     pulse_at: int | None = None
     off_at: int | None = None
+
+    def is_part(self) -> bool:
+        """Is a part of a step in it? XE? tells whole ones."""
+        return self.cut or self.moved != round(self.moved)
 
 
 def possible_velocity(wanted: int, pulse_us: int) -> int:
@@ -57,6 +62,8 @@ def outcomes(model: AxisModel, name: str, value: int) -> dict[int, set[int]]:
     if name in ("PR", "PA"):
         return _of_steps(model, name, value)
     s = model.settings
+    if name == "XU":
+        return _of_pulse(model, value)
     if name == "MV" and s["ZH"] & 8:
         left = s["SR"] - model.position if value > 0 else model.position - s["SL"]
         code = 106 if value > 0 else 107
@@ -85,6 +92,20 @@ def _of_steps(model: AxisModel, name: str, value: int) -> dict[int, set[int]]:
     return found
 
 
+def _of_pulse(model: AxisModel, us: int) -> dict[int, set[int]]:
+    """An error by where a pulse of its own length would go, to a thousandth of a step."""
+    if abs(us) < 200:
+        return {7: {0}}
+    s, slack = model.settings, model.slack + 0.0021
+    found: dict[int, set[int]] = {}
+    for position in (model.position - slack, model.position, model.position + slack):
+        target = position + us / s["XP"]
+        low, high = (s["SL"], s["SR"]) if s["ZH"] & 8 else (-2e6, 2e6)
+        code = 101 if abs(target) > 1_000_000 else 106 if target > high else 107 if target < low else 0
+        found.setdefault(code, set()).add(0)
+    return found
+
+
 def home_way(model: AxisModel, name: str, value: int) -> int:
     """Where MT and OR go: home is the negative end-stop, or the only one."""
     if name == "MT":
@@ -100,8 +121,11 @@ def started(model: AxisModel, name: str, value: int, n: int) -> Move:
     if name in ("PR", "PA"):
         limit_us = abs(n) * (s["XP"] + _PULSE_SLACK_US) + s["XB"]
         period_us = 100_000_000 // possible_velocity(s["VA"], s["XP"])
-        return Move("steps", 1 if n > 0 else -1, (s["XD"],), limit_us, n=n, period_us=period_us)
+        return Move("steps", 1 if n > 0 else -1, (s["XD"],), limit_us, n=n, period_us=period_us, length_us=s["XP"])
     way = 1 if value > 0 else -1
+    if name == "XU":
+        limit_us = abs(value) + s["XB"] + _PULSE_SLACK_US
+        return Move("steps", way, (s["XD"],), limit_us, n=way, length_us=abs(value))
     if name == "frame":
         return Move("frame", way, (abs(value),), s["XM"] * 1000)
     if name == "MV":

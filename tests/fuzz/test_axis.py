@@ -23,6 +23,7 @@ def one(name: str, *values: int) -> st.SearchStrategy[tuple[str, int]]:
 MOTION = st.one_of(
     st.tuples(st.just("PR"), st.integers(-5, 5)),
     st.tuples(st.just("PA"), st.integers(-6, 6)),
+    one("XU", 200, -200, 1_270, -3_100, 20_300, -47_300, 131_000, -420_000, 199),
     one("MV", 1, -1),
     one("frame", 255, -255, 100, -100, 51, 0),
     one("MT", 1, -1),
