@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from mirrormount.errors import BadValue, MoveEnded, NoAnswer, NotAMount
 from mirrormount.status import AxisStatus, Ended, Homed, Limits, table
-from mirrormount.values import whole_number, whole_numbers
+from mirrormount.values import real_number, whole_number, whole_numbers
 from mountfw import errors as wire
 
 if TYPE_CHECKING:
@@ -20,6 +20,7 @@ Progress = Callable[[AxisStatus], None]  # called with each status that comes wh
 
 _POLL_S = 0.05
 _SLACK_S = 4.0  # on top of what a move must take, before it is called stuck; 2 s of it for the backlash
+_SHORTEST_US = 200  # pulse of the board (XU)
 _SOFT_LIMITS_CHECKED = 8  # the bit of ZH
 
 
@@ -64,10 +65,35 @@ class Axis:
         n = whole_number(n, 1_000_000, "steps")
         self._move("PR", n, n, wait, feed, progress)
 
-    def move_to(self, steps: int, *, wait: bool = True, feed: bool = True, progress: Progress | None = None) -> None:
-        """Move to the position `steps`, by the nearest whole number of steps. Raises as step() does."""
-        steps = whole_number(steps, 1_000_000, "position")
-        self._move("PA", steps, round(steps - self.position), wait, feed, progress)
+    def move_to(self, steps: float, *, wait: bool = True, feed: bool = True, progress: Progress | None = None) -> float:
+        """Move to the position `steps`, which may lie between two steps. Returns the position that is reached.
+
+        What whole steps leave over is one pulse of its own length (`XU`), so that also a whole position is reached
+        from one between two steps, such as a jog's end; the position is an estimate then. The board drives no
+        pulse shorter than 200 us, 0.001 of a step of 200 ms: less than that is left over.
+        Without wait the nearest whole number of steps is moved to, and `steps` must be whole. Raises as step() does.
+        """
+        if not wait:
+            target = whole_number(steps, 1_000_000, "position, without waiting,")
+            self._move("PA", target, round(target - self.position), wait, feed, progress)
+            return target
+        wanted = real_number(steps, 1_000_000, "position")
+        stops = self._mount._count_stops()
+        (pulse_us,) = self.ask_whole("XP?")
+        left = round(wanted * 1000) - round(self.position * 1000)  # thousandths of a step
+        n, part = divmod(abs(left), 1000)
+        part_us = round(part * pulse_us / 1000)
+        if part_us < _SHORTEST_US:
+            part_us = 0
+        sign = 1 if left > 0 else -1
+        with self._mount._stopped_by_interrupt():
+            if isinstance(wanted, int) and not part_us:
+                self._move("PA", wanted, n, wait, feed, progress, stops)
+            elif n:
+                self._move("PR", sign * n, n, wait, feed, progress, stops)
+            if part_us:
+                self._move("XU", sign * part_us, 1, wait, feed, progress, stops)
+        return self.position
 
     def zero(self, steps: int = 0) -> None:
         """Call the present position `steps`; from here on it is certain as far as it is counted."""
@@ -223,10 +249,18 @@ class Axis:
         return calibration.mrad_per_step(self._mount.board_id, self.number, self.name, direction, step)
 
     def _move(
-        self, mnemonic: str, value: int, n: int, wait: bool, feed: bool, progress: Progress | None = None
+        self,
+        mnemonic: str,
+        value: int,
+        n: int,
+        wait: bool,
+        feed: bool,
+        progress: Progress | None = None,
+        stops: int | None = None,
     ) -> None:
+        """Start a move of n steps. stops is what _count_stops() said when it was asked for: now, if None."""
         a, mount = self.number, self._mount
-        stops = mount._count_stops()
+        stops = mount._count_stops() if stops is None else stops
         pulse_us, velocity = mount.ask(f"{a}XP?;{a}VA?").split("; ")
         period_s = max(1 / float(velocity), int(pulse_us) * 1e-6 + 1e-3)
         with mount._stopped_by_interrupt():

@@ -64,7 +64,7 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument("n", metavar="N", help="steps, a whole number")
     sub = add("move", do_move, "move to a position, in steps")
     sub.add_argument("axis", choices=("x", "y"), help=axis_help)
-    sub.add_argument("position", metavar="STEPS", help="a whole number")
+    sub.add_argument("position", metavar="STEPS", help="a number, such as 5 or -0.25")
     sub = add("home", do_home, "find an axis's end-stop; position 0 is there")
     sub.add_argument("axis", choices=("x", "y"), help=axis_help)
     sub = add("jog", do_jog, "run at SPEED until Ctrl-C or the board's run limit, or for S seconds")
@@ -200,10 +200,12 @@ def _whole(text: str, what: str) -> int:
 
 def _number(text: str, what: str) -> float:
     try:
+        if not text.isascii():
+            raise ValueError
         value = float(text)
     except ValueError:
         raise BadValue(f"{what} is a number, not {text!r}") from None
-    if not abs(value) < 1e6:
+    if not abs(value) <= 1e6:
         raise BadValue(f"{what} is out of range: {text}")
     return value
 
@@ -247,7 +249,7 @@ def do_step(args: argparse.Namespace) -> None:
 
 def do_move(args: argparse.Namespace) -> None:
     """Move to a position."""
-    position = _whole(args.position, "STEPS")
+    position = _number(args.position, "STEPS")
     with _open(args) as mount:
         motion_commands.move(mount, args.axis, position)
 

@@ -32,14 +32,14 @@ def step(mount: Mount | SketchMount, name: str, n: int) -> None:
     print(place(axis))
 
 
-def move(mount: Mount | SketchMount, name: str, position: int) -> None:
-    """Move to a position and print it."""
+def move(mount: Mount | SketchMount, name: str, position: float) -> None:
+    """Move to a position, which may lie between two steps, and print it."""
     axis = getattr(mount, name)
     if isinstance(mount, SketchMount):
         axis.move_to(position)  # raises NotSupported
         return
     with watched(mount, [axis]) as line:
-        axis.move_to(position, progress=_shown(line, name, f"on the way to {position:+d}"))
+        axis.move_to(position, progress=_shown(line, name, f"on the way to {position:+g}"))
     print(place(axis))
 
 

@@ -1,15 +1,48 @@
 """Numbers that a person, a program or a board gives. Nothing is rounded or clamped in silence."""
 
+import operator
+from typing import SupportsFloat, SupportsIndex
+
 from mirrormount.errors import BadValue, NotAMount
 
 
 def whole_number(value: object, most: int, what: str) -> int:
-    """value as an int within -most ... most. Raises BadValue; nothing is rounded or clamped."""
-    if isinstance(value, bool) or not isinstance(value, int):
+    """value as an int within -most ... most. Raises BadValue; nothing is rounded or clamped.
+
+    What counts is the value: 5, 5.0 and NumPy's whole numbers are whole; a truth value and a text are no numbers.
+    """
+    number = _number(value)
+    if number is None or number % 1:
         raise BadValue(f"{what} is a whole number, not {value!r}")
-    if abs(value) > most:
-        raise BadValue(f"{what} is within -{most} … {most}, not {value}")
-    return value
+    return int(_within(number, most, what))
+
+
+def real_number(value: object, most: int, what: str) -> int | float:
+    """value as a number within -most ... most, an int if it is whole. Raises BadValue."""
+    number = _number(value)
+    if number is None:
+        raise BadValue(f"{what} is a number, not {value!r}")
+    return _within(number, most, what)
+
+
+def _within(number: int | float, most: int, what: str) -> int | float:
+    if abs(number) > most:
+        raise BadValue(f"{what} is within -{most} … {most}, not {number}")
+    return number
+
+
+def _number(value: object) -> int | float | None:
+    """The number that value is, an int if it is whole; None if it is none."""
+    if type(value).__name__ in ("bool", "bool_") or hasattr(value, "__len__"):  # the truth values, NumPy's too; texts
+        return None
+    if isinstance(value, SupportsIndex):
+        return operator.index(value)
+    if not isinstance(value, SupportsFloat):
+        return None
+    number = float(value)
+    if number.is_integer():
+        return int(number)
+    return number if abs(number) < float("inf") else None  # no NaN either
 
 
 def whole_numbers(answer: str, count: int) -> list[int]:

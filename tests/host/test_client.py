@@ -60,6 +60,58 @@ def test_move_to_goes_to_a_position_and_back(mount):
     assert len(pulses(mount, "m2_neg")) == 5
 
 
+def test_a_position_between_steps_is_reached_by_a_pulse_of_its_own_length(mount):
+    mount.x.zero()
+    mount.x.step(1)
+    assert mount.x.move_to(3.25) == 3.25
+    assert mount.x.status().certainty == "estimated"
+    assert mount.x.move_to(3.25) == 3.25
+    assert len(pulses(mount, "m2_pos")) == 4  # nothing for nothing
+    assert mount.x.move_to(-0.5) == pytest.approx(-0.5)
+    assert mount.x.move_to(0) == pytest.approx(0)
+    assert mount.ask("2XP?;2TP?") == "200000; 0"
+
+
+def test_a_jogs_end_can_be_returned_to(mount):
+    mount.x.jog(-0.7)
+    mount.sleep(0.333)
+    mount.stop()
+    mount.x.wait()
+    here = mount.x.position
+    assert here != round(here)
+    assert mount.x.move_to(here) == here
+    mount.x.move_to(2)
+    assert mount.x.move_to(here) == pytest.approx(here, abs=0.0011)
+
+
+def test_less_than_the_shortest_pulse_is_left_over_and_returned(mount):
+    mount.send("2XP1000")
+    assert mount.x.move_to(2.15) == 2
+    assert mount.x.move_to(2.2) == pytest.approx(2.2)
+    assert mount.x.status().position == pytest.approx(2.2)
+
+
+def test_without_waiting_a_position_is_whole(mount):
+    with pytest.raises(errors.BadValue, match="without waiting"):
+        mount.x.move_to(1.5, wait=False)
+    assert mount.x.move_to(1.0, wait=False) == 1
+    mount.x.wait()
+    assert mount.x.position == 1
+
+
+def test_a_stop_between_the_steps_and_the_last_pulse_keeps_that_from_starting(mount):
+    stepped = type(mount.x)._wait_until_done
+
+    def wait_and_stop(*arguments):
+        stepped(mount.x, *arguments)
+        mount.stop()
+
+    mount.x._wait_until_done = wait_and_stop
+    with pytest.raises(errors.MoveEnded):
+        mount.x.move_to(1.5)
+    assert len(pulses(mount, "m2_pos")) == 1
+
+
 def test_a_jog_runs_at_its_duty_until_stopped_and_leaves_the_stored_duty_alone(mount):
     mount.y.jog(-0.4)
     mount.sleep(0.7)

@@ -1,0 +1,38 @@
+"""What counts as a number: what is one by its value."""
+
+from decimal import Decimal
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+from mirrormount.errors import BadValue
+from mirrormount.values import real_number, whole_number
+
+
+@pytest.mark.parametrize("value", [5, 5.0, np.int64(5), np.uint8(5), np.float32(5), Decimal(5), Fraction(10, 2)])
+def test_what_is_whole_by_its_value_is_a_whole_number(value):
+    number = whole_number(value, 10, "n")
+    assert number == 5 and type(number) is int
+
+
+@pytest.mark.parametrize(
+    "value", [True, False, np.True_, "5", b"5", None, 5.5, np.float64("nan"), 5j, [5], np.array([5])]
+)
+def test_what_is_no_whole_number_is_refused(value):
+    with pytest.raises(BadValue, match="n is a whole number, not"):
+        whole_number(value, 10, "n")
+
+
+@pytest.mark.parametrize("value", [True, "0.5", None, float("nan"), float("inf"), 5j, np.array([0.5])])
+def test_what_is_no_number_is_refused(value):
+    with pytest.raises(BadValue, match="p is a number, not"):
+        real_number(value, 10, "p")
+
+
+def test_a_number_is_whole_if_its_value_is():
+    assert type(real_number(np.float64(3), 10, "p")) is int
+    assert real_number(np.float32(0.5), 10, "p") == 0.5
+    for value in (10.5, -11, np.int64(11)):
+        with pytest.raises(BadValue, match="within -10 … 10"):
+            real_number(value, 10, "p")
