@@ -329,11 +329,12 @@ def test_a_motion_that_starts_as_the_feeder_ends_is_fed(mount):
 def test_what_the_board_refuses_is_one_error_with_its_number(mount):
     mount.x.jog(1)
     with pytest.raises(errors.BoardError) as refusal:
-        mount.x.step(1_000_001)
+        mount.x.step(1)
     assert refusal.value.code == 214
     mount.stop()
+    mount.x.zero(1)
     with pytest.raises(errors.BoardError) as refusal:
-        mount.x.step(1_000_001)
+        mount.x.step(1_000_000)
     assert refusal.value.code == 201
     assert "\n" not in str(refusal.value)
 
