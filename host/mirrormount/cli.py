@@ -123,6 +123,13 @@ def _parser() -> argparse.ArgumentParser:
         "--no-telnet", dest="telnet", action="store_false", help="no greeting, and no telnet bytes removed"
     )
     sub.add_argument("--token", help="a client's first line must be this (default: $MIRRORMOUNT_TOKEN)")
+    sub.add_argument("--token-file", type=Path, metavar="FILE", help="the same, from a file's first line")
+    sub.add_argument(
+        "--on-leave",
+        choices=("stop", "finish"),
+        default="stop",
+        help="when a client goes: stop what moves, or finish moves of known length (PR, PA, OR, MT)",
+    )
     sub = add("panel", do_panel, "the web panel: drive the mount from a browser, until Ctrl-C", port=False)
     sub.add_argument("at", nargs="?", metavar="PORT", help="serial port (default: the one board there is)")
     sub.add_argument("--port", default=os.environ.get("MIRRORMOUNT_PORT"), help="the same")

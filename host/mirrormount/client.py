@@ -14,7 +14,7 @@ import logging
 import re
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Self
 
 from mirrormount import settings
@@ -96,8 +96,7 @@ class Mount:
         link = Link(open_port(address))
         try:
             mount = cls(link, x_axis=x_axis)
-            if not link.lockstep:
-                mount._stoppable = Stoppable([address], mount._stop_for_another_program)
+            mount.accept_stops(address)
             return mount
         except BaseException:
             link.close()
@@ -172,7 +171,15 @@ class Mount:
         finally:
             self._since = None
 
-    def _stop_for_another_program(self) -> str:
+    def accept_stops(self, address: str, also: Callable[[], None] | None = None) -> None:
+        """Let `mirrormount stop` of this user stop this mount until it is closed; open() does this.
+
+        also is called behind each such stop, in a thread of its own: for a program that has motions in a queue.
+        """
+        if not self.link.lockstep and self._stoppable is None:
+            self._stoppable = Stoppable([address], lambda: self._stop_for_another_program(also))
+
+    def _stop_for_another_program(self, also: Callable[[], None] | None) -> str:
         """Write the stop without waiting for what a hanging thread may hold, then look whether it was obeyed."""
         self._stops += 1
         self._feeding.clear()
@@ -182,6 +189,8 @@ class Mount:
         finally:
             if alone:
                 self._gate.release()
+        if also:
+            also()
         if not self.link.lock.acquire(timeout=_ANSWER_S):
             return SENT
         try:

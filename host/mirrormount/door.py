@@ -5,22 +5,24 @@ Knows nothing of boards. What a client sends before it is let in is compared, ne
 
 import contextlib
 import errno
-import hmac
 import ipaddress
 import os
 import socket
 import time
+from collections import Counter
 
 from mirrormount.errors import BadAddress, BadValue, CannotListen, TokenNeeded
+from mirrormount.first_bytes import FirstBytes
 from mirrormount.guest import Guest
 from mirrormount.identify import TOKEN_REFUSED
 from mirrormount.telnet import Inlet
-from mirrormount.tokens import LONGEST
+from mirrormount.tokens import LONGEST, Guesses, same
 from mirrormount.turned_away import GRACE_S, TurnedAway
 
 TOKEN_S = 10.0  # how long a client may take to send its token: a person may be typing
 _LINE_MOST = LONGEST + 2  # and how long that line may be
-_CROWD = 8  # clients at the door at a time; more, and the one who has waited longest goes
+_CROWD = 64  # clients at the door at a time; more, and one of them goes
+_BACKLOG = 8
 
 _UNSENT = 1 << 14  # bytes on their way to a client, beside those that a Guest keeps
 _LOST_AFTER = (10, 5, 3)  # a silent connection is probed after 10 s, then each 5 s; 3 times in vain, it is dead
@@ -48,6 +50,7 @@ class Door:
         self._server = _listen(host, port, token)
         self._server.setblocking(False)
         self._asked: list[Guest] = []  # for their token
+        self._guesses = Guesses()
         self._waiting: list[Guest] = []  # for the board to be free
         self._away = TurnedAway()
         name, number = self._server.getsockname()[:2]
@@ -94,10 +97,14 @@ class Door:
         client.setblocking(False)
         _watch_over(client)
         guest = Guest(client, f"{peer[0]}:{peer[1]}", Inlet(self._telnet))
+        guest.address = str(peer[0])
+        guest.first = FirstBytes() if self._token is None else None  # a page has no token
         place = self._waiting if self._token is None else self._asked
         place.append(guest)
         if len(place) > _CROWD:
-            place.pop(0).socket.close()
+            goes = _who_goes(place)
+            place.remove(goes)
+            goes.socket.close()
 
     def _ask(self, guest: Guest) -> None:
         try:
@@ -115,13 +122,26 @@ class Door:
         late = time.monotonic() - guest.since_s > TOKEN_S
         if not end and not late and len(line) <= _LINE_MOST:
             return
+        if end and not late and self._guesses.wait_s(guest.address):
+            return  # its turn to guess comes
         self._asked.remove(guest)
-        if end and not late and hmac.compare_digest(line.rstrip(b"\r"), self._token or b""):
+        if end and not late and same(line.rstrip(b"\r"), self._token or b""):
             guest.held = rest
             guest.since_s = time.monotonic()
             self._waiting.append(guest)
         else:
+            if end and not late:
+                self._guesses.wrong(guest.address)
             self._away.add(guest.socket, TOKEN_REFUSED.encode() + b"\r\n")
+
+
+def _who_goes(crowd: list[Guest]) -> Guest:
+    """Of too many the one who has proved least: has sent nothing, comes from where most do, has stood there longest.
+
+    So whoever opens many connections closes his own ones, and not that of a slow client that has the token.
+    """
+    many = Counter(guest.address for guest in crowd)
+    return min(crowd, key=lambda guest: (-many[guest.address], bool(guest.held), guest.since_s))
 
 
 def _listen(host: str, port: int, token: bytes | None) -> socket.socket:
@@ -137,7 +157,7 @@ def _listen(host: str, port: int, token: bytes | None) -> socket.socket:
             " (or MIRRORMOUNT_TOKEN), or listen on 127.0.0.1"
         )
     try:
-        return socket.create_server((str(where[0]), port), family=family, backlog=_CROWD)
+        return socket.create_server((str(where[0]), port), family=family, backlog=_BACKLOG)
     except OSError as e:
         raise CannotListen(f"cannot listen on {host}:{port}: {_why(e)}") from e
 

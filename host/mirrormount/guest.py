@@ -4,6 +4,7 @@ import contextlib
 import socket
 import time
 
+from mirrormount.first_bytes import FirstBytes
 from mirrormount.telnet import Inlet
 
 _UNREAD_MOST = 1 << 16  # bytes of answers that may wait for it
@@ -28,10 +29,15 @@ class Guest:
         self.socket, self.name, self.inlet = client, name, inlet
         self.since_s = time.monotonic()
         self.held = b""
-        self.new = True  # has sent nothing to the board yet
+        self.address = ""  # where it comes from, without its port
+        self.first: FirstBytes | None = None  # until it has shown that it is no web browser
         self.unread = bytearray()
         self._line = b""
         self._dropping = False
+
+    def sent(self, data: bytes) -> bytes:
+        """What of data is for the board. Raises NotAClient."""
+        return self.inlet.feed(self.first.feed(data) if self.first else data)
 
     def answer(self, data: bytes) -> bool:
         """Queue answers of the board, whole lines only. True when it begins to drop them.

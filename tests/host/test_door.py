@@ -25,7 +25,10 @@ from mirrormount.telnet import Inlet
         (b"\xff!\n", b"!\n"),
         (b"\xff\xfa!\n", b"!\n"),
         (b"\xff\xfa\x18\xff!\n", b"!\n"),
-        (b"\xff\xfa" + b"0" * 64 + b"1TP?\n", b"!1TP?\n"),
+        (b"\xff\xfa" + b"x" * 64 + b"1TP?\n", b"!1TP?\n"),
+        (b"\xff\xfa\x18" + b"0" * 8 + b"1TP?\n", b"!1TP?\n"),
+        (b"\xff\xfd!\n", b"!\n"),
+        (b"\xff\xfb00000000", b"00000000"),
         (b"\x7f\x80\xfe", b"\x7f\x80\xfe"),
         (b"\x03\x01\x02\x04\x05\x181TP?\n", b"!1TP?\n"),
     ],
@@ -34,6 +37,24 @@ def test_telnets_bytes_are_taken_out_and_a_stop_never_is(sent, for_the_board):
     assert Inlet(True).feed(sent) == for_the_board
     one_by_one = Inlet(True)
     assert b"".join(one_by_one.feed(bytes((c,))) for c in sent) == for_the_board
+
+
+@pytest.mark.parametrize("begun", [b"\xff", b"\xff\xfd", b"\xff\xfa", b"\xff\xfa\x18\x00", b"\xff\xfa\x18\xff"])
+def test_a_negotiation_that_stands_still_takes_nothing_more(begun):
+    now = [0.0]
+    inlet = Inlet(True, lambda: now[0])
+    assert inlet.feed(begun) == b""
+    now[0] += 1.1
+    assert inlet.feed(b"1TP?\n") == b"1TP?\n"
+
+
+@pytest.mark.parametrize("begun", [b"\xff", b"\xff\xfd", b"\xff\xfa", b"\xff\xfa\x18\x00", b"\xff\xfa\x18\xff"])
+def test_a_stop_in_an_unfinished_negotiation_is_passed_on_with_the_byte_that_completes_it(begun):
+    for stop in (b"!", b"00000000"):
+        inlet = Inlet(True)
+        inlet.feed(begun)
+        passed = [inlet.feed(bytes((c,))) for c in stop]
+        assert passed[-1] and b"".join(passed) in (b"!", stop)
 
 
 def test_without_telnet_only_the_keys_of_the_boards_prompt_are_kept_back():
@@ -87,6 +108,42 @@ def test_a_crowd_without_a_token_does_not_keep_out_the_one_who_has_it(at_door):
         here.look()
     come().sendall(b"secret\n")
     guest = wait_for(lambda: here.look() or here.next(), "the client to be let in")
+    guest.socket.close()
+
+
+def test_silent_newcomers_do_not_close_the_connection_of_a_slow_one_who_types_the_token(at_door):
+    here, come = at_door
+    slow = come()
+    slow.sendall(b"sec")
+    wait_for(lambda: here.look() or any(guest.held for guest in here._asked), "the first letters")
+    for _ in range(door._CROWD + 8):
+        come()
+        here.look()
+    slow.sendall(b"ret\n")
+    guest = wait_for(lambda: here.look() or here.next(), "the client to be let in")
+    guest.socket.close()
+
+
+def test_who_opens_many_connections_closes_his_own():
+    crowd = []
+    for n in range(5):
+        crowd.append(Guest(socket.socket(), f"many:{n}", Inlet(True)))
+        crowd[-1].address = "192.0.2.1"
+    silent = Guest(socket.socket(), "one", Inlet(True))
+    silent.address, silent.since_s = "192.0.2.2", 0.0
+    assert door._who_goes([silent, *crowd]) is crowd[0]
+    for guest in [silent, *crowd]:
+        guest.socket.close()
+
+
+def test_guesses_are_slowed_down(at_door, monkeypatch):
+    here, come = at_door
+    waits = []
+    monkeypatch.setattr(here._guesses, "wait_s", lambda _who: waits.append(1) or (len(waits) < 3))
+    client = come()
+    client.sendall(b"secret\n")
+    guest = wait_for(lambda: here.look() or here.next(), "the client to be let in")
+    assert len(waits) == 3
     guest.socket.close()
 
 

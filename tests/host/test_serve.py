@@ -7,6 +7,7 @@ import socket
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -236,6 +237,124 @@ def test_a_stop_overtakes_a_flood_of_frames(served, board):
     while hear_line(client) != b"7\r\n":  # the echoes of frames obeyed before
         pass
     assert not board.driving() and not saw_the_middle_of_the_flood(board)
+
+
+@pytest.mark.parametrize("motion", [b"1XM60000;1MV+\n", b"1PR60\n", b"1XM60000;2XM60000\n02550255", b"XK60000;1MV+\n"])
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP])
+def test_a_server_that_dies_or_hangs_is_ended_by_the_boards_keep_alive(served, board, motion, how):
+    serve = served()
+    serve.connect(motion)
+    runs(board)
+    serve.process.send_signal(how)
+    wait_for(lambda: ended(board), "the keep-alive")
+    serve.process.kill()
+    serve.process.wait()
+    with Mount.open(str(board.link)) as mount:
+        assert mount.y.status().reason == 7
+
+
+def ended(board: ServedBoard) -> bool:
+    """Have both motors been off for longer than the rest between two steps?"""
+    before = board.edges()
+    time.sleep(0.6)
+    return before == board.edges() and not board.driving()
+
+
+def test_a_client_without_a_keep_alive_is_not_cut_short_by_the_servers(served, board):
+    client = served("--no-telnet").connect(b"1XM1500;1MV+\n")
+    wait_for(lambda: len(board.edges()) == 4, "the run limit to end it")
+    assert abs(board.off_after_us("m1_en") - 1_500_000) < 5_000
+    assert ask(client, b"1XE?").startswith(b"6,")
+    assert ask(client, b"XK?") == b"0"
+
+
+def test_a_clients_own_keep_alive_is_its_own(served, board):
+    client = served("--no-telnet").connect(b"1XM60000;XK1200;1MV+\n")
+    runs(board)
+    wait_for(lambda: not board.driving(), "the client's keep-alive to end it")
+    assert board.off_after_us("m1_en") > 1_100_000
+    assert ask(client, b"1XE?").startswith(b"7,")
+
+
+def test_a_client_that_connects_commands_and_closes_moves_where_that_is_wanted(served, board):
+    serve = served("--no-telnet", "--on-leave", "finish")
+    serve.connect(b"1PR4;1DH\n").close()  # the second command is refused: it moves
+    for _ in range(3):
+        asks = serve.connect()
+        assert ask(asks, b"1PR?") == b"4"
+        asks.close()
+    asks = serve.connect()
+    wait_for(lambda: ask(asks, b"1MD?") == b"1", "the move to be done")
+    assert ask(asks, b"1TP?;1XE?").startswith(b"4; 1,")
+    assert len([e for e in board.edges() if e["pin"] == "m1_en" and e["duty"]]) == 4
+
+
+@pytest.mark.parametrize("motion", [b"1XM60000;1MV+\n", b"1XM60000;2XM60000\n02550255"])
+def test_runs_and_frames_end_with_their_client_where_moves_are_finished(served, board, motion):
+    client = served("--on-leave", "finish").connect(motion)
+    runs(board)
+    client.close()
+    rests(board)
+
+
+def test_a_move_that_is_finished_ends_with_the_server(served, board):
+    serve = served("--no-telnet", "--on-leave", "finish")
+    serve.connect(b"1PR60\n").close()
+    serve.says("its move is finished")
+    runs(board)
+    serve.process.kill()
+    wait_for(lambda: ended(board), "the keep-alive")
+    with Mount.open(str(board.link)) as mount:
+        assert mount.y.status().reason == 7
+
+
+def test_a_move_that_is_finished_can_be_stopped_by_the_next_client(served, board):
+    serve = served("--no-telnet", "--on-leave", "finish")
+    serve.connect(b"1PR60\n").close()
+    serve.says("its move is finished")
+    runs(board)
+    client = serve.connect(b"!\n")
+    wait_for(lambda: ask(client, b"1MD?") == b"1", "the stop")
+    assert ask(client, b"1XE?").startswith(b"3,")
+
+
+@pytest.mark.parametrize("begun", [b"\xff", b"\xff\xfd", b"\xff\xfa", b"\xff\xfa\x18\x00\xff"])
+def test_a_stop_in_the_middle_of_a_negotiation_stops(served, board, begun):
+    client = served().connect(RUN)
+    runs(board)
+    client.sendall(begun)
+    assert hear(client, 6) == GREETING
+    client.sendall(b"!")
+    rests(board)
+    client.sendall(b"\n")
+    assert ask(client, b"1XE?").startswith(b"3,")
+
+
+@pytest.mark.parametrize("begins", [b"\x16\x03\x01\x02\x00!\n1MV+\n", b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n1MV+\n"])
+def test_tls_and_http2_reach_no_board(served, board, begins):
+    serve = served("--no-telnet")
+    serve.connect(begins)
+    serve.says("motors stopped")
+    assert ask(serve.connect(), b"1MV?;TB?") == b"0; 0, NO ERROR DETECTED"
+    assert board.edges() == []
+
+
+def test_another_program_stops_what_a_client_of_the_server_drives(served, board):
+    serve = served()
+    serve.connect(RUN + b"2PR3\n")
+    runs(board)
+    run = run_cli("stop", "--port", serve.tcp)
+    assert not board.driving()
+    assert (run.returncode, run.stdout[:11]) == (0, "stopped (by")
+    assert run_cli("stop", "--port", str(board.link)).stdout.startswith("stopped (by")
+
+
+def test_a_short_token_is_told_and_one_from_a_file_is_taken(served, tmp_path):
+    (tmp_path / "token").write_text("token-of-the-test\n")
+    serve = served("--token-file", str(tmp_path / "token"))
+    assert "the token can be guessed" in serve.log.read_text()
+    client = serve.connect(b"token-of-the-test\n1TP?\n")
+    assert hear(client, 6) == GREETING and hear_line(client) == b"0\r\n"
 
 
 def test_the_next_client_sees_no_answer_that_was_meant_for_the_last(served):

@@ -19,7 +19,8 @@ from mirrormount.virtual import machines
 from mirrormount.virtual.bench import Bench
 from mirrormount.virtual.files import new_files
 from mirrormount.virtual.image import is_circuitpython
-from mirrormount.virtual.live import PairPort, serve
+from mirrormount.virtual.live import serve
+from mirrormount.virtual.ports import PairPort
 from mirrormount.virtual.stepped import Stepped
 from mirrormount.virtual.world import BoardGone, World
 

@@ -9,7 +9,8 @@ from types import FrameType
 
 from mirrormount.errors import BadAddress, BadValue, MountError
 from mirrormount.virtual.board import Options, make_world
-from mirrormount.virtual.live import Port, PtyPort, TcpPort, serve
+from mirrormount.virtual.live import serve
+from mirrormount.virtual.ports import Port, PtyPort, TcpPort
 from mirrormount.virtual.world import BoardGone
 
 

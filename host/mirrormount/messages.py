@@ -1,0 +1,67 @@
+"""Where in a stream of bytes the board's messages end, and what its command lines say. No I/O.
+
+The firmware's own parser looks at the bytes, so that it cannot be of another opinion than the board.
+"""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from mountfw.command import COMMAND, END, QUERY, Line, key
+from mountfw.frame import Frame, pack
+from mountfw.link import FRAME, LINE, NEED_BYTES, Link
+
+__all__ = ["FRAME", "LINE", "NEED_BYTES", "Command", "Messages"]
+
+
+class Command(NamedTuple):
+    """A command of a line. axis is 0 if there was none; value is 0 if it was no number."""
+
+    axis: int
+    name: int
+    is_query: bool
+    value: int
+
+    def is_a(self, *names: bytes) -> bool:
+        """Is it one of these mnemonics?"""
+        return self.name in [key(name) for name in names]
+
+
+class Messages:
+    """Follows a stream. frame and line are those of the last message that was one."""
+
+    def __init__(self) -> None:
+        self._frame, self._line = Frame(pack), Line()
+        self._link = Link(self._frame, self._line, pack, 64)
+
+    def feed(self, c: int) -> int:
+        """Take a byte. Returns the kind of the message that it ends, or NEED_BYTES."""
+        self._link.receive(c)
+        message = NEED_BYTES
+        while self._link.unparsed:
+            message = self._link.next() or message
+        return message
+
+    @property
+    def gap_s(self) -> float:
+        """How long a silence may last here before the board gives the message up; 0 between messages."""
+        return self._link.gap_us() * 1e-6
+
+    def gap(self) -> None:
+        """The board has given the message up."""
+        self._link.gap()
+
+    def frame_drives(self) -> bool:
+        """Does the last frame drive a motor?"""
+        return any(c not in b"0+-" for c in self._frame.text)
+
+    def address(self) -> bytes:
+        """The last line's address with its `>`, or nothing."""
+        return bytes(self._line.text[: self._line.address_length])
+
+    def commands(self) -> Iterator[Command]:
+        """The commands of the last line."""
+        line = self._line
+        line.rewind()
+        while (result := line.advance()) != END:
+            if result == COMMAND and line.name:
+                yield Command(max(line.axis, 0), line.name, line.kind == QUERY, line.rounded())
