@@ -9,6 +9,7 @@ from typing import NamedTuple
 from mountfw.command import COMMAND, END, QUERY, Line, key
 from mountfw.frame import Frame, pack
 from mountfw.link import FRAME, LINE, NEED_BYTES, Link
+from mountfw.own_reply import OwnReply
 
 __all__ = ["FRAME", "LINE", "NEED_BYTES", "Command", "Messages"]
 
@@ -31,7 +32,9 @@ class Messages:
 
     def __init__(self) -> None:
         self._frame, self._line = Frame(pack), Line()
-        self._link = Link(self._frame, self._line, pack, 64)
+        self._link = Link(
+            self._frame, self._line, pack, OwnReply(pack), 64
+        )  # which knows of no reply, so doubts no frame
 
     def feed(self, c: int) -> int:
         """Take a byte. Returns the kind of the message that it ends, or NEED_BYTES."""

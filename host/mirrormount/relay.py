@@ -21,7 +21,7 @@ from mirrormount.status import parse_status
 AHEAD = 512  # bytes that the board may have received or have on their way, and not obeyed
 KEEP_ALIVE_MS = 500
 _ASK_AFTER = 128  # bytes; then the board is asked whether it has got there
-_ADDRESS = b"99>"
+_ADDRESS = b"01>"  # the board's own address, written as nobody else does
 _FEED_S = 0.1
 _ANSWER_S = 0.5  # an answer that has not come by then was dropped by the board
 _HOLD_LINE_S, _HOLD_FRAME_S = 0.5, 0.05  # then an unfinished message goes to the board as it is

@@ -31,7 +31,7 @@ class Board:
         lines = self.taken[self._answered :].splitlines()
         self._answered = len(self.taken)
         said = b"".join(
-            b"99>" + (status if line.endswith(b"XS?") else b"500\r\n") for line in lines if line.startswith(b"99>")
+            b"01>" + (status if line.endswith(b"XS?") else b"500\r\n") for line in lines if line.startswith(b"01>")
         )
         return self.relay.hear(said)
 
@@ -102,7 +102,7 @@ def test_a_message_that_is_not_finished_goes_to_the_board_which_refuses_it(board
 def test_what_starts_a_motion_takes_a_keep_alive_with_it_which_is_fed(board, motion):
     assert board.sent(motion) == motion + b"XK500\n"
     fed = board.passes(1, answers=MOVES)
-    assert 8 <= fed.count(b"99>XS?\n") <= 10
+    assert 8 <= fed.count(b"01>XS?\n") <= 10
     board.passes(0.2, answers=REST)
     assert board.passes(1) == b""
 
@@ -117,18 +117,18 @@ def test_a_client_sees_its_own_keep_alive_and_the_board_ends_its_motion_when_it_
     assert board.sent(b"XK5000;1MV+\n") == b"XK5000;1MV+\nXK500\n"
     assert board.sent(b"XK?\n") == b"XK5000\nXK?\nXK500\n"
     fed = board.passes(4.4, answers=MOVES)
-    assert fed.count(b"99>XS?\n") > 35
+    assert fed.count(b"01>XS?\n") > 35
     last = board.passes(0.15, answers=MOVES)
-    assert last.count(b"99>XS?\n") == 1  # half a second before the client's time is over, then no more
+    assert last.count(b"01>XS?\n") == 1  # half a second before the client's time is over, then no more
     assert board.passes(5) == b""
     assert board.sent(b"XK?\n") == b"XK0\nXK?\nXK500\n"
 
 
 def test_a_short_keep_alive_of_a_client_is_fed_by_that_client_alone(board):
     assert board.sent(b"XK300;1MV+\n").startswith(b"XK300;1MV+\nXK300\n")
-    assert board.passes(0.29, answers=MOVES).count(b"99>") <= 1
+    assert board.passes(0.29, answers=MOVES).count(b"01>") <= 1
     assert board.sent(b"2T").endswith(b"\0")  # half a line feeds it, too
-    assert board.passes(3).count(b"99>") <= 1
+    assert board.passes(3).count(b"01>") <= 1
 
 
 def test_a_keep_alive_that_the_board_refuses_is_none(board):
@@ -139,14 +139,14 @@ def test_a_keep_alive_that_the_board_refuses_is_none(board):
 def test_answers_to_questions_of_the_relay_are_taken_out_and_no_others(board):
     board.sent(b"1MV+\n")
     board.passes(0.15)
-    assert board.relay.hear(b"7\r\n99>" + MOVES + b"1>8\r\n99") == b"7\r\n1>8\r\n"
-    assert board.relay.hear(b"9\r\n") == b"999\r\n"
+    assert board.relay.hear(b"7\r\n01>" + MOVES + b"1>8\r\n01") == b"7\r\n1>8\r\n"
+    assert board.relay.hear(b"9\r\n") == b"019\r\n"
 
 
 def test_a_client_that_uses_the_address_of_the_relay_gets_its_answers(board):
-    board.sent(b"99>1TP?\n1MV+\n")
+    board.sent(b"01>1TP?\n1MV+\n")
     board.passes(0.15)
-    assert board.relay.hear(b"99>7\r\n99>" + MOVES) == b"99>7\r\n"
+    assert board.relay.hear(b"01>7\r\n01>" + MOVES) == b"01>7\r\n"
 
 
 def test_when_the_client_leaves_moves_of_known_length_go_on_and_runs_end(board):
@@ -154,7 +154,7 @@ def test_when_the_client_leaves_moves_of_known_length_go_on_and_runs_end(board):
     before = len(board.taken)
     assert board.relay.leave()
     assert board.taken[before:] == b"2ST\nXK500\n"
-    assert board.passes(1, answers=MOVES).count(b"99>XS?\n") >= 8
+    assert board.passes(1, answers=MOVES).count(b"01>XS?\n") >= 8
 
 
 @pytest.mark.parametrize("sent", [b"1MV+\n", b"02550255", b"1MV+\n1PR5\n", b"1TP?\n", b"", b"1PR5\n02550255", b"1PR"])
@@ -173,7 +173,7 @@ def test_a_client_that_leaves_behind_a_flood_stops_all(board):
 def test_the_keep_alive_of_a_client_that_left_does_not_end_its_move(board):
     board.sent(b"XK300;1PR20\n")
     assert board.relay.leave()
-    assert board.passes(2, answers=MOVES).count(b"99>XS?\n") >= 18
+    assert board.passes(2, answers=MOVES).count(b"01>XS?\n") >= 18
 
 
 def test_answers_for_the_client_before_are_not_given_to_the_next_one(board):

@@ -115,7 +115,12 @@ def test_what_is_shared_uses_nothing_that_circuitpython_lacks():
 def test_the_host_takes_only_the_wire_from_the_firmware():
     allowed = {"mountfw", "mountfw.__version__", "mountfw.errors"}
     allowed |= {"mountfw.board_file", "mountfw.boards", "mountfw.boards.FILE_OF"}  # the names of boards
-    wire = ("mountfw.frame", "mountfw.command", "mountfw.link")  # the grammar, for who follows the stream
+    wire = (
+        "mountfw.frame",
+        "mountfw.command",
+        "mountfw.link",
+        "mountfw.own_reply",
+    )  # the grammar
     for path in HOST.rglob("*.py"):
         if "fakes" not in path.parts and "fakes_circuitpython" not in path.parts:
             taken = {n for n in imported(path) if n.split(".")[0] == "mountfw" and not n.startswith(wire)}
