@@ -203,13 +203,13 @@ MACHINES = ("cpython", "micropython", "circuitpython")
 @pytest.mark.parametrize("machine", MACHINES)
 def test_on_tcp_the_keys_of_the_prompt_do_not_exist_and_ctrl_c_is_a_stop(serve, machine):
     board = serve("--machine", machine)
-    with raw_socket(board) as raw:
+    with raw_socket(board) as raw, raw.makefile("rb") as answers:
         raw.sendall(b"1XM60000;1MV+\n")
         wait_for(board.driving, "the motor to run")
         raw.sendall(b"\x03")
         wait_for(lambda: not board.driving(), "the stop")
         raw.sendall(b"\n\x01\x02\x04\x05import os\r\x04\n!\nTB?;1XE?\n")
-        answer = raw.makefile("rb").readline()
+        answer = answers.readline()
     assert answer.rstrip().split(b", ")[0].split(b"; ")[0] in (b"0", b"6", b"60") and b">>>" not in answer
 
 
