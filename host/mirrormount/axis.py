@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from mirrormount.errors import BadValue, MoveEnded, NoAnswer, NotAMount
 from mirrormount.status import AxisStatus, Ended, Homed, Limits, table
-from mirrormount.values import real_number, whole_number, whole_numbers
+from mirrormount.values import positive_numbers, real_number, whole_number, whole_numbers
 from mountfw import errors as wire
 
 if TYPE_CHECKING:
@@ -188,7 +188,7 @@ class Axis:
     @property
     def run_limit_s(self) -> float:
         """How long the board lets one jog or drive run, in seconds (`XM`)."""
-        return int(self._mount.ask(f"{self.number}XM?")) / 1000
+        return whole_numbers(self._mount.ask(f"{self.number}XM?"), 1)[0] / 1000
 
     def jog(self, speed: float, *, feed: bool = True) -> None:
         """Run at speed, -1 ... 1 of full duty and not 0, until stop(), a limit, or this program's end.
@@ -205,12 +205,12 @@ class Axis:
         stops = mount._count_stops()
         if self.status().moving:  # what is under way gives way
             self.stop()
-        run_duty, limit_ms = mount.ask(f"{a}XV?;{a}XM?").split("; ")
+        run_duty, limit_ms = whole_numbers(mount.ask(f"{a}XV?;{a}XM?"), 2, "; ")
         sign = "+" if speed > 0 else "-"
         with mount._stopped_by_interrupt():
             # the stored run duty is put back in the same line
             mount._start(f"{a}XV{duty};{a}MV{sign};{a}XV{run_duty}", stops)
-            self._deadline = mount.link.monotonic() + int(limit_ms) / 1000 + _SLACK_S
+            self._deadline = mount.link.monotonic() + limit_ms / 1000 + _SLACK_S
             if feed:
                 mount._feed()
 
@@ -261,8 +261,8 @@ class Axis:
         """Start a move of n steps. stops is what _count_stops() said when it was asked for: now, if None."""
         a, mount = self.number, self._mount
         stops = mount._count_stops() if stops is None else stops
-        pulse_us, velocity = mount.ask(f"{a}XP?;{a}VA?").split("; ")
-        period_s = max(1 / float(velocity), int(pulse_us) * 1e-6 + 1e-3)
+        pulse_us, velocity = positive_numbers(mount.ask(f"{a}XP?;{a}VA?"), 2)
+        period_s = max(1 / velocity, pulse_us * 1e-6 + 1e-3)
         with mount._stopped_by_interrupt():
             mount._start(f"{a}{mnemonic}{value}", stops)
             self._deadline = mount.link.monotonic() + (abs(n) + 1) * period_s + _SLACK_S
@@ -276,7 +276,7 @@ class Axis:
         mount = self._mount
         stops = mount._count_stops()
         limit_ms, pulse_us = self.ask_whole("XT?", "XP?")
-        slow_us = max(pulse_us // 8, 200)
+        slow_us = max(pulse_us // 8, 200)  # a pulse of the search
         longest_s = limit_ms / 1000 * (1 + max(slow_us, 20_000) / slow_us)
         mount._start(f"{self.number}{command}", stops)
         self._deadline = mount.link.monotonic() + longest_s + _SLACK_S

@@ -30,6 +30,7 @@ from mirrormount.errors import (
 )
 from mirrormount.identify import TAKEN, identify
 from mirrormount.link import Link, find_one, open_port
+from mirrormount.printable import printable
 from mirrormount.status import AxisStatus, Ended, Homed, Limits, QueuedError, Status, parse_error, parse_status, table
 from mirrormount.stop_socket import SENT, STOPPED, Stoppable
 from mirrormount.values import whole_number
@@ -43,6 +44,7 @@ _FEED_S = 0.1
 _ANSWER_S = 1.0
 _GATE_S = 0.05  # how long a stop waits for another thread to write its line
 _SLACK_S = 2.0  # on top of what a move must take, before it is called stuck
+_LONGEST_ANSWER = 4096
 _COMMAND_LINE = re.compile(r" *([A-Za-z*1-9]|0[0-9]*>)")  # the table of first bytes in docs/protocol.md
 
 _log = logging.getLogger("mirrormount")
@@ -213,7 +215,7 @@ class Mount:
         limit_s = max(self.x.run_limit_s, self.y.run_limit_s)
         with self._stopped_by_interrupt(), self.link.lock:
             self._take_old_errors()
-            line = self.link.ask(b"XK%d\n%s\nXS?\n" % (KEEP_ALIVE_MS, frame), _ANSWER_S, self._open_gate(stops))
+            line = self._exchange(b"XK%d\n%s\nXS?\n" % (KEEP_ALIVE_MS, frame), self._open_gate(stops))
             if line == frame.decode():
                 for _ in range(4):
                     self.link.read_line(_ANSWER_S)
@@ -248,7 +250,7 @@ class Mount:
     @property
     def board_id(self) -> str:
         """The board's unique id: what its scales are filed under."""
-        return self.identity.split(",")[2]
+        return self.identity.rsplit(",", 2)[1]
 
     def settings(self) -> dict[str, dict[str, int | float]]:
         """All settings that the board can save: {"x": {"pulse_us": 200000, …}, "y": {…}}; see mirrormount.settings."""
@@ -290,7 +292,7 @@ class Mount:
 
     def ask(self, query: str) -> str:
         """One command line with a query to the board, its one line of answers back (docs/protocol.md)."""
-        return self.link.ask(query.encode("ascii") + b"\n", _ANSWER_S)
+        return self._exchange(query.encode("ascii") + b"\n")
 
     def send(self, line: str) -> str:
         """One command line of any kind to the board; returns its answers, "" if it asked nothing.
@@ -307,11 +309,15 @@ class Mount:
 
     # ---- for the axes
 
+    def _exchange(self, data: bytes, gate: contextlib.AbstractContextManager[object] | None = None) -> str:
+        """Send, and return the board's next line, safe to print."""
+        return printable(self.link.ask(data, _ANSWER_S, gate), _LONGEST_ANSWER)
+
     def _send(self, line: str, gate: contextlib.AbstractContextManager[object] | None = None) -> str:
         with self.link.lock:
             self._take_old_errors()
             try:
-                *answers, error = self.link.ask(f"{line};TB?\n".encode("ascii"), _ANSWER_S, gate).split("; ")
+                *answers, error = self._exchange(f"{line};TB?\n".encode("ascii"), gate).split("; ")
             except NoAnswer:
                 if errors := self.errors():  # a malformed line is not executed, its TB? included
                     raise BoardError(errors[0].code, errors[0].text) from None

@@ -1,4 +1,4 @@
-"""Who is there? The first words to a board. Imports errors, link."""
+"""Who is there? The first words to a board. Imports errors, link, printable."""
 
 from mirrormount.errors import (
     AtPrompt,
@@ -11,6 +11,7 @@ from mirrormount.errors import (
     TokenNeeded,
 )
 from mirrormount.link import Link
+from mirrormount.printable import printable
 
 # what those who serve a board say to a client that they turn away
 TAKEN = "mirrormount: this board has a client already"
@@ -46,6 +47,9 @@ def identify(link: Link) -> str:
         answer += link.drain(0.3).decode("ascii", "replace")
     rest = link.drain(0.05).decode("ascii", "replace")
     if answer.startswith("mirrormount,") and not rest:
+        answer = printable(answer)
+        if answer.count(",") < 3:
+            raise NotAMount(f"not the four parts of a mount's identity: {answer[:80]!r}")
         return answer
     if ">>>" in answer + rest:
         link.write(b"\r\x03\r")

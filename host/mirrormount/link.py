@@ -24,6 +24,7 @@ from mirrormount.errors import (
     ConnectionLost,
     NoAnswer,
     NoBoardFound,
+    NotAMount,
     PermissionDenied,
     PortAbsent,
     PortBusy,
@@ -36,6 +37,7 @@ KNOWN_IDS = {(0x2E8A, 0x0005): "MicroPython on RP2040/RP2350"}
 
 _TICK_S = 0.02  # a serial read returns at least this often
 _WRITE_S = 2.0
+_LONGEST_LINE = 65536  # bytes; a board's lines have some hundreds
 _LATE_S = 0.1  # after that much silence nothing of an old answer comes any more
 
 
@@ -235,13 +237,15 @@ class Link:
             return self.read_line(timeout_s)
 
     def read_line(self, timeout_s: float) -> str:
-        """The next line, without its end. Raises NoAnswer, ConnectionLost."""
+        """The next line, without its end. Raises NoAnswer, ConnectionLost, NotAMount for a line without end."""
         end = self.monotonic() + timeout_s
         self._stale = True
         while b"\n" not in self._buffer:
             left = end - self.monotonic()
             if left <= 0:
                 raise NoAnswer(f"no answer within {timeout_s:g} s")
+            if len(self._buffer) > _LONGEST_LINE:
+                raise NotAMount(f"more than {_LONGEST_LINE} bytes without the end of a line")
             self._buffer += self.port.read(left)
         line, _, rest = bytes(self._buffer).partition(b"\n")
         self._buffer[:] = rest
@@ -262,7 +266,7 @@ class Link:
                 raise
             if not data:
                 break
-            taken += data
+            taken = (taken + data)[:_LONGEST_LINE]  # what a flood says later is of no interest
         if quiet_s >= _LATE_S:
             self._stale = False
         return taken

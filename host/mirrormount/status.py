@@ -1,4 +1,4 @@
-"""What a board tells of itself and of its axes, as plain data. Imports errors, printable."""
+"""What a board tells of itself and of its axes, as plain data. Imports errors, printable, values."""
 
 import html
 import re
@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from mirrormount.errors import REASONS, NotAMount
 from mirrormount.printable import printable
+from mirrormount.values import whole_numbers
 
 _AXIS_NUMBER = re.compile(r"\bAXIS ([12])\b")
 
@@ -106,14 +107,14 @@ def table(axes: Sequence[tuple[str, AxisStatus]], caption: str = "") -> str:
 def parse_status(line: str, x_axis: int) -> Status:
     """The answer to XS?, with the axis that the board calls x_axis as x. Raises NotAMount."""
     try:
-        head, *axes = (tuple(int(n) for n in part.split(",")) for part in line.split("|"))
-        boot_id, uptime_ms, errors_waiting = head
+        head, *axes = line.split("|")
+        boot_id, uptime_ms, errors_waiting = whole_numbers(head, 3)
         by_number = [
             AxisStatus(position / 1000, bool(moving), direction, limits, reason, CERTAINTY[certainty])
-            for position, moving, direction, limits, reason, certainty in axes
+            for position, moving, direction, limits, reason, certainty in (whole_numbers(axis, 6) for axis in axes)
         ]
         return Status(boot_id, uptime_ms / 1000, errors_waiting, by_number[x_axis - 1], by_number[2 - x_axis])
-    except (ValueError, KeyError, IndexError) as e:
+    except (KeyError, IndexError, NotAMount) as e:
         raise NotAMount(f"not a mount's status: {line[:80]!r}") from e
 
 

@@ -5,6 +5,8 @@ from typing import SupportsFloat, SupportsIndex
 
 from mirrormount.errors import BadValue, NotAMount
 
+_LARGEST = 1 << 53  # a float holds every whole number up to it
+
 
 def whole_number(value: object, most: int, what: str) -> int:
     """value as an int within -most ... most. Raises BadValue; nothing is rounded or clamped.
@@ -45,12 +47,23 @@ def _number(value: object) -> int | float | None:
     return number if abs(number) < float("inf") else None  # no NaN either
 
 
-def whole_numbers(answer: str, count: int) -> list[int]:
-    """A board's answer as so many whole numbers, between commas. Raises NotAMount."""
+def whole_numbers(answer: str, count: int, between: str = ",") -> list[int]:
+    """A board's answer as so many whole numbers, none of more than 53 bits. Raises NotAMount."""
     try:
-        numbers = [int(n) for n in answer.split(",")]
+        numbers = [int(n) for n in answer.split(between)]
     except ValueError:
         numbers = []
-    if len(numbers) != count:
+    if len(numbers) != count or any(abs(n) > _LARGEST for n in numbers):
         raise NotAMount(f"not {count} whole numbers: {answer[:80]!r}")
+    return numbers
+
+
+def positive_numbers(answer: str, count: int, between: str = "; ") -> list[float]:
+    """A board's answer as so many numbers above 0. Raises NotAMount."""
+    try:
+        numbers = [float(n) for n in answer.split(between)]
+    except ValueError:
+        numbers = []
+    if len(numbers) != count or not all(1 / _LARGEST < n < _LARGEST for n in numbers):
+        raise NotAMount(f"not {count} numbers above 0: {answer[:80]!r}")
     return numbers
