@@ -84,7 +84,8 @@ def write(board_id: str, scales: Mapping[int, Scale]) -> Path:
     for axis, scale in scales.items():
         measured = {"positive": scale.positive, "negative": scale.negative}
         board[f"axis{axis}"] = {k: v for k, v in measured.items() if v is not None} | asdict(scale.step)
-    toml_file.write(path(), toml_file.text(tables, _HEADING))
+    # a link in the user's own folder of settings is the user's: the file that it leads to is written
+    toml_file.write(path().resolve(), toml_file.text(tables, _HEADING))
     return path()
 
 

@@ -10,6 +10,7 @@ from mirrormount import checks_of_motion
 from mirrormount.client import RESET_CAUSES, Axis, Mount
 from mirrormount.errors import BoardError, CheckFailed, ConnectionLost, MountError
 from mirrormount.found import NotTested, Wrong
+from mirrormount.printable import printable
 from mirrormount.values import whole_numbers
 from mountfw import __version__
 from mountfw import errors as wire
@@ -42,7 +43,7 @@ def run(open_mount: Callable[[], Mount], *, move: bool) -> None:
 
 
 def _line(verdict: str, what: str, found: str) -> None:
-    print(f"{verdict:11}{what}: {found}", flush=True)
+    print(f"{verdict:11}{what}: {printable(found, 2000)}", flush=True)
 
 
 def _checks(mount: Mount, move: bool) -> Iterator[tuple[str, Callable[[], str]]]:

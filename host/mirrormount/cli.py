@@ -6,32 +6,67 @@ Errors are one line on stderr, with two more for cause and remedy if the board h
 
 import argparse
 import contextlib
+import io
 import os
 import sys
 from pathlib import Path
 
 from mirrormount import Mount, __version__, motion_commands
 from mirrormount.errors import REASONS, BadValue, MountError, NotSupported
+from mirrormount.printable import printable
 from mirrormount.remedies import explain
 from mirrormount.sketch import LIMITS, SketchMount
 
 _LIMITS = {0: "-", 1: "positive", 2: "negative", 3: "both"}
 
+_LONGEST_MESSAGE = 2000  # characters
+
 
 def main(argv: list[str] | None = None) -> int:
     """Run the command line. Returns the exit status."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # a terminal without … or ± shows their numbers
     args = _parser().parse_args(argv)
     try:
-        return args.run(args) or 0
+        status = args.run(args) or 0
+        if sys.stdout:
+            sys.stdout.flush()  # what cannot be written is told now, not when Python ends
+        return status
     except MountError as e:
-        print("\n".join([f"mirrormount: {e}", *explain(e.codes)]), file=sys.stderr)
+        _complain(str(e), *explain(e.codes))
         return 1
     except KeyboardInterrupt as e:
-        print(f"mirrormount: {e or 'stopped'}", file=sys.stderr)
+        _complain(str(e) or "stopped")
         return 130
     except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # else Python complains at exit
+        _abandon_stdout()
         return 1
+    except OSError as e:
+        _abandon_stdout()
+        _complain(f"{e.filename or 'standard output'}: {e.strerror or e}")
+        return 1
+    except Exception as e:
+        if os.environ.get("MIRRORMOUNT_TRACEBACK"):
+            raise
+        _complain(
+            f"a fault of this program, please report it ({type(e).__name__}: {e});"
+            " with MIRRORMOUNT_TRACEBACK=1 it says where"
+        )
+        return 1
+
+
+def _complain(message: str, *more: str) -> None:
+    """Print an error on stderr: one line, in which nothing from outside controls the terminal."""
+    if sys.stderr:
+        with contextlib.suppress(OSError):
+            print("\n".join([f"mirrormount: {printable(message, _LONGEST_MESSAGE)}", *more]), file=sys.stderr)
+
+
+def _abandon_stdout() -> None:
+    """Nobody takes what is printed: without this, Python complains at its end."""
+    with contextlib.suppress(OSError, ValueError, AttributeError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -223,7 +258,7 @@ def do_ports(_args: argparse.Namespace) -> None:
 
     found = find()
     for device, what in found:
-        print(f"{device}  {what}")
+        print(f"{printable(device)}  {printable(what)}")
     if not found:
         print("no board found; a virtual one is always there: --port virtual://")
 

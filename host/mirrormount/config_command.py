@@ -113,7 +113,11 @@ def load(name: str) -> dict[str, Any]:
     from mirrormount import toml_file
 
     if name == "-":
-        name, tables = "standard input", toml_file.parse(sys.stdin.read(), "standard input")
+        try:
+            given = sys.stdin.read() if sys.stdin else ""
+        except UnicodeDecodeError as e:
+            raise BadFile(f"standard input: not a text (byte {e.start})") from e
+        name, tables = "standard input", toml_file.parse(given, "standard input")
     else:
         if not Path(name).exists():
             raise BadFile(f"{name}: there is no such file")

@@ -6,6 +6,7 @@ the pins that the firmware drove have put it. If the figures are not the paper's
 square does not close, the demo fails.
 """
 
+import importlib.util
 import math
 import sys
 from dataclasses import dataclass
@@ -14,7 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from mirrormount.client import Mount
-from mirrormount.errors import BadValue, CannotWrite, DemoFailed
+from mirrormount.errors import BadValue, CannotWrite, DemoFailed, ExtraMissing
+from mirrormount.extras import install
 from mirrormount.virtual.bench import (
     BACKLASH_X_MRAD,
     BACKLASH_Y_MRAD,
@@ -72,6 +74,8 @@ def run(address: str, output: Path) -> None:
         raise BadValue("the demo looks at a virtual board's screen: its port is a virtual:// address")
     if "speed=" not in address:
         address += ("&" if "?" in address else "?") + "speed=max"
+    if importlib.util.find_spec("matplotlib") is None:
+        raise ExtraMissing(f"the demo draws with matplotlib, which is not installed: {install('plot')}")
     _check_writable(output)
     print(f"A virtual board runs the firmware; the square is {STEPS} steps right, down, left, up.")
     with Mount.open(address) as mount:

@@ -22,6 +22,8 @@ class Dialogue:
         while True:
             try:
                 return parse(self._ask(question + " ").strip().lower())
+            except RuntimeError:  # input() without a standard input
+                raise EOFError from None
             except BadValue as e:
                 self.say(f"  {e}")
 

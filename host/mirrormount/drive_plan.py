@@ -19,6 +19,7 @@ from mirrormount.board_side import MANIFEST
 from mirrormount.circuitpy_files import is_path
 from mirrormount.deploy_plan import THIS, board_choice, boards, firmware_checksum, firmware_hash
 from mirrormount.errors import DeployError, LibraryMissing
+from mirrormount.extras import install
 from mirrormount.printable import printable
 from mountfw import __version__
 
@@ -65,7 +66,7 @@ def motor_library() -> dict[str, bytes]:
     except (OSError, ValueError) as e:
         raise LibraryMissing(
             "Adafruit's motor library, which goes onto CircuitPython boards, is not installed here:"
-            ' pip install "mirrormount[circuitpython]"'
+            f" {install('circuitpython')}"
         ) from e
 
 

@@ -20,6 +20,7 @@ from mirrormount import drive_ports
 from mirrormount.drives import find_drives
 from mirrormount.errors import (
     BadAddress,
+    BadValue,
     CannotOpen,
     ConnectionLost,
     NoAnswer,
@@ -30,6 +31,8 @@ from mirrormount.errors import (
     PortBusy,
     SeveralBoardsFound,
 )
+from mirrormount.printable import printable
+from mirrormount.values import digits
 
 # USB ids (vendor, product) that are certainly a MicroPython board. CircuitPython boards have hundreds: they are
 # known by their drives. Nothing else is ever written to unasked: an unknown port may be somebody's instrument.
@@ -184,10 +187,14 @@ class SocketPort:
 def _connect(address: str) -> SocketPort:
     # not pyserial's socket://: it reads a byte at a time and drops what came before a hang-up
     host, _, number = address.removeprefix("socket://").rstrip("/").rpartition(":")
-    if not host or not number.isdecimal() or int(number) > 65535:
-        raise BadAddress(f"{address}: a socket's address is socket://HOST:PORT")
     try:
-        connection = socket.create_connection((host.strip("[]"), int(number)), timeout=_WRITE_S)
+        port = digits(number, 65535)
+    except BadValue:
+        host, port = "", 0
+    if not host:
+        raise BadAddress(f"{printable(address)}: a socket's address is socket://HOST:PORT")
+    try:
+        connection = socket.create_connection((host.strip("[]"), port), timeout=_WRITE_S)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     except UnicodeError as e:
         raise BadAddress(f"{address}: not a host's name") from e

@@ -4,13 +4,16 @@ import contextlib
 import json
 import os
 import re
+import tempfile
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from mirrormount.errors import BadFile, CannotWrite
+from mirrormount.printable import printable
 
+_LONGEST = 1 << 20  # bytes of a file
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
 
@@ -19,13 +22,21 @@ def parse(text: str, name: str) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as e:
-        raise BadFile(f"{name}: not TOML: {e}") from e
+        raise BadFile(f"{name}: not TOML: {printable(str(e))}") from e
+    except ValueError as e:  # a number of thousands of digits
+        raise BadFile(f"{name}: a number in it is too long") from e
+    except RecursionError as e:
+        raise BadFile(f"{name}: brackets in it are nested too deeply") from e
 
 
 def read(path: Path) -> dict[str, Any]:
     """The tables of a file; none if it does not exist. Raises BadFile."""
     try:
-        return parse(path.read_text(encoding="utf-8"), str(path))
+        with path.open("rb") as file:
+            content = file.read(_LONGEST + 1)
+        if len(content) > _LONGEST:
+            raise BadFile(f"{path}: more than {_LONGEST} bytes, so no file of settings or of scales")
+        return parse(content.decode("utf-8"), str(path))
     except FileNotFoundError:
         return {}
     except UnicodeDecodeError as e:
@@ -66,18 +77,33 @@ def _value(value: object) -> str:
 
 
 def write(path: Path, content: str) -> None:
-    """Put content into a file: it then holds the old or the new, never a part. Raises CannotWrite."""
-    new = path.with_name(path.name + ".new")
+    """Put content into a file: it then holds the old or the new, never a part.
+
+    Nothing is written through a link. Raises CannotWrite.
+    """
+    new = None
     try:
-        if path.exists() and not path.is_file():
+        if path.is_symlink():
+            raise CannotWrite(f"cannot write {path}: it is a link; name the file itself")
+        if not path.name or (path.exists() and not path.is_file()):
             raise CannotWrite(f"cannot write {path}: it is not a file")
         path.parent.mkdir(parents=True, exist_ok=True)
-        with new.open("w", encoding="utf-8") as file:
+        descriptor, name = tempfile.mkstemp(prefix=f".{path.name[:80]}.", dir=path.parent)
+        new = Path(name)  # made by us alone: nobody can have put a link in its place
+        with os.fdopen(descriptor, "w", encoding="utf-8") as file:
             file.write(content)
             file.flush()
             os.fsync(file.fileno())
+        new.chmod(0o666 & ~_umask())
         new.replace(path)
     except OSError as e:
-        with contextlib.suppress(OSError):
-            new.unlink()
+        if new:
+            with contextlib.suppress(OSError):
+                new.unlink()
         raise CannotWrite(f"cannot write {path}: {e.strerror}") from e
+
+
+def _umask() -> int:
+    mask = os.umask(0o077)
+    os.umask(mask)
+    return mask

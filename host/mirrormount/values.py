@@ -47,6 +47,13 @@ def _number(value: object) -> int | float | None:
     return number if abs(number) < float("inf") else None  # no NaN either
 
 
+def digits(text: str, most: int) -> int:
+    """The number 0 … most that ASCII digits stand for. Raises BadValue."""
+    if not (text.isascii() and text.isdecimal()) or len(text) > 18 or int(text) > most:
+        raise BadValue(f"a number within 0 … {most} is needed, not {text[:80]!r}")
+    return int(text)
+
+
 def whole_numbers(answer: str, count: int, between: str = ",") -> list[int]:
     """A board's answer as so many whole numbers, none of more than 53 bits. Raises NotAMount."""
     try:

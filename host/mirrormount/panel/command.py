@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from types import FrameType
 
 from mirrormount.errors import BadAddress, BadValue, CannotListen, ExtraMissing, NoBoardFound
+from mirrormount.extras import install
 from mirrormount.link import find
 from mirrormount.panel.entrance import Entrance
 from mirrormount.tokens import SHORT, is_short, read_token
@@ -43,7 +44,7 @@ class Opening:
 def run(args: argparse.Namespace) -> None:
     """Serve the panel until told to end. Raises MountError."""
     if any(importlib.util.find_spec(name) is None for name in ("nicegui", "segno")):
-        raise ExtraMissing('the panel needs NiceGUI: pip install "mirrormount[gui]"')
+        raise ExtraMissing(f"the panel needs NiceGUI, which is not installed: {install('gui')}")
     patience_s = _patience(args.patience)
     address = _address(args)
     listener = _listen(args.host, args.http)

@@ -13,8 +13,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from urllib.parse import parse_qsl
 
-from mirrormount.errors import BadAddress, ConnectionLost, MountError
+from mirrormount.errors import BadAddress, BadValue, CannotOpen, ConnectionLost, MountError
 from mirrormount.link import SocketPort
+from mirrormount.printable import printable
+from mirrormount.values import digits
 from mirrormount.virtual import machines
 from mirrormount.virtual.bench import Bench
 from mirrormount.virtual.files import new_files
@@ -24,6 +26,7 @@ from mirrormount.virtual.ports import PairPort
 from mirrormount.virtual.stepped import Stepped
 from mirrormount.virtual.world import BoardGone, World
 
+_MOST_SEED = (1 << 32) - 1
 _CIRCUITPYTHON_US = 6_000_000  # until the firmware is ready on it; its LED shows other things before that
 BENCHES = ("paper", "switches")
 BOARDS = {"pico": machines.PICO, "pico_drv8833": "pico_drv8833"}  # what MicroPython calls them
@@ -57,6 +60,11 @@ class Options:
                 raise BadAddress(f"there is no {what} {value!r}: choose one of {', '.join(known)}")
         if self.machine == "rp2040" and self.board != "pico":
             raise BadAddress("the rp2040 machine is a Pico with an SN754410")
+        for name, value in (("image", self.image), ("flash", self.flash)):
+            if value is not None and self.machine != "rp2040":
+                raise BadAddress(f"{name} is for the machine rp2040: the {self.machine} machine has none")
+        if self.files is not None and self.machine == "rp2040":
+            raise BadAddress("the rp2040 machine keeps its files in its flash: flash=FILE (--flash), not files")
 
 
 def make_world(options: Options | None = None) -> World:
@@ -74,7 +82,11 @@ def make_world(options: Options | None = None) -> World:
                 new_files(files)
         else:
             files = options.files.absolute()
-            files.mkdir(parents=True, exist_ok=True)
+            try:
+                files.mkdir(parents=True, exist_ok=True)
+            except OSError as e:  # FileExistsError: it is there and no folder
+                why = "it is not a folder" if isinstance(e, FileExistsError) else e.strerror
+                raise BadAddress(f"cannot use {options.files} for the board's files: {why}") from e
         if options.machine == "cpython":
             command = machines.cpython(files, BOARDS[options.board], options.firmware)
         elif options.machine == "circuitpython":
@@ -89,10 +101,15 @@ def make_world(options: Options | None = None) -> World:
     world = World(command, optics, edges=file, scratch=scratch)
     if options.machine == "rp2040":  # a real image takes its time to start; nobody waits for it in real time
         board = Stepped(world)
-        if options.image and is_circuitpython(options.image):
-            board.run(_CIRCUITPYTHON_US)
-        else:
-            board.boot()
+        try:
+            if options.image and is_circuitpython(options.image):
+                board.run(_CIRCUITPYTHON_US)
+            else:
+                board.boot()
+        except BoardGone:
+            world.close()
+            image = options.image or "its image"
+            raise CannotOpen(f"the virtual board has ended at its start: {image} does not run on it") from None
     return world
 
 
@@ -103,11 +120,15 @@ def open_virtual(url: str) -> "LivePort | SteppedPort":
     texts = {name: given.pop(name) for name in ("machine", "bench", "board") if name in given}
     paths = {name: Path(given.pop(name)) for name in ("edges", "files", "image", "flash") if name in given}
     seed = given.pop("seed", "1")
-    if given or speed not in ("1", "max") or not seed.isdecimal():
+    try:
+        number = digits(seed, _MOST_SEED)
+    except BadValue:
+        number = -1
+    if given or speed not in ("1", "max") or number < 0:
         raise BadAddress(
-            f"{url}: options are speed=1|max, machine=, bench=, board=, seed=NUMBER, edges=, files=, image=, flash="
+            f"{printable(url)}: options are speed=1|max, machine=, bench=, board=, seed=NUMBER, edges=, files=, image=, flash="
         )
-    world = make_world(replace(Options(seed=int(seed)), **texts, **paths))
+    world = make_world(replace(Options(seed=number), **texts, **paths))
     return SteppedPort(world) if speed == "max" else LivePort(world)
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from types import FrameType
 
 from mirrormount.errors import BadAddress, BadValue, MountError
+from mirrormount.values import digits
 from mirrormount.virtual.board import Options, make_world
 from mirrormount.virtual.live import serve
 from mirrormount.virtual.ports import Port, PtyPort, TcpPort
@@ -48,10 +49,12 @@ def _ports(args: argparse.Namespace) -> list[Port]:
     if tcp is None and args.link is None and os.name != "posix":
         tcp = "0"
     if tcp is not None:
-        if not tcp.isdecimal() or int(tcp) > 65535:
-            raise BadValue(f"--tcp is a port number, 0 to 65535, not {tcp!r}")
         try:
-            ports.append(TcpPort(int(tcp)))
+            number = digits(tcp, 65535)
+        except BadValue:
+            raise BadValue(f"--tcp is a port number, 0 to 65535, not {tcp[:80]!r}") from None
+        try:
+            ports.append(TcpPort(number))
         except OSError as e:
             raise BadAddress(f"cannot listen on 127.0.0.1:{tcp}: {os.strerror(e.errno or 0)}") from e
     if args.link is not None or not ports:
