@@ -126,7 +126,8 @@ def open_virtual(url: str) -> "LivePort | SteppedPort":
         number = -1
     if given or speed not in ("1", "max") or number < 0:
         raise BadAddress(
-            f"{printable(url)}: options are speed=1|max, machine=, bench=, board=, seed=NUMBER, edges=, files=, image=, flash="
+            f"{printable(url)}: options are speed=1|max, machine=, bench=, board=, seed=NUMBER, edges=, files=, image=,"
+            " flash="
         )
     world = make_world(replace(Options(seed=number), **texts, **paths))
     return SteppedPort(world) if speed == "max" else LivePort(world)
