@@ -14,7 +14,7 @@ from mountfw import errors as wire
 
 _LONGEST = 128 - len(f"XK{KEEP_ALIVE_MS};;TB?")  # a line of the board has 128 characters (docs/protocol.md)
 _ADDRESS = re.compile(r" *[0-9]+ *>")
-_STARTS_MOTION = re.compile(r"[ 0-9]*(PR|PA|MV|MT|OR)(?!.*\?)", re.IGNORECASE)
+_STARTS_MOTION = re.compile(r"[ 0-9]*(PR|PA|XU|MV|MT|OR)(?!.*\?)", re.IGNORECASE)
 _KEEP_ALIVE = re.compile(r"XK *([0-9]+)", re.IGNORECASE)
 _POLL_S = 0.05
 
