@@ -244,12 +244,13 @@ class App:
 
     def _answer(self, now_us):
         """Send some bytes, if the host takes them. Nothing ever waits for output."""
-        for _ in range(_SEND):
-            if not (self._replies.waiting and self.port.writable()):
-                break
-            self._own.sent(now_us)
+        left = _SEND
+        while left and self._replies.waiting and self.port.writable():
             self.port.write(self._replies.read())
             self._look()
+            left -= 1
+        if left < _SEND:
+            self._own.sent(now_us)
 
     def show(self):
         """The LED: on = ready, blinking = driving, double blink = an error waits to be read."""

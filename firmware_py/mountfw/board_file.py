@@ -29,6 +29,7 @@ def find(candidates, listdir, rp2):
 
 
 def _load(name, rp2):
+    board = None
     try:
         board = getattr(__import__("mountfw.boards." + name).boards, name)
         wrong = fault(values(board), rp2)

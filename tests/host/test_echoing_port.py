@@ -43,7 +43,9 @@ class Cooked:
                 text += os.read(self.fd, 4096)
             return next((line for line in text.splitlines() if like in line), b"")
 
-        return wait_for(answer, f"an answer to {command!r}")
+        found = wait_for(answer, f"an answer to {command!r}")
+        assert isinstance(found, bytes)
+        return found
 
     def pass_a_second(self) -> None:
         """Wait until the board's own clock has gone on by a second."""
