@@ -64,7 +64,10 @@ class Relay:
 
     def take(self, data: bytes) -> None:
         """Put bytes in line for the board. A stop overtakes, and what waited before it is void."""
-        self._heard_s = self._clock()
+        now_s = self._clock()
+        if now_s - self._heard_s > self.client_ms * 1e-3:
+            self.client_ms = 0  # it has fired or lapsed
+        self._heard_s = now_s
         waited = len(self._waiting)
         self._waiting += data
         zeros = self._waiting.rfind(b"00000000", max(0, waited - 7))

@@ -124,6 +124,12 @@ def test_a_client_sees_its_own_keep_alive_and_the_board_ends_its_motion_when_it_
     assert board.sent(b"XK?\n") == b"XK0\nXK?\nXK500\n"
 
 
+def test_a_keep_alive_that_is_over_is_not_a_clients_any_more(board):
+    board.sent(b"XK1000\n")
+    board.now_s += 1.01
+    assert board.sent(b"XK?\n") == b"XK0\nXK?\nXK500\n"
+
+
 def test_a_short_keep_alive_of_a_client_is_fed_by_that_client_alone(board):
     assert board.sent(b"XK300;1MV+\n").startswith(b"XK300;1MV+\nXK300\n")
     assert board.passes(0.29, answers=MOVES).count(b"01>") <= 1
