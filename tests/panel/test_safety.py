@@ -7,8 +7,10 @@ from pathlib import Path
 
 import pytest
 from running import Network, NotStarted, Panel, run_until_driving, status_after, wait_for_motion, wait_for_rest
-from served import ServedBoard, wait_for
+from served import ServedBoard, run_cli, wait_for
 from websockets.sync.client import connect
+
+from mirrormount import stop_socket
 
 ABORTED, KEEP_ALIVE = 3, 7
 
@@ -248,3 +250,13 @@ def test_settings_that_a_stuck_network_has_kept_back_are_not_applied(open_page, 
     network.mend()
     page.get_by_text("that came late").first.wait_for()
     assert "XB3000" not in page.locator(".wire").inner_text()
+
+
+@pytest.mark.skipif(not stop_socket.supported(), reason="no Unix sockets")
+def test_mirrormount_stop_works_while_the_panel_has_the_port_and_is_told_in_words(page, panel, board):
+    hold(page, board)
+    run = run_cli("stop", "--port", str(board.link))
+    assert run.returncode == 0, run.stderr
+    wait_for_rest(board)
+    page.locator(".news").get_by_text("another program of this computer asked for it (mirrormount stop)").wait_for()
+    assert not board.driving()

@@ -26,7 +26,7 @@ _SWITCHES = ((1, "+ end-stop"), (2, "− end-stop"), (4, "home"))
 _PLOT_S = 60.0
 _PLOT_EVERY_S = 0.5
 _PLOT_POINTS = 300
-_GAP_S = 0.5  # without a position for longer: no line is drawn
+_GAP_S = 1.0  # without a position for longer: no line is drawn
 _GREY = "#737b82"  # readable on the cards of both themes
 _COLOURS = {"x": "#0b8f98", "y": "#d9480f"}
 
