@@ -37,7 +37,7 @@ def test_an_order_is_understood(message, order):
         {"do": "steps", "axis": "x", "way": 1, "n": "1000001"},
         {"do": "steps", "axis": "x", "way": 1, "n": "1_000"},
         {"do": "steps", "axis": "x", "way": 1, "n": None},
-        {"do": "steps", "axis": "x", "way": 1, "n": 1.0},
+        {"do": "steps", "axis": "x", "way": 1, "n": 1.5},
         {"do": "steps", "axis": "x", "way": 1, "n": True},
         {"do": "steps", "axis": "x", "way": -1, "n": "-3"},
         {"do": "steps", "axis": "x", "way": 0, "n": "3"},
