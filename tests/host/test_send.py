@@ -49,7 +49,7 @@ def test_a_line_with_its_own_address_or_keep_alive_is_waited_for_too(tmp_path):
 @pytest.mark.parametrize(
     ("line", "says"),
     [
-        ("2XI1x", "60: malformed input, motors stopped"),
+        ("2XI1x", "60: malformed input: motors stopped"),
         ("2OR", "235: x not fitted or switched off"),
         ("1OR", "135: y not fitted or switched off"),
         ("2MV+", "x: run limit reached"),
