@@ -31,6 +31,7 @@ FLASH_IT = (
     " appears (micropython.org/download), or run: uvx mpflash flash"
 )
 OR_CIRCUITPYTHON = "; or CircuitPython in the same way (circuitpython.org/downloads)"
+_PROMPT_S = 3.0  # how long a prompt may take to come
 _SPARE_BLOCKS = 4  # room that the file system needs to rename and to write the journal
 
 
@@ -48,8 +49,8 @@ def deploy(options: Options, progress: Progress | None = None) -> str:
     progress.phase("looking at the board")
     answered = _approach(port, options.stop)
     board = Mpremote(port)
-    there = board.survey()
     with board.reset_if_it_fails():
+        there = board.survey()
         _check_version(there["version"], progress)
         if there["undo"]:  # a deploy was cut before its firmware had answered
             board.forget() if answered else board.revert()
@@ -79,7 +80,9 @@ def undeploy(options: Options, progress: Progress | None = None) -> str:
     port = _find(options.port)
     _approach(port, options.stop)
     progress.phase("removing")
-    done = Mpremote(port).undeploy()
+    board = Mpremote(port)
+    with board.reset_if_it_fails():
+        done = board.undeploy()
     if not done["found"]:
         raise DeployError("this board has no firmware that deploy has put there: nothing was removed")
     back = f"; there again: {printable(', '.join(done['restored']))}" if done["restored"] else ""
@@ -194,15 +197,41 @@ def _approach(port: str, stop: bool) -> bool:
         link.drain(0.1)
         heard = quiet(link, stop)
         if STATUS.search(heard):
+            _check_prompt(link)
             return True
         link.write(b"\r\x03\x03")
         heard += link.drain(0.2).decode("ascii", "replace")
         link.write(b"\x02")
         heard += link.drain(0.2).decode("ascii", "replace")
+        if "CircuitPython" in heard:
+            raise DeployError(
+                "this board runs CircuitPython, and its drive is not mounted here: mount it, or say --drive"
+            )
+        if ">>>" not in heard:
+            raise DeployError(f"no Python answers on this board. {FLASH_IT}")
+        _check_prompt(link)
     finally:
         link.close()
-    if "CircuitPython" in heard:
-        raise DeployError("this board runs CircuitPython, and its drive is not mounted here: mount it, or say --drive")
-    if ">>>" not in heard:
-        raise DeployError(f"no Python answers on this board. {FLASH_IT}")
     return False
+
+
+def _check_prompt(link: Link) -> None:
+    """Interrupt what runs, and see that the prompt takes programs. Raises DeployError; then the firmware goes on."""
+    link.write(b"\r\x03\x03")
+    heard = link.drain(0.2)
+    link.write(b"\x01")
+    end = time.monotonic() + _PROMPT_S
+    while b"raw REPL" not in heard and time.monotonic() < end:
+        heard += link.drain(0.02, 0.1)
+    link.write(b"\x02")
+    link.drain(0.1)
+    if b"raw REPL" in heard:
+        return
+    link.write(b"\x04")
+    link.drain(0.2)
+    if b"(virtual board)" in heard:
+        raise DeployError("this virtual board has no MicroPython prompt: start it with --machine micropython")
+    raise DeployError(
+        "no MicroPython prompt comes at this port, so nothing was changed: a virtual board has one if it is started"
+        " with --machine micropython; a CircuitPython board takes the firmware by its drive"
+    )

@@ -15,8 +15,8 @@ from mirrormount.board_file import check_board_file
 from mirrormount.board_side import MANIFEST
 from mirrormount.deploy_plan import boards
 from mirrormount.deploy_talk import Options, ask, check, quiet
-from mirrormount.drive_copy import Files, check_room, check_writable, install, kept_sources, remove, survey
-from mirrormount.drive_plan import answers, drive_firmware, drive_plan, motor_library
+from mirrormount.drive_copy import Files, WayBack, check_room, check_writable, install, kept_sources, remove, survey
+from mirrormount.drive_plan import CODE, answers, belongs, drive_firmware, drive_plan, motor_library
 from mirrormount.drive_ports import Channels, channels, namesakes, unproven
 from mirrormount.drives import Drive, check_version, find_drives, untried
 from mirrormount.errors import (
@@ -24,6 +24,7 @@ from mirrormount.errors import (
     ConnectionLost,
     DeployError,
     DriveFailed,
+    FirmwareFailed,
     MountError,
     NoAnswer,
     NotSeenRunning,
@@ -66,9 +67,14 @@ def deploy(drive: Drive, this: dict[str, bytes], options: Options, progress: Pro
         told = _already(drive, options.stop, expected)
     else:
         ports = _approach(drive, options.stop)
+        back = WayBack(files, todo)
         with _restart_if_it_fails(ports):
             install(files, todo, progress)
-        told = _restart(drive, ports, expected, progress)
+        try:
+            told = _restart(drive, ports, expected, progress)
+        except FirmwareFailed as e:
+            ours = belongs(CODE, there, old)
+            raise FirmwareFailed(f"{e}; {_put_back(drive, back, ports, ours, progress)}") from e
     count = f"{len(wanted)} files ({len(wanted) - todo.changed} unchanged)"
     kept = "".join(f"; the {path} that was there is now {copy}" for path, copy in todo.aside.items())
     return f"OK: {told}, {count} in {time.monotonic() - started:.1f} s{kept}"
@@ -179,10 +185,31 @@ def _restart(drive: Drive, ports: Channels, expected: tuple[str, ...], progress:
     return _listen(drive, expected, _BY_HAND_S)
 
 
-def _listen(drive: Drive, expected: tuple[str, ...], longest_s: float) -> str:
+def _put_back(drive: Drive, back: WayBack, ports: Channels, ours: bool, progress: Progress) -> str:
+    """Bring back what was on the drive, and tell what the board has now. ours: whether a mount's firmware was there."""
+    progress.phase("the new firmware does not start; putting back the files that were there")
+    if not ports.console:
+        return "the new files are on the drive"
+    try:
+        drive_console.interrupt(ports.console)
+        back.go(progress)
+        drive_console.reset(ports.console)
+    except MountError as e:
+        return f"the files that were there could not be put back ({e}): deploy again"
+    if not ours:
+        return "it was taken off again: what was on the drive before is back"
+    try:
+        _listen(drive, None, _BACK_S)
+    except DeployError:
+        return "the firmware that was there before is back, but was not heard"
+    return "the firmware that was there before is back and answers"
+
+
+def _listen(drive: Drive, expected: tuple[str, ...] | None, longest_s: float) -> str:
     """Wait for the board to tell the hash of what was sent. Returns "board, mountfw version, n axes, …".
 
-    Its ports go and come back meanwhile, under other names perhaps. Raises NotSeenRunning.
+    expected: what XF? may answer; None: anything. Its ports go and come back meanwhile, under other names perhaps.
+    Raises FirmwareFailed if the board says why it does not start, else NotSeenRunning.
     """
     end = time.monotonic() + longest_s
     why = "no port of it was seen"
@@ -196,15 +223,18 @@ def _listen(drive: Drive, expected: tuple[str, ...], longest_s: float) -> str:
             break
         time.sleep(_AGAIN_S)
     if longest_s and ports.console:
+        said = ""
         with contextlib.suppress(MountError):
-            why = drive_console.last_words(ports.console) or why
+            said = drive_console.last_words(ports.console)
+        if said:
+            raise FirmwareFailed(f"the firmware on the board does not start; it says: {said}")
     raise NotSeenRunning(
         f"the files are on the drive and were read back as sent, but the board was not heard to run them ({why}):"
         " press its reset button, then deploy again, which only asks"
     )
 
 
-def _identity(device: str, expected: tuple[str, ...]) -> str:
+def _identity(device: str, expected: tuple[str, ...] | None) -> str:
     link = Link(open_port(device))
     try:
         link.drain(0.1)

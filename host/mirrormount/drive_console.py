@@ -9,6 +9,8 @@ from mirrormount.printable import printable
 _PROMPT_S = 6.0
 _QUIET_S = 0.2
 _LAST_WORDS_S = 3.0
+_START_S = 20.0  # how long a program may take to fail: all of it is compiled first
+_ENDED = (b"Code done running", b"Press any key", b">>> ")  # what CircuitPython says after a program
 _KEYS = 8  # between one Ctrl-C and the next
 
 
@@ -61,8 +63,14 @@ def last_words(port: str) -> str:
     link = Link(open_port(port))
     try:
         link.write(b"\x04")
-        heard = link.drain(_LAST_WORDS_S, 2 * _LAST_WORDS_S).decode("utf-8", "replace")
+        heard = b""
+        end = time.monotonic() + _START_S
+        while not any(sign in heard for sign in _ENDED) and time.monotonic() < end:
+            heard += link.drain(_QUIET_S, _LAST_WORDS_S)
     finally:
         link.close()
-    said = [line.strip() for line in heard.splitlines() if "Error" in line or line.startswith("mirrormount")]
-    return f"it says: {printable(said[-1])}" if said else ""
+    text = heard.decode("utf-8", "replace")
+    said = [
+        line.strip() for line in text.splitlines() if "Error" in line or line.startswith(("mirrormount", "mountfw:"))
+    ]
+    return printable(said[-1]) if said else ""

@@ -118,6 +118,45 @@ def install(files: Files, todo: DrivePlan, progress: Progress) -> None:
         files.sync()
 
 
+class WayBack:
+    """What is on a drive before a plan is done, kept in this computer's memory: a drive has no room for it twice."""
+
+    def __init__(self, files: Files, todo: DrivePlan) -> None:
+        """Read it. Raises DriveFailed."""
+        self._files = files
+        with _told("nothing was changed"):
+            paths = (*todo.write, *todo.remove, CODE, MANIFEST)
+            self._was = {path: files.read(path) for path in paths if files.exists(path)}
+            self._copies = [copy for copy in todo.aside.values() if not files.exists(copy)]
+        write = {path: self._was[path] for path in sorted(self._was, key=_late) if path not in (CODE, MANIFEST)}
+        self._plan = DrivePlan(
+            aside={},
+            remove=[path for path in todo.write if path not in self._was],
+            write=write,
+            during=todo.during,
+            manifest=self._was.get(MANIFEST, todo.during),
+            code=self._was.get(CODE, STUB),
+            changed=0,
+            after={path: sha256(content) for path, content in write.items()},
+        )
+
+    def go(self, progress: Progress) -> None:
+        """Bring it back. Raises DriveFull, DriveReadOnly, DriveFailed."""
+        install(self._files, self._plan, progress)
+        with _told("what was there before is back, and some files of the deploy are still there"):
+            absent = [path for path in (CODE, MANIFEST) if path not in self._was]
+            for path in filter(self._files.exists, (*self._copies, *absent)):
+                self._files.remove(path)
+            for folder in _OURS_TO_REMOVE:
+                self._files.remove_folder(folder)
+            self._files.sync()
+
+
+def _late(path: str) -> tuple[bool, str]:
+    """Sorts what CircuitPython runs at start-up behind the rest."""
+    return "/" not in path, path
+
+
 def remove(files: Files) -> tuple[list[str], list[str], list[str]]:
     """Take off what deploy has put there; give the user's files their names back. Returns removed, kept, restored."""
     there, _, old = survey(files)

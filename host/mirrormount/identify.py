@@ -56,7 +56,7 @@ def identify(link: Link) -> str:
         link.drain(0.1)
         link.write(b"import mountfw\r")
         if "ImportError" in link.drain(0.3).decode("ascii", "replace"):
-            raise FirmwareMissing("MicroPython answers, but mountfw is not on this board: deploy it first")
+            raise FirmwareMissing("Python answers, but mountfw is not on this board: deploy it first")
         raise AtPrompt("the board is at its Python prompt: press Ctrl-D there, or reset it, to start mountfw")
     raise NotAMount(f"this is not a mount; it answered {(answer + rest)[:60]!r}")
 

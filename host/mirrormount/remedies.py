@@ -177,7 +177,7 @@ REMEDIES = {
         "why, for instance that the board has no board file.",
     ),
     "FirmwareMissing": Remedy(
-        "MicroPython runs, but mountfw is not on the board.",
+        "The board's Python runs, but mountfw is not on the board.",
         "mirrormount deploy: bring-up.md.",
     ),
     "ConnectionLost": Remedy(

@@ -21,6 +21,7 @@ BOOT_OUT = (
 )
 THEIRS = b"print('a program of somebody else')\n"
 FRESH = b'print("Hello World!")\n'
+BROKEN = b"raise RuntimeError('broken')\n"  # what a firmware that fails begins with
 CONSOLE, DATA = "/dev/ttyACM0", "/dev/ttyACM1"
 
 
@@ -85,8 +86,14 @@ class Board:
         self.at_prompt = False
         self.has_data = (self.root / "boot.py").exists() and not self.one_channel
         code = self.root / "code.py"
-        self.running = hash_on_board(self.root) if code.exists() and code.read_bytes() == self.code else ""
+        starts = code.exists() and code.read_bytes() == self.code and not self.broken()
+        self.running = hash_on_board(self.root) if starts else ""
         self.moving = False
+
+    def broken(self) -> bool:
+        """True if app.py is one that fails."""
+        app = self.root / "mountfw" / "app.py"
+        return app.exists() and app.read_bytes().startswith(BROKEN)
 
     def ports(self) -> list[SimpleNamespace]:
         """What list_ports tells."""
@@ -109,6 +116,8 @@ class Board:
             raise ConnectionLost("reset")
         if address == CONSOLE and b"\x03" in data:
             self.at_prompt, self.running, self.moving = True, "", False
+        if self.at_prompt and data == b"\x04" and address == CONSOLE and self.broken():
+            return b'\r\nTraceback (most recent call last):\r\n  File "code.py"\r\nRuntimeError: broken\r\n\r\n>>> '
         if self.at_prompt:
             return b"\r\n>>> " if address == CONSOLE else b""
         if not self.running or (address == CONSOLE and self.has_data):

@@ -30,6 +30,7 @@ def console(monkeypatch):
     """Puts a console there that answers so."""
     monkeypatch.setattr(drive_console, "_QUIET_S", 0.0)
     monkeypatch.setattr(drive_console, "_LAST_WORDS_S", 0.01)
+    monkeypatch.setattr(drive_console, "_START_S", 0.05)
     monkeypatch.setattr(drive_console, "_PROMPT_S", 0.05)
 
     def put(says) -> Console:
@@ -78,4 +79,4 @@ def test_why_a_program_ends_is_the_last_line_of_its_error(console):
         b'Traceback (most recent call last):\r\n  File "code.py", line 3\r\nImportError: no module named "x"\r\n'
     )
     console(lambda heard: traceback if heard.endswith(b"\x04") else b">>> ")
-    assert drive_console.last_words("COM3") == 'it says: ImportError: no module named "x"'
+    assert drive_console.last_words("COM3") == 'ImportError: no module named "x"'

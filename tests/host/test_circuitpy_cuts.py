@@ -10,7 +10,7 @@ import pytest
 from drive_board import THEIRS, contents, make_drive, stand_in_firmware
 
 from mirrormount import drive_plan
-from mirrormount.drive_copy import Files, install, remove, survey
+from mirrormount.drive_copy import Files, WayBack, install, remove, survey
 from mirrormount.progress import Progress
 
 OLD_LIBRARY = {"lib/adafruit_motor/__init__.py": b"", "lib/adafruit_motor/motor.py": b"# old library\n"}
@@ -121,6 +121,39 @@ def test_wherever_the_power_goes_no_mix_of_versions_runs_and_a_second_deploy_men
         shutil.rmtree(root)
     first = {"a new drive": "nothing", "an older version": "old", "somebody's program": "theirs"}[kind]
     assert seen == {first, "nothing"}  # the last operation makes it the new one, and a cut comes before it
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_wherever_the_power_goes_while_the_old_files_come_back_no_mix_runs_and_a_deploy_mends_it(
+    kind, versions, tmp_path
+):
+    old, new = versions
+    start = before_the_cut(kind, tmp_path / "start", old)
+
+    def fail(files: Files) -> None:
+        """A deploy of a firmware that does not start."""
+        there, _, noted = survey(files)
+        todo = drive_plan.drive_plan(new, there, noted, lambda _aside: True)
+        back = WayBack(files, todo)
+        install(files, todo, Progress())
+        back.go(Progress())
+
+    before = contents(start)
+    whole = CutFiles(Path(shutil.copytree(start, tmp_path / "whole")))
+    fail(whole)
+    assert contents(whole.root) == before
+    wanted = Files(Path(shutil.copytree(start, tmp_path / "wanted")))
+    put(wanted, new)
+    for last in range(1, whole.count + 1):
+        root = Path(shutil.copytree(start, tmp_path / str(last)))
+        with pytest.raises(PowerCut):
+            fail(CutFiles(root, last))
+        runs(root, old, new)  # fails for a mix
+        assert_nothing_of_theirs_is_lost(start, root, kind)
+        put(Files(root), new)
+        on_it = contents(root)
+        assert {path: on_it.get(path) for path in new} == new, f"after a cut at operation {last}"
+        shutil.rmtree(root)
 
 
 @pytest.mark.parametrize("kind", KINDS)

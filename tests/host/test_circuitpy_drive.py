@@ -5,7 +5,19 @@ import json
 from pathlib import Path
 
 import pytest
-from drive_board import DATA, FRESH, THEIRS, Board, contents, hash_on_board, make_drive, plug_in, stand_in_firmware
+from drive_board import (
+    BROKEN,
+    CONSOLE,
+    DATA,
+    FRESH,
+    THEIRS,
+    Board,
+    contents,
+    hash_on_board,
+    make_drive,
+    plug_in,
+    stand_in_firmware,
+)
 
 from mirrormount import deploy_drive, drive_plan, errors, volumes
 from mirrormount.deploy import Options, deploy, undeploy
@@ -291,6 +303,54 @@ def test_a_board_that_runs_something_else_afterwards_is_told(board, monkeypatch)
     monkeypatch.setattr("drive_board.hash_on_board", lambda _root: "0" * 64)
     with pytest.raises(errors.NotSeenRunning, match="is not what was sent"):
         deploy(Options())
+
+
+def break_it(firmware: Path) -> None:
+    """The firmware that deploy has is one that fails."""
+    (firmware / "app.py").write_bytes(BROKEN)
+    (firmware / "added.py").write_text("")
+    (firmware / "sketch.py").unlink(missing_ok=True)
+
+
+def test_a_new_firmware_that_fails_gives_way_to_the_old_one_and_its_last_line_is_told(board, firmware):
+    (firmware / "sketch.py").write_text("")
+    deploy(Options())
+    before = contents(board.root)
+    break_it(firmware)
+    with pytest.raises(errors.FirmwareFailed, match=r"RuntimeError: broken; the firmware .* is back and answers"):
+        deploy(Options())
+    assert contents(board.root) == before and board.running == hash_on_board(board.root)
+
+
+@pytest.mark.parametrize("theirs", [["code.py"], ["code.txt", "boot.py", "lib/adafruit_motor/motor.py"], []])
+def test_a_first_deploy_that_fails_leaves_the_drive_as_it_was(board, firmware, theirs):
+    for name in theirs:
+        (board.root / name).parent.mkdir(exist_ok=True)
+        (board.root / name).write_bytes(THEIRS + name.encode())
+    if "code.txt" in theirs:
+        (board.root / "code.py").unlink()
+    before = contents(board.root)
+    break_it(firmware)
+    with pytest.raises(errors.FirmwareFailed, match="what was on the drive before is back"):
+        deploy(Options(replace_main=True))
+    assert contents(board.root) == before
+
+
+def test_a_board_without_a_board_file_is_named_before_anything_is_written(board):
+    text = (board.root / "boot_out.txt").read_text()
+    (board.root / "boot_out.txt").write_text(text.replace("raspberry_pi_pico", "odd_board"))
+    before = contents(board.root)
+    with pytest.raises(errors.DeployError, match=r"no board file for a 'odd_board'.*--board \(.*--pins FILE"):
+        deploy(Options(port=CONSOLE))
+    assert contents(board.root) == before and not board.heard
+    assert deploy(Options(port=CONSOLE, board="rp2")).startswith("OK: ")
+
+
+def test_a_newer_circuitpython_than_any_that_was_tried_is_mentioned(board, capsys):
+    text = (board.root / "boot_out.txt").read_text()
+    (board.root / "boot_out.txt").write_text(text.replace("9.2.1", "99.1.0"))
+    deploy(Options())
+    assert "CircuitPython 99.1.0 is newer than any that was tried" in capsys.readouterr().err
 
 
 def test_without_a_console_the_user_is_asked_to_press_reset_and_the_line_says_what_was_not_seen(board, capsys):
