@@ -109,11 +109,11 @@ def make_folders(folders):
             os.mkdir(folder)
 
 
-def commit(new, backup, journal, replay, keep=(), undo=()):
+def commit(new, backup, journal, replay, keep):
     """Verify what was uploaded ({path: SHA-256}; the file is path.new), then let the journal put it in place.
 
-    backup: the name for a copy of main.py, or "". keep: what the journal will replace, is copied to KEPT/0, KEPT/1 ...;
-    undo: the journal that brings it back from there. Raises ValueError for a file that did not arrive well.
+    backup: the name for a copy of main.py, or "". keep: what the journal replaces or removes; it is copied to KEPT/0,
+    KEPT/1 ... Raises ValueError for a file that did not arrive well.
     """
     for path in new:
         if hash_of(path + ".new") != new[path]:
@@ -122,13 +122,28 @@ def commit(new, backup, journal, replay, keep=(), undo=()):
     if backup:
         copy("main.py", backup + ".new")
         os.rename(backup + ".new", backup)
-    if undo:
-        make_folders((KEPT,))
-        for number, path in enumerate(keep):
-            copy(path, KEPT + "/" + str(number))
-        write_lines(UNDO, undo)
+    make_folders((KEPT,))
+    for number, path in enumerate(keep):
+        copy(path, KEPT + "/" + str(number))
+    write_lines(UNDO, undo_lines(new, backup, keep))
     write_lines(JOURNAL, journal)
     replay()
+
+
+def undo_lines(new, backup, keep):
+    """The journal that brings back what is kept. main.py last: the new one can finish a journal, the old one maybe not.
+
+    Arguments as of commit().
+    """
+    lines = [path for path in new if path not in keep and path != "main.py"]
+    if backup:
+        lines.append(backup)
+    lines += [KEPT + "/" + str(number) + ">" + path for number, path in enumerate(keep) if path != "main.py"]
+    if "main.py" in keep:
+        lines.append(KEPT + "/" + str(keep.index("main.py")) + ">main.py")
+    elif "main.py" in new:
+        lines.append("main.py")
+    return lines
 
 
 def copy(path, to):

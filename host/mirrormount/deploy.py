@@ -66,7 +66,7 @@ def deploy(options: Options, progress: Progress | None = None) -> str:
     progress.phase("restarting")
     runs = {firmware_hash(todo.after)}
     identity, axes = try_it(board, port, runs, before(there), progress)
-    left = settle(board, port, runs) if todo.undo or there["kept"] else ""
+    left = settle(board, port, runs) if todo.journal or there["kept"] else ""
     files = f"{len(wanted)} files ({len(wanted) - todo.changed} unchanged)"
     kept = f"; the main.py that was there is now {todo.backup}" if todo.backup else ""
     return f"OK: {identity}, {axes} axes, {files} in {time.monotonic() - started:.1f} s{kept}{left}"

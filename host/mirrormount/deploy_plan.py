@@ -129,7 +129,6 @@ class Plan:
     changed: int  # files of the firmware that are new or differ
     after: dict[str, str]  # path: SHA-256 when it is done
     keep: list[str]  # what is replaced or removed: copied to KEPT/0, KEPT/1 ... until the new firmware has answered
-    undo: list[str]  # the journal that brings it back
 
 
 def plan(
@@ -170,11 +169,7 @@ def plan(
     after = {path: sha for path, sha in (there | hashes).items() if path not in gone}
     keep = [path for path in order if path in there]
     keep += sorted(path for path in gone & set(there) if not path.endswith(".new"))
-    back = {path: f"{board_side.KEPT}/{number}>{path}" for number, path in enumerate(keep)}
-    back |= {path: path for path in (*order, backup) if path and path not in there}
-    # main.py last: the new one can finish a journal at each boot, the old one perhaps not
-    undo = [back[path] for path in sorted(back, key=lambda path: (path == "main.py", path))]
-    return Plan(upload, verify, backup, journal, len(verify.keys() & wanted.keys()), after, keep, undo)
+    return Plan(upload, verify, backup, journal, len(verify.keys() & wanted.keys()), after, keep)
 
 
 def _copy_of_main(

@@ -117,7 +117,7 @@ class Mpremote:
 
     def _script(self, folder: str, name: str, code: str) -> str:
         path = Path(folder) / f"{name}.py"
-        path.write_text(f"{on_board()}\n{code}\n", encoding="utf-8")
+        path.write_text(f"{on_board(code)}\n{code}\n", encoding="utf-8")
         return str(path)
 
     def _run(self, *steps: list[str], on_line: Callable[[str], None] = lambda _line: None, fresh: bool = False) -> None:
@@ -171,7 +171,7 @@ class _Uploading:
 
 def commit_call(todo: Plan, replay: str = "replay") -> str:
     """The call on the board that commits what was uploaded."""
-    return f"commit({todo.verify!r}, {todo.backup!r}, {todo.journal!r}, {replay}, {todo.keep!r}, {todo.undo!r})"
+    return f"commit({todo.verify!r}, {todo.backup!r}, {todo.journal!r}, {replay}, {todo.keep!r})"
 
 
 def _is_survey(told: object) -> bool:
@@ -198,10 +198,25 @@ def _are_whole(numbers: Iterable[object]) -> bool:
     return all(type(number) is int and 0 <= number < 1 << 40 for number in numbers)
 
 
-def on_board() -> str:
-    """The text of board_side.py and of main.py's replay()."""
-    side = Path(board_side.__file__).read_text(encoding="utf-8")
-    return f"{_bare(ast.parse(side))}\n{replay_source()}"
+def on_board(code: str | None = None) -> str:
+    """The text of board_side.py and of main.py's replay(); of their functions, those that code needs (None: all).
+
+    A board has little memory: what is sent must not fill it.
+    """
+    tree = ast.parse(Path(board_side.__file__).read_text(encoding="utf-8") + "\n" + replay_source())
+    if code is not None:
+        functions = {node.name: node for node in tree.body if isinstance(node, ast.FunctionDef)}
+        needed: set[str] = set()
+        names = _names(ast.parse(code))
+        while names := (names & functions.keys()) - needed:
+            needed |= names
+            names = set[str]().union(*(_names(functions[name]) for name in names))
+        tree.body = [node for node in tree.body if not isinstance(node, ast.FunctionDef) or node.name in needed]
+    return _bare(tree)
+
+
+def _names(tree: ast.AST) -> set[str]:
+    return {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
 
 
 def replay_source() -> str:

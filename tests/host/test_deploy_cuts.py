@@ -116,7 +116,7 @@ class Board:
             for path, content in todo.upload.items():
                 with power.open(path + ".new", "wb") as f:
                     f.write(content)
-            side["commit"](todo.verify, todo.backup, todo.journal, side["replay"], todo.keep, todo.undo)
+            side["commit"](todo.verify, todo.backup, todo.journal, side["replay"], todo.keep)
         if answers:
             side["forget"]()
         else:
@@ -239,7 +239,7 @@ def test_a_boot_that_finishes_a_deploy_may_be_cut_too(tmp_path):
     older(board)
     todo, side, _ = board.plan(NEW)
     board.put({path + ".new": content for path, content in todo.upload.items()})
-    side["commit"](todo.verify, todo.backup, todo.journal, lambda: None, todo.keep, todo.undo)
+    side["commit"](todo.verify, todo.backup, todo.journal, lambda: None, todo.keep)
     count = Board(Path(shutil.copytree(board.root, tmp_path / "whole"))).boot()
     for last in range(1, count + 1):
         cut = Board(Path(shutil.copytree(board.root, tmp_path / f"cut{last}")))
@@ -274,7 +274,7 @@ def test_a_boot_that_finishes_bringing_back_may_be_cut_too(board, tmp_path):
     todo, side, _ = board.plan(NEW)
     side["make_folders"](("mountfw", "mountfw/boards"))
     board.put({path + ".new": content for path, content in todo.upload.items()})
-    side["commit"](todo.verify, todo.backup, todo.journal, side["replay"], todo.keep, todo.undo)
+    side["commit"](todo.verify, todo.backup, todo.journal, side["replay"], todo.keep)
     (board.root / board_side.UNDO).rename(board.root / board_side.JOURNAL)
     count = Board(Path(shutil.copytree(board.root, tmp_path / "counted"))).boot()
     for last in range(1, count + 1):
@@ -290,7 +290,7 @@ def test_of_an_upload_that_fails_after_the_commit_nothing_is_left_either(board):
     todo, side, _ = board.plan(NEW)
     side["make_folders"](("mountfw", "mountfw/boards"))
     board.put({path + ".new": content for path, content in todo.upload.items()})
-    side["commit"](todo.verify, todo.backup, todo.journal, lambda: None, todo.keep, todo.undo)
+    side["commit"](todo.verify, todo.backup, todo.journal, lambda: None, todo.keep)
     side["clean"](list(todo.verify), side["replay"])
     assert board.contents() == before
 
@@ -342,7 +342,7 @@ def test_a_file_that_arrives_damaged_commits_nothing(tmp_path):
     todo, side, _ = board.plan(NEW)
     board.put({path + ".new": content + b"?" for path, content in todo.upload.items()})
     with pytest.raises(ValueError, match="damaged"):
-        side["commit"](todo.verify, todo.backup, todo.journal, side["replay"], todo.keep, todo.undo)
+        side["commit"](todo.verify, todo.backup, todo.journal, side["replay"], todo.keep)
     side["clean"](list(todo.verify), side["replay"])
     assert board.contents() == before
 
