@@ -101,7 +101,10 @@ def come_back(port: str, wanted: Collection[str] | None) -> tuple[str, int]:
             heard = ask(link, b"*IDN?\n")
             if heard.startswith("mirrormount,"):
                 _, name, _, version = (heard.splitlines()[0] + ",,,").split(",")[:4]
-                axes = check(link, wanted)[0]  # it may have answered an earlier question, too: only this one counts
+                # of an older firmware nothing but its name is asked: what it can answer is not known here
+                axes = (
+                    check(link, wanted)[0] if wanted is not None else 0
+                )  # it may have answered an earlier question, too: only this one counts
                 return printable(f"{name}, mountfw {version.strip()}"), axes
             if ">>>" in heard:
                 said = _last_words(link)

@@ -478,6 +478,21 @@ def test_what_cannot_be_deployed_to_is_told_and_hears_no_stop(monkeypatch, says,
     assert b"!" not in port.heard
 
 
+@pytest.mark.parametrize(
+    ("machine", "says"),
+    [
+        ("cpython", "this virtual board has no MicroPython prompt: start it with --machine micropython"),
+        ("circuitpython", "no MicroPython prompt comes at this port"),
+    ],
+)
+def test_a_virtual_board_without_a_prompt_is_refused_and_goes_on(serve, machine, says):
+    board = serve("--machine", machine)
+    done = run_cli("deploy", str(board.link))
+    assert done.returncode == 1 and says in done.stderr
+    with Mount.open(str(board.link)) as mount:
+        mount.x.step(1)
+
+
 def test_without_a_board_deploy_says_how_a_new_one_gets_micropython(monkeypatch):
     monkeypatch.setattr("mirrormount.link.find", list)
     with pytest.raises(errors.NoBoardFound, match="BOOTSEL"):

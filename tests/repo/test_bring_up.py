@@ -1,0 +1,66 @@
+"""The rehearsal of docs/bring-up.md does what it says, on the board that it starts."""
+
+import os
+import re
+import shlex
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from mirrormount.errors import EmulatorMissing
+from mirrormount.virtual import machines
+
+PAGE = (Path(__file__).parent.parent.parent / "docs" / "bring-up.md").read_text()
+SCRIPT = str(Path(sys.executable).with_name("mirrormount"))
+
+
+def blocks() -> list[list[str]]:
+    """The commands of the rehearsal: those of the one terminal, and those of the other."""
+    section = PAGE.split("## Rehearsal without parts\n")[1].split("\n## ")[0]
+    found = re.findall(r"```sh\n(.*?)```", section, re.DOTALL)
+    return [[line.partition(" #")[0].strip() for line in block.splitlines()] for block in found]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="a pseudo-terminal needs POSIX")
+def test_the_commands_of_the_rehearsal_work_in_their_order(tmp_path):
+    try:
+        machines.micropython(tmp_path)
+    except EmulatorMissing as e:
+        pytest.skip(str(e))
+    (start,), (setting, *commands) = blocks()
+    name, _, value = setting.removeprefix("export ").partition("=")
+    environment = os.environ | {name: value, "MIRRORMOUNT_CONFIG": str(tmp_path)}
+    program, *words = shlex.split(start)
+    assert program == "mirrormount" and name == "MIRRORMOUNT_PORT" and len(commands) >= 12
+    board = subprocess.Popen([SCRIPT, *words], cwd=tmp_path, stdout=subprocess.PIPE, text=True)
+    try:
+        assert board.stdout and board.stdout.readline().startswith("ready ")
+        for command in commands:
+            program, *words = shlex.split(command)
+            assert program == "mirrormount"
+            done = subprocess.run(
+                [SCRIPT, *words],
+                cwd=tmp_path,
+                env=environment,
+                capture_output=True,
+                text=True,
+                timeout=300,
+                stdin=subprocess.DEVNULL,
+            )
+            assert done.returncode == 0, (command, done.stdout, done.stderr)
+    finally:
+        board.send_signal(signal.SIGTERM)
+        board.communicate()
+
+
+def test_what_the_page_says_of_the_board_files_is_true():
+    import mountfw.boards
+    from mirrormount.deploy_plan import boards, firmware
+
+    known = boards(firmware(None))
+    for named in re.findall(r"--board (\w+)`", PAGE):
+        assert named in known or named == "NAME"
+    assert set(mountfw.boards.FILE_OF.values()) <= set(known)
