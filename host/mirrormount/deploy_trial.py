@@ -101,10 +101,8 @@ def come_back(port: str, wanted: Collection[str] | None) -> tuple[str, int]:
             heard = ask(link, b"*IDN?\n")
             if heard.startswith("mirrormount,"):
                 _, name, _, version = (heard.splitlines()[0] + ",,,").split(",")[:4]
-                # of an older firmware nothing but its name is asked: what it can answer is not known here
-                axes = (
-                    check(link, wanted)[0] if wanted is not None else 0
-                )  # it may have answered an earlier question, too: only this one counts
+                # it may have answered an earlier question, so ask another; but not an older firmware, which may know less
+                axes = check(link, wanted)[0] if wanted is not None else 0
                 return printable(f"{name}, mountfw {version.strip()}"), axes
             if ">>>" in heard:
                 said = _last_words(link)
