@@ -14,7 +14,7 @@ import hashlib
 import json
 import os
 
-MARK = "@mirrormount "  # begins the one line that the host reads
+MARK = "@mirrormount "  # begins a line that the host reads
 JOURNAL = "mountfw.journal"
 MANIFEST = "mountfw/manifest.json"
 KEPT = "mountfw.kept"  # the folder of what a deploy has replaced, until the new firmware has answered
@@ -24,8 +24,9 @@ _ENOENT = 2
 
 
 def say(what):
-    """Tell the host."""
-    print(MARK + json.dumps(what))
+    """Print it for the host; a dict in parts, since a board's memory may have no room for the whole text at once."""
+    for part in [{key: what[key]} for key in what] if isinstance(what, dict) else [what]:
+        print(MARK + json.dumps(part))
 
 
 def hash_of(path):

@@ -101,7 +101,7 @@ def come_back(port: str, wanted: Collection[str] | None) -> tuple[str, int]:
             heard = ask(link, b"*IDN?\n")
             if heard.startswith("mirrormount,"):
                 _, name, _, version = (heard.splitlines()[0] + ",,,").split(",")[:4]
-                # it may have answered an earlier question, so ask another; but not an older firmware, which may know less
+                # that may be the answer to an earlier question, so ask another; an older firmware may not know it
                 axes = check(link, wanted)[0] if wanted is not None else 0
                 return printable(f"{name}, mountfw {version.strip()}"), axes
             if ">>>" in heard:

@@ -1,6 +1,6 @@
 """The board through mpremote: each call is a process of its own, with as many commands as it can take.
 
-What runs on the board is the text of board_side.py and main.py's replay(); it tells one line of JSON.
+What runs on the board is the text of board_side.py and main.py's replay(); it tells lines of JSON.
 """
 
 import ast
@@ -53,6 +53,7 @@ class Mpremote:
                 local = Path(scratch) / str(number)
                 local.write_bytes(content)
                 steps.append(["fs", "cp", "-f", str(local), f":/{path}.new"])
+            steps.append(["soft-reset"])  # the uploads have left the memory in pieces
             steps.append(["run", self._script(scratch, "commit", f"{commit_call(todo)}\nsay(True)")])
             uploading = _Uploading(progress, list(todo.upload))
             try:
@@ -100,20 +101,10 @@ class Mpremote:
 
     def _tell(self, code: str, *more: list[str], fresh: bool = False):
         """Run code after board_side; returns what it tells."""
-        told: list[str] = []
-
-        def hear(line: str) -> None:
-            if line.startswith(board_side.MARK):
-                told.append(line.removeprefix(board_side.MARK))
-
+        said: list[str] = []
         with tempfile.TemporaryDirectory() as scratch:
-            self._run(["run", self._script(scratch, "script", code)], *more, on_line=hear, fresh=fresh)
-        if not told:
-            raise DeployError("mpremote ran, but the board told nothing: try again")
-        try:
-            return json.loads(told[0])
-        except (ValueError, RecursionError):
-            raise DeployError("what the board tells cannot be understood: try again") from None
+            self._run(["run", self._script(scratch, "script", code)], *more, on_line=said.append, fresh=fresh)
+        return read_told(said)
 
     def _script(self, folder: str, name: str, code: str) -> str:
         path = Path(folder) / f"{name}.py"
@@ -167,6 +158,20 @@ class _Uploading:
         if line.startswith("cp ") and self._begun < len(self._paths):
             self._progress.bar(self._begun, len(self._paths), self._paths[self._begun])
             self._begun += 1
+
+
+def read_told(lines: Iterable[str]):
+    """What board_side.say() has printed among these lines. Raises DeployError."""
+    told = [line.removeprefix(board_side.MARK) for line in lines if line.startswith(board_side.MARK)]
+    if not told:
+        raise DeployError("mpremote ran, but the board told nothing: try again")
+    try:
+        parts = [json.loads(line) for line in told]
+    except (ValueError, RecursionError):
+        raise DeployError("what the board tells cannot be understood: try again") from None
+    if all(isinstance(part, dict) for part in parts):
+        return {key: value for part in parts for key, value in part.items()}
+    return parts[0]
 
 
 def commit_call(todo: Plan, replay: str = "replay") -> str:

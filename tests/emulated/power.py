@@ -4,7 +4,6 @@ A deploy here is what `mirrormount deploy` does on a board, by the same scripts 
 """
 
 import ast
-import json
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,7 +13,7 @@ import pytest
 
 from mirrormount import board_side, deploy_plan
 from mirrormount.deploy_plan import Plan, firmware, firmware_hash, plan
-from mirrormount.remote import commit_call, on_board
+from mirrormount.remote import commit_call, on_board, read_told
 from mirrormount.virtual import emulator
 from mirrormount.virtual.emulator import RawPrompt
 from mirrormount.virtual.files import firmware_folder
@@ -102,7 +101,7 @@ class Board(Stepped):
     ) -> tuple[dict[str, str], Plan]:
         """Look, upload, commit. Returns the firmware's files that were there, and what was to be done."""
         prompt = self.prompt(on_board())
-        there = json.loads(prompt.run("say(survey(replay))").removeprefix(board_side.MARK))
+        there = read_told(prompt.run("say(survey(replay))").splitlines())
         todo = plan(wanted, there["files"], there["manifest"], lambda _copy: True)
         if todo.journal:
             prompt.run("make_folders(('mountfw', 'mountfw/boards'))")
