@@ -7,6 +7,7 @@ code: the first two are virtual/fakes, as on the Unix VM; the last is left out o
 import hashlib
 import importlib.metadata
 import json
+import re
 import subprocess
 from pathlib import Path
 
@@ -114,6 +115,17 @@ def test_saved_settings_are_there_after_a_restart(session):
 def test_deploy_finds_each_file_with_its_hash(session):
     found = {path: sha for path, sha in session.survey["files"].items() if path in session.files}
     assert found == session.files
+
+
+@pytest.mark.parametrize("build", vms.BUILDS)
+def test_the_core_passes_its_tests_of_settings_and_backlash(build):
+    command = vms.command(
+        build, HEAP_KB, [HERE, firmware_folder()], HERE / "run_micropython.py", firmware_folder(), "quick"
+    )
+    run = subprocess.run(command, capture_output=True, text=True, timeout=900)
+    passed, failed = re.search(r"^(\d+) passed, (\d+) failed$", run.stdout, re.MULTILINE).groups()
+    assert int(failed) == 0, run.stdout[-3000:]
+    assert int(passed) >= 25
 
 
 @pytest.mark.parametrize("release", MICROPYTHON.releases, ids=lambda release: release.version)
