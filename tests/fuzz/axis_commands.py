@@ -43,6 +43,10 @@ def causes(model: AxisModel, name: str, value: int, stop: str) -> None:
         m.causes.add(SUPERSEDED)
         m.finishing = False
     for text in (name, stop):
+        if text in ("ST", "1ST") and m.kind == "steps" and not model.duty and m.off_at is not None:
+            due = m.off_at + m.period_us - m.length_us if m.pulse_at is None else m.pulse_at + m.period_us
+            if -2_000 < due - model.now < 2_000:
+                raise Unclear  # the next pulse may have begun before the stop came
         if text in ("ST", "1ST") and m.kind == "steps" and model.duty and not model.taking_up:
             left_us = model.nominal_us - (model.now - model.on_at)
             if abs(left_us - 250_000) < 2_000:

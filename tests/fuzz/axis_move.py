@@ -125,7 +125,8 @@ def started(model: AxisModel, name: str, value: int, n: int) -> Move:
     way = 1 if value > 0 else -1
     if name == "XU":
         limit_us = abs(value) + s["XB"] + _PULSE_SLACK_US
-        return Move("steps", way, (s["XD"],), limit_us, n=way, length_us=abs(value))
+        period_us = 100_000_000 // possible_velocity(s["VA"], s["XP"]) - s["XP"] + abs(value)
+        return Move("steps", way, (s["XD"],), limit_us, n=way, period_us=period_us, length_us=abs(value))
     if name == "frame":
         return Move("frame", way, (abs(value),), s["XM"] * 1000)
     if name == "MV":

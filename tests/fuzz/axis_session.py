@@ -145,6 +145,8 @@ class Session:
         elif code == 110:  # told, and kept
             assert name == "VA" and value > possible_velocity(value, model.settings["XP"])
             self._set(name, value)
+        elif code == 7:  # the value is looked at first
+            assert name == "XU" and abs(value) < 200
         else:
             assert not model.move, f"{name}: error {code} instead of 114"
             assert code in outcomes(model, name, value), f"{name}{value} was refused with {code}"
