@@ -181,7 +181,7 @@ class Mount:
         if not self.link.lockstep and self._stoppable is None:
             self._stoppable = Stoppable([address], lambda: self._stop_for_another_program(also))
 
-    def _stop_for_another_program(self, also: Callable[[], None] | None) -> str:
+    def _stop_for_another_program(self, also: Callable[[], None] | None = None) -> str:
         """Write the stop without waiting for what a hanging thread may hold, then look whether it was obeyed."""
         self._stops += 1
         self._feeding.clear()

@@ -119,10 +119,12 @@ def test_a_host_that_never_reads_ten_thousand_frames_then_a_stop(board, how):
     else:
         raw = socket.create_connection(("127.0.0.1", int(board.tcp.rsplit(":", 1)[1])))
         send, close = raw.send, raw.close
-    flood = b"02550255" * 10_000 + b"!"
+    flood = b"02550255" * 10_000
     while flood:
         flood = flood[send(flood) :]
-    wait_for(lambda: len(board.edges()) >= 8 and not board.driving(), "the stop")
+    wait_for(board.driving, "the motors to run")
+    send(b"!")
+    wait_for(lambda: not board.driving(), "the stop")
     # nothing comes after it: the stop was the last thing, and it was obeyed
     with_stop = board.edges()
     close()

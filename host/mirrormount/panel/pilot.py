@@ -365,7 +365,6 @@ class Pilot:
                 raise BadValue("the panel needs a board at its own pace: speed=max is for use in one process")
             mount = Mount(Link(TappedPort(port, self.log)))
             self.scales = scales.read(mount)
-            mount.accept_stops(address, also=self.stop)
         except BaseException:
             port.close()
             raise

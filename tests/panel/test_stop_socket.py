@@ -1,0 +1,18 @@
+"""`mirrormount stop` while a panel has the port."""
+
+from running import Panel
+from served import run_cli
+
+from mirrormount import Mount
+
+
+def test_stop_gets_through_a_panel(board, tmp_path):
+    panel = Panel(str(board.link), tmp_path)
+    try:
+        run = run_cli("stop", "--port", str(board.link))
+        assert (run.returncode, run.stderr) == (0, "")
+        assert f"process {panel.process.pid} " in run.stdout and run.stdout.startswith("stop")
+    finally:
+        panel.kill()
+    with Mount.open(str(board.link)) as mount:
+        assert not mount.status().moving
