@@ -27,12 +27,13 @@ from mirrormount.errors import (
     MoveEnded,
     NoAnswer,
     NotAMount,
+    PortBusy,
 )
 from mirrormount.identify import TAKEN, identify
 from mirrormount.link import Link, find_one, open_port
 from mirrormount.printable import printable
 from mirrormount.status import AxisStatus, Ended, Homed, Limits, QueuedError, Status, parse_error, parse_status, table
-from mirrormount.stop_socket import SENT, STOPPED, Stoppable
+from mirrormount.stop_socket import SENT, STOPPED, Stoppable, held_here
 from mirrormount.values import whole_number
 from mountfw import errors as wire
 from mountfw.frame import encode
@@ -95,13 +96,21 @@ class Mount:
         if not isinstance(address, str | None):
             raise BadValue(f"a port's address is text, not {address!r}")
         address = find_one() if address is None else address
-        link = Link(open_port(address))
         try:
-            mount = cls(link, x_axis=x_axis)
-            mount.accept_stops(address)
-            return mount
-        except BaseException:
-            link.close()
+            link = Link(open_port(address))
+            try:
+                mount = cls(link, x_axis=x_axis)
+                mount.accept_stops(address)
+                return mount
+            except BaseException:
+                link.close()
+                raise
+        except PortBusy as e:
+            if held_here(address):
+                raise PortBusy(
+                    f"{printable(address)}: this program has this port open already: go on with that Mount, or"
+                    " close() it first"
+                ) from e
             raise
 
     def close(self) -> None:

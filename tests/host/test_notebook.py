@@ -5,7 +5,7 @@ import html
 import pytest
 from served import ServedBoard
 
-from mirrormount import Mount
+from mirrormount import Mount, errors
 
 
 @pytest.fixture
@@ -83,3 +83,12 @@ def test_what_is_shown_needs_no_board(board: ServedBoard):
     assert "steps (unknown), at rest; as it was " in repr(mount)
     mount.close()
     assert repr(mount).endswith("; closed>") and "closed" in repr(mount.x)
+
+
+def test_a_port_that_this_program_has_open_says_so_and_how_to_go_on(board: ServedBoard):
+    for address in (str(board.link), board.tcp):
+        with Mount.open(address) as mount:
+            with pytest.raises(errors.PortBusy, match=r"this program has this port open already.*close\(\) it first"):
+                Mount.open(address)
+            mount.x.step(1)  # the one that is open is none the worse
+        Mount.open(address).close()
