@@ -112,7 +112,7 @@ REMEDIES = {
     ),
     "n08": Remedy(
         "Motion on axis 3 or 4, which the dialect has and this mount has not; or the axis's motor type was set to 0.",
-        "Use axis 1 or 2; QM3 on the axis says that there is a motor.",
+        "Use axis 1 (y) or 2 (x); QM3 on the axis says that there is a motor.",
     ),
     "n10": Remedy(
         "More steps per second were asked for (VA) than pulses of length XP fit in. The value is kept, and the axis "

@@ -64,6 +64,16 @@ def test_a_setting_that_is_set_to_be_kept_is_there_at_the_next_start(tmp_path, c
     assert values == ["150000", "255"]
 
 
+@pytest.mark.parametrize("machine", ["cpython", "circuitpython"])
+def test_what_save_calls_saved_on_a_served_board_outlives_its_being_killed(serve, tmp_path, capsys, machine):
+    options = ("--machine", machine, "--files", str(tmp_path / "files"))
+    board = serve(*options)
+    assert cli.main(["config", "set", "--save", "x.pulse_us", "150000", "--port", board.tcp]) == 0
+    board.kill()
+    assert cli.main(["config", "get", "x.pulse_us", "--port", serve(*options).tcp]) == 0
+    assert capsys.readouterr().out == "x.pulse_us = 150000 (saved on the board)\n150000\n"
+
+
 def test_saved_settings_outlive_a_power_cut(tmp_path):
     address = f"virtual://?speed=max&files={tmp_path}"
     with Mount.open(address) as mount:
