@@ -9,6 +9,7 @@ from pathlib import Path
 from mirrormount.deploy_plan import THIS, boards
 from mirrormount.errors import DeployError
 from mirrormount.printable import printable
+from mountfw import board_file as on_board
 from mountfw.boards import FILE_OF
 
 _REQUIRED = {"NAME", "BRIDGE", "AXIS_1", "AXIS_2", "PWM_HZ", "DEAD_TIME_US", "LED"}
@@ -40,7 +41,8 @@ def read_pins(path: Path) -> bytes:
         text = path.read_bytes()
     except OSError as e:
         raise DeployError(f"{path}: {e.strerror}") from e
-    wrong = _faults(_constants(text, str(path), 0))
+    found = _constants(text, str(path), 0)
+    wrong = _faults(found) or printable(on_board.fault(found))  # the board itself refuses what has a fault
     if wrong:
         raise DeployError(f"{path}: {wrong} (see boards/pico.py)")
     return text

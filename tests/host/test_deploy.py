@@ -402,6 +402,7 @@ PINS_THAT_CANNOT_WORK = [
     (FROM_PICO + "BRIDGE = 'two-pwm'", '"en" is a pin for BRIDGE "enable", and None'),
     (FROM_PICO + "AXIS_1 = {'pos': 3}", "AXIS_1 says en, pos, neg, stop_pos, stop_neg"),
     (FROM_PICO + "NAME = b'a,b'", "NAME is"),
+    (FROM_PICO + "AXIS_1 = {'en': 21, 'pos': 3, 'neg': 4, 'stop_pos': None, 'stop_neg': None}", "share one PWM output"),
     ("from mountfw.boards.picco import *", "there is no board file 'picco'"),
     ("import os\nos.abort()", "constants only"),
     ("NAME = open('x').read()", "pins.py:1: a board file holds constants only"),
