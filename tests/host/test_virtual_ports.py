@@ -1,12 +1,14 @@
-"""The TCP port of a virtual board: what of a flood is before a stop, and what is left of a client that goes."""
+"""The ports of a virtual board: what of a flood is before a stop, and what is left of a client that goes."""
 
+import os
 import socket
+import threading
 
 import pytest
 from served import PATIENCE_S, wait_for
 
 from mirrormount.virtual import ports
-from mirrormount.virtual.ports import BUFFER, TcpPort
+from mirrormount.virtual.ports import BUFFER, PtyPort, TcpPort
 
 
 @pytest.fixture
@@ -35,7 +37,7 @@ def received(port: TcpPort) -> bytes:
 @pytest.mark.parametrize("stop", [b"!", b"00000000"])
 def test_what_is_before_a_stop_in_a_flood_fits_into_the_boards_buffer(port, client, stop):
     client.sendall(b"02550255" * 50_000 + stop)
-    wait_for(lambda: port.take(0) == b"" and stop in port._waiting, "the stop to arrive")
+    wait_for(lambda: port.take(0) == b"" and stop in port._waiting.bytes, "the stop to arrive")
     taken = received(port)
     assert taken.index(b"!\n") == 0 and b"0255" not in taken
 
@@ -64,3 +66,40 @@ def test_a_client_that_sends_more_than_can_wait_is_closed_with_a_stop(port, clie
 def test_a_browser_is_closed_and_leaves_nothing(port, client):
     client.sendall(b"POST / HTTP/1.1\r\n\r\n1MV+\n")
     wait_for(lambda: port.take(100) == b"" and not port.connected(), "the browser to be closed")
+
+
+@pytest.mark.parametrize("stop", [b"!", b"00000000"])
+def test_on_a_pty_too_a_stop_overtakes_what_the_board_has_no_room_for(stop):
+    port = PtyPort()
+    client = os.open(port.address, os.O_RDWR | os.O_NOCTTY)
+    flood = b"02550255" * 20_000 + stop
+
+    def write_all() -> None:
+        at = 0
+        while at < len(flood):
+            at += os.write(client, flood[at:])
+
+    writer = threading.Thread(target=write_all)
+    writer.start()
+    try:
+        wait_for(lambda: port.take(0) == b"" and stop in port._waiting.bytes, "the stop to arrive")
+        assert port.take(BUFFER).startswith(b"!\n" + stop)
+    finally:
+        writer.join()
+        os.close(client)
+        port.close()
+
+
+def test_python_that_is_pasted_at_the_prompt_of_a_pty_is_left_as_it_is():
+    port = PtyPort()
+    client = os.open(port.address, os.O_RDWR | os.O_NOCTTY)
+    source = b"a != b #" * 200
+    try:
+        os.write(client, source)
+        taken = b""
+        while len(taken) < len(source):
+            taken += port.take(100, at_prompt=True)
+        assert taken == source
+    finally:
+        os.close(client)
+        port.close()

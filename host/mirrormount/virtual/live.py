@@ -54,7 +54,7 @@ def serve(world: World, ports: Sequence[Port], stopped: Callable[[], bool]) -> N
         _wait(watched, min(wait_s, _HANGUP_S) if client is None or unread else wait_s)
         client = choice.look(world.at_prompt)
         world.opened(client is not None)  # before the first byte of somebody who has just come
-        data = client.take(room) if client and room > 0 else b""
+        data = client.take(room, at_prompt=world.at_prompt) if client and room > 0 else b""
         t = max(now_us, min(now_us + wants_us, wall_us()))
         world.collects(len(unread) < _UNREAD)
         world.go(t, max(0, wall_us() - t) + _QUANTUM_US, data)

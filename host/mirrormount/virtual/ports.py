@@ -14,7 +14,28 @@ from mirrormount.telnet import Inlet
 from mirrormount.turned_away import GRACE_S, TAKEN_LINE, TurnedAway
 
 BUFFER = 512  # bytes that a board takes in before its host has to wait
-_WAITING_MOST = 1 << 20  # bytes of a TCP client that may wait for the board
+_WAITING_MOST = 1 << 20  # bytes of a client that may wait for the board
+
+
+class Waiting:
+    """What a client has sent and the board has no room for. A stop overtakes it, and what waited before it is void."""
+
+    def __init__(self) -> None:
+        self.bytes = bytearray()
+
+    def add(self, data: bytes) -> None:
+        """Put commands in line."""
+        waited = len(self.bytes)
+        self.bytes += data
+        stop = max(self.bytes.rfind(b"!", waited), self.bytes.rfind(b"00000000", max(0, waited - 7)))
+        if stop > BUFFER:
+            self.bytes[:stop] = b"!\n"  # the board may be in the middle of a message: this ends it
+
+    def take(self, most: int) -> bytes:
+        """The next bytes for the board."""
+        data = bytes(self.bytes[:most])
+        del self.bytes[:most]
+        return data
 
 
 class Port(Protocol):
@@ -27,8 +48,8 @@ class Port(Protocol):
         """File descriptors that may have news."""
         ...
 
-    def take(self, most: int) -> bytes:
-        """What the client sent; must not block."""
+    def take(self, most: int, *, at_prompt: bool = False) -> bytes:
+        """What the client sent: commands, or Python while the board is at its prompt. Must not block."""
         ...
 
     @property
@@ -59,10 +80,12 @@ class Port(Protocol):
 
 
 class PtyPort:
-    """A pseudo-terminal of this user alone, under a symlink if one is asked for. POSIX only."""
+    """A pseudo-terminal of this user alone, under a symlink if one is asked for. POSIX only.
+
+    What the system would keep in a pty (64 KB) is read at once and waits here, so that a stop overtakes it.
+    """
 
     prompt = True
-    waits = False
 
     def __init__(self, link: Path | None = None) -> None:
         import pty
@@ -72,6 +95,7 @@ class PtyPort:
         self._link = link
         self._told = False
         self._master = -1
+        self._waiting = Waiting()
         self._open()
         self.address = str(link or self._name)
 
@@ -105,9 +129,20 @@ class PtyPort:
         # whoever wrote and left at once still counts: it may have been a stop
         here = all(event & select.POLLIN or not event & select.POLLHUP for _, event in self._poll.poll(0))
         self._told = self._told and here
-        return here
+        return here or self.waits
 
-    def take(self, most: int) -> bytes:
+    @property
+    def waits(self) -> bool:
+        return bool(self._waiting.bytes)
+
+    def take(self, most: int, *, at_prompt: bool = False) -> bytes:
+        if at_prompt:
+            return self._waiting.take(most) or self._read(most)
+        while len(self._waiting.bytes) < _WAITING_MOST and (data := self._read(1 << 16)):
+            self._waiting.add(data)
+        return self._waiting.take(most)
+
+    def _read(self, most: int) -> bytes:
         try:
             return os.read(self._master, most)
         except OSError:  # nothing waits, or the client has just left
@@ -120,8 +155,9 @@ class PtyPort:
             return 0
 
     def refuse(self, line: bytes) -> None:
-        while self.take(4096):  # or it would be obeyed later
+        while self._read(4096):  # or it would be obeyed later
             pass
+        self._waiting = Waiting()
         if not self._told and self.connected():
             self.give(line)
             self._told = True
@@ -129,6 +165,7 @@ class PtyPort:
     def close(self) -> None:
         if self._link and self._link.is_symlink() and os.readlink(self._link) == self._name:
             self._link.unlink()
+        self._waiting = Waiting()
         if self._master >= 0:
             os.close(self._master)
             self._master = -1
@@ -159,7 +196,7 @@ class TcpPort:
     def _begin(self) -> None:
         """Nothing was sent yet."""
         self._first, self._inlet = FirstBytes(), Inlet(telnet=False)
-        self._waiting = bytearray()
+        self._waiting = Waiting()
         self._ended = False  # the client will send no more
 
     def watched(self) -> list[int]:
@@ -169,7 +206,7 @@ class TcpPort:
 
     @property
     def waits(self) -> bool:
-        return bool(self._waiting) or self._ended
+        return bool(self._waiting.bytes) or self._ended
 
     def connected(self) -> bool:
         return self._client is not None
@@ -184,32 +221,27 @@ class TcpPort:
         self._client = None
         self._begin()
 
-    def take(self, most: int) -> bytes:
+    def take(self, most: int, *, at_prompt: bool = False) -> bytes:
         if self._client and not self._ended:
             self._receive(self._client)
-        data = bytes(self._waiting[:most])
-        del self._waiting[:most]
-        if self._ended and not self._waiting:
+        data = self._waiting.take(most)
+        if self._ended and not self._waiting.bytes:
             self._leave()
         return data
 
     def _receive(self, client: socket.socket) -> None:
-        waited = len(self._waiting)
-        while not self._ended and len(self._waiting) <= _WAITING_MOST:  # all there is: its last may be a stop
+        while not self._ended and len(self._waiting.bytes) <= _WAITING_MOST:  # all there is: its last may be a stop
             try:
                 data = client.recv(1 << 16)
                 acknowledge(client)
-                self._waiting += self._inlet.feed(self._first.feed(data))
+                self._waiting.add(self._inlet.feed(self._first.feed(data)))
             except BlockingIOError:
                 break
             except (OSError, NotAClient):
                 data = b""
             self._ended = not data
-        stop = max(self._waiting.rfind(b"!", waited), self._waiting.rfind(b"00000000", max(0, waited - 7)))
-        if stop > BUFFER:
-            self._waiting[:stop] = b"!\n"  # the board may be in the middle of a message: this ends it
-        if len(self._waiting) > _WAITING_MOST:  # too much for a stop behind it to be seen in time
-            self._waiting[:] = b"!\n"
+        if len(self._waiting.bytes) > _WAITING_MOST:  # too much for a stop behind it to be seen in time
+            self._waiting.bytes[:] = b"!\n"
             self._ended = True
 
     def give(self, data: bytes) -> int:
@@ -269,7 +301,7 @@ class PairPort:
     def plug(self, there: bool) -> None:
         pass
 
-    def take(self, most: int) -> bytes:
+    def take(self, most: int, *, at_prompt: bool = False) -> bytes:
         try:
             return self._end.recv(most)
         except OSError:
