@@ -56,14 +56,12 @@ def chosen(only: str) -> list[Row]:
 
 
 def measured(name: str, n: int, image: Path | None) -> tuple[list[float], float]:
-    """The values of the row of that name, and how long they took in s, with a line about it on stderr."""
+    """The values of the row of that name, and how long they took in s."""
     start = time.monotonic()
     (row,) = (row for row in ROWS if row.name == name)
     with Lab(row.name, min(n, row.most_n or n), image) as lab:
         values = row.measure(lab)
-    wall_s = time.monotonic() - start
-    print(f"{row.name}: {wall_s:.1f} s", file=sys.stderr, flush=True)
-    return values, wall_s
+    return values, time.monotonic() - start
 
 
 def updated(page: str, about: str) -> str:
@@ -88,7 +86,10 @@ def main(arguments: list[str]) -> int:
         # Emulated time does not depend on what else this computer does, so rows may be measured side by side
         with ProcessPoolExecutor(options.jobs) as pool:
             work = partial(measured, n=options.n, image=options.image)
-            results = list(pool.map(work, [row.name for row in rows]))
+            results = []
+            for row, result in zip(rows, pool.map(work, [row.name for row in rows]), strict=True):
+                results.append(result)
+                print(f"{row.name}: {result[1]:.1f} s", file=sys.stderr, flush=True)
         image = emulator.find_image(options.image).name
     except MountError as e:
         print(f"bench: {e}", file=sys.stderr)
