@@ -5,7 +5,7 @@ import subprocess
 import sys
 
 import pytest
-from served import ServedBoard, run_cli, wait_for
+from served import HANG_S, ServedBoard, run_cli, wait_for
 
 from mirrormount import Mount
 from mirrormount.errors import EmulatorMissing, MountError
@@ -28,7 +28,7 @@ def blank(tmp_path_factory):
 
 def mpremote(board: ServedBoard, *words: str) -> str:
     command = [sys.executable, "-m", "mpremote", "connect", str(board.link), *words]
-    run = subprocess.run(command, capture_output=True, text=True, timeout=120, stdin=subprocess.DEVNULL)
+    run = subprocess.run(command, capture_output=True, text=True, timeout=HANG_S, stdin=subprocess.DEVNULL)
     assert run.returncode == 0, run.stdout + run.stderr
     return run.stdout
 

@@ -11,7 +11,8 @@ from pathlib import Path
 
 import pytest
 
-PATIENCE_S = 20.0  # how long a wait may last before it is a failure; never a measurement
+PATIENCE_S = 60.0  # how long a wait may last before it is a failure; never a measurement
+HANG_S = 900.0  # the same for a command: a deploy to an emulated board takes a busy computer minutes
 
 
 def wait_for(condition: Callable[[], object], what: str) -> object:
@@ -89,7 +90,7 @@ def run_cli(*args: str) -> subprocess.CompletedProcess:
         [sys.executable, "-m", "mirrormount", *args],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=HANG_S,
         env=environment,
         stdin=subprocess.DEVNULL,
     )
