@@ -17,7 +17,7 @@ ROOT = Path(__file__).parent.parent.parent
 def run_there(folder: Path, *command: str | Path) -> subprocess.CompletedProcess:
     """A command in that folder."""
     return subprocess.run(
-        command, cwd=folder, capture_output=True, text=True, timeout=60, stdin=subprocess.DEVNULL, check=False
+        command, cwd=folder, capture_output=True, text=True, timeout=600, stdin=subprocess.DEVNULL, check=False
     )
 
 

@@ -434,7 +434,7 @@ def test_an_unknown_board_changes_nothing_and_names_those_there_are(deployed):
 def test_mip_installs_the_same_files(boot):
     board = boot()
     mip = [sys.executable, "-m", "mpremote", "connect", board.port, "resume", "mip", "install", "--target=/"]
-    subprocess.run([*mip, str(PACKAGE), "+", "reset"], check=True, capture_output=True, timeout=60)
+    subprocess.run([*mip, str(PACKAGE), "+", "reset"], check=True, capture_output=True, timeout=600)
     assert contents(board.root) == firmware(None)
     assert board.ask("VE?") == f"MM2 Version {mountfw.__version__} mirrormount"
 

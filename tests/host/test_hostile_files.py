@@ -98,7 +98,7 @@ def test_names_and_numbers_that_cannot_be_are_one_line(tmp_path, words, says):
 def test_output_that_cannot_be_written_is_one_line(words):
     command = [sys.executable, "-m", "mirrormount", *words, *MAX]
     with open("/dev/full", "w") as full:
-        run = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, timeout=60)
+        run = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, timeout=600)
     assert "standard output: No space left" in one_line(run)
 
 
@@ -106,13 +106,13 @@ def test_output_that_cannot_be_written_is_one_line(words):
 def test_without_a_standard_input_there_is_one_line(words):
     code = "import sys; sys.stdin = None; from mirrormount import cli; sys.exit(cli.main(sys.argv[1:]))"
     command = [sys.executable, "-c", code, *words, *MAX]
-    one_line(subprocess.run(command, capture_output=True, text=True, timeout=60))
+    one_line(subprocess.run(command, capture_output=True, text=True, timeout=600))
 
 
 def test_a_terminal_of_few_characters_gets_every_line():
     command = [sys.executable, "-m", "mirrormount", "config", "get", *MAX]
     environment = os.environ | {"PYTHONIOENCODING": "ascii"}
-    run = subprocess.run(command, capture_output=True, text=True, timeout=60, env=environment)
+    run = subprocess.run(command, capture_output=True, text=True, timeout=600, env=environment)
     assert (run.returncode, run.stderr) == (0, "")
     assert len(run.stdout.splitlines()) == 28
 

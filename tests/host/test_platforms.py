@@ -29,7 +29,7 @@ sys.exit(cli.main(["step", "x", "1", "--port", "virtual://"]))
 @pytest.mark.parametrize("platform", ["win32", "darwin"])
 def test_the_host_imports_and_drives_a_virtual_board_without_posix_modules(platform):
     code = WITHOUT_POSIX.format(platform=platform)
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=600)
     assert (run.returncode, run.stdout) == (0, "x: +1.000 steps\n"), run.stderr
 
 

@@ -45,7 +45,7 @@ def run(words: list[str], folder: Path, port: str) -> tuple[int, str]:
     if serves:
         said = process.stdout.readline()
         process.send_signal(signal.SIGINT)
-    said += process.communicate(ANSWERS.get(words[0], ""), timeout=120)[0]
+    said += process.communicate(ANSWERS.get(words[0], ""), timeout=600)[0]
     return process.returncode, said
 
 
