@@ -17,6 +17,7 @@ REQUESTS = (
     b"MV /1 HTTP/1.0\r\n",
     b"GET x" + b"y" * 200,
 )
+CHOSEN = (b"1MV+", b"P1", b"M-X", b"0255-100", b"+255+255", b"*RST", b"1234567890")  # methods: a page may choose them
 
 
 @pytest.mark.parametrize("request_", REQUESTS)
@@ -28,6 +29,18 @@ def test_not_one_byte_of_a_request_is_passed_on_however_it_is_cut(request_):
         with pytest.raises(NotAClient, match="browser"):
             passed.extend(first.feed(piece) for piece in pieces)
         assert b"".join(passed) == b""
+
+
+@pytest.mark.parametrize("method", CHOSEN)
+@pytest.mark.parametrize("target", [b"/", b"/x?y", b"http://a/", b"*", b"x"])
+def test_a_method_that_begins_as_a_command_does_is_a_request_all_the_same(method, target):
+    request = method + b" " + target + b" HTTP/1.1\r\nHost: a\r\n\r\n1MV+\n"
+    with pytest.raises(NotAClient, match="browser"):
+        FirstBytes().feed(request)
+    first, passed = FirstBytes(), bytearray()
+    with pytest.raises(NotAClient, match="browser"):
+        passed.extend(c for byte in request for c in first.feed(bytes((byte,))))
+    assert b"\n" not in passed
 
 
 def test_not_one_byte_of_tls_is_passed_on():
@@ -50,13 +63,17 @@ def test_not_one_byte_of_tls_is_passed_on():
         b"\xff\xfd\x01\xff\xfd\x03VE?\n",
         b"\n",
         b"31>VE?\n",
+        b"XK 500\r",
+        b"AB \r",
+        b"1PR 5 ; 2PR 5\n",
+        b"0255-100+100-255" * 20,
     ],
 )
 def test_what_a_boards_client_sends_is_passed_on_whole(sent):
     for size in (1, 3, 1000):
         first = FirstBytes()
         assert b"".join(first.feed(sent[at : at + size]) for at in range(0, len(sent), size)) == sent
-        assert first.feed(b"GET / HTTP/1.1\r\n") == b"GET / HTTP/1.1\r\n"
+        assert first.feed(b"\nGET / HTTP/1.1\r\n") == b"\nGET / HTTP/1.1\r\n"
 
 
 @pytest.mark.parametrize("stop", [b"!", b"\x03", b"00000000"])
