@@ -163,7 +163,7 @@ def _parser() -> argparse.ArgumentParser:
         "--on-leave",
         choices=("stop", "finish"),
         default="stop",
-        help="when a client goes: stop what moves, or finish moves of known length (PR, PA, OR, MT)",
+        help="when a client goes: stop what moves, or finish moves of known length (PR, PA, XU, OR, MT)",
     )
     sub = add("panel", do_panel, "the web panel: drive the mount from a browser, until Ctrl-C", port=False)
     sub.add_argument("at", nargs="?", metavar="PORT", help="serial port (default: the one board there is)")

@@ -9,6 +9,7 @@ To know what the board has obeyed, and whether it moves, this program asks it, u
 not use, and takes those answers out.
 """
 
+import math
 import time
 from collections import deque
 from collections.abc import Callable
@@ -27,6 +28,7 @@ _ANSWER_S = 0.5  # an answer that has not come by then was dropped by the board
 _HOLD_LINE_S, _HOLD_FRAME_S = 0.5, 0.05  # then an unfinished message goes to the board as it is
 _MARGIN_S = 0.3  # how much later than the board its gaps are taken to be over here
 _LAPSE_S = 0.05
+_DAMAGE = 0x7F  # malformed wherever it stands: the board stops, and skips up to a line end or a silence
 _SKIP_S = 0.02  # in which a board skips AHEAD bytes
 
 
@@ -109,14 +111,13 @@ class Relay:
             return False
         self._urgent = len(self._waiting)
         self.pump()
-        if "move" not in self._axes.values():
+        if self._raw or "move" not in self._axes.values():  # the board refuses half a message, and stops; so does this
             self.stop()
             return False
-        line_end = b"\n" if self._raw else b""
         self.void()
         runs = b"".join(b"%dST\n" % axis for axis, kind in self._axes.items() if kind == "run")
         self.client_ms = 0
-        self._send(line_end + runs + b"XK%d\n" % KEEP_ALIVE_MS)
+        self._send(runs + b"XK%d\n" % KEEP_ALIVE_MS)
         return True
 
     def look_again(self) -> None:
@@ -140,6 +141,8 @@ class Relay:
             self._mute = False
         if self._raw and now_s - self._written_s > _SKIP_S:
             self._ahead = self._unasked = 0  # what is skipped answers nothing
+        if self._raw and self._waiting:
+            self._resynchronise(now_s)
         out = bytearray()
         while self._waiting and (self._urgent > 0 or self._ahead + len(out) < AHEAD):
             c = self._waiting[0]
@@ -194,7 +197,7 @@ class Relay:
                 elif 0 <= command.value <= 60_000:
                     self.client_ms = command.value
                 touched = True
-            elif not command.is_query and command.is_a(b"PR", b"PA", b"OR", b"MT", b"MV"):
+            elif not command.is_query and command.is_a(b"PR", b"PA", b"XU", b"OR", b"MT", b"MV"):
                 kind = "run" if command.is_a(b"MV") or self._axes.get(command.axis) == "run" else "move"
                 self._axes[command.axis] = kind  # a move that is refused because of a run does not end the run
                 self._motions += 1
@@ -204,8 +207,23 @@ class Relay:
         return before, self._keep_alive() if touched else b""
 
     def _keep_alive(self) -> bytes:
-        self._kept_s = self._clock()
-        return b"XK%d\n" % (min(self.client_ms, KEEP_ALIVE_MS) or KEEP_ALIVE_MS)
+        ms = min(self.client_ms, KEEP_ALIVE_MS) or KEEP_ALIVE_MS
+        # a shorter one may be over by the next frame, and the board then has none
+        self._kept_s = self._clock() if ms == KEEP_ALIVE_MS else -math.inf
+        return b"XK%d\n" % ms
+
+    def _resynchronise(self, now_s: float) -> None:
+        """After a silence in a message, make sure that the board and this parser are at the same place of the stream.
+
+        The board counts its own silence. Without this a motion could start there that is none here.
+        """
+        silence_s, gap_s = now_s - self._written_s, self._messages.gap_s
+        if silence_s > gap_s:
+            self.void()
+            self._send(b"!\n")  # the board has given the message up, and has stopped
+        elif silence_s > gap_s / 2:
+            self._messages.feed(_DAMAGE)
+            self._send(bytes((_DAMAGE,)))
 
     def _give_up(self, now_s: float) -> None:
         """What the client does not finish is given to the board, which refuses it."""

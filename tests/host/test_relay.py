@@ -98,7 +98,9 @@ def test_a_message_that_is_not_finished_goes_to_the_board_which_refuses_it(board
     assert b"0255" in board.passes(0.1)
 
 
-@pytest.mark.parametrize("motion", [b"1PR5\n", b"1MV+\n", b"02550000", b"2PA7;1TP?\n", b"1OR\n", b"2MT-\n"])
+@pytest.mark.parametrize(
+    "motion", [b"1PR5\n", b"1MV+\n", b"02550000", b"2PA7;1TP?\n", b"1XU9000\n", b"1OR\n", b"2MT-\n"]
+)
 def test_what_starts_a_motion_takes_a_keep_alive_with_it_which_is_fed(board, motion):
     assert board.sent(motion) == motion + b"XK500\n"
     fed = board.passes(1, answers=MOVES)
@@ -137,6 +139,30 @@ def test_a_short_keep_alive_of_a_client_is_fed_by_that_client_alone(board):
     assert board.passes(3).count(b"01>") <= 1
 
 
+@pytest.mark.parametrize("pause_s", [0.0, 0.009, 0.05])
+@pytest.mark.parametrize("stops", [False, True])
+def test_a_frame_behind_a_short_keep_alive_that_may_be_over_has_one(board, pause_s, stops):
+    board.sent(b"XK10\n02550000")
+    if stops:
+        board.relay.stop()
+    board.now_s += pause_s
+    assert b"02550000XK" in board.sent(b"02550000")
+
+
+def test_what_begins_after_a_silence_in_a_skipped_message_begins_on_the_board_as_well(board):
+    board.sent(b"1P!")
+    board.now_s += 0.1
+    assert board.sent(b"02550000") == b"!\n02550000XK500\n"
+    assert board.passes(0.3, answers=MOVES).count(b"01>XS?\n") >= 2
+
+
+def test_after_a_silence_that_may_have_been_too_short_both_skip(board):
+    board.sent(b"1P!")
+    board.now_s += 0.04
+    assert board.sent(b"02550000") == b"\x7f02550000"
+    assert board.sent(b"\n02550000").endswith(b"\n02550000XK500\n")
+
+
 def test_a_keep_alive_that_the_board_refuses_is_none(board):
     board.sent(b"XK60001\n")
     assert board.relay.client_ms == 0
@@ -168,6 +194,15 @@ def test_when_the_client_leaves_without_such_a_move_all_stops(board, sent):
     board.sent(sent)
     assert not board.relay.leave()
     assert board.taken.endswith(b"!\n")
+
+
+@pytest.mark.parametrize("begun", [b"1MV+", b"1PR500", b"0255000"])
+def test_what_a_client_that_leaves_has_not_finished_is_not_finished_for_it(board, begun):
+    board.sent(b"2PR20\n" + begun)
+    board.passes(0.6, answers=MOVES)
+    before = len(board.taken)
+    assert not board.relay.leave()
+    assert board.taken[before:] == b"!\n"
 
 
 def test_a_client_that_leaves_behind_a_flood_stops_all(board):
