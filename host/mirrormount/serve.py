@@ -30,6 +30,7 @@ from mirrormount.turned_away import TAKEN_LINE
 
 _NO_BOARD_LINE = NO_BOARD.encode() + b"\r\n"
 _WAITING_MOST = 1 << 20  # bytes of a client that may wait for the board
+_RECEIVED_MOST = 1 << 18  # bytes of a client that are received at once; then the others have their turn
 _QUIET_S, _QUIET_LONGEST_S = 0.1, 10.0  # the board has no more to say to the client before
 _RETRY_S, _GIVE_UP_S = 1.0, 600.0  # looking for a board that has gone
 _REST_S = 1.5  # how long the board may take to say that it is at rest, for another program that asked for a stop
@@ -121,11 +122,12 @@ class Server:
     # ---- the client
 
     def _hear_client(self, client: Guest) -> None:
-        """Take all that is there: the last of it may be a stop."""
-        sent, why = b"", ""
-        while not why and len(sent) <= _WAITING_MOST:
+        """Take all that is there: the last of it may be a stop. Bounded, because of much of it nothing may be left."""
+        sent, why, received = b"", "", 0
+        while not why and received < _RECEIVED_MOST:
             try:
                 data = client.socket.recv(1 << 16)
+                received += len(data)
                 sent += client.sent(data)
                 why = "" if data else "has gone"
             except BlockingIOError:

@@ -3,10 +3,14 @@
 import os
 import socket
 import threading
+from types import SimpleNamespace
 
 import pytest
 from served import PATIENCE_S, wait_for
 
+from mirrormount.guest import Guest
+from mirrormount.serve import Server
+from mirrormount.telnet import Inlet
 from mirrormount.virtual import ports
 from mirrormount.virtual.ports import BUFFER, PtyPort, TcpPort
 
@@ -103,3 +107,29 @@ def test_python_that_is_pasted_at_the_prompt_of_a_pty_is_left_as_it_is():
     finally:
         os.close(client)
         port.close()
+
+
+class Endless:
+    """A client that sends for ever what the board does not get."""
+
+    def __init__(self) -> None:
+        self.received = 0
+
+    def recv(self, most: int) -> bytes:
+        self.received += most
+        assert self.received < 1 << 25, "nobody else has a turn"
+        return b"\x01" * most
+
+    def setsockopt(self, *_: int) -> None:
+        raise OSError
+
+
+def test_a_client_that_never_ends_does_not_keep_the_board_from_its_work(port):
+    port._receive(Endless())
+    assert port.take(BUFFER) == b""
+
+
+def test_a_client_that_never_ends_does_not_keep_the_server_from_the_others():
+    guest = Guest(Endless(), "a client", Inlet(telnet=True))
+    server = SimpleNamespace(_client=guest, _take=lambda sent: sent == b"" or pytest.fail(sent))
+    Server._hear_client(server, guest)

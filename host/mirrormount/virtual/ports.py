@@ -230,9 +230,11 @@ class TcpPort:
         return data
 
     def _receive(self, client: socket.socket) -> None:
-        while not self._ended and len(self._waiting.bytes) <= _WAITING_MOST:  # all there is: its last may be a stop
+        received = 0
+        while not self._ended and received <= _WAITING_MOST:  # all there is: its last may be a stop
             try:
                 data = client.recv(1 << 16)
+                received += len(data)
                 acknowledge(client)
                 self._waiting.add(self._inlet.feed(self._first.feed(data)))
             except BlockingIOError:
