@@ -47,6 +47,7 @@ NOT_ON_CIRCUITPYTHON = (
     "test_a_step_is_one_pulse_of_its_length_and_steps_keep_their_period",
     "test_a_switch_that_opens_shortly_before_a_pulse_ends_cuts_it_without_an_interrupt",
     "test_pulse_length_duty_and_velocity_are_the_axis_own",
+    "test_steps_that_cannot_be_as_fast_as_set_are_as_fast_as_the_pulses_allow",
     "test_the_enable_drops_before_a_leg_changes_and_rises_after_the_dead_time",
 )
 

@@ -246,12 +246,16 @@ def test_a_velocity_above_what_the_pulses_allow_is_kept_and_what_is_possible_is_
     assert rig.ask(b"1VA4.98;1VA?;1VA2000;1VA?\n") == b"4; 4\r\n"  # in whole steps, as drivers read them
     assert rig.errors() == [110, 110]
     assert rig.ask(b"1XP2000000;1VA?;1XP1000;1VA?;1XP200;1VA?\n") == b"0.49; 500; 833\r\n"
+    assert rig.ask(b"1XP20000;1VA?\n") == b"47\r\n"
     assert rig.errors() == []
-    rig.ask(b"1XP20000;1PR4\n")
+
+
+def test_steps_that_cannot_be_as_fast_as_set_are_as_fast_as_the_pulses_allow():
+    rig = Rig()
+    rig.ask(b"1XP20000;1VA2000;1PR4\n")
     rig.run(200_000)
     starts = [us for us, pin, duty in rig.port.edges if pin == 2 and duty]
     assert [20_900 < b - a < 22_500 for a, b in zip(starts, starts[1:])] == [True] * 3  # 47 a second
-    assert rig.ask(b"1VA?\n") == b"47\r\n"
 
 
 def test_every_parameter_is_checked_and_answered():
