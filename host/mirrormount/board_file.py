@@ -19,6 +19,7 @@ _PINS = ("en", "pos", "neg", "stop_pos", "stop_neg")
 _NAME = re.compile(rb"[ -+\--:<-~]{1,40}")  # printable, without the comma and the semicolon of an answer
 _RANGES = {"PWM_HZ": (100, 100_000), "DEAD_TIME_US": (0, 1000)}
 _HIGHEST_GPIO = 48
+_LONGEST = 1 << 16  # bytes of a board file
 _DEEPEST = 8  # imports of a board file by a board file
 
 
@@ -38,9 +39,12 @@ def check_board_file(name: str, files: Collection[str]) -> None:
 def read_pins(path: Path) -> bytes:
     """The text of somebody's own board file. Raises DeployError for one that cannot work."""
     try:
-        text = path.read_bytes()
+        with path.open("rb") as file:
+            text = file.read(_LONGEST + 1)
     except OSError as e:
         raise DeployError(f"{path}: {e.strerror}") from e
+    if len(text) > _LONGEST:
+        raise DeployError(f"{path}: more than {_LONGEST} bytes, so no board file")
     found = _constants(text, str(path), 0)
     wrong = _faults(found) or printable(on_board.fault(found))  # the board itself refuses what has a fault
     if wrong:
@@ -51,7 +55,8 @@ def read_pins(path: Path) -> bytes:
 def _constants(text: bytes, where: str, depth: int) -> dict[str, object]:
     """{name: value} of a board file: its assignments, and what it takes from other board files. Raises DeployError."""
     try:
-        tree = ast.parse(text, where)
+        # as text: a board takes every file as UTF-8, whatever a line "coding: ..." in it says, and must read the same
+        tree = ast.parse(text.decode("utf-8"), where)
     except (SyntaxError, ValueError, RecursionError, MemoryError) as e:
         line = f":{e.lineno}: {e.msg}" if isinstance(e, SyntaxError) else f": {e}"
         raise DeployError(f"{where}{printable(line)}") from e
@@ -85,7 +90,9 @@ def _value(node: ast.Assign, modules: dict, found: dict, where: str) -> object:
         if source.attr in told:
             return told[source.attr]
     try:
-        return ast.literal_eval(source)
+        value = ast.literal_eval(source)
+        repr(value)  # ValueError for a number of thousands of digits, which no error could name
+        return value
     except (ValueError, TypeError, SyntaxError, MemoryError, RecursionError) as e:
         raise DeployError(f"{where}:{node.lineno}: a board file holds constants only") from e
 

@@ -25,8 +25,18 @@ _ENOENT = 2
 
 def say(what):
     """Print it for the host; a dict in parts, since a board's memory may have no room for the whole text at once."""
-    for part in [{key: what[key]} for key in what] if isinstance(what, dict) else [what]:
+    for part in parts_of(what) if isinstance(what, dict) else [what]:
         print(MARK + json.dumps(part))
+
+
+def parts_of(told):
+    """The entries of a dict, each a dict, and of the dicts in it: after a cut upload a board has twice the files."""
+    for key in told:
+        if told[key] and isinstance(told[key], dict):
+            for inner in told[key]:
+                yield {key: {inner: told[key][inner]}}
+        else:
+            yield {key: told[key]}
 
 
 def hash_of(path):

@@ -169,9 +169,14 @@ def read_told(lines: Iterable[str]):
         parts = [json.loads(line) for line in told]
     except (ValueError, RecursionError):
         raise DeployError("what the board tells cannot be understood: try again") from None
-    if all(isinstance(part, dict) for part in parts):
-        return {key: value for part in parts for key, value in part.items()}
-    return parts[0]
+    if not all(isinstance(part, dict) for part in parts):
+        return parts[0]
+    whole: dict = {}
+    for part in parts:
+        for key, value in part.items():
+            inner = whole.get(key)
+            whole[key] = inner | value if isinstance(inner, dict) and isinstance(value, dict) else value
+    return whole
 
 
 def commit_call(todo: Plan, replay: str = "replay") -> str:

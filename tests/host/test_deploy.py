@@ -408,6 +408,10 @@ PINS_THAT_CANNOT_WORK = [
     ("NAME = open('x').read()", "pins.py:1: a board file holds constants only"),
     ("X = " + "[" * 5000, "pins.py"),
     ("X = " + "9" * 5000, "pins.py"),
+    (FROM_PICO + "BRIDGE = 0x" + "F" * 5000, "constants only"),
+    (FROM_PICO + "#" * (1 << 16), "no board file"),
+    # in UTF-7 line 2 opens a string and line 4 closes it; a board takes every file as UTF-8 and would run line 3
+    ("# coding: utf-7\n#+AAoAIgAiACI-\nimport machine\n#+ACIAIgAi-\n" + FROM_PICO, "pins.py:3: .* constants only"),
 ]
 
 
@@ -429,6 +433,19 @@ def test_an_unknown_board_changes_nothing_and_names_those_there_are(deployed):
     names = "adafruit_feather_esp32s3, adafruit_feather_rp2040, pico, pico2, pico2_w, pico_drv8833, pico_w, rp2, seeed_"
     assert f"only {names}" in done.stderr
     assert contents(deployed.root) == before
+
+
+def test_a_deploy_that_was_killed_in_its_upload_leaves_no_more_files_than_the_next_one_can_tell(boot, tmp_path):
+    root = tmp_path / "cut"
+    parts = {f"{path}.new": content for path, content in firmware(mpy_of_the_vm()).items()}
+    for path, content in (firmware(None) | parts).items():
+        (root / path).parent.mkdir(parents=True, exist_ok=True)
+        (root / path).write_bytes(content)
+    board = boot(root)
+    assert board.ask("VE?")  # the firmware has run and left the memory in pieces
+    done = board.deploy("--replace-main")
+    assert done.returncode == 0, done.stderr
+    assert not [path for path in contents(root) if path.endswith(".new")]
 
 
 def test_mip_installs_the_same_files(boot):
