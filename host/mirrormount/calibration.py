@@ -13,7 +13,6 @@ table for each axis of each board, under the board's unique id:
 Imports errors, toml_file.
 """
 
-import math
 import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -24,7 +23,9 @@ from platformdirs import user_config_path
 
 from mirrormount import toml_file
 from mirrormount.errors import BadFile, NotCalibrated
+from mirrormount.printable import printable
 
+_LEAST, _MOST = 1e-9, 1e9  # mrad a step: beyond what any mirror mount does, within what can be divided by
 _HEADING = """mirrormount: how far the mirror turns with a step (docs/calibration.md).
 positive, negative: mrad of the mirror a step. pulse_us, step_duty, inverted: the step that was measured.
 Written by `mirrormount setup`, which keeps the numbers of other boards but no remarks."""
@@ -125,13 +126,14 @@ def _number(entry: Mapping[str, Any], key: str, where: str) -> float | None:
     value = entry.get(key)
     if value is None:
         return None
-    if isinstance(value, bool) or not isinstance(value, int | float) or not (0 < value < math.inf):
-        raise BadFile(f"{where}: {key} is a number above 0 (mrad a step), not {value!r}")
+    if isinstance(value, bool) or not isinstance(value, int | float) or not (_LEAST <= value <= _MOST):
+        told = printable(repr(value), 60)
+        raise BadFile(f"{where}: {key} is a number above 0 (mrad a step, {_LEAST:g} … {_MOST:g}), not {told}")
     return float(value)
 
 
 def _whole(entry: Mapping[str, Any], key: str, where: str) -> int:
     value = entry.get(key)
     if isinstance(value, bool) or not isinstance(value, int) or value < 0:
-        raise BadFile(f"{where}: {key} is a whole number, not {value!r}")
+        raise BadFile(f"{where}: {key} is a whole number, not {printable(repr(value), 60)}")
     return value

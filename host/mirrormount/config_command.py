@@ -114,7 +114,7 @@ def load(name: str) -> dict[str, Any]:
 
     if name == "-":
         try:
-            given = sys.stdin.read() if sys.stdin else ""
+            given = sys.stdin.read(toml_file.MOST) if sys.stdin else ""
         except UnicodeDecodeError as e:
             raise BadFile(f"standard input: not a text (byte {e.start})") from e
         name, tables = "standard input", toml_file.parse(given, "standard input")

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from mirrormount.errors import BadValue, BoardError, NotAMount, NotSupported, SettingRefused
+from mirrormount.printable import printable
 from mountfw import errors as wire
 
 if TYPE_CHECKING:
@@ -33,7 +34,7 @@ class Setting:
     def check(self, name: str, value: object) -> None:
         """Raises BadValue that names the setting; nothing is rounded."""
         if isinstance(value, bool) or not isinstance(value, int | float):
-            raise BadValue(f"{name} is a number, not {value!r}")
+            raise BadValue(f"{name} is a number, not {printable(repr(value), 60)}")
         if self.among and value not in self.among:
             raise BadValue(f"{name} is one of {', '.join(map(str, self.among))}, not {value}")
         if not self.least <= value <= self.most:

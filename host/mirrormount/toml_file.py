@@ -13,28 +13,51 @@ from typing import Any
 from mirrormount.errors import BadFile, CannotWrite
 from mirrormount.printable import printable
 
-_LONGEST = 1 << 20  # bytes of a file
+_LONGEST = 1 << 18  # bytes of a file
+_LONGEST_LINE = 1000  # characters; the parser's time grows with the square of the dots in a key
+MOST = _LONGEST + 1  # what is to be read of a file: with the byte too many
+_DEEPEST = 20  # tables in one another; a file of scales has two
+_LARGEST = 1 << 63  # TOML's own limit of a whole number, which the parser does not check
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
 
 def parse(text: str, name: str) -> dict[str, Any]:
     """The tables of a TOML text; name is what an error calls it. Raises BadFile, which tells the line."""
+    if len(text) > _LONGEST:
+        raise BadFile(f"{name}: more than {_LONGEST} bytes, so no file of settings or of scales")
+    if max(map(len, text.split("\n"))) > _LONGEST_LINE:
+        raise BadFile(f"{name}: a line of more than {_LONGEST_LINE} characters, so no file of settings or of scales")
     try:
-        return tomllib.loads(text)
+        tables = tomllib.loads(text)
     except tomllib.TOMLDecodeError as e:
         raise BadFile(f"{name}: not TOML: {printable(str(e))}") from e
     except ValueError as e:  # a number of thousands of digits
         raise BadFile(f"{name}: a number in it is too long") from e
     except RecursionError as e:
         raise BadFile(f"{name}: brackets in it are nested too deeply") from e
+    _check(tables, name)
+    return tables
+
+
+def _check(tables: dict[str, Any], name: str) -> None:
+    """Raise BadFile for tables that are nested too deeply, or a number that no setting and no scale can have."""
+    left: list[tuple[Any, int]] = [(tables, 0)]
+    while left:
+        value, depth = left.pop()
+        if depth > _DEEPEST:
+            raise BadFile(f"{name}: tables in it are nested too deeply")
+        if isinstance(value, int) and not -_LARGEST <= value < _LARGEST:
+            raise BadFile(f"{name}: a number in it is too long")
+        inner = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+        left += [(one, depth + 1) for one in inner]
 
 
 def read(path: Path) -> dict[str, Any]:
     """The tables of a file; none if it does not exist. Raises BadFile."""
     try:
         with path.open("rb") as file:
-            content = file.read(_LONGEST + 1)
-        if len(content) > _LONGEST:
+            content = file.read(MOST)
+        if len(content) > _LONGEST:  # before its last character, perhaps cut, is looked at
             raise BadFile(f"{path}: more than {_LONGEST} bytes, so no file of settings or of scales")
         return parse(content.decode("utf-8"), str(path))
     except FileNotFoundError:

@@ -108,6 +108,8 @@ def test_a_file_that_a_person_wrote_is_taken():
         ("[a1.axis1]\npositive = 0", "pulse_us"),
         ("[a1.axis1]\npulse_us = 200000\nstep_duty = 255\npositive = -1", "positive is a number above 0"),
         ("[a1.axis1]\npulse_us = 200000\nstep_duty = 255\npositive = inf", "positive"),
+        ("[a1.axis1]\npulse_us = 200000\nstep_duty = 255\npositive = 1e-320", "positive"),  # 1 mrad: inf steps
+        ("[a1.axis1]\npulse_us = 200000\nstep_duty = 255\npositive = 1" + "0" * 400, "too long"),  # no float
         ("[a1.axis1]\npulse_us = 200000\nstep_duty = true", "step_duty"),
         ("[a1]\naxis1 = 3", "not a table"),
         ("a1 = 3", "not a table"),

@@ -193,6 +193,11 @@ def test_settings_come_from_standard_input_too(mount, monkeypatch):
         ("[z]\n", "no 'z'"),
         ("[x]\ntilt = 3", r"x\.tilt"),
         ("[x]\npulse_us = 2020-01-01", r"x\.pulse_us"),
+        ("[x]\npulse_us = 0x" + "F" * 900, "too long"),  # the parser takes it, and nothing can print longer ones
+        ("[x]\na = [\n" + "1,\n" * (1 << 17) + "]", "more than 262144 bytes"),
+        ("a." * 100_000 + "a = 1", "a line of more than 1000"),  # the parser would take an hour
+        ("[x" + ".a" * 100 + "]", "nested too deeply"),
+        ('[x]\npulse_us = """\n' + "A\n" * 1000 + '"""', r"x\.pulse_us is a number, not '.{1,60}$"),
     ],
 )
 def test_a_file_that_is_wrong_is_one_line_that_names_it_before_a_port_is_opened(tmp_path, capsys, text, says):
