@@ -1,5 +1,6 @@
 """The ports of a virtual board: what of a flood is before a stop, and what is left of a client that goes."""
 
+import contextlib
 import os
 import socket
 import threading
@@ -92,6 +93,28 @@ def test_on_a_pty_too_a_stop_overtakes_what_the_board_has_no_room_for(stop):
         writer.join()
         os.close(client)
         port.close()
+
+
+def test_more_than_can_wait_on_a_pty_is_void_and_stops_the_motors(monkeypatch):
+    monkeypatch.setattr(ports, "_WAITING_MOST", 10_000)
+    port = PtyPort()
+    client = os.open(port.address, os.O_RDWR | os.O_NOCTTY)
+    flood = b"02550255" * 5000
+
+    def write_all() -> None:
+        at = 0
+        with contextlib.suppress(OSError):  # the port is closed before all is written
+            while at < len(flood):
+                at += os.write(client, flood[at:])
+
+    writer = threading.Thread(target=write_all)
+    writer.start()
+    try:
+        wait_for(lambda: port.take(0) == b"" and port._waiting.bytes.startswith(b"!?"), "too much to have come")
+    finally:
+        port.close()
+        writer.join()
+        os.close(client)
 
 
 def test_python_that_is_pasted_at_the_prompt_of_a_pty_is_left_as_it_is():

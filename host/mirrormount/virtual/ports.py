@@ -138,8 +138,10 @@ class PtyPort:
     def take(self, most: int, *, at_prompt: bool = False) -> bytes:
         if at_prompt:
             return self._waiting.take(most) or self._read(most)
-        while len(self._waiting.bytes) < _WAITING_MOST and (data := self._read(1 << 16)):
+        while len(self._waiting.bytes) <= _WAITING_MOST and (data := self._read(1 << 16)):
             self._waiting.add(data)
+        if len(self._waiting.bytes) > _WAITING_MOST:  # too much for a stop behind it to be seen in time
+            self._waiting.bytes[:] = b"!?"  # malformed, so the rest of the message that is cut here is not obeyed
         return self._waiting.take(most)
 
     def _read(self, most: int) -> bytes:
