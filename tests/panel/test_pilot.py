@@ -2,6 +2,7 @@
 
 import os
 import threading
+from collections import deque
 
 import pytest
 from served import wait_for
@@ -11,7 +12,8 @@ from mirrormount.link import SerialPort
 from mirrormount.panel.desk import Desk
 from mirrormount.panel.orders import Drive, GoTo, Press, Steps
 from mirrormount.panel.pilot import Pilot
-from mirrormount.panel.presses import HOLD_S
+from mirrormount.panel.presses import HOLD_S, Hold, Presses
+from mountfw import errors as wire
 
 RIGHT = Press(1, 0, 255, False)
 
@@ -105,6 +107,32 @@ def test_a_press_of_a_diagonal_that_one_axis_refuses_stops_the_other(pilot, page
     wait_for(lambda: not moving(pilot), "rest")
     looked(pilot)
     assert pilot.status.x.position < 10 and pilot.status.y.position == 0
+
+
+def test_a_diagonal_run_of_which_the_board_ends_one_axis_does_not_lose_its_release(pilot, page):
+    pilot.call(lambda mount: mount.apply({"y": {"soft_maximum": 3, "checking": 8}})).result(20)
+    pilot.order(page, Press(1, 1, 255, False))
+    wait_for(lambda: any(notice.error == "106" for notice in pilot.notices), "the soft limit of Y")
+    pilot.release(page)
+    wait_for(lambda: not moving(pilot), "the end of the run")
+    assert pilot.status.x.reason == wire.ABORTED  # and not by the run limit
+
+
+def test_a_release_that_comes_while_its_press_leaves_the_queue_is_not_lost():
+    presses = Presses()
+
+    class Queue(deque):
+        """Another thread releases the last press at the worst moment."""
+
+        def popleft(self) -> Hold:
+            hold = super().popleft()
+            if presses.last:
+                presses.last.released = True
+            return hold
+
+    presses._waiting = Queue()
+    presses.add(Hold(Desk().add("here"), RIGHT, 0, 0.0))
+    assert presses.next().released
 
 
 @pytest.fixture

@@ -314,7 +314,9 @@ class Pilot:
         if status.errors_waiting:
             for error in mount.errors():
                 self.say(f"the board says {error.code}: {error.text.lower()}", str(error.code))
-                self.presses.drop()
+            if hold and hold.running and not hold.released and status.moving:
+                self.stop("the board reported an error in a run")  # drop() alone would lose the release
+            self.presses.drop()
         if not status.moving:
             self._stepping = False
             if not self.presses and (not hold or hold.released):

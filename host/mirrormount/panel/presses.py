@@ -62,11 +62,15 @@ class Presses:
 
     def next(self) -> Hold | None:
         """The one whose turn it is; it becomes the current one."""
-        try:
-            self.current = self._waiting.popleft()
-        except IndexError:
+        if not self._waiting:
             return None
-        return self.current
+        try:
+            self.current = hold = self._waiting[0]  # before it leaves the queue: a release must find it at any moment
+            self._waiting.popleft()
+        except IndexError:  # another thread has dropped them meanwhile
+            self.drop()
+            return None
+        return hold
 
     def drop(self) -> None:
         """None waits any more, and none is held."""
