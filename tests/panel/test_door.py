@@ -46,10 +46,10 @@ def close_code(port: int, first: object, **headers: str) -> int:
         return socket.close_code
 
 
-def signed_in(port: int, secret: str) -> tuple[int, str, str]:
+def signed_in(port: int, secret: str, **headers: str) -> tuple[int, str, str]:
     """What posting a code or a token gives: status, cookie, key."""
     connection = http.client.HTTPConnection("127.0.0.1", port)
-    connection.request("POST", "/enter", secret)
+    connection.request("POST", "/enter", secret, headers)
     answer = connection.getresponse()
     cookie = (answer.headers["set-cookie"] or "").partition(";")[0]
     text = answer.read().decode()
@@ -141,6 +141,24 @@ def test_wrong_tokens_are_slowed_down_and_the_right_one_waits_too(wide):
     assert [signed_in(wide.port, f"wrong {i}")[0] for i in range(5)] == [403] * 5
     assert signed_in(wide.port, "wrong")[0] == 429
     assert signed_in(wide.port, code_of(wide))[0] == 429
+
+
+def test_a_header_does_not_make_a_client_another_one(wide):
+    assert [signed_in(wide.port, "wrong", **{"X-Forwarded-For": f"10.0.0.{i}"})[0] for i in range(6)] == [403] * 5 + [
+        429
+    ]
+
+
+def test_the_terminal_names_who_used_the_link_by_its_address(wide):
+    assert signed_in(wide.port, code_of(wide), **{"X-Forwarded-For": "the phone in the lab"})[0] == 200
+    told = next(line for line in wide.process.stdout if not line.startswith("ready "))
+    assert told.startswith("the link was used by 127.0.0.1;")
+
+
+def test_a_first_message_that_is_no_text_or_too_long_is_refused_and_no_fault(panel):
+    assert close_code(panel.port, {"page": "\ud800"}) == 4404
+    assert close_code(panel.port, {"page": "x" * (1 << 16)}) == 1009
+    assert panel.end() == ""
 
 
 def test_a_mistyped_path_is_not_in_the_log(wide, tmp_path):

@@ -85,7 +85,8 @@ class Desk:
 
     def find(self, key: str) -> Page | None:
         """The page of that key, connected or not."""
-        return next((page for page in self._pages if secrets.compare_digest(page.key.encode(), key.encode())), None)
+        given = key.encode("utf-8", "replace")  # JSON may hold half a character
+        return next((page for page in self._pages if secrets.compare_digest(page.key.encode(), given)), None)
 
     def enter(self, page: Page, connection: object) -> None:
         """It has come by this connection; an older one of it counts no more. Who comes first controls."""

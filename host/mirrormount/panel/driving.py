@@ -40,7 +40,7 @@ def routes(desk: Desk, pilot: Pilot, key: str | None) -> APIRouter:
         await socket.accept()
         page, refused = await _introduced(socket, desk, key)
         if page is None:
-            with contextlib.suppress(RuntimeError):
+            with contextlib.suppress(RuntimeError, WebSocketDisconnect):  # it has gone
                 await socket.close(refused)
             return
         tasks = [asyncio.create_task(_tick(socket, desk, pilot))]

@@ -36,6 +36,7 @@ class Server:
             ws_ping_interval=10,
             ws_max_size=_MESSAGE_MOST,
             server_header=False,
+            proxy_headers=False,  # a client says who it is by its address alone: sign-ins are slowed down by it
         )
         self._uvicorn = _Uvicorn(config, pilot)
 
