@@ -10,7 +10,7 @@ import subprocess
 import sys
 
 import pytest
-from served import run_cli, wait_for
+from served import PATIENCE_S, run_cli, wait_for
 
 from mirrormount import Mount, errors
 
@@ -143,10 +143,14 @@ def test_whoever_writes_a_stop_and_leaves_at_once_is_heard(board):
 
 
 def test_a_second_tcp_client_is_told_and_turned_away(board):
-    with Mount.open(board.tcp) as mount:
+    where = ("127.0.0.1", int(board.tcp.rsplit(":", 1)[1]))
+    with socket.create_connection(where, PATIENCE_S) as first:
+        first.sendall(b"1TP?\n")
+        assert first.recv(100) == b"0\r\n"
         with pytest.raises(errors.PortBusy, match="another"):
             Mount.open(board.tcp)
-        assert not mount.status().moving
+        first.sendall(b"1MD?\n")
+        assert first.recv(100) == b"1\r\n"
 
 
 def test_a_second_program_on_the_pty_is_told_that_it_is_busy(board):
