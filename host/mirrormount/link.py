@@ -309,10 +309,11 @@ def _why_not(address: str, e: BaseException) -> CannotOpen:
 
 
 def _which(address: str) -> str:
-    from mirrormount.stop_socket import who_has
+    from mirrormount.stop_socket import owners, who_has
 
     owner = who_has(address)
-    return f": {owner}; `mirrormount stop` goes through it" if owner else ""
+    stoppable = "; `mirrormount stop` goes through it" if owners(address) else ""  # not through any other program
+    return f"{f': {owner}' if owner else ''}{stoppable}"
 
 
 def _errno(e: BaseException | None) -> int | None:

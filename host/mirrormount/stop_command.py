@@ -2,7 +2,7 @@
 
 from mirrormount import stop_socket
 from mirrormount.client import Mount
-from mirrormount.errors import MountError, NoBoardFound
+from mirrormount.errors import MountError, NoBoardFound, PortBusy
 from mirrormount.stop_socket import STOPPED
 
 
@@ -10,24 +10,28 @@ def run(address: str | None) -> None:
     """Stop the mount at address; without one, every mount that this user has open, and the one that is plugged in.
 
     Raises MountError if one of them did not stop, or cannot be known to have; the others are stopped all the same.
+    With several of those, the message has all of them.
     """
     owners = stop_socket.owners(address)
     problems: list[MountError] = []
-    for owner in owners:
-        try:
-            answer = stop_socket.ask(owner)
-        except MountError as e:
-            problems.append(e)
+    for owner, answer in zip(owners, stop_socket.ask_all(owners), strict=True):
+        if isinstance(answer, MountError):
+            problems.append(answer)
         else:
             how = "stopped" if answer == STOPPED else "stop sent; the board was too busy to confirm it"
             print(f"{how} (by {owner}, which has the port)")
     if not owners or address is None:
         try:
             Mount.open(address).close()  # opening stops, and says so if it could not
+        except PortBusy as e:
+            how = "" if address is None else ": without --port it goes to every program of this user that takes one"
+            problems.append(PortBusy(f"{e}; that program takes no stop from here{how}"))
         except MountError as e:
             if not owners or not isinstance(e, NoBoardFound):
                 problems.append(e)
         else:
             print("stopped")
+    if len(problems) > 1:
+        raise MountError("; ".join(str(problem) for problem in problems))
     if problems:
         raise problems[0]

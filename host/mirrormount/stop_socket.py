@@ -6,7 +6,7 @@ program of this user may ask for a stop. `mirrormount stop` does.
     owner = Stoppable([address], write_stop)   # Mount.open and `serve` do this
     owner.close()
 
-    for owner in owners(address): ask(owner)   # what `mirrormount stop` does
+    ask_all(owners(address))                  # what `mirrormount stop` does
     held_here(address)                         # has this very process the port open? (Mount.open asks)
 
 A Stoppable has a thread of its own, and calls write_stop() there: that must write the stop without waiting for
@@ -22,6 +22,7 @@ import stat
 import struct
 import tempfile
 import threading
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -36,6 +37,7 @@ STOPPED = "stopped"  # the board has said that both motors are off
 SENT = "sent"  # the stop was written to the port, and nobody could look what came of it
 _FAILED = "failed: "
 _REQUEST_S = 0.2  # how long one who has connected may take to ask: the next one waits meanwhile
+_AGAIN_S = 0.02  # between two tries where as many ask as can wait
 _ENDING = ".stop"
 _FOLDER_MOST = 68  # bytes: with its name a socket's path may have 103 on macOS, 107 on Linux
 
@@ -50,8 +52,10 @@ def supported() -> bool:
 
 
 def real_name(address: str) -> str:
-    """The one name of a port: a device's path without symlinks, else the address as it is."""
-    return address if "://" in address else os.path.realpath(address)
+    """The one name of a port: a device's path without symlinks, else the address, with a number for this computer."""
+    if "://" in address:
+        return address.rstrip("/").replace("://localhost:", "://127.0.0.1:")
+    return os.path.realpath(address)
 
 
 def held_here(address: str) -> bool:
@@ -110,12 +114,14 @@ class Stoppable:
         first = folder / f"{_key(self._names[0])}.{os.getpid()}.{number}{_ENDING}"
         self._server = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self._paths = [first]
+        _clear(first)
         self._server.bind(str(first))
         first.chmod(0o600)
         self._server.listen(8)
         for name in self._names[1:]:
             other = folder / f"{_key(name)}.{os.getpid()}.{number}{_ENDING}"
             self._paths.append(other)
+            _clear(other)
             os.link(first, other)
         threading.Thread(target=self._serve, args=(self._server,), name="stop socket", daemon=True).start()
 
@@ -160,24 +166,38 @@ def owners(address: str | None = None) -> list[Owner]:
     found: dict[int, Owner] = {}
     pattern = f"{_key(real_name(address)) if address else '*'}.*{_ENDING}"
     for path in sorted(folder.glob(pattern)):
-        try:
+        with contextlib.suppress(OSError, ValueError):  # it has gone meanwhile, or is nothing of ours
             pid = int(path.name.split(".")[1])
-            with _connect(path):  # a frozen program's socket still takes it
-                pass
-        except ConnectionRefusedError:
-            path.unlink(missing_ok=True)
-        except (OSError, ValueError):
-            continue
-        else:
-            found.setdefault(path.stat().st_ino, Owner(pid, command_of(pid), path))
+            if _is_left(path):
+                path.unlink(missing_ok=True)
+            else:
+                found.setdefault(path.stat().st_ino, Owner(pid, command_of(pid), path))
     return list(found.values())
+
+
+def ask_all(asked: Sequence[Owner], timeout_s: float = ANSWER_S) -> list[str | NoAnswer]:
+    """Ask all of them at the same time: one that does not answer delays no other's stop. In their order."""
+    answers: list[str | NoAnswer] = [NoAnswer(f"{owner} was not asked") for owner in asked]
+
+    def ask_one(i: int) -> None:
+        try:
+            answers[i] = ask(asked[i], timeout_s)
+        except NoAnswer as e:
+            answers[i] = e
+
+    threads = [threading.Thread(target=ask_one, args=(i,), daemon=True) for i in range(len(asked))]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    return answers
 
 
 def ask(owner: Owner, timeout_s: float = ANSWER_S) -> str:
     """Ask an owner for a stop. Returns STOPPED or SENT. Raises NoAnswer, naming the process."""
     assert owner.path
     try:
-        with _connect(owner.path) as connection:
+        with _connect(owner.path, timeout_s) as connection:
             connection.settimeout(timeout_s)
             connection.sendall(b"stop\n")
             with connection.makefile("rb") as answers:
@@ -236,15 +256,43 @@ def _key(name: str) -> str:
     return hashlib.sha256(name.encode("utf-8", "surrogateescape")).hexdigest()[:16]
 
 
-def _connect(path: Path) -> socket.socket:
-    connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-    connection.settimeout(ANSWER_S)
+def _connect(path: Path, patience_s: float = 0.0) -> socket.socket:
+    """Raises BlockingIOError if the owner's queue stays full for patience_s."""
+    end = time.monotonic() + patience_s
+    while True:
+        connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        connection.settimeout(ANSWER_S)
+        try:
+            connection.connect(str(path))
+            return connection
+        except BlockingIOError:
+            connection.close()
+            if time.monotonic() > end:
+                raise
+            time.sleep(_AGAIN_S)
+        except BaseException:
+            connection.close()
+            raise
+
+
+def _clear(path: Path) -> None:
+    """Remove what a dead program left, whose process number this one has now (in a container it is often the same)."""
+    with contextlib.suppress(OSError):
+        if _is_left(path):
+            path.unlink(missing_ok=True)
+
+
+def _is_left(path: Path) -> bool:
+    """Did a dead program leave it? Raises OSError for what is no socket."""
+    if not stat.S_ISSOCK(path.lstat().st_mode):
+        raise FileNotFoundError(f"{path}: no socket")
     try:
-        connection.connect(str(path))
-    except BaseException:
-        connection.close()
-        raise
-    return connection
+        with _connect(path):  # a frozen program's socket still takes it,
+            return False
+    except BlockingIOError:  # until its queue is full
+        return False
+    except ConnectionRefusedError:
+        return True
 
 
 def _user(connection: socket.socket) -> int | None:

@@ -12,7 +12,7 @@ import pytest
 from served import PATIENCE_S, run_cli, wait_for
 
 from mirrormount import Mount, errors, stop_socket
-from mirrormount.stop_socket import SENT, STOPPED, Stoppable, ask, held_here, owners
+from mirrormount.stop_socket import SENT, STOPPED, Stoppable, ask, ask_all, held_here, owners
 
 if os.name != "posix":
     pytest.skip("Unix sockets need POSIX", allow_module_level=True)
@@ -195,3 +195,101 @@ def test_stop_imports_next_to_nothing():
     names = set(subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout.split())
     assert not names & {"numpy", "asyncio", "nicegui", "matplotlib", "mpremote", "http", "email", "ssl"}
     assert stop_socket.supported()
+
+
+@pytest.fixture
+def frozen(holder, serve):
+    """Starts a program that has a board open and hangs."""
+
+    def start() -> subprocess.Popen:
+        process = holder(str(serve().link))
+        process.send_signal(signal.SIGSTOP)
+        return process
+
+    return start
+
+
+def test_a_frozen_program_is_named_however_often_it_is_asked(frozen):
+    process = frozen()
+    (owner,) = owners()
+    crowd = [socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) for _ in range(20)]
+    for asker in crowd:
+        asker.setblocking(False)
+        asker.connect_ex(str(owner.path))
+    assert [found.pid for found in owners()] == [process.pid]
+    with pytest.raises(errors.NoAnswer, match=f"process {process.pid} "):
+        ask(owner, 0.1)
+    for asker in crowd:
+        asker.close()
+
+
+def test_frozen_programs_delay_no_others_stop_and_each_of_them_is_named(frozen, serve, holder):
+    hang = [frozen(), frozen()]
+    board = serve()
+    holder(str(board.link), "m.send('1XM60000;2XM60000'); m.x.jog(1)")
+    wait_for(board.driving, "the motor to run")
+    run = run_cli("stop")
+    assert not board.driving() and run.returncode == 1 and run.stdout.count("stopped (by") == 1
+    assert all(f"process {process.pid} " in run.stderr for process in hang) and run.stderr.count("\n") == 1
+
+
+def test_all_are_asked_at_once():
+    together = threading.Barrier(3)
+
+    def stop() -> str:
+        together.wait(PATIENCE_S)  # breaks if one is asked after the other
+        return STOPPED
+
+    asked = [Stoppable([f"/dev/ttyTEST{i}"], stop) for i in range(3)]
+    try:
+        assert ask_all(owners(), PATIENCE_S) == [STOPPED] * 3
+    finally:
+        for owner in asked:
+            owner.close()
+
+
+def test_a_socket_left_by_a_dead_program_of_the_same_number_is_in_nobodys_way(runtime):
+    Stoppable(["/dev/ttyTEST"], lambda: SENT).close()
+    names = ["/dev/ttyTEST", "socket://127.0.0.1:1"]
+    for name in names:
+        path = runtime / f"{stop_socket._key(name)}.{os.getpid()}.{stop_socket._count + 1}.stop"
+        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as dead:
+            dead.bind(str(path))
+    owner = Stoppable(names, lambda: STOPPED)
+    try:
+        assert owner.why_not is None
+        assert [ask(found) for found in owners("socket://127.0.0.1:1")] == [STOPPED]
+    finally:
+        owner.close()
+
+
+def test_what_is_no_socket_is_left_alone_and_stops_no_stop(runtime):
+    owner = Stoppable(["/dev/ttyTEST"], lambda: STOPPED)
+    try:
+        (runtime / "aa.1.1.stop").mkdir()
+        (runtime / "bb.1.1.stop").write_text("a file")
+        assert [ask(found) for found in owners()] == [STOPPED]
+        assert (runtime / "bb.1.1.stop").read_text() == "a file"
+    finally:
+        owner.close()
+
+
+@pytest.mark.parametrize("name", ["socket://localhost:1", "socket://127.0.0.1:1/"])
+def test_a_served_board_goes_by_each_name_of_this_computer(name):
+    owner = Stoppable(["socket://127.0.0.1:1"], lambda: STOPPED)
+    try:
+        assert len(owners(name)) == 1
+    finally:
+        owner.close()
+
+
+def test_of_a_program_that_takes_no_stop_none_is_promised(board, holder):
+    code = "import serial, sys; s = serial.Serial(sys.argv[1], exclusive=True); print('ready', flush=True); input()"
+    with subprocess.Popen(
+        [sys.executable, "-c", code, str(board.link)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as other:
+        assert other.stdout.readline() == "ready\n"
+        run = run_cli("stop", "--port", str(board.link))
+        other.communicate("\n")
+    assert run.returncode == 1 and f"process {other.pid} " in run.stderr
+    assert "takes no stop" in run.stderr and "goes through it" not in run.stderr
