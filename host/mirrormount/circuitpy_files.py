@@ -22,7 +22,7 @@ _DEVICES = re.compile(r"(?:con|prn|aux|nul|conin\$|conout\$|com[0-9¹²³]|lpt[0
 _LONGEST_NAME = 255
 _DEEPEST = 8  # folders below one another; the firmware has two
 _MOST_FILES = 5_000
-_MOST_BYTES = 16 << 20  # of one file: more than the flash of any board
+_MOST_BYTES = 16 << 20  # of one file, or of all together: more than the flash of any board
 _GONE = (errno.ENOENT, errno.ENOTEMPTY, errno.EEXIST)
 _IS_A_LINK = (errno.ELOOP, errno.ENOTDIR, errno.EMLINK)  # what systems answer to O_NOFOLLOW
 
@@ -65,6 +65,17 @@ class Files:
         if len(content) > _MOST_BYTES:
             raise WrongDrive(f"{printable(path)} on the drive is larger than a board's flash: nothing was changed")
         return content
+
+    def contents(self, paths: list[str]) -> dict[str, bytes]:
+        """{path: content}; together they are no more than a board's flash has room for."""
+        found: dict[str, bytes] = {}
+        left = _MOST_BYTES
+        for path in paths:
+            found[path] = self.read(path)
+            left -= len(found[path])
+            if left < 0:
+                raise WrongDrive("the drive holds more than a board's flash: nothing was changed")
+        return found
 
     def write(self, path: str, content: bytes) -> None:
         """Write a file in its place."""

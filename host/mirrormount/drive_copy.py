@@ -47,7 +47,7 @@ def survey(files: Files) -> tuple[dict[str, str], dict[str, int], Manifest]:
         paths = [path for path in files.listed() if path.lower().startswith((*PROGRAMS, "code.txt"))]
         for folder in ("mountfw", "lib/adafruit_motor"):
             paths += files.listed(folder)
-        content = {_name(path): files.read(path) for path in paths}
+        content = {_name(path): text for path, text in files.contents(paths).items()}
     hashes = {name: hashlib.sha256(text).hexdigest() for name, text in content.items()}
     return hashes, {name: len(text) for name, text in content.items()}, read_manifest(content.get(MANIFEST, b""))
 

@@ -110,6 +110,15 @@ def test_a_pipe_in_place_of_a_file_is_refused_and_not_waited_for(board, place):
         deploy(Options(drive=board.root))
 
 
+def test_files_that_no_flash_has_room_for_are_not_all_taken_into_memory(board, monkeypatch):
+    (board.root / "mountfw").mkdir()
+    for name in "abc":
+        (board.root / "mountfw" / f"{name}.py").write_bytes(b"#" * 500_000)
+    monkeypatch.setattr(circuitpy_files, "_MOST_BYTES", 1_000_000)
+    with pytest.raises(errors.WrongDrive, match="more than a board's flash"):
+        deploy(Options(drive=board.root))
+
+
 @pytest.mark.usefixtures("way")
 @pytest.mark.parametrize("operation", ["read", "write", "remove", "rename", "renamed to", "make_folder", "exists"])
 @pytest.mark.parametrize("path", ["../secret/app.py", "mountfw/../../secret/app.py", "/etc/passwd", "link/app.py"])
