@@ -119,9 +119,13 @@ def start_watchdog():
 
 
 def stop_watchdog():
-    """Nobody feeds any more: at the prompt, in a deploy. MicroPython has no verb for it."""
+    """Nobody feeds any more: at the prompt, in a deploy. MicroPython has no verb for it.
+
+    The mark goes as well: a soft reset keeps reset_cause() of the reset before it, which need not have been a hang.
+    """
     if _watchdog_registers:
         machine.mem32[_watchdog_registers + _CLEAR] = _ENABLE
+        machine.mem32[_watchdog_registers + _SCRATCH4] = 0
 
 
 def collect():

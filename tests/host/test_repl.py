@@ -233,7 +233,7 @@ def test_an_end_stop_of_one_axis_ends_the_drive_of_both(prompt):
         "m.x.step(True)",
         "m.x.step(None)",
         "m.x.step(1000001)",
-        "m.x.step(-601)",
+        "m.x.step(-1000001)",
         "m.y.move_to('here')",
         "m.y.move_to(10**30)",
         "m.y.jog('fast', ms=100)",
@@ -287,6 +287,19 @@ def test_a_firmware_that_was_cut_off_anyhow_is_taken_over_at_rest(board):
     assert "steps (unknown)" in board.type("m.status()").splitlines()[1]
     assert board.type("m.y.step(1)") == ""
     assert board.lengths("m1_pos") == pytest.approx([STEP_US], abs=20)
+
+
+def test_a_soft_reset_from_the_prompt_is_not_taken_for_the_hang_or_the_reset_before_it(board):
+    board.interrupt()
+    board.send(b"import machine; machine.reset()\r")
+    board.run(2_000_000)
+    board.interrupt()
+    board.send(b"\x04")
+    board.run(2_000_000)
+    board.received.clear()
+    board.send(b"TB?;XH?\n")
+    assert board.run(1_000_000, lambda: board.received.endswith(b"\n"))
+    assert board.received.startswith(b"0, NO ERROR DETECTED; ") and board.received.strip().endswith(b",2")
 
 
 def test_it_needs_no_firmware_that_has_run(board):
