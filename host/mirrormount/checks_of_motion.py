@@ -32,6 +32,7 @@ def one_step(axis: Axis, n: int) -> str:
 
 def stop(mount: Mount, axis: Axis) -> str:
     """A stop ends a move that is under way."""
+    _rest(mount, axis)
     axis.step(-_long_move(axis), wait=False)
     mount.link.sleep(0.05)
     mount.stop()
@@ -41,6 +42,7 @@ def stop(mount: Mount, axis: Axis) -> str:
 
 def keep_alive(mount: Mount, axis: Axis) -> str:
     """A move ends when its host falls silent, and the board says so."""
+    _rest(mount, axis)
     mount.send(f"XK{_KEEP_ALIVE_MS};{axis.number}PR{_long_move(axis)}")
     mount.link.sleep(4 * _KEEP_ALIVE_MS / 1000)
     _must_be(axis.wait(), wire.KEEP_ALIVE)
@@ -56,6 +58,14 @@ def _long_move(axis: Axis) -> int:
     return math.ceil(1 / max(1 / float(velocity), int(pulse_us) * 1e-6)) + 1
 
 
+def _rest(mount: Mount, axis: Axis) -> None:
+    """Wait for the end of the last step's rest: a move that begins in it is ended before the motor has drive."""
+    pulse_us, velocity = axis.ask("XP?", "VA?")
+    mount.link.sleep(max(1 / float(velocity), int(pulse_us) * 1e-6) + 0.01)
+
+
 def _must_be(ended: Ended, reason: int) -> None:
     if ended.reason != reason:
         raise Wrong(f"the move ended as {REASONS[ended.reason]!r}, not as {REASONS[reason]!r}: report it")
+    if not ended.on_time_s:
+        raise Wrong("the move ended before the motor had drive, so nothing was tested: run it again")

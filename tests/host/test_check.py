@@ -3,6 +3,7 @@
 import pytest
 
 from mirrormount import Mount, checks_of_motion, cli, errors
+from mirrormount.axis import Axis
 from mirrormount.check_command import run
 from mirrormount.found import Wrong
 
@@ -127,7 +128,7 @@ def test_other_files_than_this_hosts_are_told(mount, capsys, monkeypatch):
 
 def test_a_step_that_drives_for_another_time_than_it_should_is_wrong(mount, monkeypatch):
     ask_whole = mount.x.ask_whole
-    monkeypatch.setattr(mount.x, "ask_whole", lambda *q: [198_500, 0] if q == ("XP?", "XB?") else ask_whole(*q))
+    monkeypatch.setattr(Axis, "ask_whole", lambda _, *q: [198_500, 0] if q == ("XP?", "XB?") else ask_whole(*q))
     with pytest.raises(Wrong, match="not 198500 us"):
         checks_of_motion.one_step(mount.x, 1)
 
@@ -138,6 +139,19 @@ def test_a_keep_alive_that_does_not_act_is_wrong_and_the_axis_is_at_rest_after_i
     with pytest.raises(Wrong, match="keep-alive lost"):
         checks_of_motion.keep_alive(mount, mount.x)
     assert not mount.status().moving
+
+
+def test_the_moves_that_are_ended_have_drive_when_they_end(mount, capsys):
+    """In the rest after a step there is none: an end there shows nothing of the motor."""
+    check(mount, capsys, move=True)
+    assert [pin for _, pin, _ in drives(mount)] == ["m2_en"] * 4 + ["m1_en"] * 4
+
+
+def test_a_move_that_ends_before_the_motor_has_drive_is_no_test(mount, monkeypatch):
+    monkeypatch.setattr(checks_of_motion, "_rest", lambda *_: None)
+    mount.x.step(1)
+    with pytest.raises(Wrong, match="nothing was tested"):
+        checks_of_motion.stop(mount, mount.x)
 
 
 def test_a_move_into_a_switch_fails_and_the_other_axis_is_still_tested(mount, capsys):
