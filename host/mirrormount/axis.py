@@ -27,6 +27,8 @@ _SOFT_LIMITS_CHECKED = 8  # the bit of ZH
 class Axis:
     """One axis of a Mount: x (right positive) or y (up positive)."""
 
+    __slots__ = ("_deadline", "_mount", "name", "number")  # another name that is set is an error, not lost
+
     def __init__(self, mount: "Mount", name: str, number: int) -> None:
         self._mount = mount
         self.name = name
@@ -164,6 +166,8 @@ class Axis:
 
     @limits.setter
     def limits(self, limits: Limits) -> None:
+        if not isinstance(limits, Limits):  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise BadValue(f"soft limits are Limits(minimum, maximum), not {limits!r}")
         if limits.minimum > limits.maximum:
             raise BadValue(
                 f"a soft minimum of {limits.minimum} above the maximum of {limits.maximum} forbids everything"
@@ -197,7 +201,7 @@ class Axis:
         as in Mount.drive().
         """
         if isinstance(speed, bool) or not isinstance(speed, int | float) or not 0 < abs(speed) <= 1:
-            raise BadValue(f"a jog's speed is a number within -1 … 1 and not 0, not {speed!r}")
+            raise BadValue(f"a jog's speed is a number within -1 … 1 other than 0, not {speed!r}")
         duty = round(abs(speed) * 255)
         if duty == 0:
             raise BadValue(f"a jog's speed comes in steps of 1/255: {speed!r} is none")

@@ -168,6 +168,7 @@ class Mount:
 
         A motion that another thread is about to start does not start after it. Raises ConnectionLost.
         """
+        self._check_open()
         with self._gate:
             self._stops += 1
             self._feeding.clear()
@@ -320,7 +321,12 @@ class Mount:
 
     def _exchange(self, data: bytes, gate: contextlib.AbstractContextManager[object] | None = None) -> str:
         """Send, and return the board's next line, safe to print."""
+        self._check_open()
         return printable(self.link.ask(data, _ANSWER_S, gate), _LONGEST_ANSWER)
+
+    def _check_open(self) -> None:
+        if self._closed:
+            raise ConnectionLost("this Mount was closed: open it again")
 
     def _send(self, line: str, gate: contextlib.AbstractContextManager[object] | None = None) -> str:
         with self.link.lock:

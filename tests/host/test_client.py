@@ -99,17 +99,36 @@ def test_without_waiting_a_position_is_whole(mount):
     assert mount.x.position == 1
 
 
-def test_a_stop_between_the_steps_and_the_last_pulse_keeps_that_from_starting(mount):
+def test_a_stop_between_the_steps_and_the_last_pulse_keeps_that_from_starting(mount, monkeypatch):
     stepped = type(mount.x)._wait_until_done
 
     def wait_and_stop(*arguments):
-        stepped(mount.x, *arguments)
+        stepped(*arguments)
         mount.stop()
 
-    mount.x._wait_until_done = wait_and_stop
+    monkeypatch.setattr(type(mount.x), "_wait_until_done", wait_and_stop)
     with pytest.raises(errors.MoveEnded):
         mount.x.move_to(1.5)
     assert len(pulses(mount, "m2_pos")) == 1
+
+
+def test_a_mount_that_was_closed_says_so_and_not_that_the_board_has_gone():
+    mount = Mount.open("virtual://?speed=max")
+    mount.close()
+    for call in (mount.stop, mount.status, lambda: mount.x.step(1), lambda: mount.drive(1, 1)):
+        with pytest.raises(errors.ConnectionLost, match="this Mount was closed"):
+            call()
+
+
+def test_a_setting_that_an_axis_has_not_is_no_place_to_keep_a_number(mount):
+    with pytest.raises(AttributeError, match="velocity"):
+        mount.x.velocity = 1
+
+
+def test_soft_limits_that_are_no_limits_are_one_line(mount):
+    for wrong in ((-4, 4), None, 5):
+        with pytest.raises(errors.BadValue, match=r"Limits\(minimum, maximum\)"):
+            mount.x.limits = wrong
 
 
 def test_a_jog_runs_at_its_duty_until_stopped_and_leaves_the_stored_duty_alone(mount):
