@@ -154,6 +154,6 @@ def _how_it_ended(mount: Mount, axes: Sequence[Axis], limit_s: float) -> str:
         names = " and ".join(f"{axis.name}.run_limit_ms" for axis in axes)
         return f" (the run limit of {limit_s:g} s has ended it: setting {names})"
     whys = [f"{axis.name}: {REASONS.get(reason, reason)}" for axis, reason in zip(axes, reasons, strict=True)]
-    ended = MountError(f"the motion ended by itself: {'; '.join([*whys, *map(str, errors)])}")
+    ended = MountError(f"the motion ended early: {'; '.join([*whys, *map(str, errors)])}")
     ended.codes = tuple(error.code for error in errors)
     raise ended
