@@ -181,8 +181,8 @@ REMEDIES = {
         "mirrormount deploy: bring-up.md.",
     ),
     "ConnectionLost": Remedy(
-        "The port has gone (cable, power, the program that served it), or the board has restarted. The "
-        "board's keep-alive stops what was moving.",
+        "The port has gone (cable, power, the program that served it), the board has restarted, or this Mount "
+        "was closed (its with block has ended). The board's keep-alive stops what was moving.",
         "Plug it in and open it again. Positions start anew after a restart.",
     ),
     "NoAnswer": Remedy(
