@@ -81,6 +81,8 @@ class Server:
         self._asked: list[threading.Event] = []  # by other programs, for a stop: to be set when the board is at rest
         self._confirming: list[threading.Event] = []
         self._stoppable = Stoppable([self._address, door.address], self._stop_for_another_program)
+        if self._stoppable.why_not:
+            _say(f"`mirrormount stop` does not get through this program: {self._stoppable.why_not}")
 
     def look(self) -> None:
         """Wait for news and do what they ask for, once round. Raises ConnectionLost if the board stays away."""

@@ -2,7 +2,7 @@
 
 from mirrormount import stop_socket
 from mirrormount.client import Mount
-from mirrormount.errors import MountError, NoBoardFound, PortBusy
+from mirrormount.errors import MountError, NoAnswer, NoBoardFound, PortBusy
 from mirrormount.stop_socket import STOPPED
 
 
@@ -14,6 +14,8 @@ def run(address: str | None) -> None:
     """
     owners = stop_socket.owners(address)
     problems: list[MountError] = []
+    if not address and (why := stop_socket.why_none()):
+        problems.append(NoAnswer(f"no program that has a port open can be asked for a stop: {why}"))
     for owner, answer in zip(owners, stop_socket.ask_all(owners), strict=True):
         if isinstance(answer, MountError):
             problems.append(answer)
@@ -24,7 +26,8 @@ def run(address: str | None) -> None:
         try:
             Mount.open(address).close()  # opening stops, and says so if it could not
         except PortBusy as e:
-            how = "" if address is None else ": without --port it goes to every program of this user that takes one"
+            why = stop_socket.why_none() or "without --port it goes to every program of this user that takes one"
+            how = "" if address is None else f": {why}"
             problems.append(PortBusy(f"{e}; that program takes no stop from here{how}"))
         except MountError as e:
             if not owners or not isinstance(e, NoBoardFound):

@@ -175,6 +175,16 @@ def owners(address: str | None = None) -> list[Owner]:
     return list(found.values())
 
 
+def why_none() -> str | None:
+    """What keeps programs of this user from being asked; None if nothing does."""
+    try:
+        if supported():
+            make_folder()
+    except (OSError, MountError) as e:
+        return str(e)
+    return None
+
+
 def ask_all(asked: Sequence[Owner], timeout_s: float = ANSWER_S) -> list[str | NoAnswer]:
     """Ask all of them at the same time: one that does not answer delays no other's stop. In their order."""
     answers: list[str | NoAnswer] = [NoAnswer(f"{owner} was not asked") for owner in asked]

@@ -293,3 +293,12 @@ def test_of_a_program_that_takes_no_stop_none_is_promised(board, holder):
         other.communicate("\n")
     assert run.returncode == 1 and f"process {other.pid} " in run.stderr
     assert "takes no stop" in run.stderr and "goes through it" not in run.stderr
+
+
+def test_a_folder_that_is_not_this_users_is_said_and_not_used(runtime, tmp_path):
+    runtime.symlink_to(tmp_path)
+    run = run_cli("stop")
+    assert run.returncode == 1 and f"{runtime} belongs to somebody else" in run.stderr
+    owner = Stoppable(["/dev/ttyTEST"], lambda: SENT)
+    owner.close()
+    assert owner.why_not == f"{runtime} belongs to somebody else" and list(tmp_path.iterdir()) == []
