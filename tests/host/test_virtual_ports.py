@@ -73,7 +73,7 @@ def test_a_browser_is_closed_and_leaves_nothing(port, client):
     wait_for(lambda: port.take(100) == b"" and not port.connected(), "the browser to be closed")
 
 
-@pytest.mark.parametrize("stop", [b"!", b"00000000"])
+@pytest.mark.parametrize("stop", [b"!", b"00000000", b"\x03"])
 def test_on_a_pty_too_a_stop_overtakes_what_the_board_has_no_room_for(stop):
     port = PtyPort()
     client = os.open(port.address, os.O_RDWR | os.O_NOCTTY)

@@ -28,6 +28,7 @@ class Waiting:
         waited = len(self.bytes)
         self.bytes += data
         stop = max(self.bytes.rfind(b"!", waited), self.bytes.rfind(b"00000000", max(0, waited - 7)))
+        stop = max(stop, self.bytes.rfind(b"\x03", waited))  # Ctrl-C: it turns off as well
         if stop > BUFFER:
             self.bytes[:stop] = b"!\n"  # the board may be in the middle of a message: this ends it
 
