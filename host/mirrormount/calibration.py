@@ -86,7 +86,7 @@ def write(board_id: str, scales: Mapping[int, Scale]) -> Path:
         measured = {"positive": scale.positive, "negative": scale.negative}
         board[f"axis{axis}"] = {k: v for k, v in measured.items() if v is not None} | asdict(scale.step)
     # a link in the user's own folder of settings is the user's: the file that it leads to is written
-    toml_file.write(path().resolve(), toml_file.text(tables, _HEADING))
+    toml_file.write(path().resolve(), toml_file.text(tables, _HEADING), make_folder=True)
     return path()
 
 

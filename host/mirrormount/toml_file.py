@@ -99,10 +99,10 @@ def _value(value: object) -> str:
     raise BadFile(f"{value!r} is none of the values that these files hold: number, truth value, text")
 
 
-def write(path: Path, content: str) -> None:
+def write(path: Path, content: str, *, make_folder: bool = False) -> None:
     """Put content into a file: it then holds the old or the new, never a part.
 
-    Nothing is written through a link. Raises CannotWrite.
+    Nothing is written through a link. A folder is made only if make_folder says so. Raises CannotWrite.
     """
     new = None
     try:
@@ -110,7 +110,8 @@ def write(path: Path, content: str) -> None:
             raise CannotWrite(f"cannot write {path}: it is a link; name the file itself")
         if not path.name or (path.exists() and not path.is_file()):
             raise CannotWrite(f"cannot write {path}: it is not a file")
-        path.parent.mkdir(parents=True, exist_ok=True)
+        if make_folder:
+            path.parent.mkdir(parents=True, exist_ok=True)
         descriptor, name = tempfile.mkstemp(prefix=f".{path.name[:80]}.", dir=path.parent)
         new = Path(name)  # made by us alone: nobody can have put a link in its place
         with os.fdopen(descriptor, "w", encoding="utf-8") as file:

@@ -229,9 +229,10 @@ def test_wrong_words_are_one_line_before_a_port_is_opened(words, says, capsys):
 
 def test_a_place_that_cannot_be_written_is_one_line(mount, tmp_path):
     (tmp_path / "file").touch()
-    for place in (tmp_path, tmp_path / "file" / "mine.toml"):
+    for place in (tmp_path, tmp_path / "file" / "mine.toml", tmp_path / "absent" / "mine.toml"):
         with pytest.raises(errors.CannotWrite):
             export(mount, str(place))
+    assert not (tmp_path / "absent").exists()
 
 
 def test_get_and_set_from_the_shell(capsys):
