@@ -24,8 +24,8 @@ def one_line(run: subprocess.CompletedProcess) -> str:
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("[x]\nvelocity = " + "7" * 5000, "too long"),
-        ("[x]\npulse_us = " + "[" * 20_000, "nested too deeply"),
+        ("[x]\nvelocity = " + "7" * 900, "too long"),
+        ("[x]\npulse_us = " + "[\n" * 20_000, "nested too deeply"),
         ('["\\u001b[2J"]\na = 1\n', r"\x1b[2J"),
         ('[x]\n"\\u001b[2J" = 1\n', r"\x1b[2J"),
         ('[x]\npulse_us = "\\u001b[2J"\n', r"\x1b[2J"),
