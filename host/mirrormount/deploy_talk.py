@@ -11,7 +11,7 @@ from mirrormount.link import Link
 from mirrormount.printable import printable
 
 STATUS = re.compile(r"\d+,\d+,\d+((?:\|-?\d+,[01],-?\d+,\d+,\d+,\d+)+)")
-_ANSWER_S = 1.0
+_ANSWER_S = 3.0
 _ADDRESS = b"01>"  # the board's own, spelled as nobody else does: it comes back with the answers
 
 

@@ -1,6 +1,7 @@
 """What else may answer at a port: a prompt, a board without firmware, the paper's sketch, an instrument."""
 
 import shutil
+import contextlib
 import socket
 import threading
 from collections.abc import Callable, Iterator
@@ -26,7 +27,7 @@ def answering(answer: Callable[[bytes], bytes]) -> Iterator[str]:
 
     def run() -> None:
         client, _ = server.accept()
-        with client:
+        with client, contextlib.suppress(ConnectionError):  # the client may go with an answer unread
             while data := client.recv(4096):
                 client.sendall(answer(data))
 
