@@ -13,7 +13,7 @@ from mirrormount.printable import printable
 from mirrormount.progress import Progress
 from mirrormount.remote import Mpremote
 
-_BACK_S = 60.0  # how long a board may take to come back from its reset: one takes about 1 s, USB some more, an emulated one many
+_BACK_S = 60.0  # how long a board may take to come back from its reset: about 1 s, an emulated one more
 _START_S = 15.0  # how long a firmware that fails may take to fail
 _BANNER = re.compile(r"^(MicroPython |Type \"help|>>>|Adafruit CircuitPython )", re.MULTILINE)
 

@@ -1,7 +1,7 @@
 """What else may answer at a port: a prompt, a board without firmware, the paper's sketch, an instrument."""
 
-import shutil
 import contextlib
+import shutil
 import socket
 import threading
 from collections.abc import Callable, Iterator
