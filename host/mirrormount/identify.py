@@ -1,4 +1,4 @@
-"""Who is there? The first words to a board. Imports errors, link, printable."""
+"""Who is there? The first words to a board. Imports errors, link, printable, telnet."""
 
 from mirrormount.errors import (
     AtPrompt,
@@ -12,6 +12,7 @@ from mirrormount.errors import (
 )
 from mirrormount.link import Link
 from mirrormount.printable import printable
+from mirrormount.telnet import GREETING
 
 # what those who serve a board say to a client that they turn away
 TAKEN = "mirrormount: this board has a client already"
@@ -20,6 +21,7 @@ AT_PROMPT = "mirrormount: the board is at its Python prompt, which is not served
 TOKEN_REFUSED = "mirrormount: the first line must be the token"
 
 _ANSWER_S = 1.0
+_SERVED_ANSWER_S = 5.0  # behind a greeting: `serve` brings the board to rest first, late on a busy computer
 
 
 def identify(link: Link) -> str:
@@ -29,9 +31,10 @@ def identify(link: Link) -> str:
     """
     try:
         link.write(b"!\n")
-        _check_served(link.drain(0.1).decode("ascii", "replace"))
+        before = link.drain(0.1)
+        _check_served(before.decode("ascii", "replace"))
         link.write(b"*IDN?\n")
-        answer = link.read_line(_ANSWER_S)
+        answer = link.read_line(_SERVED_ANSWER_S if GREETING in before else _ANSWER_S)
         if answer.endswith("soft reboot"):  # it is just starting
             answer = link.read_line(_ANSWER_S)
     except ConnectionLost as e:

@@ -1,6 +1,7 @@
 """What else may answer at a port: a prompt, a board without firmware, the paper's sketch, an instrument."""
 
 import contextlib
+import math
 import shutil
 import socket
 import threading
@@ -13,8 +14,10 @@ from tempfile import TemporaryDirectory
 import pytest
 
 from mirrormount import Mount, errors
+from mirrormount.identify import identify
 from mirrormount.link import Link
 from mirrormount.sketch import SketchMount
+from mirrormount.telnet import GREETING
 from mirrormount.virtual import machines
 from mirrormount.virtual.stepped import Stepped
 from mirrormount.virtual.world import World
@@ -43,6 +46,44 @@ def answering(answer: Callable[[bytes], bytes]) -> Iterator[str]:
 def test_silence_is_not_a_mount():
     with answering(lambda data: b"") as address, pytest.raises(errors.NotAMount, match="nothing answers"):
         Mount.open(address)
+
+
+class LatePort:
+    """What `serve` on a busy computer is like, with a clock of its own: a greeting at once, the first answer later."""
+
+    lockstep = True
+
+    def __init__(self, greeting: bytes, late_s: float) -> None:
+        self._now_s, self._late_s = 0.0, late_s
+        self._coming = [(0.0, greeting)]  # when, and what
+
+    def monotonic(self) -> float:
+        return self._now_s
+
+    def read(self, timeout_s: float) -> bytes:
+        at_s, data = self._coming[0] if self._coming else (math.inf, b"")
+        if at_s > self._now_s + timeout_s:
+            self._now_s += timeout_s
+            return b""
+        self._now_s = max(self._now_s, at_s)
+        del self._coming[0]
+        return data
+
+    def write(self, data: bytes) -> None:
+        if data == b"*IDN?\n":
+            self._coming.append((self._now_s + self._late_s, b"mirrormount,a board,1234,0.0.0\r\n"))
+
+    def close(self) -> None:
+        pass
+
+
+def test_a_served_board_that_is_still_brought_to_rest_is_waited_for():
+    assert identify(Link(LatePort(GREETING, late_s=4.0))) == "mirrormount,a board,1234,0.0.0"
+
+
+def test_a_port_that_does_not_greet_is_given_up_sooner():
+    with pytest.raises(errors.NotAMount, match="nothing answers"):
+        identify(Link(LatePort(b"", late_s=4.0)))
 
 
 def test_another_instrument_is_not_a_mount():
