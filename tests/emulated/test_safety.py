@@ -46,7 +46,7 @@ def test_a_loop_that_hangs_with_a_motor_on_is_reset_and_the_next_one_says_so(mak
     boot, _, waiting = state(board)
     assert boot != boot_id
     assert waiting == b"1"
-    assert board.ask(b"TB?\n") == b"66, FIRMWARE HAD HUNG, BOARD WAS RESET\r\n"
+    assert board.ask(b"TB?\n") == b"66, FIRMWARE HAD HUNG: BOARD WAS RESET\r\n"
     assert reset_cause(board) == 3
     assert board.off()
 
