@@ -308,3 +308,12 @@ def test_cmd_lets_go_of_an_arrow_key(page, board):
     page.keyboard.down("Meta")
     wait_for_rest(board)
     assert on_times_us(board, "m2_en")[-1] < 9_000_000  # not by the run limit
+
+
+@pytest.mark.parametrize("event", ["contextmenu", "dragstart"])
+def test_what_takes_the_keys_from_the_page_lets_go_of_an_arrow_key(page, board, event):
+    page.keyboard.down("ArrowRight")
+    wait_for_run(board)
+    page.locator("header").dispatch_event(event)
+    wait_for_rest(board)
+    assert on_times_us(board, "m2_en")[-1] < 9_000_000  # not by the run limit

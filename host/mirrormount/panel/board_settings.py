@@ -51,7 +51,8 @@ class BoardSettings:
         def change(mount: Mount) -> None:
             before = mount.settings()
             work(mount)
-            self._before = mount.board_id, before
+            if mount.settings() != before:  # a second click on Factory keeps what the first one has replaced
+                self._before = mount.board_id, before
 
         await self.change(change)
 

@@ -156,7 +156,11 @@
   for (const kind of ["pointerup", "pointercancel", "lostpointercapture"]) {
     document.addEventListener(kind, (event) => held?.by === event.pointerId && letGo());
   }
-  document.addEventListener("contextmenu", (event) => event.target.closest?.("[data-press]") && event.preventDefault());
+  document.addEventListener("contextmenu", (event) => {
+    if (event.target.closest?.("[data-press]")) event.preventDefault();
+    else letGo(); // the menu takes the keys: one that comes up over it is not told to the page
+  });
+  document.addEventListener("dragstart", letGo); // and so does what is dragged
   document.addEventListener("click", (event) => {
     if (event.target.closest?.("[data-stop]")) stop(); // a screen reader clicks, and presses nothing
     const element = event.target.closest?.("[data-send]");
