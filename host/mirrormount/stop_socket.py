@@ -15,6 +15,7 @@ port that is in use can be stopped by its own program only.
 """
 
 import contextlib
+import errno
 import hashlib
 import os
 import socket
@@ -38,6 +39,7 @@ SENT = "sent"  # the stop was written to the port, and nobody could look what ca
 _FAILED = "failed: "
 _REQUEST_S = 0.2  # how long one who has connected may take to ask: the next one waits meanwhile
 _AGAIN_S = 0.02  # between two tries where as many ask as can wait
+_PASSING = (errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.ECONNABORTED)  # too many files open, or the asker has gone
 _ENDING = ".stop"
 _FOLDER_MOST = 68  # bytes: with its name a socket's path may have 103 on macOS, 107 on Linux
 
@@ -129,8 +131,11 @@ class Stoppable:
         while True:
             try:
                 asker, _ = server.accept()
-            except OSError:  # closed
-                return
+            except OSError as e:
+                if e.errno not in _PASSING:
+                    return  # closed
+                time.sleep(_REQUEST_S)  # nothing tells when there is room again
+                continue
             with asker, contextlib.suppress(OSError):  # it has gone
                 asker.settimeout(_REQUEST_S)
                 if _user(asker) in (None, os.getuid(), 0) and asker.recv(16).startswith(b"stop"):

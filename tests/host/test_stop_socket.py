@@ -1,5 +1,6 @@
 """A stop that another program asks for while a port is in use: who may, how it gets through, and what it says."""
 
+import errno
 import os
 import signal
 import socket
@@ -302,3 +303,26 @@ def test_a_folder_that_is_not_this_users_is_said_and_not_used(runtime, tmp_path)
     owner = Stoppable(["/dev/ttyTEST"], lambda: SENT)
     owner.close()
     assert owner.why_not == f"{runtime} belongs to somebody else" and list(tmp_path.iterdir()) == []
+
+
+def test_a_program_that_has_too_many_files_open_takes_stops_again_when_it_has_closed_some(monkeypatch):
+    took = threading.Event()
+    accept, refused = socket.socket.accept, []
+
+    def accept_later(server):
+        if not refused:
+            refused.append(server)
+            raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
+        return accept(server)
+
+    def stop() -> str:
+        took.set()
+        return STOPPED
+
+    monkeypatch.setattr(socket.socket, "accept", accept_later)
+    owner = Stoppable(["/dev/nothing"], stop)
+    try:
+        assert ask(owners("/dev/nothing")[0]) == STOPPED
+        assert refused and took.is_set()
+    finally:
+        owner.close()
