@@ -116,7 +116,7 @@ def test_the_emergency_stop_cuts_both_drives_and_latches(make_board):
     board.send(b"02550255")
     board.run(20_000)
     assert board.off()
-    board.send(b"*RST\n02540254")  # the same frame again could be the board's own reply, so soon: it would wait for that
+    board.send(b"*RST\n02540254")  # not the same frame again: so soon it would wait for what follows
     assert board.run(50_000, lambda: not board.off())
 
 

@@ -51,7 +51,8 @@ class BoardSettings:
         def change(mount: Mount) -> None:
             before = mount.settings()
             work(mount)
-            if mount.settings() != before:  # a second click on Factory keeps what the first one has replaced
+            # a second click on Factory changes nothing, and keeps what the first one has replaced
+            if self.before is None or mount.settings() != before:
                 self._before = mount.board_id, before
 
         await self.change(change)
