@@ -8,6 +8,7 @@ import pytest
 from served import HANG_S, ServedBoard, run_cli, wait_for
 
 from mirrormount import Mount
+from mirrormount.deploy_plan import firmware
 from mirrormount.errors import EmulatorMissing, MountError
 from mirrormount.virtual import emulator
 
@@ -151,7 +152,7 @@ def test_a_full_flash_is_refused_and_nothing_of_the_attempt_stays(blank):
 def old_flash(folder):
     """A flash that holds the firmware as plain files, copied by hand: what a first user has."""
     flash = folder / "flash.bin"
-    shutil.copyfile(emulator.flash_with_firmware(None), flash)
+    shutil.copyfile(emulator.flash_with_firmware(None, firmware(None)), flash)
     return flash
 
 

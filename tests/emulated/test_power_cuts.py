@@ -24,7 +24,7 @@ PAGE = 256  # bytes, the most that one operation programs
 def hand_copied() -> Path:
     """A flash that holds the firmware as plain files, without a manifest."""
     try:
-        return emulator.flash_with_firmware(None)
+        return emulator.flash_with_firmware(None, firmware(None))
     except EmulatorMissing as e:
         pytest.skip(str(e))
 

