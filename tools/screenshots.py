@@ -49,7 +49,8 @@ def main(folder: Path) -> None:
 def _calibrate() -> None:
     """Give the virtual board the paper's scales, so that positions are shown in mrad, too."""
     program = """
-from mirrormount import Mount, calibration
+from mirrormount import Mount
+from mirrormount.device import calibration
 with Mount.open("virtual://?speed=max") as mount:
     for axis, mrad in ((mount.x, 0.43 / 2), (mount.y, 0.47 / 2**0.5)):  # the mirror turns less than the beam
         step = calibration.Step(*axis.ask_whole("XP?", "XD?", "XI?"))

@@ -5,8 +5,8 @@ with Mount.open() as mount:
     mount.x.step(5)
 """
 
-from mirrormount.client import Limits, Mount
-from mirrormount.errors import MountError
+from mirrormount.common.errors import MountError
+from mirrormount.device.mount import Limits, Mount
 from mountfw import __version__
 
 __all__ = ["Limits", "Mount", "MountError", "__version__"]

@@ -2,7 +2,7 @@
 
 import sys
 
-from mirrormount.cli import main
+from mirrormount.cli.main import main
 
 if __name__ == "__main__":
     sys.exit(main())

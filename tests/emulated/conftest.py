@@ -5,9 +5,9 @@ from collections.abc import Callable, Iterator
 import pytest
 from images import FOLDER
 
-from mirrormount.errors import EmulatorMissing
+from mirrormount.common.errors import EmulatorMissing
 from mirrormount.virtual.board import Options, make_world
-from mirrormount.virtual.stepped import Stepped
+from mirrormount.virtual.lockstep import Stepped
 
 # these need images that only a user can give: without them there is nothing to run, and nothing is skipped
 collect_ignore = [] if FOLDER else ["test_images.py", "test_circuitpython.py"]

@@ -11,14 +11,14 @@ from pathlib import Path
 
 import pytest
 
-from mirrormount import board_side, deploy_plan
-from mirrormount.deploy_plan import Plan, firmware, firmware_hash, plan
-from mirrormount.remote import commit_call, on_board, read_told
+from mirrormount.deploy import micropython_plan, on_board
+from mirrormount.deploy.micropython_plan import Plan, firmware, firmware_hash, plan
+from mirrormount.deploy.mpremote import commit_call, read_told, script_for
 from mirrormount.virtual import emulator
 from mirrormount.virtual.emulator import RawPrompt
 from mirrormount.virtual.files import firmware_folder
-from mirrormount.virtual.stepped import Stepped
-from mirrormount.virtual.world import START_US, World
+from mirrormount.virtual.lockstep import Stepped
+from mirrormount.virtual.simulation import START_US, World
 
 STARTED_US = 300_000  # main.py runs by then, and a Ctrl-C is heard
 MPY = 6  # the format of compiled files that MicroPython 1.23 and later takes
@@ -100,7 +100,7 @@ class Board(Stepped):
         self, wanted: dict[str, bytes], before_commit: Callable[[], object] = lambda: None, replay: str = "replay"
     ) -> tuple[dict[str, str], Plan]:
         """Look, upload, commit. Returns the firmware's files that were there, and what was to be done."""
-        prompt = self.prompt(on_board())
+        prompt = self.prompt(script_for())
         there = read_told(prompt.run("say(survey(replay))").splitlines())
         todo = plan(wanted, there["files"], there["manifest"], lambda _copy: True)
         if todo.journal:
@@ -146,7 +146,7 @@ def staged(folder: Path, old: Path, wanted: dict[str, bytes]) -> Deploy:
         there, todo = board.deploy(wanted, lambda: shutil.copyfile(flash, uploaded), NO_REPLAY)
         shutil.copyfile(flash, committed)
         prompt = RawPrompt(board)
-        calls = [_call(line) for line in [*todo.journal, board_side.JOURNAL]]
+        calls = [_call(line) for line in [*todo.journal, on_board.JOURNAL]]
         steps = [(call, board.count(lambda call=call: prompt.run(call))) for call in calls]
     finally:
         board.world.close()
@@ -173,7 +173,7 @@ def another_version(folder: Path) -> dict[str, bytes]:
     for source in package.rglob("*.py"):
         source.write_bytes(source.read_bytes() + b"\n_VERSION = 'another'\n")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(deploy_plan.importlib.resources, "files", lambda _name: package)
+        patch.setattr(micropython_plan.importlib.resources, "files", lambda _name: package)
         files = firmware(MPY)
     gone = {"mountfw/gone.mpy": files["mountfw/ticks.mpy"]}
     source = {"mountfw/repl.py": (package / "repl.py").read_bytes()}

@@ -6,7 +6,7 @@ import math
 import pytest
 import run
 
-from mirrormount.errors import EmulatorMissing
+from mirrormount.common.errors import EmulatorMissing
 from mirrormount.virtual import emulator
 
 

@@ -7,7 +7,7 @@ import pytest
 from images import images
 
 from mirrormount.virtual.board import Options, make_world
-from mirrormount.virtual.stepped import Stepped
+from mirrormount.virtual.lockstep import Stepped
 
 STEP_US = 1954  # two steps of CircuitPython's clock
 

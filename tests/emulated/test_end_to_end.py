@@ -8,8 +8,8 @@ import pytest
 from served import HANG_S, ServedBoard, run_cli, wait_for
 
 from mirrormount import Mount
-from mirrormount.deploy_plan import firmware
-from mirrormount.errors import EmulatorMissing, MountError
+from mirrormount.common.errors import EmulatorMissing, MountError
+from mirrormount.deploy.micropython_plan import firmware
 from mirrormount.virtual import emulator
 
 

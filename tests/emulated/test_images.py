@@ -4,15 +4,17 @@ The board has the Pico's pins, whatever board the image is of. The tests of an i
 """
 
 import re
+import subprocess
+import sys
 
 import pytest
 from images import images
-from served import ServedBoard, run_cli, wait_for
+from served import HANG_S, ServedBoard, run_cli, wait_for
 
 from conftest import Board
 from mirrormount import Mount
-from mirrormount.deploy_plan import THIS, board_choice, firmware
-from mirrormount.errors import MountError
+from mirrormount.common.errors import MountError
+from mirrormount.deploy.micropython_plan import THIS, board_choice, firmware
 from mirrormount.virtual import emulator
 from mirrormount.virtual.board import Options
 
@@ -109,6 +111,73 @@ def test_a_host_that_falls_silent_stops_what_moves(board):
     board.send(b"1XK0\n")
 
 
+def moving(board) -> None:
+    """Run both motors, and have a long line of queries executed at the same time."""
+    board.send(b"1MV+;2MV-\n")
+    assert board.run(1_000_000, lambda: not board.off())
+    board.run(30_000)
+    board.send(b"XS?\n" * 30)
+    board.run(20_000)
+    assert not board.off()
+
+
+@pytest.mark.parametrize("stop", [b"!\n", b"00000000", b"ST\n"], ids=["mark", "zeros", "st"])
+def test_a_stop_behind_thirty_queries_has_every_pin_low(board, stop):
+    moving(board)
+    start = board.world.us
+    board.send(stop)
+    assert board.run(300_000, board.off)
+    since = max(us for us, _, _ in board.edges_after(start)) - start
+    assert since < (300_000 if stop == b"ST\n" else 3_000)
+    board.run(500_000)
+    assert board.off()
+    board.received.clear()
+
+
+def test_five_hundred_frames_a_second_are_all_obeyed(board):
+    since = board.world.us
+    for frame in range(100):
+        board.send(b"-255-255" if frame % 2 else b"02550255")
+        board.run(2_000)
+    board.run(100_000)
+    board.send(b"!\n")
+    board.run(20_000)
+    assert board.off()
+    rises = [pin for _, pin, duty in board.edges_after(since) if duty and pin in ("m1_pos", "m1_neg")]
+    assert rises == ["m1_pos", "m1_neg"] * 50
+
+
+def test_its_own_replies_sent_back_drive_nothing(board):
+    since = board.world.us
+    for question in (b"*IDN?;1XP?\n", b"2XS?\n", b"XS?\n"):
+        reply = board.ask(question, 2_000_000)
+        board.send(reply)
+        board.run(100_000)
+    assert not [edge for edge in board.edges_after(since) if edge[2]]
+
+
+def test_a_position_at_rest_is_there_after_a_power_cut(board):
+    board.send(b"1XP20000;1DH0;1PR3\n")
+    board.run(13_000_000)
+    board.world.lit = False
+    board.world.reset(power=True)
+    board.run(1_000)
+    board.boot()
+    assert board.ask(b"1TP?\n", 2_000_000) == b"3\r\n"
+
+
+def test_homing_finds_the_end_stop(board):
+    board.send(b"1XL3;1OR\n")
+    assert board.run(2_000_000, lambda: not board.off())
+    board.run(60_000)
+    board.world.bench.broken.add("m1_sw_neg")
+    assert board.run(5_000_000, lambda: board.ask(b"1MD?\n") == b"1\r\n")
+    assert board.off()
+    board.world.bench.broken.clear()
+    assert board.ask(b"1OR?\n").count(b",") == 1
+    board.send(b"!\n1XL0\n")
+
+
 def test_a_frame_at_half_duty_drives_both_motors_by_pwm(board):
     board.send(b"01280128")
     assert board.run(1_000_000, lambda: not board.off())
@@ -168,19 +237,57 @@ def test_a_power_cut_turns_off_and_it_starts_by_itself(board):
     assert board.ask(b"*IDN?\n", 2_000_000).startswith(b"mirrormount,")
 
 
-def test_deploy_and_undeploy_with_mpremote(image, tmp_path):
-    board = ServedBoard(tmp_path, "--machine", "rp2040", "--image", str(image), "--flash", str(tmp_path / "flash.bin"))
-    try:
-        port = ("--port", str(board.link))
-        deployed = run_cli("deploy", *port, "--board", "pico")
-        assert deployed.returncode == 0, deployed.stderr
-        with wait_for(lambda: _opened(board), "the firmware to answer") as mount:
-            mount.x.step(1)
-        assert "m2_en" in [edge["pin"] for edge in board.edges()]
-        assert run_cli("undeploy", *port).returncode == 0
-    finally:
-        board.kill()
-        board.process.stdout.close()
+@pytest.fixture(scope="module")
+def blank(image, tmp_path_factory):
+    """A served board with nothing but the image. The tests below go through it in order."""
+    folder = tmp_path_factory.mktemp("blank")
+    board = ServedBoard(folder, "--machine", "rp2040", "--image", str(image), "--flash", str(folder / "flash.bin"))
+    yield board
+    board.kill()
+    board.process.stdout.close()
+
+
+def execute(board: ServedBoard, code: str) -> str:
+    """What the board's Python prints."""
+    words = [sys.executable, "-m", "mpremote", "connect", str(board.link), "exec", code]
+    run = subprocess.run(words, capture_output=True, text=True, timeout=HANG_S)
+    assert run.returncode == 0, run.stderr
+    return run.stdout
+
+
+def test_a_full_flash_is_refused_and_nothing_stays(blank):
+    piece = (
+        "import os\nf = open('data', 'wb')\nfor i in range(os.statvfs('/')[3] - 12): f.write(bytes(4096))\nf.close()"
+    )
+    execute(blank, piece)
+    run = run_cli("deploy", "--port", str(blank.link), "--board", "pico")
+    assert run.returncode == 1
+    assert "flash is full" in run.stderr
+    listed = execute(blank, "import os; print(*os.listdir('/'))").split()
+    assert not [name for name in listed if name.endswith(".new")]
+    execute(blank, "import os; os.remove('data')")
+
+
+def test_a_foreign_main_py_is_not_replaced_unasked(blank):
+    execute(blank, "f = open('main.py', 'w'); f.write('print(7)'); f.close()")
+    run = run_cli("deploy", "--port", str(blank.link), "--board", "pico")
+    assert run.returncode == 1
+    assert "--replace-main" in run.stderr
+    assert execute(blank, "print(open('main.py').read())").strip() == "print(7)"
+
+
+def test_deploy_and_undeploy_with_mpremote(blank):
+    port = ("--port", str(blank.link))
+    deployed = run_cli("deploy", *port, "--board", "pico", "--replace-main")
+    assert deployed.returncode == 0, deployed.stderr
+    with wait_for(lambda: _opened(blank), "the firmware to answer") as mount:
+        mount.x.step(1)
+    assert "m2_en" in [edge["pin"] for edge in blank.edges()]
+    assert run_cli("undeploy", *port).returncode == 0
+
+
+def test_undeploy_gives_a_foreign_main_py_back(blank):
+    assert execute(blank, "print(open('main.py').read())").strip() == "print(7)"
 
 
 def _opened(board):

@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 from power import NO_REPLAY, Board, Deploy, PowerCut, another_version, compiled, staged, without_replay
 
-from mirrormount.deploy_plan import firmware
-from mirrormount.errors import EmulatorMissing
-from mirrormount.remote import commit_call, on_board
+from mirrormount.common.errors import EmulatorMissing
+from mirrormount.deploy.micropython_plan import firmware
+from mirrormount.deploy.mpremote import commit_call, script_for
 from mirrormount.virtual import emulator
 
 PAGE = 256  # bytes, the most that one operation programs
@@ -87,7 +87,7 @@ def tell(capsys) -> Callable[[int], None]:
 def cut_in_commit(board: Board, deploy: Deploy, operation: int, half: bool) -> str:
     """From all that was uploaded: commit, with a cut, and boot. Returns what runs."""
     board.start_over()
-    prompt = board.prompt(on_board())
+    prompt = board.prompt(script_for())
     board.cut_after(operation, half=half)
     with pytest.raises(PowerCut):
         prompt.run(commit_call(deploy.todo))
@@ -133,7 +133,7 @@ def test_after_a_cut_in_any_file_of_an_upload_the_old_firmware_runs_and_the_next
 
 def test_before_the_journal_is_in_place_the_old_firmware_runs_and_from_then_on_the_new_one(older, switch_on, tell):
     board = switch_on(older.uploaded)
-    prompt = board.prompt(on_board())
+    prompt = board.prompt(script_for())
     last = board.count(lambda: prompt.run(commit_call(older.todo, NO_REPLAY)))
     runs = [cut_in_commit(board, older, i, half=False) for i in (1, last // 2, last - 1, last, last + 1)]
     assert runs == [older.old_hash] * 3 + [older.new_hash] * 2
@@ -188,7 +188,7 @@ def test_every_operation_of_an_upload(older, switch_on, tell, half):
 def test_every_operation_of_a_commit(request, switch_on, tell, deploy, half):
     deploy = request.getfixturevalue(deploy)
     board = switch_on(deploy.uploaded)
-    prompt = board.prompt(on_board())
+    prompt = board.prompt(script_for())
     operations = board.count(lambda: prompt.run(commit_call(deploy.todo)))
     runs = []
     for i in range(1, operations + 1):

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import pytest
 from power import Board, PowerCut, compiled
 
-from mirrormount.errors import EmulatorMissing
+from mirrormount.common.errors import EmulatorMissing
 from mirrormount.virtual import emulator
 
 PATIENCE_US = 3_000_000

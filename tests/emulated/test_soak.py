@@ -3,7 +3,7 @@
 import pytest
 import soak
 
-from mirrormount.errors import EmulatorMissing
+from mirrormount.common.errors import EmulatorMissing
 from mirrormount.virtual import emulator
 
 

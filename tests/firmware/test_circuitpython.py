@@ -12,8 +12,8 @@ import pytest
 from mirrormount.virtual import machines
 from mirrormount.virtual.bench import Bench
 from mirrormount.virtual.board import Options, make_world
-from mirrormount.virtual.stepped import Stepped
-from mirrormount.virtual.world import World
+from mirrormount.virtual.lockstep import Stepped
+from mirrormount.virtual.simulation import World
 
 STEP_US = 977  # of CircuitPython's clock
 PERIOD_US = 50  # of the PWM

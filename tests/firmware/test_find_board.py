@@ -7,8 +7,8 @@ import pytest
 
 from mirrormount.virtual import machines
 from mirrormount.virtual.files import firmware_folder
-from mirrormount.virtual.stepped import Stepped
-from mirrormount.virtual.world import World
+from mirrormount.virtual.lockstep import Stepped
+from mirrormount.virtual.simulation import World
 
 PICO_BUT = (firmware_folder() / "mountfw" / "boards" / "pico.py").read_text()
 SLIPS = {

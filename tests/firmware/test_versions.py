@@ -14,9 +14,9 @@ from pathlib import Path
 import pytest
 import vms
 
-from mirrormount.deploy_plan import firmware, firmware_hash
-from mirrormount.remote import on_board
-from mirrormount.supported import MICROPYTHON
+from mirrormount.common.supported import MICROPYTHON
+from mirrormount.deploy.micropython_plan import firmware, firmware_hash
+from mirrormount.deploy.mpremote import script_for
 from mirrormount.virtual.files import firmware_folder
 
 HERE = Path(__file__).parent
@@ -71,7 +71,7 @@ def session(request, tmp_path_factory) -> Session:
     build, kind = request.param
     root = tmp_path_factory.mktemp("board")
     files = board_files(root / "files", compiled=kind == "compiled")
-    (root / "board_side.py").write_text(on_board())
+    (root / "board_side.py").write_text(script_for())
     script, arguments = HERE / "board_on_vm.py", (vms.FAKES, root / "files", root / "board_side.py")
     if build == "unix":
         return Session([vms.unix(), "-X", "heapsize=2m", str(script), *map(str, arguments)], files)

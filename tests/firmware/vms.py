@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from mirrormount.errors import EmulatorMissing
-from mirrormount.supported import MICROPYTHON
+from mirrormount.common.errors import EmulatorMissing
+from mirrormount.common.supported import MICROPYTHON
 from mirrormount.virtual import npm
 from mirrormount.virtual.image import cache, held, last_line
 

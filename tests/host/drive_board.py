@@ -11,8 +11,9 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import mountfw
-from mirrormount import deploy_drive, drive_console, volumes
-from mirrormount.errors import ConnectionLost, PortAbsent
+from mirrormount.common.errors import ConnectionLost, PortAbsent
+from mirrormount.deploy import circuitpython, circuitpython_console
+from mirrormount.transport import volumes
 
 UID = "E6605838835C8A2F"
 BOOT_OUT = (
@@ -141,10 +142,10 @@ def plug_in(board: Board, monkeypatch, *, back_s: float) -> None:
     """Make it the only board that this computer sees. back_s: how long a deploy waits for it after a reset."""
     monkeypatch.setattr(volumes, "mounted", lambda: [board.root])
     monkeypatch.setattr("serial.tools.list_ports.comports", board.ports)
-    monkeypatch.setattr(deploy_drive, "open_port", board.open)
-    monkeypatch.setattr(drive_console, "open_port", board.open)
-    monkeypatch.setattr(drive_console, "_QUIET_S", 0.0)
-    monkeypatch.setattr(deploy_drive, "_BACK_S", back_s)
+    monkeypatch.setattr(circuitpython, "open_port", board.open)
+    monkeypatch.setattr(circuitpython_console, "open_port", board.open)
+    monkeypatch.setattr(circuitpython_console, "_QUIET_S", 0.0)
+    monkeypatch.setattr(circuitpython, "_BACK_S", back_s)
 
 
 class BoardPort:

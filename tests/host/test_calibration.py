@@ -4,8 +4,10 @@ from itertools import pairwise
 
 import pytest
 
-from mirrormount import Mount, calibration, errors
-from mirrormount.calibration import Scale, Step
+from mirrormount import Mount
+from mirrormount.common import errors
+from mirrormount.device import calibration
+from mirrormount.device.calibration import Scale, Step
 
 USUAL = Step(pulse_us=200_000, step_duty=255)
 

@@ -2,10 +2,12 @@
 
 import pytest
 
-from mirrormount import Mount, checks_of_motion, cli, errors
-from mirrormount.axis import Axis
-from mirrormount.check_command import run
-from mirrormount.found import Wrong
+from mirrormount import Mount
+from mirrormount.cli import check_motion, main
+from mirrormount.cli.check import run
+from mirrormount.cli.outcomes import Wrong
+from mirrormount.common import errors
+from mirrormount.device.axis import Axis
 
 ADDRESS = "virtual://?speed=max&bench=switches"
 
@@ -121,7 +123,7 @@ def test_a_pressed_emergency_stop_fails_and_drives_nothing(mount, capsys, monkey
 
 
 def test_other_files_than_this_hosts_are_told(mount, capsys, monkeypatch):
-    monkeypatch.setattr("mirrormount.deploy_plan.known_hashes", lambda: iter(["0" * 64]))
+    monkeypatch.setattr("mirrormount.deploy.micropython_plan.known_hashes", lambda: iter(["0" * 64]))
     lines, passed = check(mount, capsys)
     assert passed and lines["firmware"].startswith("not tested") and "mirrormount deploy" in lines["firmware"]
 
@@ -130,14 +132,14 @@ def test_a_step_that_drives_for_another_time_than_it_should_is_wrong(mount, monk
     ask_whole = mount.x.ask_whole
     monkeypatch.setattr(Axis, "ask_whole", lambda _, *q: [198_500, 0] if q == ("XP?", "XB?") else ask_whole(*q))
     with pytest.raises(Wrong, match="not 198500 us"):
-        checks_of_motion.one_step(mount.x, 1)
+        check_motion.one_step(mount.x, 1)
 
 
 def test_a_keep_alive_that_does_not_act_is_wrong_and_the_axis_is_at_rest_after_it(mount, monkeypatch):
     send = mount.send
     monkeypatch.setattr(mount, "send", lambda line: send(line.replace("XK100;", "")))
     with pytest.raises(Wrong, match="keep-alive lost"):
-        checks_of_motion.keep_alive(mount, mount.x)
+        check_motion.keep_alive(mount, mount.x)
     assert not mount.status().moving
 
 
@@ -148,10 +150,10 @@ def test_the_moves_that_are_ended_have_drive_when_they_end(mount, capsys):
 
 
 def test_a_move_that_ends_before_the_motor_has_drive_is_no_test(mount, monkeypatch):
-    monkeypatch.setattr(checks_of_motion, "_rest", lambda *_: None)
+    monkeypatch.setattr(check_motion, "_rest", lambda *_: None)
     mount.x.step(1)
     with pytest.raises(Wrong, match="nothing was tested"):
-        checks_of_motion.stop(mount, mount.x)
+        check_motion.stop(mount, mount.x)
 
 
 def test_a_move_into_a_switch_fails_and_the_other_axis_is_still_tested(mount, capsys):
@@ -165,12 +167,12 @@ def test_a_move_into_a_switch_fails_and_the_other_axis_is_still_tested(mount, ca
 
 
 def test_no_mount_is_one_line_and_status_1(capsys):
-    assert cli.main(["check", "--port", "/dev/does-not-exist"]) == 1
+    assert main.main(["check", "--port", "/dev/does-not-exist"]) == 1
     said = capsys.readouterr()
     assert said.out.startswith("FAILED     port: /dev/does-not-exist: there is no such port")
     assert said.err.count("\n") == 1
 
 
 def test_the_shell_command_ends_with_0_when_all_is_well(capsys):
-    assert cli.main(["check", "--port", "virtual://?speed=max"]) == 0
+    assert main.main(["check", "--port", "virtual://?speed=max"]) == 0
     assert "stop: answered" in capsys.readouterr().out

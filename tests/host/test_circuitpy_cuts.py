@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 from drive_board import THEIRS, contents, make_drive, stand_in_firmware
 
-from mirrormount import drive_plan
-from mirrormount.drive_copy import Files, WayBack, install, remove, survey
-from mirrormount.progress import Progress
+from mirrormount.common.progress import Progress
+from mirrormount.deploy import circuitpython_plan
+from mirrormount.deploy.circuitpython_copy import Files, WayBack, install, remove, survey
 
 OLD_LIBRARY = {"lib/adafruit_motor/__init__.py": b"", "lib/adafruit_motor/motor.py": b"# old library\n"}
 NEW_LIBRARY = {"lib/adafruit_motor/__init__.py": b"", "lib/adafruit_motor/motor.py": b"# new library\n"}
@@ -58,7 +58,7 @@ class CutFiles(Files):
 def put(files: Files, wanted: dict[str, bytes]) -> None:
     """A deploy that may replace what it likes."""
     there, _, old = survey(files)
-    todo = drive_plan.drive_plan(wanted, there, old, lambda _aside: True)
+    todo = circuitpython_plan.drive_plan(wanted, there, old, lambda _aside: True)
     if not todo.nothing:
         install(files, todo, Progress())
 
@@ -68,8 +68,8 @@ def versions(tmp_path_factory) -> tuple[dict[str, bytes], dict[str, bytes]]:
     """Two versions of the firmware: in the new one every file differs, one is new and one is gone."""
     folder = stand_in_firmware(tmp_path_factory.mktemp("firmware"))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(drive_plan, "package", lambda: folder)
-        files = drive_plan.drive_firmware()
+        patch.setattr(circuitpython_plan, "package", lambda: folder)
+        files = circuitpython_plan.drive_firmware()
     few = ("boot.py", "code.py", "mountfw/__init__.py", "mountfw/app.py", "mountfw/boards/pico.py")
     old = {path: b"# old\n" + files[path] for path in few} | OLD_LIBRARY | {"mountfw/gone.py": b"# old\n"}
     new = {path: b"# new\n" + files[path] for path in few} | NEW_LIBRARY | {"mountfw/added.py": b"# new\n"}
@@ -133,7 +133,7 @@ def test_wherever_the_power_goes_while_the_old_files_come_back_no_mix_runs_and_a
     def fail(files: Files) -> None:
         """A deploy of a firmware that does not start."""
         there, _, noted = survey(files)
-        todo = drive_plan.drive_plan(new, there, noted, lambda _aside: True)
+        todo = circuitpython_plan.drive_plan(new, there, noted, lambda _aside: True)
         back = WayBack(files, todo)
         install(files, todo, Progress())
         back.go(Progress())

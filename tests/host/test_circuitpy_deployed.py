@@ -3,12 +3,13 @@
 import pytest
 from drive_board import Board, make_drive, plug_in
 
-from mirrormount import Mount, drive_plan
-from mirrormount.deploy import Options, deploy
-from mirrormount.link import Link
+from mirrormount import Mount
+from mirrormount.deploy import circuitpython_plan
+from mirrormount.deploy.micropython import Options, deploy
+from mirrormount.transport.link import Link
 from mirrormount.virtual import machines
 from mirrormount.virtual.board import SteppedPort
-from mirrormount.virtual.world import World
+from mirrormount.virtual.simulation import World
 
 
 class BootedBoard(Board):
@@ -37,7 +38,7 @@ class BootedBoard(Board):
 
 @pytest.fixture
 def board(tmp_path, monkeypatch):
-    code = (drive_plan.package() / "entry" / "code.py").read_bytes()
+    code = (circuitpython_plan.package() / "entry" / "code.py").read_bytes()
     board = BootedBoard(make_drive(tmp_path / "CIRCUITPY"), code)
     plug_in(board, monkeypatch, back_s=5)
     yield board

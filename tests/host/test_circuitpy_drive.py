@@ -19,10 +19,12 @@ from drive_board import (
     stand_in_firmware,
 )
 
-from mirrormount import deploy_drive, drive_plan, errors, volumes
-from mirrormount.deploy import Options, deploy, undeploy
-from mirrormount.drive_copy import Files
-from mirrormount.volumes import Room
+from mirrormount.common import errors
+from mirrormount.deploy import circuitpython, circuitpython_plan
+from mirrormount.deploy.circuitpython_copy import Files
+from mirrormount.deploy.micropython import Options, deploy, undeploy
+from mirrormount.transport import volumes
+from mirrormount.transport.volumes import Room
 
 LIBRARY = {"lib/adafruit_motor/__init__.py": b"", "lib/adafruit_motor/motor.py": b"class DCMotor: ...\n"}
 
@@ -31,8 +33,8 @@ LIBRARY = {"lib/adafruit_motor/__init__.py": b"", "lib/adafruit_motor/motor.py":
 def firmware(tmp_path, monkeypatch) -> Path:
     """The folder of a firmware with stand-ins for boot.py and code.py, and a stand-in for Adafruit's library."""
     folder = stand_in_firmware(tmp_path)
-    monkeypatch.setattr(drive_plan, "package", lambda: folder)
-    monkeypatch.setattr(deploy_drive, "motor_library", lambda: dict(LIBRARY))
+    monkeypatch.setattr(circuitpython_plan, "package", lambda: folder)
+    monkeypatch.setattr(circuitpython, "motor_library", lambda: dict(LIBRARY))
     return folder
 
 
@@ -41,8 +43,8 @@ def board(tmp_path, monkeypatch, firmware) -> Board:
     """A board with a new drive, the only one that is plugged in."""
     board = Board(make_drive(tmp_path / "CIRCUITPY"), (firmware / "entry" / "code.py").read_bytes())
     plug_in(board, monkeypatch, back_s=0.1)
-    monkeypatch.setattr(deploy_drive, "_BY_HAND_S", 0.1)
-    monkeypatch.setattr("mirrormount.deploy_talk._ANSWER_S", 0.02)
+    monkeypatch.setattr(circuitpython, "_BY_HAND_S", 0.1)
+    monkeypatch.setattr("mirrormount.deploy.handshake._ANSWER_S", 0.02)
     return board
 
 
@@ -63,13 +65,13 @@ def test_a_deploy_makes_a_new_drive_a_mount_and_the_board_tells_the_hash(board):
 def test_a_drive_then_holds_the_firmware_the_motor_library_and_what_was_there(board):
     before = set(contents(board.root))
     deploy(Options())
-    wanted = set(drive_plan.drive_firmware()) | set(LIBRARY) | {"mountfw/manifest.json"}
+    wanted = set(circuitpython_plan.drive_firmware()) | set(LIBRARY) | {"mountfw/manifest.json"}
     assert set(contents(board.root)) == before | wanted
     assert contents(board.root)["settings.toml"] == b""
 
 
 def test_no_file_of_micropython_goes_to_a_circuitpython_drive():
-    names = set(drive_plan.drive_firmware())
+    names = set(circuitpython_plan.drive_firmware())
     assert "mountfw/app.py" in names and "mountfw/boards/pico.py" in names
     assert not [name for name in names if name.endswith("_micropython.py") or "main.py" in name]
 
@@ -77,15 +79,15 @@ def test_no_file_of_micropython_goes_to_a_circuitpython_drive():
 def test_of_the_installed_motor_library_the_part_for_dc_motors_is_taken_without_importing_it():
     import sys
 
-    assert set(drive_plan.motor_library()) == set(LIBRARY)
-    assert b"class DCMotor" in drive_plan.motor_library()["lib/adafruit_motor/motor.py"]
+    assert set(circuitpython_plan.motor_library()) == set(LIBRARY)
+    assert b"class DCMotor" in circuitpython_plan.motor_library()["lib/adafruit_motor/motor.py"]
     assert "adafruit_motor" not in sys.modules
 
 
 def test_without_the_motor_library_the_line_says_what_to_install(monkeypatch):
-    monkeypatch.setattr(drive_plan.importlib.util, "find_spec", lambda _name: None)
+    monkeypatch.setattr(circuitpython_plan.importlib.util, "find_spec", lambda _name: None)
     with pytest.raises(errors.LibraryMissing, match=r"pip install .*\[circuitpython\]"):
-        drive_plan.motor_library()
+        circuitpython_plan.motor_library()
 
 
 def test_nothing_changes_on_the_drive_while_a_program_runs(board, monkeypatch):
@@ -224,7 +226,7 @@ def test_a_board_of_somebody_else_in_the_folder_stays_and_counts_in_the_hash(dep
 
 @pytest.mark.parametrize("spare", [0, 200])
 def test_a_full_drive_is_refused_before_anything_is_written_counted_in_clusters(board, monkeypatch, spare):
-    wanted = drive_plan.drive_firmware() | LIBRARY
+    wanted = circuitpython_plan.drive_firmware() | LIBRARY
     clusters = sum(-(-len(text) // 512) for text in wanted.values())
     monkeypatch.setattr(volumes, "room", lambda _path: Room(clusters + spare - 1, 512, False))
     before = contents(board.root)
@@ -274,7 +276,7 @@ def test_a_drive_that_fails_in_the_middle_leaves_a_board_that_does_nothing(
     monkeypatch.setattr(Files, "write", write)
     with pytest.raises(error, match=says):
         deploy(Options())
-    assert deployed.running == "" and (deployed.root / "code.py").read_bytes() == drive_plan.STUB
+    assert deployed.running == "" and (deployed.root / "code.py").read_bytes() == circuitpython_plan.STUB
     monkeypatch.undo()
 
 
@@ -376,7 +378,7 @@ def test_a_running_firmware_whose_port_is_busy_is_left_alone(deployed, firmware,
     def busy(address, **_):
         raise errors.PortBusy(f"{address}: another program has this port open")
 
-    monkeypatch.setattr(deploy_drive, "open_port", busy)
+    monkeypatch.setattr(circuitpython, "open_port", busy)
     with pytest.raises(errors.PortBusy, match=DATA):
         deploy(Options())
     assert contents(deployed.root) == before
@@ -384,7 +386,7 @@ def test_a_running_firmware_whose_port_is_busy_is_left_alone(deployed, firmware,
 
 def test_the_manifest_lists_what_was_put_there(deployed):
     told = json.loads(contents(deployed.root)["mountfw/manifest.json"])
-    assert set(told["files"]) == set(drive_plan.drive_firmware()) | set(LIBRARY)
+    assert set(told["files"]) == set(circuitpython_plan.drive_firmware()) | set(LIBRARY)
     assert "unfinished" not in told
 
 

@@ -7,11 +7,14 @@ from types import SimpleNamespace
 import pytest
 from drive_board import BOOT_OUT, UID, make_drive, usb_port
 
-import mirrormount.link
-from mirrormount import cli, deploy, drives, errors, volumes
-from mirrormount.deploy import Options, choose
-from mirrormount.drive_ports import Channels, channels
-from mirrormount.drives import Drive, check_version, drive_at
+import mirrormount.transport.link
+from mirrormount.cli import main
+from mirrormount.common import errors
+from mirrormount.deploy import micropython
+from mirrormount.deploy.micropython import Options, choose
+from mirrormount.transport import circuitpy_drives, volumes
+from mirrormount.transport.circuitpy_drives import Drive, check_version, drive_at
+from mirrormount.transport.circuitpy_ports import Channels, channels
 
 PICO = Drive(Path("/media/me/CIRCUITPY"), "9.2.1", "Raspberry Pi Pico with rp2040", "raspberry_pi_pico", UID)
 MICROPYTHON = SimpleNamespace(
@@ -40,7 +43,7 @@ def plugged(tmp_path, monkeypatch):
         roots = [make_drive(tmp_path / name) for name in names]
         monkeypatch.setattr(volumes, "mounted", lambda: roots)
         monkeypatch.setattr("serial.tools.list_ports.comports", lambda: ports)
-        monkeypatch.setattr(mirrormount.link, "SerialPort", None)  # opening anything would fail loudly
+        monkeypatch.setattr(mirrormount.transport.link, "SerialPort", None)  # opening anything would fail loudly
         return roots
 
     return plug
@@ -89,7 +92,7 @@ def test_a_wrong_drive_is_refused_with_what_it_is(tmp_path, files, says):
         for name, text in files.items():
             (place / name).write_text(text)
     with pytest.raises(errors.WrongDrive, match=says):
-        deploy.deploy(Options(drive=place))
+        micropython.deploy(Options(drive=place))
     assert not place.exists() or {path.name for path in place.iterdir()} == set(files or {})
 
 
@@ -192,24 +195,24 @@ def test_a_bootloader_drive_is_named_when_there_is_no_board(plugged, monkeypatch
     (tmp_path / "INFO_UF2.TXT").write_text("")
     monkeypatch.setattr(volumes, "mounted", lambda: [tmp_path])
     with pytest.raises(errors.NoBoardFound, match=rf"{tmp_path} is a bootloader.*circuitpython\.org"):
-        deploy.deploy(Options())
+        micropython.deploy(Options())
 
 
 def test_a_mount_is_found_by_its_drive_and_opened_at_its_data_channel(plugged, capsys):
     (root,) = plugged(["CIRCUITPY"], [*STRANGERS, *SYSTEMS["Linux"]])
-    assert mirrormount.link.find() == []  # some CircuitPython board, not a mount
+    assert mirrormount.transport.link.find() == []  # some CircuitPython board, not a mount
     (root / "mountfw").mkdir()
-    assert mirrormount.link.find_one() == "/dev/ttyACM0"
-    assert cli.main(["ports"]) == 0
+    assert mirrormount.transport.link.find_one() == "/dev/ttyACM0"
+    assert main.main(["ports"]) == 0
     assert f"/dev/ttyACM0  CircuitPython on Raspberry Pi Pico with rp2040, drive {root}" in capsys.readouterr().out
 
 
 def test_a_data_channel_whose_drive_is_not_seen_is_named_but_not_opened(plugged):
     plugged([], SYSTEMS["Linux"])
     with pytest.raises(errors.NoBoardFound, match="listens at /dev/ttyACM0, but its drive is not mounted"):
-        mirrormount.link.find_one()
+        mirrormount.transport.link.find_one()
 
 
 def test_this_computers_volumes_can_be_listed():
-    assert all(isinstance(drive, Drive) for drive in drives.find_drives())
+    assert all(isinstance(drive, Drive) for drive in circuitpy_drives.find_drives())
     assert volumes.room(Path.cwd()).cluster_bytes > 0

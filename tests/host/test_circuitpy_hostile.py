@@ -11,13 +11,16 @@ from types import SimpleNamespace
 import pytest
 from drive_board import BOOT_OUT, CONSOLE, DATA, THEIRS, UID, Board, contents, make_drive, plug_in, stand_in_firmware
 
-import mirrormount.link
-from mirrormount import circuitpy_files, cli, deploy_drive, drive_plan, drive_ports, errors, volumes
-from mirrormount.circuitpy_files import Files, is_path
-from mirrormount.deploy import Options, choose, deploy, undeploy
-from mirrormount.drive_plan import read_manifest
-from mirrormount.drive_ports import Channels, channels, unproven
-from mirrormount.drives import Drive, drive_at
+import mirrormount.transport.link
+from mirrormount.cli import main
+from mirrormount.common import errors
+from mirrormount.deploy import circuitpython, circuitpython_plan
+from mirrormount.deploy.circuitpython_plan import read_manifest
+from mirrormount.deploy.micropython import Options, choose, deploy, undeploy
+from mirrormount.transport import circuitpy_files, circuitpy_ports, volumes
+from mirrormount.transport.circuitpy_drives import Drive, drive_at
+from mirrormount.transport.circuitpy_files import Files, is_path
+from mirrormount.transport.circuitpy_ports import Channels, channels, unproven
 
 SECRET = b"a private key\n"
 SHA = "0" * 64
@@ -27,11 +30,13 @@ HOSTILE_TEXT = "\x1b]0;title\x07\x1b[2Jmine\x9b31m"
 @pytest.fixture
 def board(tmp_path, monkeypatch) -> Board:
     firmware = stand_in_firmware(tmp_path)
-    monkeypatch.setattr(drive_plan, "package", lambda: firmware)
-    monkeypatch.setattr(deploy_drive, "motor_library", lambda: {"lib/adafruit_motor/motor.py": b"class DCMotor: ...\n"})
+    monkeypatch.setattr(circuitpython_plan, "package", lambda: firmware)
+    monkeypatch.setattr(
+        circuitpython, "motor_library", lambda: {"lib/adafruit_motor/motor.py": b"class DCMotor: ...\n"}
+    )
     board = Board(make_drive(tmp_path / "CIRCUITPY"), (firmware / "entry" / "code.py").read_bytes())
     plug_in(board, monkeypatch, back_s=0.1)
-    monkeypatch.setattr("mirrormount.deploy_talk._ANSWER_S", 0.02)
+    monkeypatch.setattr("mirrormount.deploy.handshake._ANSWER_S", 0.02)
     return board
 
 
@@ -197,10 +202,10 @@ def test_a_manifest_that_no_deploy_has_written_does_not_count(told):
 def test_an_odd_manifest_is_one_line_and_no_traceback(board, capsys, text):
     (board.root / "mountfw").mkdir()
     (board.root / "mountfw" / "manifest.json").write_bytes(text)
-    assert cli.main(["undeploy", "--drive", str(board.root)]) == 1
+    assert main.main(["undeploy", "--drive", str(board.root)]) == 1
     said = capsys.readouterr().err
     assert said.count("\n") == 1 and "nothing was removed" in said and said.strip().isprintable()
-    assert cli.main(["deploy", "--drive", str(board.root)]) == 0
+    assert main.main(["deploy", "--drive", str(board.root)]) == 0
     assert "is not as deploy writes it" in capsys.readouterr().err
     assert board.running
 
@@ -221,7 +226,7 @@ def test_escape_sequences_of_a_drive_do_not_reach_the_terminal(board, capsys):
     (board.root / "boot_out.txt").write_text(text)
     (board.root / "code.py").write_bytes(THEIRS)
     for command in (["deploy"], ["undeploy"], ["deploy", "--replace-main"], ["ports"]):
-        cli.main(command)
+        main.main(command)
         out, err = capsys.readouterr()
         assert all(line.isprintable() for line in (out + err).splitlines()), command
     assert r"\x1b[2Jmine" in out
@@ -232,7 +237,7 @@ def test_escape_sequences_of_a_board_do_not_reach_the_terminal(board, monkeypatc
     monkeypatch.setattr(
         Board, "firmware", lambda self, data: real(self, data).replace(b"Raspberry Pi Pico", b"\x1b[2J\x9b31m")
     )
-    assert cli.main(["deploy"]) == 0
+    assert main.main(["deploy"]) == 0
     out, err = capsys.readouterr()
     assert r"\x1b[2J" in out and all(line.isprintable() for line in (out + err).splitlines())
 
@@ -253,8 +258,8 @@ def instrument(board, monkeypatch) -> SimpleNamespace:
     """Beside the drive, which tells its serial number, an instrument alone is plugged in. Opening it would fail."""
     port = stranger()
     monkeypatch.setattr("serial.tools.list_ports.comports", lambda: [port])
-    monkeypatch.setattr(deploy_drive, "open_port", None)
-    monkeypatch.setattr(mirrormount.link, "SerialPort", None)
+    monkeypatch.setattr(circuitpython, "open_port", None)
+    monkeypatch.setattr(mirrormount.transport.link, "SerialPort", None)
     return port
 
 
@@ -264,7 +269,7 @@ def test_a_drive_with_an_instruments_serial_number_has_nothing_sent_there(board)
     for action in (deploy, undeploy):
         with pytest.raises(errors.WrongDrive, match=r"says that /dev/ttyUSB0 is its board's.*nothing was sent"):
             action(Options())
-    assert mirrormount.link.find() == []
+    assert mirrormount.transport.link.find() == []
 
 
 def test_a_person_can_vouch_for_a_port_by_naming_it(board, instrument):
@@ -288,7 +293,7 @@ def test_two_drives_with_one_uid_are_both_refused(board, monkeypatch, tmp_path):
         (root / "mountfw").mkdir()
         with pytest.raises(errors.WrongDrive, match="has the same UID"):
             deploy(Options(drive=root))
-    assert mirrormount.link.find() == []
+    assert mirrormount.transport.link.find() == []
     assert board.heard == b""
 
 
@@ -300,7 +305,7 @@ def test_where_the_system_lists_both_they_are_one_usb_device_or_they_are_not(boa
     listed = tmp_path / "sys" / "dev" / "block" / f"{os.major(number)}:{os.minor(number)}"
     listed.parent.mkdir(parents=True)
     listed.symlink_to(tmp_path / "sys" / "usb1" / "1-2" / "host0" / "sda")
-    monkeypatch.setattr(drive_ports, "_SYSFS", str(tmp_path / "sys"))
+    monkeypatch.setattr(circuitpy_ports, "_SYSFS", str(tmp_path / "sys"))
     usb_device = str(tmp_path / "sys" / "usb1" / ("1-2" if same else "1-3"))
     ports = [stranger(usb_device_path=usb_device)]
     assert channels(drive_at(board.root), ports) == Channels(console="/dev/ttyUSB0" if same else None)

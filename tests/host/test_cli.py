@@ -8,8 +8,9 @@ from types import SimpleNamespace
 import pytest
 from served import run_cli, wait_for
 
-import mirrormount.link
-from mirrormount import Mount, cli
+import mirrormount.transport.link
+from mirrormount import Mount
+from mirrormount.cli import main
 
 VIRTUAL = ("--port", "virtual://?speed=max")
 
@@ -96,9 +97,9 @@ def test_a_picture_that_cannot_be_written_is_one_line_before_anything_runs(tmp_p
 
 
 def test_no_board_is_one_line(monkeypatch, capsys):
-    monkeypatch.setattr(mirrormount.link.list_ports, "comports", list)
+    monkeypatch.setattr(mirrormount.transport.link.list_ports, "comports", list)
     monkeypatch.delenv("MIRRORMOUNT_PORT", raising=False)
-    assert cli.main(["status"]) == 1
+    assert main.main(["status"]) == 1
     assert "no board found" in capsys.readouterr().err
 
 
@@ -108,10 +109,10 @@ def port(device: str, vid: int | None, pid: int | None) -> SimpleNamespace:
 
 def test_two_boards_are_named_and_neither_is_opened(monkeypatch, capsys):
     ports = [port("/dev/ttyACM1", 0x2E8A, 5), port("/dev/ttyACM0", 0x2E8A, 5)]
-    monkeypatch.setattr(mirrormount.link.list_ports, "comports", lambda: ports)
-    monkeypatch.setattr(mirrormount.link, "SerialPort", None)  # opening anything would fail loudly
+    monkeypatch.setattr(mirrormount.transport.link.list_ports, "comports", lambda: ports)
+    monkeypatch.setattr(mirrormount.transport.link, "SerialPort", None)  # opening anything would fail loudly
     monkeypatch.delenv("MIRRORMOUNT_PORT", raising=False)
-    assert cli.main(["stop"]) == 1
+    assert main.main(["stop"]) == 1
     assert "/dev/ttyACM0, /dev/ttyACM1" in capsys.readouterr().err
 
 
@@ -121,8 +122,8 @@ def test_other_instruments_are_not_considered(monkeypatch):
         port("/dev/ttyS0", None, None),
         port("/dev/ttyACM3", 0x2341, 0x43),
     ]
-    monkeypatch.setattr(mirrormount.link.list_ports, "comports", lambda: ports)
-    assert mirrormount.link.find() == []
+    monkeypatch.setattr(mirrormount.transport.link.list_ports, "comports", lambda: ports)
+    assert mirrormount.transport.link.find() == []
 
 
 def test_a_busy_port_is_one_line(board):
@@ -170,13 +171,14 @@ def test_a_port_that_closes_in_mid_move_is_one_line(board):
 
 def test_the_port_may_come_from_the_environment(board, monkeypatch, capsys):
     monkeypatch.setenv("MIRRORMOUNT_PORT", board.tcp)
-    assert cli.main(["step", "y", "1"]) == 0
+    assert main.main(["step", "y", "1"]) == 0
     assert capsys.readouterr().out == "y: +1.000 steps\n"
 
 
 def test_stopping_imports_nothing_heavy():
     code = (
-        "import sys; from mirrormount import cli; import mirrormount.client, mirrormount.link; cli._parser();"
+        "import sys; from mirrormount.cli import main; import mirrormount.device.mount;"
+        "import mirrormount.transport.link; main._parser();"
         "heavy = ('numpy', 'matplotlib', 'mirrormount.virtual', 'platformdirs', 'tomllib');"
         "print([m for m in heavy if m in sys.modules])"
     )

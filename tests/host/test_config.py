@@ -5,10 +5,12 @@ import tomllib
 
 import pytest
 
-from mirrormount import Mount, cli, errors
-from mirrormount.client import Limits
-from mirrormount.config_command import export, import_, load
-from mirrormount.settings import SETTINGS
+from mirrormount import Mount
+from mirrormount.cli import main
+from mirrormount.cli.config import export, import_, load
+from mirrormount.common import errors
+from mirrormount.device.mount import Limits
+from mirrormount.device.settings import SETTINGS
 
 
 @pytest.fixture
@@ -55,10 +57,10 @@ def test_saved_settings_are_there_again_after_the_factorys(mount):
 
 def test_a_setting_that_is_set_to_be_kept_is_there_at_the_next_start(tmp_path, capsys):
     port = ("--port", f"virtual://?speed=max&files={tmp_path}")
-    assert cli.main(["config", "set", "--save", "x.pulse_us", "150000", *port]) == 0
-    assert cli.main(["config", "set", "x.run_duty", "99", *port]) == 0
-    assert cli.main(["config", "get", "x.pulse_us", *port]) == 0
-    assert cli.main(["config", "get", "x.run_duty", *port]) == 0
+    assert main.main(["config", "set", "--save", "x.pulse_us", "150000", *port]) == 0
+    assert main.main(["config", "set", "x.run_duty", "99", *port]) == 0
+    assert main.main(["config", "get", "x.pulse_us", *port]) == 0
+    assert main.main(["config", "get", "x.run_duty", *port]) == 0
     first, second, *values = capsys.readouterr().out.splitlines()
     assert "saved on the board" in first and "until the board restarts" in second
     assert values == ["150000", "255"]
@@ -68,9 +70,9 @@ def test_a_setting_that_is_set_to_be_kept_is_there_at_the_next_start(tmp_path, c
 def test_what_save_calls_saved_on_a_served_board_outlives_its_being_killed(serve, tmp_path, capsys, machine):
     options = ("--machine", machine, "--files", str(tmp_path / "files"))
     board = serve(*options)
-    assert cli.main(["config", "set", "--save", "x.pulse_us", "150000", "--port", board.tcp]) == 0
+    assert main.main(["config", "set", "--save", "x.pulse_us", "150000", "--port", board.tcp]) == 0
     board.kill()
-    assert cli.main(["config", "get", "x.pulse_us", "--port", serve(*options).tcp]) == 0
+    assert main.main(["config", "get", "x.pulse_us", "--port", serve(*options).tcp]) == 0
     assert capsys.readouterr().out == "x.pulse_us = 150000 (saved on the board)\n150000\n"
 
 
@@ -203,7 +205,7 @@ def test_settings_come_from_standard_input_too(mount, monkeypatch):
 def test_a_file_that_is_wrong_is_one_line_that_names_it_before_a_port_is_opened(tmp_path, capsys, text, says):
     file = tmp_path / "wrong.toml"
     file.write_text(text)
-    assert cli.main(["config", "import", str(file), "--port", "/dev/does-not-exist"]) == 1
+    assert main.main(["config", "import", str(file), "--port", "/dev/does-not-exist"]) == 1
     err = capsys.readouterr().err
     assert str(file) in err and err.count("\n") == 1
     with pytest.raises(errors.BadFile, match=says):
@@ -222,7 +224,7 @@ def test_a_file_that_is_wrong_is_one_line_that_names_it_before_a_port_is_opened(
     ],
 )
 def test_wrong_words_are_one_line_before_a_port_is_opened(words, says, capsys):
-    assert cli.main(["config", *words, "--port", "/dev/does-not-exist"]) == 1
+    assert main.main(["config", *words, "--port", "/dev/does-not-exist"]) == 1
     err = capsys.readouterr().err
     assert says in err and err.count("\n") == 1
 
@@ -237,12 +239,12 @@ def test_a_place_that_cannot_be_written_is_one_line(mount, tmp_path):
 
 def test_get_and_set_from_the_shell(capsys):
     port = ["--port", "virtual://?speed=max"]
-    assert cli.main(["config", "get", "x.pulse_us", *port]) == 0
+    assert main.main(["config", "get", "x.pulse_us", *port]) == 0
     assert capsys.readouterr().out == "200000\n"
-    assert cli.main(["config", "get", *port]) == 0
+    assert main.main(["config", "get", *port]) == 0
     shown = capsys.readouterr().out
     assert all(f"{axis}.{name} = " in shown for axis in "xy" for name in SETTINGS)
-    assert cli.main(["config", "set", "y.velocity", "1.25", *port]) == 0
+    assert main.main(["config", "set", "y.velocity", "1.25", *port]) == 0
     assert "y.velocity = 1.25 (until the board restarts" in capsys.readouterr().out
     for words in (["save"], ["restore"], ["restore", "--factory"]):
-        assert cli.main(["config", *words, *port]) == 0
+        assert main.main(["config", *words, *port]) == 0

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from served import SCRIPT, set_traps
 
-from mirrormount.errors import EmulatorMissing
-from mirrormount.python_child import python_module
+from mirrormount.common.child_python import python_module
+from mirrormount.common.errors import EmulatorMissing
 from mirrormount.virtual import machines
 
 ROOT = Path(__file__).parent.parent.parent

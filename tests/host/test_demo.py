@@ -2,9 +2,9 @@
 
 import pytest
 
-from mirrormount import demo
-from mirrormount.client import Mount
-from mirrormount.errors import BadValue, DemoFailed
+from mirrormount.cli import demo
+from mirrormount.common.errors import BadValue, DemoFailed
+from mirrormount.device.mount import Mount
 from mirrormount.virtual.wiring import DRIVES
 
 

@@ -13,13 +13,14 @@ import pytest
 from served import ServedBoard, run_cli, wait_for
 
 import mountfw
-from mirrormount import Mount, errors
-from mirrormount.board_side import KEPT
-from mirrormount.deploy import Options, deploy, may_replace
-from mirrormount.deploy_plan import firmware, firmware_hash, plan
-from mirrormount.errors import EmulatorMissing
-from mirrormount.remote import Mpremote
-from mirrormount.supported import MICROPYTHON
+from mirrormount import Mount
+from mirrormount.common import errors
+from mirrormount.common.errors import EmulatorMissing
+from mirrormount.common.supported import MICROPYTHON
+from mirrormount.deploy.micropython import Options, deploy, may_replace
+from mirrormount.deploy.micropython_plan import firmware, firmware_hash, plan
+from mirrormount.deploy.mpremote import Mpremote
+from mirrormount.deploy.on_board import KEPT
 from mirrormount.virtual import machines
 
 PACKAGE = Path(mountfw.__file__).parent / "package.json"
@@ -242,7 +243,7 @@ def broken(monkeypatch, line: str) -> None:
     """The firmware that deploy has is one whose app.py begins with this line."""
     files = firmware(None)
     files["mountfw/app.py"] = line.encode() + b"\n" + files["mountfw/app.py"]
-    monkeypatch.setattr("mirrormount.deploy.firmware", lambda _mpy: dict(files))
+    monkeypatch.setattr("mirrormount.deploy.micropython.firmware", lambda _mpy: dict(files))
 
 
 def test_a_new_firmware_that_fails_gives_way_to_the_old_one_and_its_last_line_is_told(deployed, monkeypatch):
@@ -279,7 +280,7 @@ def test_a_program_of_somebody_else_is_back_when_the_firmware_fails(boot, tmp_pa
 def test_a_firmware_that_starts_and_never_answers_gives_way_too(deployed, monkeypatch):
     before = contents(deployed.root)
     broken(monkeypatch, "import time\nwhile True: time.sleep_ms(50)")
-    monkeypatch.setattr("mirrormount.deploy_trial._BACK_S", 4.0)
+    monkeypatch.setattr("mirrormount.deploy.micropython_trial._BACK_S", 4.0)
     with pytest.raises(errors.FirmwareFailed, match="does not answer; the firmware that was there before is back"):
         deploy(Options(port=deployed.port))
     assert contents(deployed.root) == before
@@ -292,7 +293,7 @@ def test_a_deploy_that_was_ended_before_a_firmware_answered_is_settled_by_the_ne
 
     with monkeypatch.context() as patch:
         broken(patch, line)
-        patch.setattr("mirrormount.deploy.try_it", end)
+        patch.setattr("mirrormount.deploy.micropython.try_it", end)
         with pytest.raises(KeyboardInterrupt):
             deploy(Options(port=deployed.port))
     assert (deployed.root / KEPT).is_dir()
@@ -490,7 +491,7 @@ class Stranger:
 )
 def test_what_cannot_be_deployed_to_is_told_and_hears_no_stop(monkeypatch, says, expected):
     port = Stranger(says)
-    monkeypatch.setattr("mirrormount.deploy.open_port", lambda _address: port)
+    monkeypatch.setattr("mirrormount.deploy.micropython.open_port", lambda _address: port)
     with pytest.raises(errors.MountError, match=expected):
         deploy(Options(port="COM4"))
     assert b"!" not in port.heard
@@ -512,7 +513,7 @@ def test_a_virtual_board_without_a_prompt_is_refused_and_goes_on(serve, machine,
 
 
 def test_without_a_board_deploy_says_how_a_new_one_gets_micropython(monkeypatch):
-    monkeypatch.setattr("mirrormount.link.find", list)
+    monkeypatch.setattr("mirrormount.transport.link.find", list)
     with pytest.raises(errors.NoBoardFound, match="BOOTSEL"):
         deploy(Options())
 

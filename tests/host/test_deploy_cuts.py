@@ -1,6 +1,6 @@
 """A deploy whose power goes after each single file operation, and in the middle of each write.
 
-In one process: the operations that mpremote and board_side.py make, on a folder, through an `os` and an
+In one process: the operations that mpremote and on_board.py make, on a folder, through an `os` and an
 `open` that end everything after the N-th. Then the board boots: what main.py would import counts.
 """
 
@@ -14,9 +14,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from mirrormount import board_side
-from mirrormount.deploy_plan import Plan, plan
-from mirrormount.remote import replay_source
+from mirrormount.deploy import on_board
+from mirrormount.deploy.micropython_plan import Plan, plan
+from mirrormount.deploy.mpremote import replay_source
 
 MAIN = f'"""main"""\nimport os\n{replay_source()}\n'
 OLD_MAIN = "# a main.py that knows of no journal\n"
@@ -91,7 +91,7 @@ class Board:
     def side(self, power: Power) -> dict:
         """board_side and replay() as they are on the board."""
         names: dict = {"os": power.os, "open": power.open}
-        exec(compile(Path(board_side.__file__).read_text(), "board_side", "exec"), names)
+        exec(compile(Path(on_board.__file__).read_text(), "board_side", "exec"), names)
         names |= {"os": power.os, "open": power.open}
         exec(replay_source(), names)
         return names
@@ -246,7 +246,7 @@ def test_a_boot_that_finishes_a_deploy_may_be_cut_too(tmp_path):
         with pytest.raises(PowerCut):
             cut.boot(last)
         cut.boot()
-        booted = {p: c for p, c in cut.contents().items() if not p.startswith(board_side.KEPT)}
+        booted = {p: c for p, c in cut.contents().items() if not p.startswith(on_board.KEPT)}
         assert {p: c for p, c in booted.items() if not p.endswith(".json")} == NEW
 
 
@@ -275,7 +275,7 @@ def test_a_boot_that_finishes_bringing_back_may_be_cut_too(board, tmp_path):
     side["make_folders"](("mountfw", "mountfw/boards"))
     board.put({path + ".new": content for path, content in todo.upload.items()})
     side["commit"](todo.verify, todo.backup, todo.journal, side["replay"], todo.keep)
-    (board.root / board_side.UNDO).rename(board.root / board_side.JOURNAL)
+    (board.root / on_board.UNDO).rename(board.root / on_board.JOURNAL)
     count = Board(Path(shutil.copytree(board.root, tmp_path / "counted"))).boot()
     for last in range(1, count + 1):
         cut = Board(Path(shutil.copytree(board.root, tmp_path / f"boot{last}")))

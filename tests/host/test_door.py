@@ -5,10 +5,11 @@ import socket
 import pytest
 from served import PATIENCE_S, wait_for
 
-from mirrormount import door, errors
-from mirrormount.door import Door
-from mirrormount.guest import Guest
-from mirrormount.telnet import Inlet
+from mirrormount.common import errors
+from mirrormount.network import listener
+from mirrormount.network.client_session import Guest
+from mirrormount.network.listener import Door
+from mirrormount.transport.telnet import Inlet
 
 
 @pytest.mark.parametrize(
@@ -82,7 +83,7 @@ def test_a_token_that_comes_too_late_is_not_taken(at_door, monkeypatch):
     here, come = at_door
     client = come()
     wait_for(lambda: here.look() or here.busy(), "the client to be seen")
-    monkeypatch.setattr(door, "TOKEN_S", 0.0)
+    monkeypatch.setattr(listener, "TOKEN_S", 0.0)
     here.look()
     assert client.recv(100) == b"mirrormount: the first line must be the token\r\n"
     client.sendall(b"secret\n")
@@ -116,7 +117,7 @@ def test_silent_newcomers_do_not_close_the_connection_of_a_slow_one_who_types_th
     slow = come()
     slow.sendall(b"sec")
     wait_for(lambda: here.look() or any(guest.held for guest in here._asked), "the first letters")
-    for _ in range(door._CROWD + 8):
+    for _ in range(listener._CROWD + 8):
         come()
         here.look()
     slow.sendall(b"ret\n")
@@ -131,7 +132,7 @@ def test_who_opens_many_connections_closes_his_own():
         crowd[-1].address = "192.0.2.1"
     silent = Guest(socket.socket(), "one", Inlet(True))
     silent.address, silent.since_s = "192.0.2.2", 0.0
-    assert door._who_goes([silent, *crowd]) is crowd[0]
+    assert listener._who_goes([silent, *crowd]) is crowd[0]
     for guest in [silent, *crowd]:
         guest.socket.close()
 

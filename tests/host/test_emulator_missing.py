@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from mirrormount import errors
+from mirrormount.common import errors
 from mirrormount.virtual import emulator
 
 

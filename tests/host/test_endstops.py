@@ -2,7 +2,8 @@
 
 import pytest
 
-from mirrormount import Mount, errors
+from mirrormount import Mount
+from mirrormount.common import errors
 from mirrormount.virtual.bench import SWITCH_REV
 
 

@@ -4,8 +4,8 @@ import pytest
 
 from mirrormount.virtual import machines
 from mirrormount.virtual.files import new_files
-from mirrormount.virtual.stepped import Stepped
-from mirrormount.virtual.world import World
+from mirrormount.virtual.lockstep import Stepped
+from mirrormount.virtual.simulation import World
 
 SECRET = "a-word-that-is-in-no-other-file"
 

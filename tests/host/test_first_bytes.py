@@ -2,7 +2,7 @@
 
 import pytest
 
-from mirrormount.first_bytes import FirstBytes, NotAClient
+from mirrormount.transport.first_bytes import FirstBytes, NotAClient
 
 REQUESTS = (
     b"GET / HTTP/1.1\r\n",

@@ -2,8 +2,9 @@
 
 import pytest
 
-from mirrormount import Mount, errors
-from mirrormount.client import Limits
+from mirrormount import Mount
+from mirrormount.common import errors
+from mirrormount.device.mount import Limits
 from mirrormount.virtual.bench import SWITCH_REV
 
 REV_A_STEP = 0.025  # of the bench's motor, nearly

@@ -8,8 +8,11 @@ from pathlib import Path
 import pytest
 from served import run_cli
 
-from mirrormount import Mount, calibration, demo, errors, toml_file
-from mirrormount.config_command import export
+from mirrormount import Mount
+from mirrormount.cli import demo
+from mirrormount.cli.config import export
+from mirrormount.common import errors, toml_file
+from mirrormount.device import calibration
 
 MAX = ("--port", "virtual://?speed=max")
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from mirrormount import errors
+from mirrormount.common import errors
 from mirrormount.virtual import emulator, image
 
 CONTENT = b"UF2\n" + bytes(range(256)) * 8

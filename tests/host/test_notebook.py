@@ -5,7 +5,8 @@ import html
 import pytest
 from served import ServedBoard
 
-from mirrormount import Mount, errors
+from mirrormount import Mount
+from mirrormount.common import errors
 
 
 @pytest.fixture

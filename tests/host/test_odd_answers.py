@@ -5,7 +5,8 @@ import random
 
 import pytest
 
-from mirrormount import cli, client
+from mirrormount.cli import main
+from mirrormount.device import mount
 from mirrormount.virtual.board import SteppedPort, open_virtual
 
 ODD = (
@@ -81,9 +82,9 @@ def test_an_odd_answer_is_one_line_and_nothing_is_left_running(monkeypatch, caps
     chance = random.Random(" ".join(words))
     for odd in chance.sample(ODD, 6):  # another six for each command
         port = OddPort(odd, chance.randint(2, 20), stays=chance.random() < 0.5)
-        monkeypatch.setattr(client, "open_port", lambda _address, port=port: port)
+        monkeypatch.setattr(mount, "open_port", lambda _address, port=port: port)
         monkeypatch.setattr("sys.stdin", io.StringIO())
-        status = cli.main([*words, "--port", "virtual://?speed=max"])
+        status = main.main([*words, "--port", "virtual://?speed=max"])
         said = capsys.readouterr()
         assert status in (0, 1)
         assert "\x1b" not in said.out + said.err and "\x07" not in said.out + said.err
@@ -94,7 +95,7 @@ def test_an_odd_answer_is_one_line_and_nothing_is_left_running(monkeypatch, caps
 
 def test_what_an_instrument_answers_to_who_it_is_cannot_control_a_terminal(monkeypatch, capsys):
     port = OddPort(b"mirrormount,\x1b]0;evil\x07,e661,0.1.0", 1, stays=False)
-    monkeypatch.setattr(client, "open_port", lambda _address: port)
-    assert cli.main(["status", "--port", "virtual://?speed=max"]) == 0
+    monkeypatch.setattr(mount, "open_port", lambda _address: port)
+    assert main.main(["status", "--port", "virtual://?speed=max"]) == 0
     out = capsys.readouterr().out
     assert r"mirrormount,\x1b]0;evil\x07,e661,0.1.0" in out and "\x1b" not in out

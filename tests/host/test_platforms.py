@@ -8,8 +8,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from mirrormount import errors, link
-from mirrormount.virtual import command
+from mirrormount.cli import virtual
+from mirrormount.common import errors
+from mirrormount.transport import link
 
 WITHOUT_POSIX = """
 import importlib, os, pkgutil, sys
@@ -21,8 +22,8 @@ import mirrormount
 for module in pkgutil.walk_packages(mirrormount.__path__, "mirrormount."):
     if ".fakes" not in module.name and ".boot_" not in module.name and not module.name.endswith("__main__"):
         importlib.import_module(module.name)
-from mirrormount import cli
-sys.exit(cli.main(["step", "x", "1", "--port", "virtual://"]))
+from mirrormount.cli import main
+sys.exit(main.main(["step", "x", "1", "--port", "virtual://"]))
 """
 
 
@@ -35,12 +36,12 @@ def test_the_host_imports_and_drives_a_virtual_board_without_posix_modules(platf
 
 @pytest.fixture
 def windows(monkeypatch):
-    monkeypatch.setattr(command, "os", SimpleNamespace(name="nt", strerror=str))
+    monkeypatch.setattr(virtual, "os", SimpleNamespace(name="nt", strerror=str))
     monkeypatch.setattr(link.sys, "platform", "win32")
 
 
 def test_on_windows_a_virtual_board_is_served_on_tcp(windows):
-    ports = command._ports(argparse.Namespace(tcp=None, link=None))
+    ports = virtual._ports(argparse.Namespace(tcp=None, link=None))
     try:
         assert [port.address[:19] for port in ports] == ["socket://127.0.0.1:"]
     finally:
@@ -50,7 +51,7 @@ def test_on_windows_a_virtual_board_is_served_on_tcp(windows):
 
 def test_on_windows_a_pty_is_refused_with_the_remedy(windows, tmp_path):
     with pytest.raises(errors.BadValue, match="--tcp"):
-        command._ports(argparse.Namespace(tcp=None, link=tmp_path / "mount"))
+        virtual._ports(argparse.Namespace(tcp=None, link=tmp_path / "mount"))
 
 
 @pytest.mark.parametrize(("present", "error"), [(["COM4"], errors.PortBusy), ([], errors.PortAbsent)])

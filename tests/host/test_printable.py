@@ -2,7 +2,7 @@
 
 import pytest
 
-from mirrormount.printable import printable
+from mirrormount.common.printable import printable
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,7 @@
 
 import pytest
 
-from mirrormount.relay import AHEAD, Relay
+from mirrormount.network.relay import AHEAD, Relay
 
 REST = b"1,2,0|0,0,0,0,1,0|0,0,0,0,1,0\r\n"
 MOVES = b"1,2,0|0,1,1,0,0,0|0,0,0,0,1,0\r\n"

@@ -13,13 +13,13 @@ import pytest
 from served import PATIENCE_S, SCRIPT, run_cli, set_traps, wait_for
 
 from mirrormount import Mount
-from mirrormount.errors import REASONS, EmulatorMissing
-from mirrormount.link import Link, SerialPort
+from mirrormount.common.errors import REASONS, EmulatorMissing
+from mirrormount.transport.link import Link, SerialPort
 from mirrormount.virtual import machines
 from mirrormount.virtual.bench import SWITCH_REV
 from mirrormount.virtual.board import Options, make_world
 from mirrormount.virtual.files import new_files
-from mirrormount.virtual.stepped import Stepped
+from mirrormount.virtual.lockstep import Stepped
 
 README = Path(__file__).parent.parent.parent / "README.md"
 STEP_US = 200_000

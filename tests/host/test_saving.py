@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 from test_repl import PROMPT
 
-from mirrormount.errors import EmulatorMissing
+from mirrormount.common.errors import EmulatorMissing
 from mirrormount.virtual.board import Options, make_world
 from mirrormount.virtual.files import new_files
-from mirrormount.virtual.stepped import Stepped
-from mirrormount.virtual.world import START_US
+from mirrormount.virtual.lockstep import Stepped
+from mirrormount.virtual.simulation import START_US
 
 RECORDED_US = 10_500_000
 SWITCHED_ON = Callable[[], Stepped]

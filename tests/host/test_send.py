@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 from served import run_cli, wait_for
 
-from mirrormount import Mount, __version__, errors
+from mirrormount import Mount, __version__
+from mirrormount.common import errors
 
 MAX = "virtual://?speed=max"
 

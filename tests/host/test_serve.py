@@ -14,7 +14,8 @@ from pathlib import Path
 import pytest
 from served import PATIENCE_S, ServedBoard, run_cli, wait_for
 
-from mirrormount import Mount, errors
+from mirrormount import Mount
+from mirrormount.common import errors
 
 GREETING = bytes.fromhex("fffb01fffb03")
 RUN = b"1XM60000;1MV+\n"

@@ -12,7 +12,8 @@ import sys
 import pytest
 from served import PATIENCE_S, run_cli, wait_for
 
-from mirrormount import Mount, errors
+from mirrormount import Mount
+from mirrormount.common import errors
 
 KEEP_ALIVE_US = 500_000
 

@@ -6,10 +6,12 @@ import re
 import pytest
 from served import run_cli
 
-from mirrormount import Mount, calibration, errors
-from mirrormount.dialogue import Dialogue
-from mirrormount.marks import Marks, beam_per_mirror, measure
-from mirrormount.setup_command import run
+from mirrormount import Mount
+from mirrormount.cli.dialogue import Dialogue
+from mirrormount.cli.setup import run
+from mirrormount.common import errors
+from mirrormount.device import calibration
+from mirrormount.device.scale_fit import Marks, beam_per_mirror, measure
 from mirrormount.virtual.bench import SCREEN_MM
 
 

@@ -12,8 +12,10 @@ import threading
 import pytest
 from served import PATIENCE_S, run_cli, wait_for
 
-from mirrormount import Mount, errors, stop_socket
-from mirrormount.stop_socket import SENT, STOPPED, Stoppable, ask, ask_all, held_here, owners
+from mirrormount import Mount
+from mirrormount.common import errors
+from mirrormount.transport import stop_socket
+from mirrormount.transport.stop_socket import SENT, STOPPED, Stoppable, ask, ask_all, held_here, owners
 
 if os.name != "posix":
     pytest.skip("Unix sockets need POSIX", allow_module_level=True)

@@ -13,14 +13,15 @@ from tempfile import TemporaryDirectory
 
 import pytest
 
-from mirrormount import Mount, errors
-from mirrormount.identify import identify
-from mirrormount.link import Link
-from mirrormount.sketch import SketchMount
-from mirrormount.telnet import GREETING
+from mirrormount import Mount
+from mirrormount.common import errors
+from mirrormount.device.arduino_sketch import SketchMount
+from mirrormount.device.identify import identify
+from mirrormount.transport.link import Link
+from mirrormount.transport.telnet import GREETING
 from mirrormount.virtual import machines
-from mirrormount.virtual.stepped import Stepped
-from mirrormount.virtual.world import World
+from mirrormount.virtual.lockstep import Stepped
+from mirrormount.virtual.simulation import World
 
 
 @contextmanager

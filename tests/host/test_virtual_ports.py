@@ -9,9 +9,9 @@ from types import SimpleNamespace
 import pytest
 from served import PATIENCE_S, wait_for
 
-from mirrormount.guest import Guest
-from mirrormount.serve import Server
-from mirrormount.telnet import Inlet
+from mirrormount.network.client_session import Guest
+from mirrormount.network.server import Server
+from mirrormount.transport.telnet import Inlet
 from mirrormount.virtual import ports
 from mirrormount.virtual.ports import BUFFER, PtyPort, TcpPort
 

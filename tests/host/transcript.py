@@ -4,8 +4,8 @@ Whatever the host sends beyond it, or leaves out, fails the test. The traffic th
 every start of a motion has is put in by opened() and started().
 """
 
-from mirrormount.client import Mount
-from mirrormount.link import Link
+from mirrormount.device.mount import Mount
+from mirrormount.transport.link import Link
 
 IDENTITY = "mirrormount,Raspberry Pi Pico,e661,0.2.0"
 NO_ERROR = "0, NO ERROR DETECTED"

@@ -15,7 +15,7 @@ from urllib.parse import urlsplit
 from served import PATIENCE_S, ServedBoard, wait_for
 
 from mirrormount import Mount
-from mirrormount.status import Status
+from mirrormount.device.status import Status
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 

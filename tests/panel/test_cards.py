@@ -7,8 +7,8 @@ from running import Panel
 from served import wait_for
 
 from mirrormount import Mount
+from mirrormount.device.settings import SETTINGS
 from mirrormount.panel.card_of_settings import GROUPS
-from mirrormount.settings import SETTINGS
 
 
 @pytest.fixture

@@ -5,8 +5,7 @@ import socket
 
 import pytest
 
-from mirrormount import cli
-from mirrormount.panel import command
+from mirrormount.cli import main, panel
 
 
 class Terminal(io.StringIO):
@@ -24,8 +23,8 @@ def served(monkeypatch):
     def serve(address, opening, patience_s, browser):
         calls.append((address, opening.addresses, opening.entrance.token))
 
-    monkeypatch.setattr(command, "_serve", serve)
-    monkeypatch.setattr(command, "find", list)
+    monkeypatch.setattr(panel, "_serve", serve)
+    monkeypatch.setattr(panel, "find", list)
     monkeypatch.delenv("MIRRORMOUNT_PORT", raising=False)
     monkeypatch.delenv("MIRRORMOUNT_TOKEN", raising=False)
     return calls
@@ -33,7 +32,7 @@ def served(monkeypatch):
 
 def test_without_a_board_the_line_names_the_virtual_one(served, monkeypatch, capsys):
     monkeypatch.setattr("sys.stdin", io.StringIO())
-    assert cli.main(["panel", "--http", "0"]) == 1
+    assert main.main(["panel", "--http", "0"]) == 1
     assert "mirrormount panel --virtual" in capsys.readouterr().err
     assert served == []
 
@@ -43,26 +42,26 @@ def test_without_a_board_the_line_names_the_virtual_one(served, monkeypatch, cap
 )
 def test_at_a_terminal_the_virtual_board_is_offered(served, monkeypatch, answer, address):
     monkeypatch.setattr("sys.stdin", Terminal(answer))
-    assert cli.main(["panel", "--http", "0"]) == (0 if address else 1)
+    assert main.main(["panel", "--http", "0"]) == (0 if address else 1)
     assert [call[0] for call in served] == address
 
 
 def test_without_a_standard_input_nobody_is_asked(served, monkeypatch, capsys):
     monkeypatch.setattr("sys.stdin", None)
-    assert cli.main(["panel", "--http", "0"]) == 1
+    assert main.main(["panel", "--http", "0"]) == 1
     assert len(capsys.readouterr().err.splitlines()) == 1
 
 
 def test_the_links_are_of_the_family_that_is_listened_to(served):
     try:
-        assert cli.main(["panel", "--virtual", "--http", "0", "--host", "::"]) == 0
+        assert main.main(["panel", "--virtual", "--http", "0", "--host", "::"]) == 0
     except OSError:
         pytest.skip("no IPv6")
     assert all(link.startswith("http://[") for link in served[0][1])
 
 
 def test_a_port_that_is_named_is_taken(served):
-    assert cli.main(["panel", "/dev/ttyACM7", "--http", "0"]) == 0
+    assert main.main(["panel", "/dev/ttyACM7", "--http", "0"]) == 0
     assert served[0][0] == "/dev/ttyACM7"
 
 
@@ -79,7 +78,7 @@ def test_a_port_that_is_named_is_taken(served):
     ],
 )
 def test_what_cannot_be_is_refused_in_one_line(served, capsys, arguments, told):
-    assert cli.main(["panel", *arguments]) == 1
+    assert main.main(["panel", *arguments]) == 1
     err = capsys.readouterr().err
     assert told in err and len(err.splitlines()) == 1
     assert served == []
@@ -88,23 +87,23 @@ def test_what_cannot_be_is_refused_in_one_line(served, capsys, arguments, told):
 def test_a_port_in_use_is_told_if_it_was_asked_for_and_passed_over_if_not(served, monkeypatch, capsys):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         number = taken.getsockname()[1]
-        assert cli.main(["panel", "--virtual", "--http", str(number)]) == 1
+        assert main.main(["panel", "--virtual", "--http", str(number)]) == 1
         assert "take another port" in capsys.readouterr().err
-        monkeypatch.setattr(command, "_PORT", number)
-        assert cli.main(["panel", "--virtual"]) == 0
+        monkeypatch.setattr(panel, "_PORT", number)
+        assert main.main(["panel", "--virtual"]) == 0
     assert not served[0][1][0].endswith(f":{number}/")
 
 
 def test_loopback_needs_no_token_and_a_wider_network_makes_a_new_one_each_time(served):
     for host in ("127.0.0.1", "0.0.0.0", "0.0.0.0"):
-        assert cli.main(["panel", "--virtual", "--http", "0", "--host", host]) == 0
+        assert main.main(["panel", "--virtual", "--http", "0", "--host", host]) == 0
     tokens = [token for _, _, token in served]
     assert tokens[0] is None
     assert tokens[1] and tokens[2] and tokens[1] != tokens[2]
 
 
 def test_a_token_in_the_command_line_and_a_short_one_are_warned_of(served, capsys):
-    assert cli.main(["panel", "--virtual", "--http", "0", "--token", "mirror"]) == 0
+    assert main.main(["panel", "--virtual", "--http", "0", "--token", "mirror"]) == 0
     assert served[0][2] == b"mirror"
     warned = capsys.readouterr().err
     assert "list of processes" in warned and "can be guessed" in warned and len(warned.splitlines()) == 2
@@ -112,12 +111,12 @@ def test_a_token_in_the_command_line_and_a_short_one_are_warned_of(served, capsy
 
 def test_a_long_token_of_a_file_is_taken_without_a_word(served, capsys, tmp_path):
     (tmp_path / "token").write_text("kKq3-0d7LbX_u2mTzR9sWg\n")
-    assert cli.main(["panel", "--virtual", "--http", "0", "--token-file", str(tmp_path / "token")]) == 0
+    assert main.main(["panel", "--virtual", "--http", "0", "--token-file", str(tmp_path / "token")]) == 0
     assert served[0][2] == b"kKq3-0d7LbX_u2mTzR9sWg"
     assert capsys.readouterr().err == ""
 
 
 def test_without_nicegui_the_line_says_what_to_install(served, monkeypatch, capsys):
-    monkeypatch.setattr(command.importlib.util, "find_spec", lambda _name: None)
-    assert cli.main(["panel", "--virtual"]) == 1
+    monkeypatch.setattr(panel.importlib.util, "find_spec", lambda _name: None)
+    assert main.main(["panel", "--virtual"]) == 1
     assert '[gui]"' in capsys.readouterr().err

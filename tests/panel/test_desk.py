@@ -2,7 +2,7 @@
 
 import pytest
 
-from mirrormount.panel.desk import SILENT_S, Desk
+from mirrormount.supervise.lease import SILENT_S, Desk
 
 
 class Clock:

@@ -8,7 +8,7 @@ from running import pulses, run_until_driving, wait_for_rest
 from served import wait_for
 
 from mirrormount.panel.cards_of_motion import SLOW
-from mirrormount.panel.presses import MOST
+from mirrormount.supervise.presses import MOST
 
 LEGS = {"UP": "m1_pos", "DOWN": "m1_neg", "RIGHT": "m2_pos", "LEFT": "m2_neg"}
 ARROWS = {"UP": "ArrowUp", "DOWN": "ArrowDown", "RIGHT": "ArrowRight", "LEFT": "ArrowLeft"}

@@ -6,11 +6,11 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from mirrormount.panel.desk import CONNECTED, WAITING, WAITING_HERE, Desk
-from mirrormount.panel.entrance import CODE_S, Entrance
-from mirrormount.panel.guard import Guard
+from mirrormount.panel.auth import Guard
 from mirrormount.panel.rates import Rate, Rates
 from mirrormount.panel.server import _Printable
+from mirrormount.panel.sign_in import CODE_S, Entrance
+from mirrormount.supervise.lease import CONNECTED, WAITING, WAITING_HERE, Desk
 
 TOKEN = b"kKq3-0d7LbX_u2mTzR9sWg"
 

@@ -2,8 +2,8 @@
 
 import pytest
 
-from mirrormount.errors import BadValue
-from mirrormount.panel.orders import Drive, GoTo, Home, Press, Steps, Zero, parse
+from mirrormount.common.errors import BadValue
+from mirrormount.supervise.requests import Drive, GoTo, Home, Press, Steps, Zero, parse
 
 PRESS = {"do": "press", "x": 1, "y": 0, "speed": "128"}
 

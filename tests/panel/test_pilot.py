@@ -7,12 +7,12 @@ from collections import deque
 import pytest
 from served import wait_for
 
-from mirrormount.errors import ConnectionLost
-from mirrormount.link import SerialPort
-from mirrormount.panel.desk import Desk
-from mirrormount.panel.orders import Drive, GoTo, Press, Steps
-from mirrormount.panel.pilot import Pilot
-from mirrormount.panel.presses import HOLD_S, Hold, Presses
+from mirrormount.common.errors import ConnectionLost
+from mirrormount.supervise.lease import Desk
+from mirrormount.supervise.presses import HOLD_S, Hold, Presses
+from mirrormount.supervise.requests import Drive, GoTo, Press, Steps
+from mirrormount.supervise.worker import Pilot
+from mirrormount.transport.link import SerialPort
 from mountfw import errors as wire
 
 RIGHT = Press(1, 0, 255, False)
@@ -192,7 +192,7 @@ def busy(pilot) -> threading.Event:
 
 
 def test_an_order_that_had_to_wait_for_too_long_is_not_begun(pilot, page, monkeypatch):
-    monkeypatch.setattr("mirrormount.panel.pilot.LATE_S", 0.0)
+    monkeypatch.setattr("mirrormount.supervise.worker.LATE_S", 0.0)
     until = busy(pilot)
     pilot.order(page, Drive(100, 0))
     until.set()

@@ -10,7 +10,7 @@ from running import Network, NotStarted, Panel, run_until_driving, status_after,
 from served import ServedBoard, run_cli, wait_for
 from websockets.sync.client import connect
 
-from mirrormount import stop_socket
+from mirrormount.transport import stop_socket
 
 ABORTED, KEEP_ALIVE = 3, 7
 

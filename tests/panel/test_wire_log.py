@@ -1,6 +1,6 @@
 """The log of the wire."""
 
-from mirrormount.panel.wire_log import TappedPort, WireLog
+from mirrormount.supervise.wire_log import TappedPort, WireLog
 
 
 class Port:

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from mirrormount import errors as host
-from mirrormount.remedies import REMEDIES
+from mirrormount.common import errors as host
+from mirrormount.common.remedies import REMEDIES
 from mirrormount.virtual.wiring import DRIVES, SWITCHES
 from mountfw import app
 from mountfw import errors as wire

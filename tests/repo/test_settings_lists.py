@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from mirrormount import settings as host
+from mirrormount.device import settings as host
 from mirrormount.panel.card_of_settings import GROUPS
 from mountfw.endstop import EndStop
 from mountfw.parameters import Parameters

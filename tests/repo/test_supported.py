@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 import vms
 
-from mirrormount.supported import CIRCUITPYTHON, MICROPYTHON, VM_PACKAGE, parse
+from mirrormount.common.supported import CIRCUITPYTHON, MICROPYTHON, VM_PACKAGE, parse
 from mirrormount.virtual import npm
 
 ROOT = Path(__file__).parent.parent.parent

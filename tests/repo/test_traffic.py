@@ -5,7 +5,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 
 from mirrormount.virtual.board import make_world
-from mirrormount.virtual.stepped import Stepped
+from mirrormount.virtual.lockstep import Stepped
 
 PROTOCOL = Path(__file__).parent.parent.parent / "docs" / "protocol.md"
 

@@ -15,11 +15,11 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Self
 
-from mirrormount import deploy_plan
+from mirrormount.deploy import micropython_plan
 from mirrormount.virtual import emulator
 from mirrormount.virtual.board import Options, make_world
-from mirrormount.virtual.stepped import Stepped
-from mirrormount.virtual.world import World
+from mirrormount.virtual.lockstep import Stepped
+from mirrormount.virtual.simulation import World
 
 ENABLES = ("m1_en", "m2_en")
 LOST = math.inf  # what never happened
@@ -188,7 +188,7 @@ class Lab:
 
     def board(self, *, source: bool = False, switches: bool = False) -> Board:
         """A new board that has started. source: with .py files instead of .mpy; switches: end-stops wired."""
-        files = deploy_plan.firmware(None if source else _MPY)
+        files = micropython_plan.firmware(None if source else _MPY)
         flash = Path(self._folder.name) / f"{len(self._boards)}.bin"
         shutil.copyfile(emulator.flash_with_firmware(self._image, files), flash)
         bench = "switches" if switches else "paper"

@@ -18,7 +18,7 @@ from lab import Lab
 from rows import ROWS, Row
 from table import Measurement, as_json, markdown
 
-from mirrormount.errors import MountError
+from mirrormount.common.errors import MountError
 from mirrormount.virtual import emulator
 
 PAGE = Path(__file__).parents[2] / "docs" / "performance.md"

@@ -6,11 +6,11 @@ from typing import Any
 from nicegui import ui
 from nicegui.events import GenericEventArguments
 
-from mirrormount.errors import BadValue
-from mirrormount.panel.asking import ask, confirm, warn
-from mirrormount.panel.board_settings import BoardSettings
+from mirrormount.common.errors import BadValue
+from mirrormount.device.settings import AXES, SETTINGS
 from mirrormount.panel.cards_of_motion import card
-from mirrormount.settings import AXES, SETTINGS
+from mirrormount.panel.run_on_mount import ask, confirm, warn
+from mirrormount.supervise.board_settings import BoardSettings
 
 # the board's names in the order and the words of a person at the bench
 GROUPS = (

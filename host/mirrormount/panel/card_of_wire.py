@@ -6,8 +6,8 @@ from collections.abc import Callable
 from nicegui import ui
 
 from mirrormount.panel.cards_of_motion import card
-from mirrormount.panel.pilot import Pilot
-from mirrormount.panel.wire_log import Entry
+from mirrormount.supervise.wire_log import Entry
+from mirrormount.supervise.worker import Pilot
 
 _SHOWN = 300
 

@@ -5,9 +5,9 @@ from collections.abc import Callable
 
 from nicegui import ui
 
-from mirrormount.panel.orders import COARSE_STEPS, FINE_STEPS, FULL
-from mirrormount.panel.pilot import Pilot
-from mirrormount.panel.presses import HOLD_S, MOST
+from mirrormount.supervise.presses import HOLD_S, MOST
+from mirrormount.supervise.requests import COARSE_STEPS, FINE_STEPS, FULL
+from mirrormount.supervise.worker import Pilot
 
 _PAD = (  # place in the pad, x and y, arrow, name
     ("up", "0 1", "▲", "UP"),

@@ -5,14 +5,14 @@ from collections.abc import Callable
 
 from nicegui import ui
 
-from mirrormount.errors import REASONS
-from mirrormount.panel.asking import warn
+from mirrormount.common.errors import REASONS
+from mirrormount.common.remedies import remedy_of
+from mirrormount.device.status import AxisStatus
 from mirrormount.panel.cards_of_motion import card, number, send
-from mirrormount.panel.desk import Page
-from mirrormount.panel.notices import Notice
-from mirrormount.panel.pilot import Pilot, Point
-from mirrormount.remedies import remedy_of
-from mirrormount.status import AxisStatus
+from mirrormount.panel.run_on_mount import warn
+from mirrormount.supervise.lease import Page
+from mirrormount.supervise.notices import Notice
+from mirrormount.supervise.worker import Pilot, Point
 from mountfw import errors as wire
 
 _TITLES = {"x": "X · right and left", "y": "Y · up and down"}

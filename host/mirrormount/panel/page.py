@@ -7,12 +7,12 @@ from pathlib import Path
 from nicegui import app, ui
 
 from mirrormount.panel import card_of_settings, card_of_wire, cards_of_motion, cards_of_state
-from mirrormount.panel.asking import warn
-from mirrormount.panel.board_settings import BoardSettings
-from mirrormount.panel.desk import Desk, Page
-from mirrormount.panel.driving import refusal
-from mirrormount.panel.entrance import CODE_S
-from mirrormount.panel.pilot import Pilot
+from mirrormount.panel.run_on_mount import warn
+from mirrormount.panel.sign_in import CODE_S
+from mirrormount.panel.socket import refusal
+from mirrormount.supervise.board_settings import BoardSettings
+from mirrormount.supervise.lease import Desk, Page
+from mirrormount.supervise.worker import Pilot
 
 STATIC = Path(__file__).parent / "static"
 _REFRESH_S = 0.1

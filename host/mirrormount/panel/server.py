@@ -11,14 +11,14 @@ from nicegui import app as gui
 from nicegui import core, ui
 from platformdirs import user_log_path
 
-from mirrormount.errors import CannotListen
+from mirrormount.common.errors import CannotListen
+from mirrormount.common.printable import printable
 from mirrormount.panel import page
-from mirrormount.panel.desk import Desk
-from mirrormount.panel.driving import routes
-from mirrormount.panel.entrance import Entrance
-from mirrormount.panel.guard import Guard
-from mirrormount.panel.pilot import Pilot
-from mirrormount.printable import printable
+from mirrormount.panel.auth import Guard
+from mirrormount.panel.sign_in import Entrance
+from mirrormount.panel.socket import routes
+from mirrormount.supervise.lease import Desk
+from mirrormount.supervise.worker import Pilot
 
 _LOG_MOST = 1 << 20  # bytes of the log; one older file of this size is kept
 _MESSAGE_MOST = 1 << 16  # bytes of a message of a socket

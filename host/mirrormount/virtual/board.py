@@ -13,18 +13,18 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from urllib.parse import parse_qsl
 
-from mirrormount.errors import BadAddress, BadValue, CannotOpen, ConnectionLost, MountError
-from mirrormount.link import SocketPort
-from mirrormount.printable import printable
-from mirrormount.values import digits
+from mirrormount.common.errors import BadAddress, BadValue, CannotOpen, ConnectionLost, MountError
+from mirrormount.common.printable import printable
+from mirrormount.common.validation import digits
+from mirrormount.transport.link import SocketPort
 from mirrormount.virtual import machines
 from mirrormount.virtual.bench import Bench
 from mirrormount.virtual.files import new_files
 from mirrormount.virtual.image import is_circuitpython
-from mirrormount.virtual.live import serve
+from mirrormount.virtual.lockstep import Stepped
 from mirrormount.virtual.ports import PairPort
-from mirrormount.virtual.stepped import Stepped
-from mirrormount.virtual.world import BoardGone, World
+from mirrormount.virtual.realtime import serve
+from mirrormount.virtual.simulation import BoardGone, World
 
 _MOST_SEED = (1 << 32) - 1
 _CIRCUITPYTHON_US = 6_000_000  # until the firmware is ready on it; its LED shows other things before that
@@ -114,7 +114,7 @@ def make_world(options: Options | None = None) -> World:
 
 
 def open_virtual(url: str) -> "LivePort | SteppedPort":
-    """A port (see mirrormount.link) on a new virtual board. Raises BadAddress for an option it has not."""
+    """A port (see mirrormount.transport.link) on a new virtual board. Raises BadAddress for an option it has not."""
     given = dict(parse_qsl(url.removeprefix("virtual://").removeprefix("?"), keep_blank_values=True))
     speed = given.pop("speed", "1")
     texts = {name: given.pop(name) for name in ("machine", "bench", "board") if name in given}

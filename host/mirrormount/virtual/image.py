@@ -22,7 +22,7 @@ from typing import IO
 
 from platformdirs import user_cache_path
 
-from mirrormount.errors import EmulatorMissing
+from mirrormount.common.errors import EmulatorMissing
 
 TOOLS = Path(__file__).parents[3] / "tools" / "emulator"
 _PATIENCE_S = 5.0  # until the site answers, and between two pieces of what it sends

@@ -12,9 +12,9 @@ import shutil
 import sys
 from pathlib import Path
 
-from mirrormount.errors import EmulatorMissing
+from mirrormount.common.errors import EmulatorMissing
 from mirrormount.virtual.files import firmware_folder
-from mirrormount.virtual.world import START_US
+from mirrormount.virtual.simulation import START_US
 
 # the VM's print() writes to descriptor 1, so its seam is on two others: sh moves it there
 READ_FD, WRITE_FD = 3, 4

@@ -4,7 +4,7 @@ import shutil
 import subprocess
 from pathlib import Path
 
-from mirrormount.errors import EmulatorMissing
+from mirrormount.common.errors import EmulatorMissing
 from mirrormount.virtual.image import last_line
 
 _OLDEST_NODE = 18  # that rp2040js runs on

@@ -8,10 +8,10 @@ import time
 from pathlib import Path
 from typing import Protocol
 
-from mirrormount.first_bytes import FirstBytes, NotAClient
-from mirrormount.guest import acknowledge
-from mirrormount.telnet import Inlet
-from mirrormount.turned_away import GRACE_S, TAKEN_LINE, TurnedAway
+from mirrormount.network.client_session import acknowledge
+from mirrormount.transport.first_bytes import FirstBytes, NotAClient
+from mirrormount.transport.rejected import GRACE_S, TAKEN_LINE, TurnedAway
+from mirrormount.transport.telnet import Inlet
 
 BUFFER = 512  # bytes that a board takes in before its host has to wait
 _WAITING_MOST = 1 << 20  # bytes of a client that may wait for the board

@@ -1,0 +1,82 @@
+"""What both ways of a deploy share: what was asked for, and the few words that are exchanged with a board."""
+
+import re
+from collections.abc import Collection
+from dataclasses import dataclass
+from pathlib import Path
+
+from mirrormount.common.errors import DeployError, NoAnswer, PortBusy
+from mirrormount.common.printable import printable
+from mirrormount.device.identify import TAKEN
+from mirrormount.transport.link import Link
+
+STATUS = re.compile(r"\d+,\d+,\d+((?:\|-?\d+,[01],-?\d+,\d+,\d+,\d+)+)")
+_ANSWER_S = 3.0
+_ADDRESS = b"01>"  # the board's own, spelled as nobody else does: it comes back with the answers
+
+
+@dataclass(frozen=True)
+class Options:
+    """What was asked for. port: None for the one board that is plugged in."""
+
+    port: str | None = None
+    stop: bool = False
+    source: bool = False
+    board: str | None = None
+    pins: Path | None = None
+    replace_main: bool = False
+    drive: Path | None = None
+
+
+def quiet(link: Link, stop: bool) -> str:
+    """See to it that no motor moves. Sends no stop unless told to. Returns what was heard.
+
+    Raises DeployError, PortBusy.
+    """
+    heard = ask(link, b"XS?\n")
+    if TAKEN in heard:
+        raise PortBusy("another program drives this board")
+    if stop and _moves(heard):
+        link.write(b"!\n")
+        link.drain(0.1)
+        heard = ask(link, b"XS?\n")
+    if _moves(heard):
+        raise DeployError("a motor moves: wait until it is done, or say --stop")
+    return heard
+
+
+def ask(link: Link, question: bytes) -> str:
+    """What a board says to a question, its first line and what comes at once after it; "" for nothing."""
+    link.write(question)
+    try:
+        line = link.read_line(_ANSWER_S)
+    except NoAnswer:
+        line = ""
+    return (line + "\n" + link.drain(0.05).decode("ascii", "replace")).lstrip("\n")
+
+
+def _moves(heard: str) -> bool:
+    status = STATUS.search(heard)
+    return bool(status) and any(axis.split(",")[1] == "1" for axis in status[1].strip("|").split("|"))
+
+
+def check(link: Link, wanted: Collection[str] | None) -> tuple[int, str]:
+    """What runs must be what was sent: XF? answers one of wanted (None: anything). Returns axes, and that answer.
+
+    Raises DeployError, NoAnswer, ConnectionLost.
+    """
+    # the address comes back with the answers: those to earlier questions, from a board that was starting, are not ours
+    answer = link.ask(_ADDRESS + b"XF?;XH?;XS?\n", _ANSWER_S)
+    while not answer.startswith(_ADDRESS.decode()):
+        answer = link.read_line(_ANSWER_S)
+    parts = answer[len(_ADDRESS) :].split("; ")
+    if len(parts) != 3:
+        raise DeployError(f"the board answers {answer[:60]!r} when asked what runs there")
+    found, health, status = parts
+    if wanted is not None and found not in wanted:
+        expected = " or ".join(f"{one[:16]}…" for one in wanted)
+        raise DeployError(f"the board's firmware is not what was sent (XF? {printable(found[:16])}…, not {expected})")
+    numbers = health.split(",")
+    if len(numbers) != 4 or not all(number.isdecimal() for number in numbers):
+        raise DeployError(f"the board does not tell its health: {health[:60]!r}")
+    return status.count("|"), found

@@ -1,0 +1,293 @@
+"""One axis of a mount: steps, moves, jogs, homing. Imports calibration, errors, status.
+
+An Axis speaks through its Mount, which keeps the motion alive and knows of stops. What waits for a
+motion stops both motors when it is interrupted (Ctrl-C, or an interrupted cell of a notebook).
+"""
+
+import html
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from mirrormount.common.errors import BadValue, MoveEnded, NoAnswer, NotAMount
+from mirrormount.common.validation import positive_numbers, real_number, whole_number, whole_numbers
+from mirrormount.device.status import AxisStatus, Ended, Homed, Limits, table
+from mountfw import errors as wire
+
+if TYPE_CHECKING:
+    from mirrormount.device.mount import Mount
+
+Progress = Callable[[AxisStatus], None]  # called with each status that comes while a move is waited for
+
+_POLL_S = 0.05
+_SLACK_S = 4.0  # on top of what a move must take, before it is called stuck; 2 s of it for the backlash
+_SHORTEST_US = 200  # pulse of the board (XU)
+_SOFT_LIMITS_CHECKED = 8  # the bit of ZH
+
+
+class Axis:
+    """One axis of a Mount: x (right positive) or y (up positive)."""
+
+    __slots__ = ("_deadline", "_mount", "name", "number")  # another name that is set is an error, not lost
+
+    def __init__(self, mount: "Mount", name: str, number: int) -> None:
+        self._mount = mount
+        self.name = name
+        self.number = number
+        self._deadline = 0.0
+
+    def __repr__(self) -> str:
+        """What the board last said of it; the board is not asked."""
+        seen = self._mount._seen
+        last = f"{getattr(seen[1], self.name)}, {self._mount._age()}" if seen else "not seen yet"
+        return f"<Axis {self.name}: {last}>"
+
+    def _repr_html_(self) -> str:
+        seen = self._mount._seen
+        return (
+            table([(self.name, getattr(seen[1], self.name))], self._mount._age()) if seen else html.escape(repr(self))
+        )
+
+    @property
+    def position(self) -> float:
+        """Where the board counts this axis to be, in steps; status() says how certain that is."""
+        return self.status().position
+
+    def status(self) -> AxisStatus:
+        """What the board knows of this axis."""
+        return getattr(self._mount.status(), self.name)
+
+    def step(self, n: int, *, wait: bool = True, feed: bool = True, progress: Progress | None = None) -> None:
+        """Move by n steps. With wait, returns when they are done, else at once.
+
+        Without wait and feed the caller keeps the move alive, as in Mount.drive().
+
+        Raises BadValue, BoardError if refused, MoveEnded if an end-stop, a limit or somebody else
+        ended it, ConnectionLost, NoAnswer.
+        """
+        n = whole_number(n, 1_000_000, "steps")
+        self._move("PR", n, n, wait, feed, progress)
+
+    def move_to(self, steps: float, *, wait: bool = True, feed: bool = True, progress: Progress | None = None) -> float:
+        """Move to the position `steps`, which may lie between two steps. Returns the position that is reached.
+
+        What whole steps leave over is one pulse of its own length (`XU`), so that also a whole position is reached
+        from one between two steps, such as a jog's end; the position is an estimate then. The board drives no
+        pulse shorter than 200 us, 0.001 of a step of 200 ms: less than that is left over.
+        Without wait the nearest whole number of steps is moved to, and `steps` must be whole. Raises as step() does.
+        """
+        if not wait:
+            target = whole_number(steps, 1_000_000, "position, without waiting,")
+            self._move("PA", target, round(target - self.position), wait, feed, progress)
+            return target
+        wanted = real_number(steps, 1_000_000, "position")
+        stops = self._mount._count_stops()
+        (pulse_us,) = self.ask_whole("XP?")
+        left = round(wanted * 1000) - round(self.position * 1000)  # thousandths of a step
+        n, part = divmod(abs(left), 1000)
+        part_us = round(part * pulse_us / 1000)
+        if part_us < _SHORTEST_US:
+            part_us = 0
+        sign = 1 if left > 0 else -1
+        with self._mount._stopped_by_interrupt():
+            if isinstance(wanted, int) and not part_us:
+                self._move("PA", wanted, n, wait, feed, progress, stops)
+            elif n:
+                self._move("PR", sign * n, n, wait, feed, progress, stops)
+            if part_us:
+                self._move("XU", sign * part_us, 1, wait, feed, progress, stops)
+        return self.position
+
+    def zero(self, steps: int = 0) -> None:
+        """Call the present position `steps`; from here on it is certain as far as it is counted."""
+        self._mount.send(f"{self.number}DH{whole_number(steps, 1_000_000, 'position')}")
+
+    def move_by(self, amount: float, unit: str = "steps", *, wait: bool = True) -> float:
+        """Move by an amount of steps, of mrad or of urad; the angle is the mirror's. Returns what was moved.
+
+        An angle becomes the nearest whole number of steps, by the scale of that direction in the
+        calibration file (docs/calibration.md). Raises NotCalibrated without one that belongs to the
+        board's present step, BadFile, and what step() raises.
+        """
+        if unit == "steps":
+            self.step(amount, wait=wait)  # type: ignore[arg-type]  # refused there if it is not whole
+            return amount
+        per_mrad = {"mrad": 1.0, "urad": 1000.0}.get(unit)
+        if per_mrad is None:
+            raise BadValue(f"a unit is steps, mrad or urad, not {unit!r}")
+        if isinstance(amount, bool) or not isinstance(amount, int | float) or not abs(amount) < 1e9:
+            raise BadValue(f"an angle is a number, not {amount!r}")
+        mrad_per_step = self._scale(1 if amount > 0 else -1)
+        n = round(amount / per_mrad / mrad_per_step)
+        if n == 0 and amount:
+            raise BadValue(f"{amount:g} {unit} is less than half a step of {mrad_per_step * per_mrad:.3g} {unit}")
+        self.step(n, wait=wait)
+        return n * mrad_per_step * per_mrad
+
+    def ask(self, *queries: str) -> list[str]:
+        """What queries of this axis answer: axis.ask("XP?", "VA?"). Raises BoardError, NotAMount."""
+        answers = self._mount.send(";".join(f"{self.number}{query}" for query in queries)).split("; ")
+        if len(answers) != len(queries):
+            raise NotAMount(f"not the answers to {', '.join(queries)}: {'; '.join(answers)[:80]!r}")
+        return answers
+
+    def ask_whole(self, *queries: str) -> list[int]:
+        """The same for queries whose answers are whole numbers."""
+        return whole_numbers(",".join(self.ask(*queries)), len(queries))
+
+    def home(self, progress: Progress | None = None) -> Homed:
+        """Find the home switch (or the end-stop that stands in for it); position 0 is there. Returns when done.
+
+        Raises BoardError (n35: no switch fitted), MoveEnded (n45: switch not found, n46: it did not
+        release, n04 or n05: the other end's switch came first), ConnectionLost, NoAnswer.
+        """
+        with self._mount._stopped_by_interrupt():
+            self.start_homing()
+            self._wait_until_done(None, progress)
+        known, millisteps = whole_numbers(self.ask("OR?")[0], 2)
+        return Homed(millisteps / 1000 if known else None)
+
+    def start_homing(self) -> None:
+        """Begin what home() does, and return; the caller keeps it alive, as in Mount.drive(). Raises BoardError."""
+        self._seek("OR")
+
+    def find_end_stop(self, direction: int) -> None:
+        """Go to the end-stop in direction 1 or -1, and stand at it. Raises as home() does."""
+        if isinstance(direction, bool) or direction not in (1, -1):
+            raise BadValue(f"an end-stop's direction is 1 or -1, not {direction!r}")
+        with self._mount._stopped_by_interrupt():
+            self._seek("MT+" if direction > 0 else "MT-")
+            self._wait_until_done(None)
+
+    @property
+    def limits(self) -> Limits:
+        """The soft limits, in steps. Settable; raises BadValue if the minimum is above the maximum."""
+        low, high, checking = self.ask_whole("SL?", "SR?", "ZH?")
+        return Limits(low, high, bool(checking & _SOFT_LIMITS_CHECKED))
+
+    @limits.setter
+    def limits(self, limits: Limits) -> None:
+        if not isinstance(limits, Limits):  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise BadValue(f"soft limits are Limits(minimum, maximum), not {limits!r}")
+        if limits.minimum > limits.maximum:
+            raise BadValue(
+                f"a soft minimum of {limits.minimum} above the maximum of {limits.maximum} forbids everything"
+            )
+        checking = self.ask_whole("ZH?")[0] & ~_SOFT_LIMITS_CHECKED
+        wanted = {
+            "soft_minimum": limits.minimum,
+            "soft_maximum": limits.maximum,
+            "checking": checking | (_SOFT_LIMITS_CHECKED if limits.checked else 0),
+        }
+        self._mount.apply({self.name: wanted})
+
+    @property
+    def take_up_us(self) -> int:
+        """Drive in microseconds that takes up the backlash after a reversal; 0 is off. Settable."""
+        return self.ask_whole("XB?")[0]
+
+    @take_up_us.setter
+    def take_up_us(self, us: int) -> None:
+        self._mount.apply({self.name: {"take_up_us": us}})
+
+    @property
+    def run_limit_s(self) -> float:
+        """How long the board lets one jog or drive run, in seconds (`XM`)."""
+        return whole_numbers(self._mount.ask(f"{self.number}XM?"), 1)[0] / 1000
+
+    def jog(self, speed: float, *, feed: bool = True) -> None:
+        """Run at speed, -1 ... 1 of full duty and not 0, until stop(), a limit, or this program's end.
+
+        The duty comes in steps of 1/255; the nearest is taken. Without feed the caller keeps it alive,
+        as in Mount.drive().
+        """
+        if isinstance(speed, bool) or not isinstance(speed, int | float) or not 0 < abs(speed) <= 1:
+            raise BadValue(f"a jog's speed is a number within -1 … 1 other than 0, not {speed!r}")
+        duty = round(abs(speed) * 255)
+        if duty == 0:
+            raise BadValue(f"a jog's speed comes in steps of 1/255: {speed!r} is none")
+        a, mount = self.number, self._mount
+        stops = mount._count_stops()
+        if self.status().moving:  # what is under way gives way
+            self.stop()
+        run_duty, limit_ms = whole_numbers(mount.ask(f"{a}XV?;{a}XM?"), 2, "; ")
+        sign = "+" if speed > 0 else "-"
+        with mount._stopped_by_interrupt():
+            # the stored run duty is put back in the same line
+            mount._start(f"{a}XV{duty};{a}MV{sign};{a}XV{run_duty}", stops)
+            self._deadline = mount.link.monotonic() + limit_ms / 1000 + _SLACK_S
+            if feed:
+                mount._feed()
+
+    def stop(self) -> None:
+        """End this axis's move soon: a step that is nearly done is finished. mount.stop() is for hurry."""
+        self._mount.ask(f"{self.number}ST;{self.number}MD?")
+        self.wait()
+
+    def wait(self, progress: Progress | None = None) -> Ended:
+        """Wait for the end of this axis's move and tell how it ended.
+
+        Raises NoAnswer (and stops) if it takes longer than it can, ConnectionLost. An interrupt stops both motors.
+        """
+        mount = self._mount
+        with mount._stopped_by_interrupt():
+            while (status := self.status()).moving:
+                if progress:
+                    progress(status)
+                mount._check_lost()
+                if self._deadline and mount.link.monotonic() > self._deadline:
+                    mount.stop()
+                    raise NoAnswer(f"{self.name}: still moving when it should have ended; stopped")
+                mount.link.sleep(_POLL_S)
+            return self.last_move()
+
+    def last_move(self) -> Ended:
+        """How this axis's last move ended."""
+        reason, steps, on_us = whole_numbers(self._mount.ask(f"{self.number}XE?"), 3)
+        return Ended(reason, steps, on_us * 1e-6)
+
+    def _scale(self, direction: int) -> float:
+        """mrad of the mirror a step, in that direction."""
+        from mirrormount.device import calibration  # what only stops, or counts in steps, needs no file
+
+        step = calibration.Step(*self.ask_whole("XP?", "XD?", "XI?"))
+        return calibration.mrad_per_step(self._mount.board_id, self.number, self.name, direction, step)
+
+    def _move(
+        self,
+        mnemonic: str,
+        value: int,
+        n: int,
+        wait: bool,
+        feed: bool,
+        progress: Progress | None = None,
+        stops: int | None = None,
+    ) -> None:
+        """Start a move of n steps. stops is what _count_stops() said when it was asked for: now, if None."""
+        a, mount = self.number, self._mount
+        stops = mount._count_stops() if stops is None else stops
+        pulse_us, velocity = positive_numbers(mount.ask(f"{a}XP?;{a}VA?"), 2)
+        period_s = max(1 / velocity, pulse_us * 1e-6 + 1e-3)
+        with mount._stopped_by_interrupt():
+            mount._start(f"{a}{mnemonic}{value}", stops)
+            self._deadline = mount.link.monotonic() + (abs(n) + 1) * period_s + _SLACK_S
+            if wait:
+                self._wait_until_done(n, progress)
+            elif feed:
+                mount._feed()
+
+    def _seek(self, command: str) -> None:
+        """Begin to look for a switch. The search limit bounds the time under drive; slow pulses have rests between."""
+        mount = self._mount
+        stops = mount._count_stops()
+        limit_ms, pulse_us = self.ask_whole("XT?", "XP?")
+        slow_us = max(pulse_us // 8, 200)  # a pulse of the search
+        longest_s = limit_ms / 1000 * (1 + max(slow_us, 20_000) / slow_us)
+        mount._start(f"{self.number}{command}", stops)
+        self._deadline = mount.link.monotonic() + longest_s + _SLACK_S
+
+    def _wait_until_done(self, wanted: int | None, progress: Progress | None = None) -> None:
+        ended = self.wait(progress)
+        if ended.reason != wire.DONE:
+            errors = self._mount.errors()
+            codes = tuple(error.code for error in errors)
+            raise MoveEnded(self.name, ended.reason, ended.steps, wanted, list(map(str, errors)), codes)

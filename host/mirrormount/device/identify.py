@@ -1,0 +1,78 @@
+"""Who is there? The first words to a board. Imports errors, link, printable, telnet."""
+
+from mirrormount.common.errors import (
+    AtPrompt,
+    ConnectionLost,
+    FirmwareMissing,
+    NoAnswer,
+    NotAMount,
+    PortAbsent,
+    PortBusy,
+    TokenNeeded,
+)
+from mirrormount.common.printable import printable
+from mirrormount.transport.link import Link
+from mirrormount.transport.telnet import GREETING
+
+# what those who serve a board say to a client that they turn away
+TAKEN = "mirrormount: this board has a client already"
+NO_BOARD = "mirrormount: the board is not there"
+AT_PROMPT = "mirrormount: the board is at its Python prompt, which is not served on TCP"
+TOKEN_REFUSED = "mirrormount: the first line must be the token"
+
+_ANSWER_S = 1.0
+_SERVED_ANSWER_S = 5.0  # behind a greeting: `serve` brings the board to rest first, late on a busy computer
+
+
+def identify(link: Link) -> str:
+    """Stop whatever moves, throw away what is old, and ask who is there. Returns the answer to *IDN?.
+
+    Raises NotAMount, AtPrompt, FirmwareMissing, PortBusy, PortAbsent, TokenNeeded.
+    """
+    try:
+        link.write(b"!\n")
+        before = link.drain(0.1)
+        _check_served(before.decode("ascii", "replace"))
+        link.write(b"*IDN?\n")
+        answer = link.read_line(_SERVED_ANSWER_S if GREETING in before else _ANSWER_S)
+        if answer.endswith("soft reboot"):  # it is just starting
+            answer = link.read_line(_ANSWER_S)
+    except ConnectionLost as e:
+        raise NotAMount("it hung up when asked who it is: not a mount") from e
+    except NoAnswer as e:
+        answer = link.drain(0.05).decode("ascii", "replace")
+        if not answer:
+            raise NotAMount("nothing answers: not a mount, or its firmware hangs") from e
+    _check_served(answer)
+    answer = answer.lstrip("\ufffd\x01\x03")  # telnet's greeting, where the board is served on TCP and it came late
+    if not answer.startswith("mirrormount,"):
+        link.write(b"\r")  # a prompt that is in the middle of a line does not show itself before its end
+        answer += link.drain(0.3).decode("ascii", "replace")
+    rest = link.drain(0.05).decode("ascii", "replace")
+    if answer.startswith("mirrormount,") and not rest:
+        answer = printable(answer)
+        if answer.count(",") < 3:
+            raise NotAMount(f"not the four parts of a mount's identity: {answer[:80]!r}")
+        return answer
+    if ">>>" in answer + rest:
+        link.write(b"\r\x03\r")
+        link.drain(0.1)
+        link.write(b"import mountfw\r")
+        if "ImportError" in link.drain(0.3).decode("ascii", "replace"):
+            raise FirmwareMissing("Python answers, but mountfw is not on this board: deploy it first")
+        raise AtPrompt("the board is at its Python prompt: press Ctrl-D there, or reset it, to start mountfw")
+    raise NotAMount(f"this is not a mount; it answered {(answer + rest)[:60]!r}")
+
+
+def _check_served(heard: str) -> None:
+    """Raise what it means if a served board has turned us away."""
+    if TAKEN in heard:
+        raise PortBusy("another program drives this board")
+    if NO_BOARD in heard:
+        raise PortAbsent("the program that serves this board has lost it: plug the board in")
+    if AT_PROMPT in heard:
+        raise AtPrompt("the board is at its Python prompt: press Ctrl-D there (on its pty) to start mountfw")
+    if TOKEN_REFUSED in heard:
+        raise TokenNeeded(
+            "this board is served with a token, which Mount does not send: go through ssh -L (docs/network.md)"
+        )

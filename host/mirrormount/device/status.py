@@ -1,0 +1,128 @@
+"""What a board tells of itself and of its axes, as plain data. Imports errors, printable, values."""
+
+import html
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from mirrormount.common.errors import REASONS, NotAMount
+from mirrormount.common.printable import printable
+from mirrormount.common.validation import whole_numbers
+
+_AXIS_NUMBER = re.compile(r"\bAXIS ([12])\b")
+
+CERTAINTY = {0: "unknown", 1: "counted", 2: "homed", 3: "estimated"}
+
+
+@dataclass(frozen=True)
+class AxisStatus:
+    """What the board knows of one axis. position in steps; limits bit 0 positive, 1 negative, 2 home."""
+
+    position: float
+    moving: bool
+    direction: int
+    limits: int
+    reason: int
+    certainty: str
+
+    def __str__(self) -> str:
+        return f"{self.position:+.3f} steps ({self.certainty}), {'moving' if self.moving else 'at rest'}"
+
+    def _repr_html_(self) -> str:
+        return table([("", self)])
+
+
+@dataclass(frozen=True)
+class Status:
+    """What the board knows of itself."""
+
+    boot_id: int
+    uptime_s: float
+    errors_waiting: int
+    x: AxisStatus
+    y: AxisStatus
+
+    @property
+    def moving(self) -> bool:
+        """True while either axis moves."""
+        return self.x.moving or self.y.moving
+
+    def __str__(self) -> str:
+        return f"x: {self.x}; y: {self.y}"
+
+    def _repr_html_(self) -> str:
+        return table([("x", self.x), ("y", self.y)])
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a move ended: the board's reason number, steps made (signed), time under drive in seconds."""
+
+    reason: int
+    steps: int
+    on_time_s: float
+
+
+@dataclass(frozen=True)
+class Homed:
+    """How homing ended. discrepancy_steps: by how much the count was off; None if no earlier home was known."""
+
+    discrepancy_steps: float | None
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Soft limits, in steps: a move beyond them is refused, and a run ends there, while they are checked."""
+
+    minimum: int
+    maximum: int
+    checked: bool = True
+
+
+@dataclass(frozen=True)
+class QueuedError:
+    """One error of the board's queue: its number (docs/errors.md has cause and remedy) and its text.
+
+    The text has the user's name of an axis where the board's has its number: "x POSITIVE END-STOP REACHED".
+    """
+
+    code: int
+    text: str
+
+    def __str__(self) -> str:
+        return f"{self.code}: {self.text.lower()}"
+
+
+def table(axes: Sequence[tuple[str, AxisStatus]], caption: str = "") -> str:
+    """Axes as an HTML table, for a notebook; the caption is text."""
+    rows = [
+        f"<tr><th>{name}</th><td>{axis.position:+.3f}</td><td>{axis.certainty}</td>"
+        f"<td>{'moving' if axis.moving else 'at rest'}</td><td>{REASONS.get(axis.reason, axis.reason)}</td></tr>"
+        for name, axis in axes
+    ]
+    titles = "".join(f"<th>{title}</th>" for title in ("axis", "steps", "certainty", "now", "last move"))
+    return f"<table><caption>{html.escape(caption)}</caption><tr>{titles}</tr>{''.join(rows)}</table>"
+
+
+def parse_status(line: str, x_axis: int) -> Status:
+    """The answer to XS?, with the axis that the board calls x_axis as x. Raises NotAMount."""
+    try:
+        head, *axes = line.split("|")
+        boot_id, uptime_ms, errors_waiting = whole_numbers(head, 3)
+        by_number = [
+            AxisStatus(position / 1000, bool(moving), direction, limits, reason, CERTAINTY[certainty])
+            for position, moving, direction, limits, reason, certainty in (whole_numbers(axis, 6) for axis in axes)
+        ]
+        return Status(boot_id, uptime_ms / 1000, errors_waiting, by_number[x_axis - 1], by_number[2 - x_axis])
+    except (KeyError, IndexError, NotAMount) as e:
+        raise NotAMount(f"not a mount's status: {line[:80]!r}") from e
+
+
+def parse_error(line: str, x_axis: int) -> QueuedError:
+    """The answer to TB?: "62, KEEP-ALIVE LOST", of a board that calls x_axis what is x here. Raises NotAMount."""
+    code, _, text = line.partition(",")
+    text = _AXIS_NUMBER.sub(lambda m: "x" if int(m[1]) == x_axis else "y", printable(text.strip()))
+    try:
+        return QueuedError(int(code), text)
+    except ValueError as e:
+        raise NotAMount(f"not an error of a mount: {line[:80]!r}") from e

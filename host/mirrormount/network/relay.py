@@ -1,0 +1,301 @@
+"""Between a network client and a board: gives the board no more than it obeys, and keeps it alive meanwhile.
+
+- A stop overtakes what waits, and no more than AHEAD bytes are before it on their way to the board.
+- While something moves that a client has started, the board has a keep-alive that this program feeds, so that it
+  ends within 0.5 s if this program dies or hangs.
+- A client's own keep-alive (XK) stays the client's: the board fires it as if nobody were between.
+
+To know what the board has obeyed, and whether it moves, this program asks it, under an address that clients do
+not use, and takes those answers out.
+"""
+
+import math
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import NamedTuple
+
+from mirrormount.common.errors import NotAMount
+from mirrormount.device.status import parse_status
+from mirrormount.network.messages import FRAME, LINE, Messages
+
+AHEAD = 512  # bytes that the board may have received or have on their way, and not obeyed
+KEEP_ALIVE_MS = 500
+_ASK_AFTER = 128  # bytes; then the board is asked whether it has got there
+_ADDRESS = b"01>"  # the board's own address, written as nobody else does
+_FEED_S = 0.1
+_ANSWER_S = 0.5  # an answer that has not come by then was dropped by the board
+_HOLD_LINE_S, _HOLD_FRAME_S = 0.5, 0.05  # then an unfinished message goes to the board as it is
+_MARGIN_S = 0.3  # how much later than the board its gaps are taken to be over here
+_LAPSE_S = 0.05
+_DAMAGE = 0x7F  # malformed wherever it stands: the board stops, and skips up to a line end or a silence
+_SKIP_S = 0.02  # in which a board skips AHEAD bytes
+
+
+class _Question(NamedTuple):
+    ours: bool
+    size: int = 0  # bytes that the board has obeyed when it answers
+    motions: int = 0  # that were started before it was asked
+    at_s: float = 0.0
+    unmutes: bool = False
+
+
+class Relay:
+    """write hands bytes to the board. Call pump() when there may be something to do: at least every due_s()."""
+
+    def __init__(self, write: Callable[[bytes], None], clock: Callable[[], float] = time.monotonic) -> None:
+        self._write = write
+        self._clock = clock
+        self._waiting = bytearray()
+        self._urgent = 0  # bytes of it, up to a stop, that do not wait for the board
+        self._messages = Messages()
+        self._held = bytearray()  # of a message that is not complete
+        self._raw = False  # the board is in the middle of a message, or skips the rest of one
+        self._heard_s = self._written_s = self._fed_s = clock()
+        self._asked: deque[_Question] = deque()  # answers with our address that will come
+        self._ahead = self._unasked = 0
+        self._line = b""
+        self._mute = False
+        self.client_ms = 0  # the keep-alive that the client has set
+        self._kept_s = 0.0  # when the board's was last set
+        self._motions = 0
+        self._axes: dict[int, str] = {}  # what was started there: "move" is of known length, "run" is not
+        self.moving = False  # as far as is known
+
+    # ---- from the client
+
+    def take(self, data: bytes) -> None:
+        """Put bytes in line for the board. A stop overtakes, and what waited before it is void."""
+        now_s = self._clock()
+        if now_s - self._heard_s > self.client_ms * 1e-3:
+            self.client_ms = 0  # it has fired or lapsed
+        self._heard_s = now_s
+        waited = len(self._waiting)
+        self._waiting += data
+        zeros = self._waiting.rfind(b"00000000", max(0, waited - 7))
+        stop = max(self._waiting.rfind(b"!", waited), zeros)
+        if stop > AHEAD:
+            self.void()
+            self._waiting[:stop] = b"!\n"  # the board may be in the middle of a message: this ends it
+            stop = 2
+        if stop >= 0:
+            self._urgent = max(self._urgent, stop + 8)
+        self.pump()
+        if 0 < self.client_ms <= KEEP_ALIVE_MS and data and not self._raw:
+            self._write(b"\0")  # what is held here must not look like silence to the board
+
+    @property
+    def waiting(self) -> int:
+        """Bytes in line."""
+        return len(self._waiting)
+
+    def void(self) -> None:
+        """A stop has gone to the board, or is about to: an unfinished message is none any more."""
+        self._held.clear()
+        self._messages = Messages()
+        self._raw = False
+
+    def stop(self) -> None:
+        """Stop the motors; what waits is void."""
+        self._waiting.clear()
+        self._urgent = 0
+        self.void()
+        self._send(b"!\n")
+        self._axes.clear()
+        self.client_ms = 0
+
+    def leave(self) -> bool:
+        """The client has gone: moves of known length go on, all else is ended. True if a move goes on."""
+        if len(self._waiting) > AHEAD:
+            self.stop()
+            return False
+        self._urgent = len(self._waiting)
+        self.pump()
+        if self._raw or "move" not in self._axes.values():  # the board refuses half a message, and stops; so does this
+            self.stop()
+            return False
+        self.void()
+        runs = b"".join(b"%dST\n" % axis for axis, kind in self._axes.items() if kind == "run")
+        self.client_ms = 0
+        self._send(runs + b"XK%d\n" % KEEP_ALIVE_MS)
+        return True
+
+    def look_again(self) -> None:
+        """Find out whether the board moves, whatever is known."""
+        self._motions += 1
+        self.moving = True
+
+    def forget_answers(self) -> None:
+        """What the board has still to say is not for the client that comes now."""
+        self._mute = True
+        self._ask(b"XK?", unmutes=True)
+
+    # ---- to the board
+
+    def pump(self) -> None:
+        """Give the board what it has room for, and what keeps its motion alive. Raises ConnectionLost."""
+        now_s = self._clock()
+        if self._asked and now_s - self._asked[0].at_s > _ANSWER_S:
+            self._asked.clear()
+            self._ahead = self._unasked = 0
+            self._mute = False
+        if self._raw and now_s - self._written_s > _SKIP_S:
+            self._ahead = self._unasked = 0  # what is skipped answers nothing
+        if self._raw and self._waiting:
+            self._resynchronise(now_s)
+        out = bytearray()
+        while self._waiting and (self._urgent > 0 or self._ahead + len(out) < AHEAD):
+            c = self._waiting[0]
+            del self._waiting[0]
+            self._urgent -= 1
+            self._held.append(c)
+            message = self._messages.feed(c)
+            if message or self._raw or not self._messages.gap_s:
+                out += self._complete(message)
+        self._send(out)
+        self._urgent = max(0, self._urgent)
+        self._give_up(now_s)
+        if not self._raw:
+            if self._unasked >= _ASK_AFTER:
+                self._ask(b"XK?")
+            self._feed(now_s)
+
+    def due_s(self) -> float:
+        """How soon pump() has something to do, news or not."""
+        if self._held or self._raw:
+            return 0.02
+        if self.moving or self._asked:
+            return 0.05 if not self.client_ms else 0.01
+        return 0.5
+
+    def _complete(self, message: int) -> bytes:
+        """What is held, with what keeps alive the motion that it starts."""
+        data = bytes(self._held)
+        self._held.clear()
+        self._raw = bool(self._messages.gap_s)
+        before = after = b""
+        if message == FRAME and self._messages.frame_drives():
+            self._axes = {1: "run", 2: "run"}
+            self._motions += 1
+            self.moving = True
+            if self._clock() - self._kept_s > _FEED_S:
+                after = self._keep_alive()
+        elif message == LINE:
+            before, after = self._line_complete()
+        return before + data + after
+
+    def _line_complete(self) -> tuple[bytes, bytes]:
+        before = b""
+        touched = query = False
+        for command in self._messages.commands():
+            query = query or command.is_query
+            if command.is_a(b"XK", b"*RST"):
+                if command.is_query:
+                    before = b"XK%d\n" % self.client_ms
+                elif command.is_a(b"*RST"):
+                    self.client_ms = 0
+                elif 0 <= command.value <= 60_000:
+                    self.client_ms = command.value
+                touched = True
+            elif not command.is_query and command.is_a(b"PR", b"PA", b"XU", b"OR", b"MT", b"MV"):
+                kind = "run" if command.is_a(b"MV") or self._axes.get(command.axis) == "run" else "move"
+                self._axes[command.axis] = kind  # a move that is refused because of a run does not end the run
+                self._motions += 1
+                self.moving = touched = True
+        if query and self._messages.address() == _ADDRESS:
+            self._asked.append(_Question(False, at_s=self._clock()))
+        return before, self._keep_alive() if touched else b""
+
+    def _keep_alive(self) -> bytes:
+        ms = min(self.client_ms, KEEP_ALIVE_MS) or KEEP_ALIVE_MS
+        # a shorter one may be over by the next frame, and the board then has none
+        self._kept_s = self._clock() if ms == KEEP_ALIVE_MS else -math.inf
+        return b"XK%d\n" % ms
+
+    def _resynchronise(self, now_s: float) -> None:
+        """After a silence in a message, make sure that the board and this parser are at the same place of the stream.
+
+        The board counts its own silence. Without this a motion could start there that is none here.
+        """
+        silence_s, gap_s = now_s - self._written_s, self._messages.gap_s
+        if silence_s > gap_s:
+            self.void()
+            self._send(b"!\n")  # the board has given the message up, and has stopped
+        elif silence_s > gap_s / 2:
+            self._messages.feed(_DAMAGE)
+            self._send(bytes((_DAMAGE,)))
+
+    def _give_up(self, now_s: float) -> None:
+        """What the client does not finish is given to the board, which refuses it."""
+        gap_s = self._messages.gap_s
+        hold_s = _HOLD_LINE_S if gap_s > 0.1 else _HOLD_FRAME_S
+        if self._held and not self._waiting and now_s - self._heard_s > hold_s:
+            self._send(bytes(self._held))
+            self._held.clear()
+            self._raw = True
+        elif self._raw and now_s - self._written_s > gap_s + _MARGIN_S:
+            self._messages.gap()
+            self._raw = False
+
+    def _feed(self, now_s: float) -> None:
+        """Ask the board whether it moves while it may; that is also what keeps it alive."""
+        if self.client_ms:
+            silence_s = now_s - self._heard_s
+            if silence_s > self.client_ms * 1e-3 + _LAPSE_S:
+                self.client_ms = 0  # it has fired or lapsed: it is fed no more for this motion
+                self.moving = False
+                return
+            last_s = self._heard_s + (self.client_ms - KEEP_ALIVE_MS) * 1e-3
+            if now_s >= last_s:  # once more, and the board's keep-alive ends when the client's does
+                if self.moving and self._fed_s < last_s:
+                    self._fed_s = now_s
+                    self._ask(b"XS?")
+                return
+        if self.moving and now_s - self._fed_s >= _FEED_S:
+            self._fed_s = now_s
+            self._ask(b"XS?")
+
+    def _ask(self, query: bytes, *, unmutes: bool = False) -> None:
+        line = _ADDRESS + query + b"\n"
+        size = self._unasked + len(line)
+        self._asked.append(_Question(True, size, self._motions, self._clock(), unmutes))
+        self._send(line)
+        self._unasked = 0
+
+    def _send(self, data: bytes | bytearray) -> None:
+        if data:
+            self._ahead += len(data)
+            self._unasked += len(data)
+            self._written_s = self._clock()
+            self._write(bytes(data))
+
+    # ---- from the board
+
+    def hear(self, data: bytes) -> bytes:
+        """What of the board's answers is for the client: whole lines."""
+        whole, end, self._line = (self._line + data).rpartition(b"\n")
+        return b"".join([line for line in (whole + end).splitlines(keepends=True) if self._is_the_clients(line)])
+
+    def _is_the_clients(self, line: bytes) -> bool:
+        if not line.startswith(_ADDRESS):
+            return not self._mute
+        question = self._asked.popleft() if self._asked else _Question(True)
+        if not question.ours:
+            return not self._mute
+        self._ahead = max(0, self._ahead - question.size)
+        if b"|" in line:
+            self._look_at(line.decode("ascii", "replace").removeprefix(_ADDRESS.decode()).strip(), question)
+        if question.unmutes:
+            self._mute = False
+        return False
+
+    def _look_at(self, status: str, question: _Question) -> None:
+        try:
+            seen = parse_status(status, 1)
+        except NotAMount:  # damaged on its way: the next one is not
+            return
+        if question.motions == self._motions:
+            for axis, is_moving in ((1, seen.x.moving), (2, seen.y.moving)):
+                if not is_moving:
+                    self._axes.pop(axis, None)
+            self.moving = seen.moving

@@ -1,0 +1,317 @@
+"""A stop that gets through although another program has the port.
+
+Who opens a port holds a Stoppable for as long as it is open: a socket in a folder of this user only, on which any
+program of this user may ask for a stop. `mirrormount stop` does.
+
+    owner = Stoppable([address], write_stop)   # Mount.open and `serve` do this
+    owner.close()
+
+    ask_all(owners(address))                  # what `mirrormount stop` does
+    held_here(address)                         # has this very process the port open? (Mount.open asks)
+
+A Stoppable has a thread of its own, and calls write_stop() there: that must write the stop without waiting for
+anything that a hanging thread may hold. Needs Unix sockets: on Windows there is none (supported() says so), and a
+port that is in use can be stopped by its own program only.
+"""
+
+import contextlib
+import errno
+import hashlib
+import os
+import socket
+import stat
+import struct
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from mirrormount.common.errors import MountError, NoAnswer
+from mirrormount.common.printable import printable
+
+ANSWER_S = 2.0  # how long an owner may take to confirm
+KEEP_ALIVE_S = 0.5  # then the board ends by itself what nobody feeds (mirrormount.device.mount.KEEP_ALIVE_MS)
+
+STOPPED = "stopped"  # the board has said that both motors are off
+SENT = "sent"  # the stop was written to the port, and nobody could look what came of it
+_FAILED = "failed: "
+_REQUEST_S = 0.2  # how long one who has connected may take to ask: the next one waits meanwhile
+_AGAIN_S = 0.02  # between two tries where as many ask as can wait
+_PASSING = (errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.ECONNABORTED)  # too many files open, or the asker has gone
+_ENDING = ".stop"
+_FOLDER_MOST = 68  # bytes: with its name a socket's path may have 103 on macOS, 107 on Linux
+
+_held: dict[str, int] = {}  # ports that this process has open, and how often
+_held_lock = threading.Lock()
+_count = 0  # Stoppables that this process has made
+
+
+def supported() -> bool:
+    """Are there Unix sockets here?"""
+    return hasattr(socket, "AF_UNIX")
+
+
+def real_name(address: str) -> str:
+    """The one name of a port: a device's path without symlinks, else the address, with a number for this computer."""
+    if "://" in address:
+        return address.rstrip("/").replace("://localhost:", "://127.0.0.1:")
+    return os.path.realpath(address)
+
+
+def held_here(address: str) -> bool:
+    """Has this process the port open? A virtual:// board is a new one each time, so never."""
+    return not address.startswith("virtual://") and real_name(address) in _held
+
+
+class Stoppable:
+    """The owner's side: takes stops for a port that is open in this process, until close().
+
+    names: the addresses that the port goes by. stop: writes the stop, and returns STOPPED or SENT; it may raise
+    MountError. Where no socket can be made the port works all the same, and `why_not` says what is in the way.
+    """
+
+    def __init__(self, names: Sequence[str], stop: Callable[[], str]) -> None:
+        global _count
+        self._names = [real_name(name) for name in names]
+        self._stop = stop
+        self.why_not: str | None = None
+        self._server: socket.socket | None = None
+        self._paths: list[Path] = []
+        with _held_lock:
+            _count += 1
+            number = _count
+            for name in self._names:
+                _held[name] = _held.get(name, 0) + 1
+        if supported():
+            try:
+                self._listen(number)
+            except (OSError, MountError) as e:  # a full disk, a home without a runtime folder: the port is worth more
+                self.why_not = str(e)
+                self._remove()
+        else:
+            self.why_not = "this system has no Unix sockets"
+
+    def close(self) -> None:
+        """Take no more stops."""
+        with _held_lock:
+            for name in self._names:
+                _held[name] = _held.get(name, 1) - 1
+                if _held[name] <= 0:
+                    del _held[name]
+            self._names = []
+        if self._server:
+            self._remove()
+            with contextlib.suppress(OSError):
+                self._server.shutdown(socket.SHUT_RDWR)  # ends accept() on Linux; the thread is a daemon elsewhere
+            self._server.close()
+
+    def _remove(self) -> None:
+        for path in self._paths:
+            path.unlink(missing_ok=True)
+
+    def _listen(self, number: int) -> None:
+        folder = make_folder()
+        first = folder / f"{_key(self._names[0])}.{os.getpid()}.{number}{_ENDING}"
+        self._server = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self._paths = [first]
+        _clear(first)
+        self._server.bind(str(first))
+        first.chmod(0o600)
+        self._server.listen(8)
+        for name in self._names[1:]:
+            other = folder / f"{_key(name)}.{os.getpid()}.{number}{_ENDING}"
+            self._paths.append(other)
+            _clear(other)
+            os.link(first, other)
+        threading.Thread(target=self._serve, args=(self._server,), name="stop socket", daemon=True).start()
+
+    def _serve(self, server: socket.socket) -> None:
+        while True:
+            try:
+                asker, _ = server.accept()
+            except OSError as e:
+                if e.errno not in _PASSING:
+                    return  # closed
+                time.sleep(_REQUEST_S)  # nothing tells when there is room again
+                continue
+            with asker, contextlib.suppress(OSError):  # it has gone
+                asker.settimeout(_REQUEST_S)
+                if _user(asker) in (None, os.getuid(), 0) and asker.recv(16).startswith(b"stop"):
+                    asker.sendall(self._answer().encode() + b"\n")
+
+    def _answer(self) -> str:
+        try:
+            return self._stop()
+        except Exception as e:  # whatever it is, the one who asked must get to know
+            return _FAILED + (str(e) or type(e).__name__)
+
+
+@dataclass(frozen=True)
+class Owner:
+    """A program that has a port open. pid is 0 if the system does not tell."""
+
+    pid: int
+    command: str
+    path: Path | None = None
+
+    def __str__(self) -> str:
+        return f"process {self.pid} ({self.command})" if self.pid else "another program"
+
+
+def owners(address: str | None = None) -> list[Owner]:
+    """The programs of this user that take stops, for the port at address or for any. Removes what dead ones left."""
+    if not supported():
+        return []
+    try:
+        folder = make_folder()
+    except (OSError, MountError):
+        return []
+    found: dict[int, Owner] = {}
+    pattern = f"{_key(real_name(address)) if address else '*'}.*{_ENDING}"
+    for path in sorted(folder.glob(pattern)):
+        with contextlib.suppress(OSError, ValueError):  # it has gone meanwhile, or is nothing of ours
+            pid = int(path.name.split(".")[1])
+            if _is_left(path):
+                path.unlink(missing_ok=True)
+            else:
+                found.setdefault(path.stat().st_ino, Owner(pid, command_of(pid), path))
+    return list(found.values())
+
+
+def why_none() -> str | None:
+    """What keeps programs of this user from being asked; None if nothing does."""
+    try:
+        if supported():
+            make_folder()
+    except (OSError, MountError) as e:
+        return str(e)
+    return None
+
+
+def ask_all(asked: Sequence[Owner], timeout_s: float = ANSWER_S) -> list[str | NoAnswer]:
+    """Ask all of them at the same time: one that does not answer delays no other's stop. In their order."""
+    answers: list[str | NoAnswer] = [NoAnswer(f"{owner} was not asked") for owner in asked]
+
+    def ask_one(i: int) -> None:
+        try:
+            answers[i] = ask(asked[i], timeout_s)
+        except NoAnswer as e:
+            answers[i] = e
+
+    threads = [threading.Thread(target=ask_one, args=(i,), daemon=True) for i in range(len(asked))]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    return answers
+
+
+def ask(owner: Owner, timeout_s: float = ANSWER_S) -> str:
+    """Ask an owner for a stop. Returns STOPPED or SENT. Raises NoAnswer, naming the process."""
+    assert owner.path
+    try:
+        with _connect(owner.path, timeout_s) as connection:
+            connection.settimeout(timeout_s)
+            connection.sendall(b"stop\n")
+            with connection.makefile("rb") as answers:
+                answer = printable(answers.readline(1000).decode("utf-8", "replace").strip())
+    except OSError as e:
+        raise NoAnswer(
+            f"{owner} has the port and does not answer: the board's keep-alive ends what moves within {KEEP_ALIVE_S:g}"
+            " s if that program hangs; to be sure, end it or cut the motors' supply"
+        ) from e
+    if answer not in (STOPPED, SENT):
+        raise NoAnswer(f"{owner} has the port and could not stop: {answer.removeprefix(_FAILED) or 'no reason given'}")
+    return answer
+
+
+def who_has(port: str) -> Owner | None:
+    """The process that has a device open, if this system tells (Linux, and a process of this user)."""
+    target = os.path.realpath(port)
+    for folder in Path("/proc").glob("[0-9]*"):
+        with contextlib.suppress(OSError):
+            for fd in (folder / "fd").iterdir():
+                if int(folder.name) != os.getpid() and os.readlink(fd) == target:
+                    return Owner(int(folder.name), command_of(int(folder.name)))
+    return None
+
+
+def command_of(pid: int) -> str:
+    """What runs in a process, in a few words; safe to print."""
+    try:
+        words = Path(f"/proc/{pid}/cmdline").read_bytes().split(b"\0")
+    except OSError:
+        return "command not known"
+    names = [os.path.basename(w.decode("utf-8", "replace")) for w in words[:1]]
+    names += [w.decode("utf-8", "replace") for w in words[1:4] if w]
+    return printable(" ".join(names).strip(), 60) or "command not known"
+
+
+def make_folder() -> Path:
+    """The folder of the sockets, this user's alone. Raises MountError if it is not, OSError if it cannot be made."""
+    runtime = os.environ.get("XDG_RUNTIME_DIR") or f"/run/user/{os.getuid()}"
+    if os.access(runtime, os.W_OK):
+        folder = Path(runtime, "mirrormount")
+    else:
+        folder = Path(tempfile.gettempdir(), f"mirrormount-{os.getuid()}")
+    folder.mkdir(mode=0o700, exist_ok=True)
+    found = folder.lstat()
+    if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid():
+        raise MountError(f"{folder} belongs to somebody else")
+    if found.st_mode & 0o077:
+        folder.chmod(0o700)
+    if len(os.fsencode(folder)) > _FOLDER_MOST:
+        raise MountError(f"{folder}: too long a name for a socket")
+    return folder
+
+
+def _key(name: str) -> str:
+    return hashlib.sha256(name.encode("utf-8", "surrogateescape")).hexdigest()[:16]
+
+
+def _connect(path: Path, patience_s: float = 0.0) -> socket.socket:
+    """Raises BlockingIOError if the owner's queue stays full for patience_s."""
+    end = time.monotonic() + patience_s
+    while True:
+        connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        connection.settimeout(ANSWER_S)
+        try:
+            connection.connect(str(path))
+            return connection
+        except BlockingIOError:
+            connection.close()
+            if time.monotonic() > end:
+                raise
+            time.sleep(_AGAIN_S)
+        except BaseException:
+            connection.close()
+            raise
+
+
+def _clear(path: Path) -> None:
+    """Remove what a dead program left, whose process number this one has now (in a container it is often the same)."""
+    with contextlib.suppress(OSError):
+        if _is_left(path):
+            path.unlink(missing_ok=True)
+
+
+def _is_left(path: Path) -> bool:
+    """Did a dead program leave it? Raises OSError for what is no socket."""
+    if not stat.S_ISSOCK(path.lstat().st_mode):
+        raise FileNotFoundError(f"{path}: no socket")
+    try:
+        with _connect(path):  # a frozen program's socket still takes it,
+            return False
+    except BlockingIOError:  # until its queue is full
+        return False
+    except ConnectionRefusedError:
+        return True
+
+
+def _user(connection: socket.socket) -> int | None:
+    """The peer's user; None where the system does not tell (the folder's mode stands for it there)."""
+    if not hasattr(socket, "SO_PEERCRED"):
+        return None
+    return struct.unpack("3i", connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, struct.calcsize("3i")))[1]

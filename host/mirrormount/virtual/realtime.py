@@ -1,0 +1,94 @@
+"""The virtual board in real time, for hosts on a pty, on loopback TCP, or in this process.
+
+One client at a time: whoever comes while another is served is told so in one line. A client that
+does not read makes the board's output wait, and what it left unread is there for the next one,
+as on a USB port.
+"""
+
+import select
+import time
+from collections.abc import Callable, Sequence
+
+from mirrormount.transport.rejected import AT_PROMPT_LINE, GRACE_S, TAKEN_LINE
+from mirrormount.virtual.ports import BUFFER, Port
+from mirrormount.virtual.simulation import World
+
+_QUANTUM_US = 1000  # a busy firmware never leads the wall's clock by more
+_UNREAD = 512  # bytes of output that wait in the board before it says that nobody collects
+_HANGUP_S = 0.02  # how often to look whether somebody has opened the pty
+_LAG_US = 100_000  # by how much virtual time may fall behind before it gives up catching up
+
+
+def serve(world: World, ports: Sequence[Port], stopped: Callable[[], bool]) -> None:
+    """Let the board live in real time on these ports until stopped() says so.
+
+    Raises BoardGone when the firmware's process has ended.
+    """
+    unread = bytearray()
+    world.on_sent = unread.append
+    start_us, start_s = world.now_us, time.monotonic()
+    choice = _Choice(ports)
+
+    def wall_us() -> int:
+        return start_us + int((time.monotonic() - start_s) * 1e6)
+
+    plugged = True
+    while not stopped():
+        wants_us = world.next_event_us(world.next_wait())
+        now_us = world.now_us
+        if wall_us() - now_us > _LAG_US:  # a slow machine: its time goes slower than the wall's
+            start_us -= wall_us() - now_us
+        if world.usb != plugged:
+            plugged = world.usb
+            for port in ports:
+                port.plug(plugged)
+        client = choice.look(world.at_prompt)
+        world.opened(client is not None)
+        if client and unread:
+            del unread[: client.give(bytes(unread))]
+        room = BUFFER - world.waiting_in
+        wait_s = max(0.0, (now_us + wants_us - wall_us()) * 1e-6)
+        if client and client.waits and room > 0:
+            wait_s = 0.0
+        watched = [fd for port in ports for fd in port.watched()] if room > 0 else []
+        _wait(watched, min(wait_s, _HANGUP_S) if client is None or unread else wait_s)
+        client = choice.look(world.at_prompt)
+        world.opened(client is not None)  # before the first byte of somebody who has just come
+        data = client.take(room, at_prompt=world.at_prompt) if client and room > 0 else b""
+        t = max(now_us, min(now_us + wants_us, wall_us()))
+        world.collects(len(unread) < _UNREAD)
+        world.go(t, max(0, wall_us() - t) + _QUANTUM_US, data)
+
+
+class _Choice:
+    """Which port's client is served: the present one while it is there, else the next to come.
+
+    Whoever comes to another port meanwhile waits a moment, for the present one may just have gone
+    without our having seen it; then he is told.
+    """
+
+    def __init__(self, ports: Sequence[Port]) -> None:
+        self._ports = ports
+        self._waiting: dict[Port, float] = {}
+        self.client: Port | None = None
+
+    def look(self, at_prompt: bool) -> Port | None:
+        if at_prompt:
+            for port in self._ports:
+                if not port.prompt and port.connected():
+                    port.refuse(AT_PROMPT_LINE)
+        if self.client is None or not self.client.connected():
+            self.client = next((port for port in self._ports if port.connected()), None)
+        for port in self._ports:
+            if port is self.client or not port.connected():
+                self._waiting.pop(port, None)
+            elif time.monotonic() - self._waiting.setdefault(port, time.monotonic()) > GRACE_S:
+                port.refuse(TAKEN_LINE)
+        return self.client
+
+
+def _wait(watched: list[int], seconds: float) -> None:
+    if watched:
+        select.select(watched, [], [], seconds)
+    else:
+        time.sleep(seconds)

@@ -1,0 +1,224 @@
+"""The world round the virtual board: it starts the firmware's process and owns the clock.
+
+The firmware runs in a child (machines.py tells which) and blocks whenever its granted time is over. World
+hears from it (next_wait), carries its pin edges to the bench, and lets it go on (go). What decides
+how long is not here: stepped.py runs as fast as it goes, live.py keeps to the wall's time.
+"""
+
+import contextlib
+import json
+import struct
+import subprocess
+from collections.abc import Callable, Iterable, Sequence
+from tempfile import TemporaryDirectory
+from typing import IO
+
+from mirrormount.common.errors import CannotOpen, CannotWrite
+from mirrormount.virtual.bench import Bench
+from mirrormount.virtual.wiring import DRIVES, LED, SWITCHES
+
+# the seam's records; virtual/fakes/_seam.py is the other side and explains them
+_RECORD = struct.Struct("<BBHIQ")
+_EDGE, _SENT, _WAIT, _USB, _FLASH = b"ETSUF"
+_RECEIVED, _PIN, _COLLECTS, _GO, _OPEN, _RESET, _CUT, _REMEMBER, _EJECT = b"RPWGDXCMJ"
+
+# half a second before the firmware's 30-bit clock wraps: every board lives through a wrap early
+START_US = (1 << 30) - 500_000
+
+
+class BoardGone(Exception):
+    """The firmware's process has ended."""
+
+
+class World:
+    """A virtual board and its bench.
+
+    machine: the command line of the child that is the board (see machines.py). edges: a text file
+    that gets one JSON object per pin edge. scratch: a folder that goes when the board does.
+    on_sent is called with each byte that the board sends, on_console with those of a console beside its port.
+    probes, {GPIO number: name}, may be filled with other pins whose edges are to be kept; nothing is connected to
+    those.
+    usb says whether the board's port is there: a machine that resets itself takes it away meanwhile.
+    """
+
+    def __init__(
+        self,
+        machine: Sequence[str],
+        bench: Bench | None = None,
+        *,
+        edges: IO[str] | None = None,
+        scratch: TemporaryDirectory | None = None,
+    ) -> None:
+        self.bench = bench or Bench()
+        self.bench.advance(START_US)
+        self.edges: list[tuple[int, str, int]] = []  # the last ones: (us since power-up, pin, duty)
+        self.probes: dict[int, str] = {}
+        self.on_sent: Callable[[int], None] = lambda _c: None
+        self.on_console: Callable[[int], None] = lambda _c: None
+        self._edges_file = edges
+        self._scratch = scratch
+        self._sent_levels: dict[str, int] = {}
+        self._collects = True
+        self._opened = True
+        self.usb = True
+        self.flash_operations = 0  # erases and programs so far, of a machine that has a flash
+        self._wants_us: int | None = None  # while the firmware waits to go on
+        self.lit = False  # the board's LED
+        self.at_prompt = False  # of Python, on the port: what is sent there is obeyed as such
+        self._tail = bytearray()  # what the board sent last
+        try:
+            self._child = subprocess.Popen(machine, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        except OSError as e:
+            raise CannotOpen(f"the virtual board cannot be started: {machine[0]}: {e.strerror}") from e
+        assert self._child.stdin and self._child.stdout
+        self._to_child, self._from_child = self._child.stdin, self._child.stdout
+        self.now_us = START_US
+        self.waiting_in = 0  # bytes that the board has received and not read
+
+    @property
+    def us(self) -> int:
+        """Microseconds since power-up."""
+        return self.now_us - START_US
+
+    def next_wait(self) -> int:
+        """Hear the firmware until it blocks at now_us. Returns how far it wants to go on unasked.
+
+        Raises BoardGone when its process has ended.
+        """
+        while self._wants_us is None:
+            record = self._from_child.read(_RECORD.size)
+            if len(record) < _RECORD.size:
+                raise BoardGone
+            kind, a, b, dt, t = _RECORD.unpack(record)
+            if kind == _WAIT:
+                self.now_us = t
+                self.waiting_in = b
+                self.bench.advance(t)
+                self._wants_us = dt
+            elif kind == _SENT:
+                if not b:
+                    self._watch_prompt(a)
+                (self.on_console if b else self.on_sent)(a)
+            elif kind == _USB:
+                self.usb = bool(a)
+                self.at_prompt = self.at_prompt and self.usb
+            elif kind == _FLASH:
+                self.flash_operations += 1
+            elif kind == _EDGE and a in DRIVES:
+                self._edge(t, DRIVES[a], b)
+            elif kind == _EDGE and a == LED:
+                self.lit = b > 0
+            elif kind == _EDGE and a in self.probes:
+                self.edges.append((t - START_US, self.probes[a], b))
+        return self._wants_us
+
+    def _watch_prompt(self, c: int) -> None:
+        """Is the board at its Python prompt? No answer of the firmware looks like one, or like a soft reset."""
+        tail = self._tail
+        tail.append(c)
+        if c in b" >" and tail.endswith((b">>> ", b"exit\r\n>")):
+            self.at_prompt = True
+        elif c == 0x74 and tail.endswith(b"soft reboot"):
+            self.at_prompt = False
+        if len(tail) > 256:
+            del tail[:-16]
+
+    def go(self, t_us: int, grant_us: int, received: Iterable[int] = ()) -> None:
+        """Let the firmware go on at t_us (>= now_us) for at most grant_us, with bytes received."""
+        out = bytearray()
+        self.bench.advance(t_us)
+        for number, name in SWITCHES.items():
+            level = self.bench.switch_levels().get(name, 1)  # not connected: pulled up
+            if level != self._sent_levels.get(name, 1):
+                self._sent_levels[name] = level
+                out += _RECORD.pack(_PIN, number, level, 0, 0)
+            elif name not in self._sent_levels:
+                self._sent_levels[name] = level
+        for c in received:
+            out += _RECORD.pack(_RECEIVED, c, 0, 0, 0)
+        self.now_us = t_us
+        self._wants_us = None
+        switch_us = self.bench.next_switch_us(grant_us) if grant_us else None
+        if switch_us is not None:
+            grant_us = min(grant_us, switch_us - t_us)
+        out += _RECORD.pack(_GO, 0, 0, grant_us, t_us)
+        try:
+            self._to_child.write(out)
+            self._to_child.flush()
+        except (OSError, ValueError) as e:  # ValueError: closed by ourselves
+            raise BoardGone from e
+
+    def next_event_us(self, horizon_us: int) -> int:
+        """Microseconds from now, at most horizon_us, in which nothing outside the firmware happens."""
+        at = self.bench.next_switch_us(horizon_us)
+        return horizon_us if at is None else at - self.now_us
+
+    def collects(self, ready: bool) -> None:
+        """Whether the host takes what the board sends. Told to the firmware with the next go()."""
+        if ready != self._collects:
+            self._collects = ready
+            self._to_child.write(_RECORD.pack(_COLLECTS, int(ready), 0, 0, 0))
+
+    def opened(self, by_someone: bool) -> None:
+        """Whether a program has the port open (DTR). Told to a machine that has USB, with the next go()."""
+        if by_someone != self._opened:
+            self._opened = by_someone
+            self._to_child.write(_RECORD.pack(_OPEN, int(by_someone), 0, 0, 0))
+
+    def type(self, data: bytes) -> None:
+        """Send bytes to the console of a board that has one beside its port; they go with the next go()."""
+        self._to_child.write(b"".join(_RECORD.pack(_RECEIVED, c, 1, 0, 0) for c in data))
+
+    def reset(self, *, power: bool) -> None:
+        """Cut the power for a moment, or pulse the reset pin; happens with the next go()."""
+        self._to_child.write(_RECORD.pack(_RESET, 0 if power else 1, 0, 0, 0))
+
+    def eject(self) -> None:
+        """Eject the drive that a CircuitPython board shows, so that it can write there; happens with the next go()."""
+        self._to_child.write(_RECORD.pack(_EJECT, 0, 0, 0, 0))
+
+    def remember_flash(self) -> None:
+        """What the flash holds now is what start_over() gives back; at first, what it held in the beginning."""
+        self._to_child.write(_RECORD.pack(_REMEMBER, 0, 0, 0, 0))
+
+    def start_over(self) -> None:
+        """Cut the power for a moment, and give the flash back what it held; happens with the next go()."""
+        self._to_child.write(_RECORD.pack(_RESET, 2, 0, 0, 0))
+
+    def cut_power(self, operations: int, *, half: bool) -> None:
+        """Cut the power for a moment with so many more operations on the flash; half: the last one is left half done.
+
+        Counts from the next go(), on a machine that has a flash.
+        """
+        self._to_child.write(_RECORD.pack(_CUT, int(half), 0, operations, 0))
+
+    def close(self) -> None:
+        """Power off: what was driven is not driven any more."""
+        self._child.kill()
+        self._child.communicate()
+        try:
+            for pin, duty in list(self.bench.duties().items()):
+                if duty:
+                    self._edge(self.now_us, pin, 0)
+        finally:
+            if self._edges_file:
+                with contextlib.suppress(OSError):  # what could not be written was told when it happened
+                    self._edges_file.close()
+                self._edges_file = None
+            if self._scratch:
+                self._scratch.cleanup()
+
+    def _edge(self, t: int, pin: str, duty: int) -> None:
+        if round(self.bench.duties()[pin] * 65535) == duty:  # a reset drops every pin, whether it was up or not
+            return
+        self.bench.edge(t, pin, duty)
+        self.edges.append((t - START_US, pin, duty))
+        if self._edges_file:
+            carries_duty = pin.endswith("_en") or self.bench.two_pwm
+            what = {"duty": duty} if carries_duty else {"level": duty // 65535}
+            try:
+                self._edges_file.write(json.dumps({"t_us": t - START_US, "pin": pin} | what) + "\n")
+                self._edges_file.flush()
+            except OSError as e:
+                file, self._edges_file = self._edges_file, None
+                raise CannotWrite(f"cannot write pin edges to {file.name}: {e.strerror}") from e
