@@ -9,20 +9,20 @@ No piece of work takes long: some bytes are parsed, or one message obeyed, or on
 bytes sent. So whatever comes, the next look at the input and at the switches is less than a millisecond away.
 """
 
-from mountfw import board_file, errors
-from mountfw import link as wire
-from mountfw.answers import About
-from mountfw.axis import NEVER_US, REST, Axis
-from mountfw.bridge import EnableBridge, TwoPwmBridge
-from mountfw.command import Line
-from mountfw.commands import Commands
-from mountfw.controller import Controller
-from mountfw.endstop import EndStop
-from mountfw.frame import Frame
-from mountfw.own_reply import OwnReply
-from mountfw.room import make_room
-from mountfw.settings import Records
-from mountfw.ticks import diff
+from mountfw import board_file, codes
+from mountfw.dialect.commands import Commands
+from mountfw.dialect.queries import About
+from mountfw.motion.axis import NEVER_US, REST, Axis
+from mountfw.motion.bridge import EnableBridge, TwoPwmBridge
+from mountfw.motion.controller import Controller
+from mountfw.motion.endstop import EndStop
+from mountfw.store import Records
+from mountfw.wire import link as wire
+from mountfw.wire.frame import Frame
+from mountfw.wire.line import Line
+from mountfw.wire.own_reply import OwnReply
+from mountfw.wire.presize import make_room
+from mountfw.wire.ticks import diff
 
 _SPIN_US = 3_000  # a drive that ends within this is waited for: more than a pass takes
 _LOOK_US = 200  # of that, the last stretch knows the clock only: more than a look takes
@@ -78,10 +78,10 @@ class App:
                     while True:
                         self.step()
                 except Exception:
-                    self.controller.shutdown(errors.FAULT)
-                    self.controller.errors.push(errors.INTERNAL_FAULT)
+                    self.controller.shutdown(codes.FAULT)
+                    self.controller.errors.push(codes.INTERNAL_FAULT)
         finally:  # Ctrl-C: every move ends here and now, so that it is counted right
-            self.port.undisturbed(self._leave, errors.ABORTED)
+            self.port.undisturbed(self._leave, codes.ABORTED)
 
     def _leave(self, reason):
         self.controller.shutdown(reason)
@@ -137,7 +137,7 @@ class App:
         before = link.unparsed
         stop = self._drain(link, most)
         if stop:
-            reason = errors.ABORTED if stop == wire.STOP else errors.STOPPED
+            reason = codes.ABORTED if stop == wire.STOP else codes.STOPPED
             self.controller.stop_all(reason)
             self.controller.hold(reason)
         taken = link.unparsed - before
@@ -166,21 +166,21 @@ class App:
         elif message == wire.LINE:
             self._commands.take()
         elif message == wire.STOP:
-            controller.stop_all(errors.ABORTED)
+            controller.stop_all(codes.ABORTED)
         elif message == wire.ZEROS:
-            controller.stop_all(errors.STOPPED)
+            controller.stop_all(codes.STOPPED)
         elif message == wire.SUSPECT:
             controller.suspect(self._frame.m1, self._frame.m2)
         elif message >= wire.OWN_REPLY:
             if message == wire.WAS_OWN_REPLY:
-                controller.errors.take_back(errors.MALFORMED)
-            controller.malformed(errors.OWN_REPLY)
+                controller.errors.take_back(codes.MALFORMED)
+            controller.malformed(codes.OWN_REPLY)
             self._own.returned(self._ticks_us())
         else:
-            controller.malformed(errors.MALFORMED if message == wire.MALFORMED else errors.LINE_TOO_LONG)
+            controller.malformed(codes.MALFORMED if message == wire.MALFORMED else codes.LINE_TOO_LONG)
             self._own.doubt()
         if controller.held and not self._link.stops_ahead:
-            controller.hold(errors.NONE_YET)
+            controller.hold(codes.NONE_YET)
 
     def _end_drives(self, now_us):
         """The last stretch of what drives: the clock, and bytes that may be a stop; all else waits."""
@@ -267,7 +267,7 @@ class App:
 
 
 def build(port, board):
-    """An App on a port (see port_micropython.py or port_circuitpython.py), wired as a board file says (see boards/).
+    """An App on a port (see ports/), wired as a board file says (see boards/).
 
     Raises ValueError if that cannot be used.
     """
@@ -275,7 +275,7 @@ def build(port, board):
     wrong = board_file.fault(board_file.values(board), False)
     if wrong:
         raise ValueError(wrong)
-    error_queue = errors.ErrorQueue()
+    error_queue = codes.ErrorQueue()
     cause = port.reset_cause()
     own = OwnReply(port.pack)
     replies = wire.Replies(own)
@@ -311,8 +311,8 @@ def build(port, board):
     emergency_stop.fitted = number is not None
     records = Records(port, axes, error_queue)
     controller = Controller(axes[0], axes[1], error_queue, emergency_stop, records, port.boot_id(), port.ticks_ms)
-    if cause == errors.WATCHDOG:
-        error_queue.push(errors.WATCHDOG_RESET)
+    if cause == codes.WATCHDOG:
+        error_queue.push(codes.WATCHDOG_RESET)
     about = About(board.NAME, port.unique_id(), port.firmware_hash(), cause, port.free_memory)
     if number is not None:
         port.on_rise(number, controller.guard)

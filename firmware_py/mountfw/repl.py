@@ -12,8 +12,8 @@ them until its move is over, listens to Ctrl-C only, and leaves the motors off.
 
 import sys
 
-from mountfw import app, errors
-from mountfw.position import MAX_STEPS
+from mountfw import app, codes
+from mountfw.motion.position import MAX_STEPS
 
 _SPIN_US = 1_000  # this long before a deadline only the clock is watched: more than one pass takes on an RP2040
 _PAUSE_US = 500  # the longest pause while something moves: Ctrl-C waits for it
@@ -80,9 +80,9 @@ class Mount:
         self.x = Axis(self, "x", self._controller.axes[1])
         for a in (self.x, self.y):
             if a.axis.moving():  # the firmware was cut off so hard that nobody has counted
-                a.axis.position.certainty = errors.UNKNOWN
+                a.axis.position.certainty = codes.UNKNOWN
         self.stop()
-        self._controller.hold(errors.NONE_YET)
+        self._controller.hold(codes.NONE_YET)
         self._controller.watch_input(_nothing)  # what is typed is the prompt's
 
     def drive(self, m1, m2, ms):
@@ -98,7 +98,7 @@ class Mount:
 
     def stop(self):
         """Both motors off."""
-        self._port.undisturbed(self._controller.shutdown, errors.ABORTED)
+        self._port.undisturbed(self._controller.shutdown, codes.ABORTED)
 
     def status(self):
         """Print what is known of both axes, and the errors that wait to be read."""
@@ -125,7 +125,7 @@ class Mount:
     def _serve(self, axes):
         while True:
             for a in axes:
-                if not a.axis.moving() and a.axis.reason != errors.DONE:
+                if not a.axis.moving() and a.axis.reason != codes.DONE:
                     why = self._take_error() or REASONS[a.axis.reason]
                     raise MoveEnded("%s: %s after %d steps" % (a.name, why, abs(a.axis.ended_steps)))
             if not self._controller.moving():
@@ -142,7 +142,7 @@ class Mount:
 
     def _take_error(self):
         code = self._controller.errors.pop()
-        return errors.message(code).decode().lower() if code else ""
+        return codes.message(code).decode().lower() if code else ""
 
 
 def _check_whole(what, value, least, most):
@@ -152,8 +152,8 @@ def _check_whole(what, value, least, most):
 
 def _connect():
     if app.built is None:  # the firmware has not run since the reset
-        name = "port_" + sys.implementation.name
-        port = getattr(__import__("mountfw." + name), name)
+        name = sys.implementation.name
+        port = getattr(__import__("mountfw.ports." + name).ports, name)
         board = port.find_board()
         if board is None:
             raise RuntimeError("this board has no board file")

@@ -11,8 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from mirrormount.deploy import micropython_plan, on_board
-from mirrormount.deploy.micropython_plan import Plan, firmware, firmware_hash, plan
+from mirrormount.deploy import fileset, on_board
+from mirrormount.deploy.fileset import firmware, firmware_hash, folders
+from mirrormount.deploy.micropython_plan import Plan, plan
 from mirrormount.deploy.mpremote import commit_call, read_told, script_for
 from mirrormount.virtual import emulator
 from mirrormount.virtual.emulator import RawPrompt
@@ -104,7 +105,7 @@ class Board(Stepped):
         there = read_told(prompt.run("say(survey(replay))").splitlines())
         todo = plan(wanted, there["files"], there["manifest"], lambda _copy: True)
         if todo.journal:
-            prompt.run("make_folders(('mountfw', 'mountfw/boards'))")
+            prompt.run(f"make_folders({folders(todo.after)!r})")
             for path, content in todo.upload.items():
                 prompt.put(path + ".new", content)
             before_commit()
@@ -173,9 +174,9 @@ def another_version(folder: Path) -> dict[str, bytes]:
     for source in package.rglob("*.py"):
         source.write_bytes(source.read_bytes() + b"\n_VERSION = 'another'\n")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(micropython_plan.importlib.resources, "files", lambda _name: package)
+        patch.setattr(fileset.importlib.resources, "files", lambda _name: package)
         files = firmware(MPY)
-    gone = {"mountfw/gone.mpy": files["mountfw/ticks.mpy"]}
+    gone = {"mountfw/gone.mpy": files["mountfw/wire/ticks.mpy"]}
     source = {"mountfw/repl.py": (package / "repl.py").read_bytes()}
     del files["mountfw/repl.mpy"]
     return files | gone | source

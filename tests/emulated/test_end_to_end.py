@@ -9,7 +9,7 @@ from served import HANG_S, ServedBoard, run_cli, wait_for
 
 from mirrormount import Mount
 from mirrormount.common.errors import EmulatorMissing, MountError
-from mirrormount.deploy.micropython_plan import firmware
+from mirrormount.deploy.fileset import firmware
 from mirrormount.virtual import emulator
 
 

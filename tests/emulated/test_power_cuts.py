@@ -13,7 +13,7 @@ import pytest
 from power import NO_REPLAY, Board, Deploy, PowerCut, another_version, compiled, staged, without_replay
 
 from mirrormount.common.errors import EmulatorMissing
-from mirrormount.deploy.micropython_plan import firmware
+from mirrormount.deploy.fileset import firmware
 from mirrormount.deploy.mpremote import commit_call, script_for
 from mirrormount.virtual import emulator
 

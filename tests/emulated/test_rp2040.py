@@ -68,7 +68,8 @@ def test_a_power_cycle_starts_the_firmware_by_itself(make_board):
 
 LOCKED_LOOP = """
 import micropython, time
-from mountfw import app, port_micropython as port
+from mountfw import app
+from mountfw.ports import micropython as port
 from mountfw.boards import pico
 a = app.build(port, pico)
 def go(ms):
@@ -112,7 +113,9 @@ def test_the_clock_of_the_image_wraps_as_the_firmware_thinks(make_board):
 
 AS_NATIVE = """
 import micropython, random
-from mountfw import console_micropython as console, frame, link
+from mountfw.ports import micropython_console as console
+from mountfw.wire import frame
+from mountfw.wire import link
 random.seed(%d)
 for _ in range(400):
     ring = bytearray([random.choice(b'000+-112255589:/\\x21\\xb0') for _ in range(16)])

@@ -4,12 +4,13 @@ import pytest
 
 from mirrormount.virtual.emulator import RawPrompt
 
-HUNG_US = 1_000_000  # the watchdog's time (port_micropython._HUNG_MS)
+HUNG_US = 1_000_000  # the watchdog's time (_HUNG_MS of ports/micropython.py)
 BITE_US = 50_000  # within which its reset is seen
 STARTED_US = 3_000_000
 
 HANGS = """
-from mountfw import app, port_micropython as port
+from mountfw import app
+from mountfw.ports import micropython as port
 a = app.build(port, port.find_board())
 def show():
     while a.controller.driving():

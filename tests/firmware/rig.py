@@ -1,12 +1,13 @@
 """A board for tests of the firmware core, in one process and in virtual time.
 
 Runs under CPython and under MicroPython: plain asserts, no pytest. The port below has the verbs
-of port_micropython.py; its clock wraps at 2**30 and starts half a second before it, each verb
+of ports/micropython.py; its clock wraps at 2**30 and starts half a second before it, each verb
 costs about what it costs on a board, and an idle wait jumps to the next byte that was scheduled.
 """
 
-from mountfw import app, frame
+from mountfw import app
 from mountfw.boards import pico
+from mountfw.wire import frame
 
 try:
     from micropython import heap_lock, heap_unlock

@@ -50,9 +50,9 @@ def _new_port():
     usb_cdc.enable(console=True, data=True)
     usb_cdc.plug_in()
     for name in list(sys.modules):
-        if name.endswith("_circuitpython") and name.startswith("mountfw."):
+        if name.startswith("mountfw.ports.circuitpython"):
             del sys.modules[name]
-    return __import__("mountfw.port_circuitpython").port_circuitpython
+    return __import__("mountfw.ports.circuitpython").ports.circuitpython
 
 
 def _port_class(_seam):
@@ -103,7 +103,7 @@ def _port_class(_seam):
             return port.inbox[port.taken - 1][1]
 
     class Port(rig.Port):
-        """Verbs of port_circuitpython; notes as rig.Port keeps them."""
+        """Verbs of ports/circuitpython.py; notes as rig.Port keeps them."""
 
         def __init__(self, files=None):
             self.seam = Seam(self)

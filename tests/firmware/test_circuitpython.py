@@ -14,6 +14,7 @@ from mirrormount.virtual.bench import Bench
 from mirrormount.virtual.board import Options, make_world
 from mirrormount.virtual.lockstep import Stepped
 from mirrormount.virtual.simulation import World
+from mountfw.ports.shared import FOLDERS
 
 STEP_US = 977  # of CircuitPython's clock
 PERIOD_US = 50  # of the PWM
@@ -261,11 +262,11 @@ def test_the_hash_is_over_the_files_on_the_drive(tmp_path, boards):
 
     root = tmp_path / "root"
     source = machines.firmware_folder() / "mountfw"
-    shutil.copytree(source, root / "mountfw", ignore=shutil.ignore_patterns("__pycache__", "*_micropython.py"))
+    shutil.copytree(source, root / "mountfw", ignore=shutil.ignore_patterns("__pycache__", "micropython*.py"))
     for name in ("boot.py", "code.py"):
         shutil.copy(source / "entry" / name, root / name)
     total = hashlib.sha256()
-    for folder in ("", "mountfw", "mountfw/boards"):
+    for folder in ("", *FOLDERS):
         for file in sorted((root / folder).iterdir()):
             if file.suffix == ".py":
                 total.update(file.relative_to(root).as_posix().encode() + hashlib.sha256(file.read_bytes()).digest())
@@ -288,7 +289,7 @@ def test_time_that_the_port_tells_is_the_clocks_step_and_never_wrong_by_more(tmp
     check = (
         "import supervisor, time, usb_cdc\n"
         "import _seam\n"
-        "from mountfw import port_circuitpython as port\n"
+        "from mountfw.ports import circuitpython as port\n"
         "begin = None\n"
         "bad = []\n"
         "for i in range(3000):\n"
@@ -310,7 +311,8 @@ def test_time_that_the_port_tells_is_the_clocks_step_and_never_wrong_by_more(tmp
 WAYS_OUT = """
 import sys, usb_cdc, microcontroller
 from watchdog import WatchDogMode
-from mountfw import app, pins_circuitpython as pins
+from mountfw import app
+from mountfw.ports import circuitpython_pins as pins
 count, delivered, leaving = 0, False, False
 
 class App:
@@ -332,7 +334,7 @@ def each_bytecode(frame, event, _arg):
     return each_bytecode
 
 def trace(frame, _event, _arg):
-    if not frame.f_code.co_filename.endswith(("code.py", "port_circuitpython.py", "pins_circuitpython.py")):
+    if not frame.f_code.co_filename.endswith(("code.py", "ports/circuitpython.py", "ports/circuitpython_pins.py")):
         return None
     frame.f_trace_opcodes, frame.f_trace_lines = True, False
     return each_bytecode

@@ -1,9 +1,9 @@
 """What programs written for New Focus 8742/8743-CL controllers count on. Runs under CPython and MicroPython."""
 
-from mountfw import errors
-from mountfw.command import HUGE
-from mountfw.position import MAX_STEPS
-from mountfw.settings import SETTINGS
+from mountfw import codes
+from mountfw.motion.position import MAX_STEPS
+from mountfw.store import SETTINGS
+from mountfw.wire.line import HUGE
 
 from rig import Rig  # isort: skip
 
@@ -11,10 +11,10 @@ JOG = b"2MV+\n"
 
 
 def test_every_error_is_told_with_exactly_one_comma():
-    codes = list(errors.MESSAGES)
-    codes += [axis * 100 + code for code in errors.AXIS_MESSAGES for axis in (1, 2, 3, 4)]
-    assert len(codes) > 60
-    for code in codes:
+    numbers = list(codes.MESSAGES)
+    numbers += [axis * 100 + code for code in codes.AXIS_MESSAGES for axis in (1, 2, 3, 4)]
+    assert len(numbers) > 60
+    for code in numbers:
         rig = Rig()
         if code:
             rig.controller.errors.push(code)

@@ -91,7 +91,7 @@ def test_integers_stay_small_at_the_extremes_of_every_setting():
 
 def test_the_pure_clock_arithmetic_is_right_across_the_wrap_and_stays_small():
     # the functions that CPython uses; a board has MicroPython's own
-    from mountfw import ticks
+    from mountfw.wire import ticks
 
     times = (0, 1, 2, (1 << 29) - 1, 1 << 29, LIMIT - 2, LIMIT - 1)
 

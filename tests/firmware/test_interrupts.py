@@ -7,10 +7,11 @@ import pytest
 from rig import Rig
 
 import mountfw
-from mountfw import errors
+from mountfw import codes
 
 FOLDER = Path(mountfw.__file__).parent
-FILES = {str(FOLDER / name) for name in ("app.py", "axis.py", "controller.py", "bridge.py", "endstop.py")}
+NAMES = ("app.py", "motion/axis.py", "motion/controller.py", "motion/bridge.py", "motion/endstop.py")
+FILES = {str(FOLDER / name) for name in NAMES}
 END_STOP = 10  # GPIO of axis 1's positive one
 
 
@@ -66,8 +67,8 @@ def test_an_end_stop_that_opens_before_any_bytecode_ends_the_move_as_an_end_stop
             break
         rig.run(5_000)
         assert rig.drives() == (0, 0), before
-        ended_by_itself = rig.axis1.reason == errors.DONE and after_us > 100_000
-        assert rig.axis1.reason == errors.END_STOP or ended_by_itself, before
+        ended_by_itself = rig.axis1.reason == codes.DONE and after_us > 100_000
+        assert rig.axis1.reason == codes.END_STOP or ended_by_itself, before
         assert rig.errors() == ([] if ended_by_itself else [104]), before
         assert abs(rig.axis1.ended_on_us - rig.on_times(2)[0]) < 30, before
     assert before > 500 or after_us > 100_000

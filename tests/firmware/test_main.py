@@ -9,11 +9,11 @@ from types import ModuleType, SimpleNamespace
 import pytest
 from rig import Rig
 
-import mountfw
+import mountfw.ports.shared
 from mountfw.boards import pico
 
 MAIN = Path(mountfw.__file__).parent / "entry" / "main.py"
-PORT = Path(mountfw.__file__).parent / "port_micropython.py"
+PORT = Path(mountfw.__file__).parent / "ports" / "micropython.py"
 WATCHDOG_OFF = 0x40058000 + 0x3000  # RP2040: where a write clears bits of its control register
 SCRATCH4 = 0x40058000 + 0x1C  # says, if it is not 0, that a reset would be the watchdog's own
 OFF_AND_UNMARKED = {WATCHDOG_OFF: 1 << 30, SCRATCH4: 0}
@@ -21,7 +21,7 @@ DRIVES = [board[name] for board in (pico.AXIS_1, pico.AXIS_2) for name in ("en",
 
 
 class Levels(dict):
-    """What the pins show; and the smallest `machine.Pin` that port_micropython.motors_off needs."""
+    """What the pins show; and the smallest `machine.Pin` that motors_off of ports/micropython.py needs."""
 
     OUT = 1
     ALT = 3
@@ -33,7 +33,7 @@ class Levels(dict):
 
 @pytest.fixture
 def port(monkeypatch):
-    """The real port_micropython, of which only the way out is used, on stand-ins for the hardware."""
+    """The real ports/micropython.py, of which only the way out is used, on stand-ins for the hardware."""
     levels = Levels()
     state = SimpleNamespace(levels=levels, interrupt_char=3, registers={})
     fakes = {
@@ -44,11 +44,11 @@ def port(monkeypatch):
             "mem32": state.registers,
         },
         "micropython": {"kbd_intr": lambda char: setattr(state, "interrupt_char", char)},
-        "mountfw.console_micropython": dict.fromkeys(("any", "drain", "pack", "writable", "write")),
+        "mountfw.ports.micropython_console": dict.fromkeys(("any", "drain", "pack", "writable", "write")),
         "time": {"ticks_us": None, "ticks_ms": None, "sleep_us": None},
         "sys": {"implementation": SimpleNamespace(_machine="Raspberry Pi Pico with RP2040")},
     }
-    module = ModuleType("mountfw.port_micropython")
+    module = ModuleType("mountfw.ports.micropython")
     with monkeypatch.context() as patch:
         for name, attributes in fakes.items():
             fake = ModuleType(name)
@@ -57,8 +57,8 @@ def port(monkeypatch):
         exec(compile(PORT.read_text(), str(PORT), "exec"), vars(module))
     module.find_board = lambda: pico
     module.state = state
-    monkeypatch.setitem(sys.modules, "mountfw.port_micropython", module)
-    monkeypatch.setattr(mountfw, "port_micropython", module, raising=False)
+    monkeypatch.setitem(sys.modules, "mountfw.ports.micropython", module)
+    monkeypatch.setattr(mountfw.ports, "micropython", module, raising=False)
     return module
 
 
@@ -125,7 +125,9 @@ def move_at_the_prompt(port, second_at: int) -> tuple[bool, Rig]:
     count, delivered, leaving = 0, False, False
     rig = Rig()
     folder = Path(mountfw.__file__).parent
-    files = {str(folder / name) for name in ("repl.py", "controller.py", "axis.py", "bridge.py")} | {str(PORT)}
+    files = {
+        str(folder / name) for name in ("repl.py", "motion/controller.py", "motion/axis.py", "motion/bridge.py")
+    } | {str(PORT)}
 
     def pause_us(us):
         nonlocal leaving

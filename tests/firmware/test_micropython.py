@@ -32,8 +32,19 @@ WORDS_OF_A_TRY = 3  # mp_exc_stack_t
 
 @pytest.mark.parametrize(
     "name",
-    ["answers", "app", "axis", "bridge", "command", "commands", "controller", "endstop", "errors", "frame", "homing"]
-    + ["link", "own_reply", "parameters", "position", "settings", "console_circuitpython", "port_circuitpython"],
+    [
+        "app",
+        "codes",
+        "store",
+        "dialect/commands",
+        "dialect/queries",
+        "wire/frame",
+        "wire/line",
+        "wire/link",
+        "wire/own_reply",
+    ]
+    + [f"motion/{name}" for name in ("axis", "axis_settings", "bridge", "controller", "endstop", "homing", "position")]
+    + ["ports/circuitpython", "ports/circuitpython_console"],
 )
 def test_no_call_in_the_loop_needs_the_heap_for_its_state(micropython, name):
     # heap_lock does not see it, but a search of the heap for room makes the call 300 us longer (docs/architecture.md)

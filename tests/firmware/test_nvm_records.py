@@ -1,6 +1,6 @@
 """Files as records in a non-volatile memory, with the power cut at every byte. Runs under CPython and MicroPython."""
 
-from mountfw.nvm_circuitpython import NvmRecords
+from mountfw.ports.circuitpython_nvm import NvmRecords
 
 SETTINGS = "mountfw.settings"
 POSITION = "mountfw.position"

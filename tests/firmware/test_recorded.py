@@ -1,7 +1,7 @@
 """Positions over a restart. Runs under CPython and MicroPython."""
 
-from mountfw import errors
-from mountfw.settings import seal
+from mountfw import codes
+from mountfw.store import seal
 
 from rig import Rig  # isort: skip
 
@@ -62,7 +62,7 @@ def test_a_position_is_known_again_after_ten_seconds_of_rest_and_a_restart():
     again = restart(rig)
     assert known(again) == known(rig)
     assert again.ask(b"1TP?;1PA?;1DH?;2TP?;2PA?;2DH?\n") == b"13; 13; 10; -5; -5; -3\r\n"
-    assert certainty(again) == (errors.COUNTED, errors.COUNTED)
+    assert certainty(again) == (codes.COUNTED, codes.COUNTED)
     assert again.errors() == []
     assert known(restart(again)) == known(rig)  # and it stays, for as long as nothing moves
 
@@ -74,7 +74,7 @@ def test_an_estimate_stays_an_estimate():
     rig.ask(b"!\n")
     rig.run(RECORDED_US)
     assert known(restart(rig)) == known(rig)
-    assert certainty(restart(rig)) == (errors.ESTIMATED, errors.COUNTED)
+    assert certainty(restart(rig)) == (codes.ESTIMATED, codes.COUNTED)
 
 
 def test_a_home_is_known_again():
@@ -82,12 +82,12 @@ def test_a_home_is_known_again():
 
     rig = Track(300_000)
     rig.ask(b"SM\n")
-    assert rig.until_done(b"1OR\n") == errors.DONE
+    assert rig.until_done(b"1OR\n") == codes.DONE
     rig.ask(b"1PR2\n")
     rig.run(1_000_000 + RECORDED_US)
     again = restart(rig)
     assert known(again) == known(rig)
-    assert again.axis1.position.certainty == errors.HOMED
+    assert again.axis1.position.certainty == codes.HOMED
     assert again.axis1.position.home_known
     assert again.ask(b"1TP?\n") == b"2\r\n"
 
@@ -135,8 +135,8 @@ def test_rst_at_rest_knows_the_recorded_position_again_and_in_motion_does_not():
     rig.send(b"1PR9\n")
     rig.send(b"*RST\n", after_us=300_000)
     rig.run(600_000)
-    assert certainty(rig) == (errors.UNKNOWN, errors.UNKNOWN)
-    assert certainty(restart(rig)) == (errors.UNKNOWN, errors.UNKNOWN)
+    assert certainty(rig) == (codes.UNKNOWN, codes.UNKNOWN)
+    assert certainty(restart(rig)) == (codes.UNKNOWN, codes.UNKNOWN)
 
 
 # ---- when it is recorded
@@ -276,7 +276,7 @@ def test_after_a_power_cut_in_a_motion_the_position_is_unknown():
             rig.step()
         for _ in range(40):
             rig.run(25_000)
-            assert certainty(restart(rig)) == (errors.UNKNOWN, errors.UNKNOWN), motion
+            assert certainty(restart(rig)) == (codes.UNKNOWN, codes.UNKNOWN), motion
         rig.ask(b"!\n")
         rig.run(RECORDED_US)
         assert known(restart(rig)) == known(rig)
@@ -306,7 +306,7 @@ def test_a_stop_that_comes_while_the_record_goes_keeps_the_motor_off():
         rig.send(b"!\n", after_us=20_000)
         rig.run(400_000)
         assert rises(rig) == []
-        assert rig.axis1.reason == errors.ABORTED
+        assert rig.axis1.reason == codes.ABORTED
         assert rig.axis1.position.millisteps == 13_000
 
 
@@ -317,7 +317,7 @@ def test_a_position_that_was_defined_anew_is_not_the_recorded_one():
     rig = recorded()
     rig.ask(b"1DH5\n")
     rig.run(60_000)
-    assert certainty(restart(rig)) == (errors.UNKNOWN, errors.UNKNOWN)
+    assert certainty(restart(rig)) == (codes.UNKNOWN, codes.UNKNOWN)
     rig.run(RECORDED_US)
     assert restart(rig).ask(b"1TP?;2TP?\n") == b"5; -5\r\n"
     assert known(restart(rig)) == known(rig)
@@ -337,17 +337,17 @@ def test_another_step_that_was_saved_makes_the_position_an_estimate_or_unknown()
         rig = recorded()
         rig.ask(line + b"SM\n")
         rig.run(300_000)
-        assert certainty(restart(rig)) == (errors.UNKNOWN, errors.UNKNOWN)
+        assert certainty(restart(rig)) == (codes.UNKNOWN, codes.UNKNOWN)
         rig.run(RECORDED_US)
         assert known(restart(rig)) == known(rig)
-        assert certainty(restart(rig)) == (errors.ESTIMATED, errors.COUNTED)
+        assert certainty(restart(rig)) == (codes.ESTIMATED, codes.COUNTED)
 
 
 def test_an_inverted_axis_knows_its_position_with_the_other_sign_once_that_is_saved():
     rig = recorded()
     rig.ask(b"1XI1\nSM\n")
     rig.run(300_000)
-    assert certainty(restart(rig)) == (errors.UNKNOWN, errors.UNKNOWN)
+    assert certainty(restart(rig)) == (codes.UNKNOWN, codes.UNKNOWN)
     rig.run(RECORDED_US)
     assert restart(rig).ask(b"1TP?;2TP?\n") == b"-13; -5\r\n"
 
@@ -359,7 +359,7 @@ def test_a_record_of_other_steps_than_the_saved_ones_is_not_believed():
         rig.ask(b"1PR1;2PR1\n")
         rig.run(1_000_000 + RECORDED_US)
         assert FILE in rig.port.files
-        assert certainty(restart(rig)) == (errors.UNKNOWN, errors.COUNTED)
+        assert certainty(restart(rig)) == (codes.UNKNOWN, codes.COUNTED)
 
 
 def test_another_gap_leaves_the_position_and_is_to_be_found_again():
@@ -368,7 +368,7 @@ def test_another_gap_leaves_the_position_and_is_to_be_found_again():
     recorded(rig=rig)
     again = restart(rig)  # its gap was not saved
     assert again.axis1.position.millisteps == 13_000
-    assert again.axis1.position.certainty == errors.COUNTED
+    assert again.axis1.position.certainty == codes.COUNTED
     again.ask(b"1XB120000\n")
     assert pulses(again, b"1PR-1\n") == [200]
 
@@ -377,7 +377,7 @@ def test_another_gap_leaves_the_position_and_is_to_be_found_again():
 
 
 def assert_unknown(rig):
-    assert certainty(rig) == (errors.UNKNOWN, errors.UNKNOWN)
+    assert certainty(rig) == (codes.UNKNOWN, codes.UNKNOWN)
     assert rig.errors() == [DAMAGED]
     rig.ask(b"02550255\n")
     rig.run(60_000)
@@ -401,7 +401,7 @@ def test_a_record_cut_at_any_length_leaves_the_position_unknown_and_error_63():
 def test_a_right_checksum_over_wrong_lines_leaves_the_position_unknown_and_error_63():
     good = "1 0 51000000 0 0 0 13000 1 13 10 0 0\n"
     other = "2 0 51000000 0 0 0 -5000 1 -5 -3 0 0\n"
-    assert certainty(Rig(files={FILE: seal(good + other)})) == (errors.COUNTED, errors.COUNTED)
+    assert certainty(Rig(files={FILE: seal(good + other)})) == (codes.COUNTED, codes.COUNTED)
     for bad in (
         "",
         good,
@@ -434,7 +434,7 @@ def test_while_the_record_cannot_be_removed_nothing_moves():
         rig.ask(motion)
         rig.run(400_000)
         assert rises(rig) == []
-        assert errors.FAULT in (rig.axis1.reason, rig.axis2.reason)
+        assert codes.FAULT in (rig.axis1.reason, rig.axis2.reason)
         assert NOT_SAVED in rig.errors()
         assert known(restart(rig)) == known(restart(recorded()))
         rig.port.full = False
@@ -460,7 +460,7 @@ def test_a_position_that_could_not_be_recorded_is_recorded_after_the_next_motion
     rig.port.full = True
     rig.run(3 * REST_US)
     assert rig.errors() == [NOT_SAVED]  # once
-    assert certainty(restart(rig)) == (errors.UNKNOWN, errors.UNKNOWN)
+    assert certainty(restart(rig)) == (codes.UNKNOWN, codes.UNKNOWN)
     rig.port.full = False
     rig.ask(b"1PR1\n")
     rig.run(1_000_000 + RECORDED_US)
@@ -496,7 +496,7 @@ def test_a_ctrl_c_right_after_the_record_came_or_went_does_not_hide_it():
         pass
     rig.port.remove = verbs["remove"]
     assert FILE not in rig.port.files
-    rig.controller.shutdown(errors.ABORTED)
+    rig.controller.shutdown(codes.ABORTED)
     assert rig.drives() == (0, 0)
     assert rig.axis1.steps(1)
     assert rig.drives() == (255, 0)

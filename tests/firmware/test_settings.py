@@ -1,6 +1,6 @@
 """Settings over a restart. Runs under CPython and MicroPython."""
 
-from mountfw.settings import SETTINGS, seal
+from mountfw.store import SETTINGS, seal
 
 from rig import Rig  # isort: skip
 

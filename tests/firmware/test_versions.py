@@ -15,12 +15,12 @@ import pytest
 import vms
 
 from mirrormount.common.supported import MICROPYTHON
-from mirrormount.deploy.micropython_plan import firmware, firmware_hash
+from mirrormount.deploy.fileset import firmware, firmware_hash
 from mirrormount.deploy.mpremote import script_for
 from mirrormount.virtual.files import firmware_folder
 
 HERE = Path(__file__).parent
-NATIVE = "mountfw/console_micropython.py"
+NATIVE = "mountfw/ports/micropython_console.py"
 MPY = 6  # the format of the files that mpy-cross makes
 CANNOT_LOAD_MPY = ("1.21.0-279", "1.22.0-224")  # WebAssembly builds before 1.23 were made without it; boards have it
 HEAP_KB = 262_144  # these builds collect garbage only between two runs

@@ -16,7 +16,7 @@ from axis_move import (
 )
 from rig import Rig
 
-from mountfw.axis import Axis
+from mountfw.motion.axis import Axis
 
 MOST_ON_US = 1_000_000_000  # docs/protocol.md: XE? counts no further
 

@@ -14,6 +14,7 @@ import mountfw
 from mirrormount.common.errors import ConnectionLost, PortAbsent
 from mirrormount.deploy import circuitpython, circuitpython_console
 from mirrormount.transport import volumes
+from mountfw.ports.shared import FOLDERS
 
 UID = "E6605838835C8A2F"
 BOOT_OUT = (
@@ -52,8 +53,8 @@ def contents(root: Path) -> dict[str, bytes]:
 def hash_on_board(root: Path) -> str:
     """XF? as the firmware makes it from the files that are there."""
     total = hashlib.sha256()
-    for folder in ("", "mountfw", "mountfw/boards"):
-        for path in sorted((root / folder).iterdir(), key=lambda p: p.name):
+    for folder in ("", *FOLDERS):
+        for path in sorted((root / folder).iterdir(), key=lambda p: p.name) if (root / folder).exists() else ():
             wanted = path.suffix in (".py", ".mpy") if folder else path.name in ("boot.py", "code.py")
             if path.is_file() and wanted:
                 name = f"{folder}/{path.name}" if folder else path.name

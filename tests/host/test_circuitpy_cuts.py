@@ -10,7 +10,7 @@ import pytest
 from drive_board import THEIRS, contents, make_drive, stand_in_firmware
 
 from mirrormount.common.progress import Progress
-from mirrormount.deploy import circuitpython_plan
+from mirrormount.deploy import circuitpython_plan, fileset
 from mirrormount.deploy.circuitpython_copy import Files, WayBack, install, remove, survey
 
 OLD_LIBRARY = {"lib/adafruit_motor/__init__.py": b"", "lib/adafruit_motor/motor.py": b"# old library\n"}
@@ -68,8 +68,8 @@ def versions(tmp_path_factory) -> tuple[dict[str, bytes], dict[str, bytes]]:
     """Two versions of the firmware: in the new one every file differs, one is new and one is gone."""
     folder = stand_in_firmware(tmp_path_factory.mktemp("firmware"))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(circuitpython_plan, "package", lambda: folder)
-        files = circuitpython_plan.drive_firmware()
+        patch.setattr(fileset, "package", lambda: folder)
+        files = fileset.sources("circuitpython")
     few = ("boot.py", "code.py", "mountfw/__init__.py", "mountfw/app.py", "mountfw/boards/pico.py")
     old = {path: b"# old\n" + files[path] for path in few} | OLD_LIBRARY | {"mountfw/gone.py": b"# old\n"}
     new = {path: b"# new\n" + files[path] for path in few} | NEW_LIBRARY | {"mountfw/added.py": b"# new\n"}

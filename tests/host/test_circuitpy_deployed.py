@@ -4,7 +4,7 @@ import pytest
 from drive_board import Board, make_drive, plug_in
 
 from mirrormount import Mount
-from mirrormount.deploy import circuitpython_plan
+from mirrormount.deploy import fileset
 from mirrormount.deploy.micropython import Options, deploy
 from mirrormount.transport.link import Link
 from mirrormount.virtual import machines
@@ -38,7 +38,7 @@ class BootedBoard(Board):
 
 @pytest.fixture
 def board(tmp_path, monkeypatch):
-    code = (circuitpython_plan.package() / "entry" / "code.py").read_bytes()
+    code = (fileset.package() / "entry" / "code.py").read_bytes()
     board = BootedBoard(make_drive(tmp_path / "CIRCUITPY"), code)
     plug_in(board, monkeypatch, back_s=5)
     yield board
@@ -64,7 +64,7 @@ def test_what_is_on_the_drive_runs_and_not_the_firmware_of_this_computer(board):
     deploy(Options())
     package = board.root / "mountfw" / "__init__.py"
     package.write_text('__version__ = "9.8.7"\n')
-    module = board.root / "mountfw" / "errors.py"
+    module = board.root / "mountfw" / "codes.py"
     assert "NO ERROR DETECTED" in module.read_text()
     module.write_text(module.read_text().replace("NO ERROR DETECTED", "NO ERROR ON THIS DRIVE"))
     board.start()
@@ -78,6 +78,8 @@ def test_a_build_without_sha256_tells_a_checksum_that_deploy_knows(board):
     assert "the board tells the checksum (it has no SHA-256) of what was sent" in said
     (board.root / "mountfw" / "boards" / "mine.py").write_text("# a board of my own\n")
     assert deploy(Options()).startswith("OK")
-    (board.root / "mountfw" / "ticks.py").write_bytes((board.root / "mountfw" / "ticks.py").read_bytes() + b"#")
+    (board.root / "mountfw" / "wire" / "ticks.py").write_bytes(
+        (board.root / "mountfw" / "wire" / "ticks.py").read_bytes() + b"#"
+    )
     board.start()
     assert board.firmware(b"XF?\n").startswith(b"crc32-")

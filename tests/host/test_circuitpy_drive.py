@@ -20,7 +20,7 @@ from drive_board import (
 )
 
 from mirrormount.common import errors
-from mirrormount.deploy import circuitpython, circuitpython_plan
+from mirrormount.deploy import circuitpython, circuitpython_plan, fileset
 from mirrormount.deploy.circuitpython_copy import Files
 from mirrormount.deploy.micropython import Options, deploy, undeploy
 from mirrormount.transport import volumes
@@ -33,7 +33,7 @@ LIBRARY = {"lib/adafruit_motor/__init__.py": b"", "lib/adafruit_motor/motor.py":
 def firmware(tmp_path, monkeypatch) -> Path:
     """The folder of a firmware with stand-ins for boot.py and code.py, and a stand-in for Adafruit's library."""
     folder = stand_in_firmware(tmp_path)
-    monkeypatch.setattr(circuitpython_plan, "package", lambda: folder)
+    monkeypatch.setattr(fileset, "package", lambda: folder)
     monkeypatch.setattr(circuitpython, "motor_library", lambda: dict(LIBRARY))
     return folder
 
@@ -65,15 +65,15 @@ def test_a_deploy_makes_a_new_drive_a_mount_and_the_board_tells_the_hash(board):
 def test_a_drive_then_holds_the_firmware_the_motor_library_and_what_was_there(board):
     before = set(contents(board.root))
     deploy(Options())
-    wanted = set(circuitpython_plan.drive_firmware()) | set(LIBRARY) | {"mountfw/manifest.json"}
+    wanted = set(fileset.sources("circuitpython")) | set(LIBRARY) | {"mountfw/manifest.json"}
     assert set(contents(board.root)) == before | wanted
     assert contents(board.root)["settings.toml"] == b""
 
 
 def test_no_file_of_micropython_goes_to_a_circuitpython_drive():
-    names = set(circuitpython_plan.drive_firmware())
+    names = set(fileset.sources("circuitpython"))
     assert "mountfw/app.py" in names and "mountfw/boards/pico.py" in names
-    assert not [name for name in names if name.endswith("_micropython.py") or "main.py" in name]
+    assert not [name for name in names if name.startswith("mountfw/ports/micropython") or "main.py" in name]
 
 
 def test_of_the_installed_motor_library_the_part_for_dc_motors_is_taken_without_importing_it():
@@ -111,22 +111,22 @@ def test_a_second_deploy_writes_nothing_and_does_not_restart_the_board(deployed,
 
 
 def test_only_what_differs_is_written_and_what_is_no_more_goes(deployed, firmware, monkeypatch):
-    (firmware / "axis.py").write_text("# newer\n")
+    (firmware / "motion" / "axis.py").write_text("# newer\n")
     (firmware / "sketch.py").write_text("")
     deploy(Options())
     (firmware / "sketch.py").unlink()
     written = []
     real = Files.write
     monkeypatch.setattr(Files, "write", lambda self, path, text: (written.append(path), real(self, path, text)))
-    (firmware / "axis.py").write_text("# newest\n")
+    (firmware / "motion" / "axis.py").write_text("# newest\n")
     deploy(Options())
-    assert [path for path in written if not path.endswith(".new")] == ["mountfw/axis.py"]
+    assert [path for path in written if not path.endswith(".new")] == ["mountfw/motion/axis.py"]
     assert not (deployed.root / "mountfw" / "sketch.py").exists()
     assert deployed.running == hash_on_board(deployed.root)
 
 
 def test_a_motor_that_moves_is_not_stopped_and_nothing_is_changed(deployed, firmware):
-    (firmware / "axis.py").write_text("# newer\n")
+    (firmware / "motion" / "axis.py").write_text("# newer\n")
     before = contents(deployed.root)
     deployed.moving = True
     with pytest.raises(errors.DeployError, match="a motor moves"):
@@ -135,7 +135,7 @@ def test_a_motor_that_moves_is_not_stopped_and_nothing_is_changed(deployed, firm
 
 
 def test_told_to_stop_it_stops_the_motors_over_the_data_channel_first(deployed, firmware):
-    (firmware / "axis.py").write_text("# newer\n")
+    (firmware / "motion" / "axis.py").write_text("# newer\n")
     deployed.moving = True
     deploy(Options(stop=True))
     assert deployed.heard.index(b"!\n") < deployed.heard.index(b"\x03")
@@ -218,7 +218,7 @@ def test_a_choice_of_a_board_stays_in_later_deploys(board):
 
 def test_a_board_of_somebody_else_in_the_folder_stays_and_counts_in_the_hash(deployed, firmware):
     (deployed.root / "mountfw" / "boards" / "mine.py").write_text("NAME = b'mine'\n")
-    (firmware / "axis.py").write_text("# newer\n")
+    (firmware / "motion" / "axis.py").write_text("# newer\n")
     deploy(Options())
     assert (deployed.root / "mountfw" / "boards" / "mine.py").exists()
     assert deployed.running == hash_on_board(deployed.root)
@@ -226,7 +226,7 @@ def test_a_board_of_somebody_else_in_the_folder_stays_and_counts_in_the_hash(dep
 
 @pytest.mark.parametrize("spare", [0, 200])
 def test_a_full_drive_is_refused_before_anything_is_written_counted_in_clusters(board, monkeypatch, spare):
-    wanted = circuitpython_plan.drive_firmware() | LIBRARY
+    wanted = fileset.sources("circuitpython") | LIBRARY
     clusters = sum(-(-len(text) // 512) for text in wanted.values())
     monkeypatch.setattr(volumes, "room", lambda _path: Room(clusters + spare - 1, 512, False))
     before = contents(board.root)
@@ -239,8 +239,8 @@ def test_a_full_drive_is_refused_before_anything_is_written_counted_in_clusters(
 
 
 def test_what_will_be_replaced_counts_as_room(deployed, firmware, monkeypatch):
-    big = (firmware / "axis.py").read_bytes()
-    (firmware / "axis.py").write_bytes(b"#" + big[1:])
+    big = (firmware / "motion" / "axis.py").read_bytes()
+    (firmware / "motion" / "axis.py").write_bytes(b"#" + big[1:])
     monkeypatch.setattr(volumes, "room", lambda _path: Room(40, 512, False))  # less than the file has
     deploy(Options())
     assert len(big) > 40 * 512
@@ -264,7 +264,7 @@ def test_a_read_only_drive_is_refused_with_the_remedy(board, monkeypatch):
 def test_a_drive_that_fails_in_the_middle_leaves_a_board_that_does_nothing(
     deployed, firmware, monkeypatch, number, error, says
 ):
-    (firmware / "axis.py").write_text("# newer\n")
+    (firmware / "motion" / "axis.py").write_text("# newer\n")
     (firmware / "zoom.py").write_text("")
     real = Files.write
 
@@ -281,7 +281,7 @@ def test_a_drive_that_fails_in_the_middle_leaves_a_board_that_does_nothing(
 
 
 def test_a_drive_that_fails_before_the_firmware_is_touched_leaves_it_running(deployed, firmware, monkeypatch):
-    (firmware / "axis.py").write_text("# newer\n")
+    (firmware / "motion" / "axis.py").write_text("# newer\n")
     before = contents(deployed.root)
 
     def write(self, path, content):
@@ -295,9 +295,12 @@ def test_a_drive_that_fails_before_the_firmware_is_touched_leaves_it_running(dep
 
 def test_what_is_read_back_differently_is_told(board, monkeypatch):
     real = Files.write
-    damaged = lambda self, path, content: real(self, path, content[:-1] if path == "mountfw/axis.py" else content)  # noqa: E731
+
+    def damaged(self, path, content):
+        real(self, path, content[:-1] if path == "mountfw/motion/axis.py" else content)
+
     monkeypatch.setattr(Files, "write", damaged)
-    with pytest.raises(errors.DriveFailed, match=r"mountfw/axis\.py is not on the drive as it was sent"):
+    with pytest.raises(errors.DriveFailed, match=r"mountfw/motion/axis\.py is not on the drive as it was sent"):
         deploy(Options())
 
 
@@ -372,7 +375,7 @@ def test_a_board_with_one_channel_answers_on_its_console(board):
 
 
 def test_a_running_firmware_whose_port_is_busy_is_left_alone(deployed, firmware, monkeypatch):
-    (firmware / "axis.py").write_text("# newer\n")
+    (firmware / "motion" / "axis.py").write_text("# newer\n")
     before = contents(deployed.root)
 
     def busy(address, **_):
@@ -386,7 +389,7 @@ def test_a_running_firmware_whose_port_is_busy_is_left_alone(deployed, firmware,
 
 def test_the_manifest_lists_what_was_put_there(deployed):
     told = json.loads(contents(deployed.root)["mountfw/manifest.json"])
-    assert set(told["files"]) == set(circuitpython_plan.drive_firmware()) | set(LIBRARY)
+    assert set(told["files"]) == set(fileset.sources("circuitpython")) | set(LIBRARY)
     assert "unfinished" not in told
 
 

@@ -14,7 +14,7 @@ from drive_board import BOOT_OUT, CONSOLE, DATA, THEIRS, UID, Board, contents, m
 import mirrormount.transport.link
 from mirrormount.cli import main
 from mirrormount.common import errors
-from mirrormount.deploy import circuitpython, circuitpython_plan
+from mirrormount.deploy import circuitpython, fileset
 from mirrormount.deploy.circuitpython_plan import read_manifest
 from mirrormount.deploy.micropython import Options, choose, deploy, undeploy
 from mirrormount.transport import circuitpy_files, circuitpy_ports, volumes
@@ -30,7 +30,7 @@ HOSTILE_TEXT = "\x1b]0;title\x07\x1b[2Jmine\x9b31m"
 @pytest.fixture
 def board(tmp_path, monkeypatch) -> Board:
     firmware = stand_in_firmware(tmp_path)
-    monkeypatch.setattr(circuitpython_plan, "package", lambda: firmware)
+    monkeypatch.setattr(fileset, "package", lambda: firmware)
     monkeypatch.setattr(
         circuitpython, "motor_library", lambda: {"lib/adafruit_motor/motor.py": b"class DCMotor: ...\n"}
     )

@@ -8,7 +8,7 @@ import pytest
 from mirrormount import Mount
 from mirrormount.common import errors
 from mirrormount.device.mount import Ended
-from mirrormount.transport.link import Port
+from mirrormount.transport.link import Link, Port
 
 
 @pytest.fixture
@@ -42,7 +42,7 @@ def test_right_and_up_are_positive(mount):
 def test_the_axes_can_be_wired_the_other_way_round():
     with Mount.open("virtual://?speed=max") as mount:
         assert (mount.x.number, mount.y.number) == (2, 1)
-    with Mount(__import__("mirrormount.transport.link").link.Link(_port()), x_axis=1) as mount:
+    with Mount(Link(_port()), x_axis=1) as mount:
         mount.x.step(1)
         assert pulses(mount, "m1_en") and not pulses(mount, "m2_en")
 

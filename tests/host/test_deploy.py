@@ -17,8 +17,9 @@ from mirrormount import Mount
 from mirrormount.common import errors
 from mirrormount.common.errors import EmulatorMissing
 from mirrormount.common.supported import MICROPYTHON
+from mirrormount.deploy.fileset import firmware, firmware_hash
 from mirrormount.deploy.micropython import Options, deploy, may_replace
-from mirrormount.deploy.micropython_plan import firmware, firmware_hash, plan
+from mirrormount.deploy.micropython_plan import plan
 from mirrormount.deploy.mpremote import Mpremote
 from mirrormount.deploy.on_board import KEPT
 from mirrormount.virtual import machines
@@ -133,7 +134,7 @@ def test_a_second_deploy_changes_nothing(deployed):
 
 def test_deploy_over_an_older_version_changes_what_differs_and_removes_what_is_no_more(deployed):
     manifest = json.loads((deployed.root / "mountfw" / "manifest.json").read_text())
-    for name, text in (("axis.mpy", b"old"), ("gone.mpy", b"older")):
+    for name, text in (("motion/axis.mpy", b"old"), ("gone.mpy", b"older")):
         (deployed.root / "mountfw" / name).write_bytes(text)
         manifest["files"][f"mountfw/{name}"] = hashlib.sha256(text).hexdigest()
     (deployed.root / "mountfw" / "manifest.json").write_text(json.dumps(manifest))
@@ -143,14 +144,14 @@ def test_deploy_over_an_older_version_changes_what_differs_and_removes_what_is_n
 
 
 def test_a_plain_file_that_would_hide_a_compiled_one_goes(deployed):
-    (deployed.root / "mountfw" / "axis.py").write_text("raise SystemError\n")
+    (deployed.root / "mountfw" / "motion" / "axis.py").write_text("raise SystemError\n")
     assert deployed.deploy().returncode == 0
-    assert not (deployed.root / "mountfw" / "axis.py").exists()
+    assert not (deployed.root / "mountfw" / "motion" / "axis.py").exists()
 
 
 def test_source_puts_plain_files_on_the_board(deployed):
     assert deployed.deploy("--source").returncode == 0
-    assert contents(deployed.root)["mountfw/axis.py"] == (PACKAGE.parent / "axis.py").read_bytes()
+    assert contents(deployed.root)["mountfw/motion/axis.py"] == (PACKAGE.parent / "motion" / "axis.py").read_bytes()
     assert not list(deployed.root.rglob("*.mpy"))
 
 
@@ -231,7 +232,7 @@ def test_undeploy_of_a_board_that_was_not_deployed_to_removes_nothing(boot, tmp_
 def test_a_flash_that_is_full_leaves_the_old_firmware_running(deployed):
     if not Path("/dev/full").exists():
         pytest.skip("needs /dev/full")
-    (deployed.root / "mountfw" / "axis.py.new").symlink_to("/dev/full")
+    (deployed.root / "mountfw" / "motion" / "axis.py.new").symlink_to("/dev/full")
     before = contents(deployed.root)
     done = deployed.deploy("--source")
     assert done.returncode == 1 and done.stderr.splitlines()[-1].endswith("the board has the firmware that it had")
@@ -370,10 +371,10 @@ def test_what_a_board_tells_that_cannot_be_read_is_one_line(monkeypatch, line):
 
 def test_a_board_whose_power_went_after_the_commit_boots_the_new_firmware(boot, deployed_files, tmp_path):
     root = Path(shutil.copytree(deployed_files, tmp_path / "cut"))
-    new = (root / "mountfw" / "axis.mpy").read_bytes()
-    (root / "mountfw" / "axis.mpy.new").write_bytes(new)
-    (root / "mountfw" / "axis.mpy").write_bytes(b"old")
-    (root / "mountfw.journal").write_text("mountfw/axis.mpy.new>mountfw/axis.mpy\nmountfw/axis.py")
+    new = (root / "mountfw" / "motion" / "axis.mpy").read_bytes()
+    (root / "mountfw" / "motion" / "axis.mpy.new").write_bytes(new)
+    (root / "mountfw" / "motion" / "axis.mpy").write_bytes(b"old")
+    (root / "mountfw.journal").write_text("mountfw/motion/axis.mpy.new>mountfw/motion/axis.mpy\nmountfw/motion/axis.py")
     board = boot(root)
     assert board.ask("VE?") == f"MM2 Version {mountfw.__version__} mirrormount"
     assert contents(root) == contents(deployed_files)

@@ -15,6 +15,7 @@ from types import SimpleNamespace
 import pytest
 
 from mirrormount.deploy import on_board
+from mirrormount.deploy.fileset import folders, sources
 from mirrormount.deploy.micropython_plan import Plan, plan
 from mirrormount.deploy.mpremote import replay_source
 
@@ -112,7 +113,7 @@ class Board:
         """
         todo, side, power = self.plan(wanted, last)
         if todo.journal:
-            side["make_folders"](("mountfw", "mountfw/boards"))
+            side["make_folders"](folders(sources("micropython")))
             for path, content in todo.upload.items():
                 with power.open(path + ".new", "wb") as f:
                     f.write(content)
@@ -272,7 +273,7 @@ def test_a_cut_while_the_old_firmware_comes_back_leaves_the_old_one_or_the_new_o
 def test_a_boot_that_finishes_bringing_back_may_be_cut_too(board, tmp_path):
     old = board.runs()
     todo, side, _ = board.plan(NEW)
-    side["make_folders"](("mountfw", "mountfw/boards"))
+    side["make_folders"](folders(sources("micropython")))
     board.put({path + ".new": content for path, content in todo.upload.items()})
     side["commit"](todo.verify, todo.backup, todo.journal, side["replay"], todo.keep)
     (board.root / on_board.UNDO).rename(board.root / on_board.JOURNAL)
@@ -288,7 +289,7 @@ def test_a_boot_that_finishes_bringing_back_may_be_cut_too(board, tmp_path):
 def test_of_an_upload_that_fails_after_the_commit_nothing_is_left_either(board):
     before = board.contents()
     todo, side, _ = board.plan(NEW)
-    side["make_folders"](("mountfw", "mountfw/boards"))
+    side["make_folders"](folders(sources("micropython")))
     board.put({path + ".new": content for path, content in todo.upload.items()})
     side["commit"](todo.verify, todo.backup, todo.journal, lambda: None, todo.keep)
     side["clean"](list(todo.verify), side["replay"])

@@ -107,7 +107,7 @@ def test_output_that_cannot_be_written_is_one_line(words):
 
 @pytest.mark.parametrize("words", [("setup",), ("config", "import", "-")])
 def test_without_a_standard_input_there_is_one_line(words):
-    code = "import sys; sys.stdin = None; from mirrormount import cli; sys.exit(cli.main(sys.argv[1:]))"
+    code = "import sys; sys.stdin = None; from mirrormount.cli.main import main; sys.exit(main(sys.argv[1:]))"
     command = [sys.executable, "-c", code, *words, *MAX]
     one_line(subprocess.run(command, capture_output=True, text=True, timeout=600))
 

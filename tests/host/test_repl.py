@@ -186,7 +186,7 @@ def test_ctrl_c_in_a_jog_and_in_a_rest(prompt):
 
 
 def test_an_exception_in_mid_move_turns_the_motors_off_before_it_goes_on(prompt):
-    prompt.type("from mountfw import port_micropython as p")
+    prompt.type("from mountfw.ports import micropython as p")
     prompt.type("keep, p.led = p.led, lambda on: 1 // 0")
     prompt.begin("m.x.step(1)")
     assert "ZeroDivisionError" in prompt.answer()
@@ -319,7 +319,7 @@ def test_what_is_typed_ahead_waits_for_its_turn(prompt):
 
 
 def test_the_led_blinks_while_a_motor_is_driven(prompt):
-    prompt.type("from mountfw import port_micropython as p")
+    prompt.type("from mountfw.ports import micropython as p")
     prompt.type("shown = []")
     prompt.type("p.led = shown.append")
     prompt.type("m.x.jog(1, ms=1000)")

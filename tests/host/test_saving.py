@@ -94,7 +94,7 @@ def test_at_the_prompt_the_record_is_gone_before_the_first_pin_rises(switch_on, 
     board.received.clear()
     board.send(b"\x03")
     assert board.run(5_000_000, lambda: board.received.endswith(PROMPT))
-    say(board, "from mountfw.repl import m; from mountfw import port_micropython as p; import os")
+    say(board, "from mountfw.repl import m; from mountfw.ports import micropython as p; import os")
     say(board, REMEMBER_WHEN)
     say(board, "os.chdir('mountfw')")  # whatever somebody does there
     assert (files / "mountfw.position").exists()

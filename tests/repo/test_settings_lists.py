@@ -7,9 +7,9 @@ import pytest
 
 from mirrormount.device import settings as host
 from mirrormount.panel.card_of_settings import GROUPS
-from mountfw.endstop import EndStop
-from mountfw.parameters import Parameters
-from mountfw.settings import SETTINGS, allowed
+from mountfw.motion.axis_settings import Parameters
+from mountfw.motion.endstop import EndStop
+from mountfw.store import SETTINGS, allowed
 
 ROOT = Path(__file__).parent.parent.parent
 FIRMWARE = {entry[0].decode(): entry[1:] for entry in SETTINGS}

@@ -9,8 +9,7 @@ import soak
 from episode import Tally, Violation
 from moves import Move
 
-from mountfw import command
-from mountfw.frame import DONE, Frame
+from mountfw.wire.frame import DONE, Frame
 
 
 def fits(parser, data: bytes, good: int) -> bool:
@@ -23,8 +22,8 @@ def test_the_soak_says_good_frames_and_good_lines():
     for _ in range(1000):
         assert fits(Frame(), messages.frame(r).rstrip(b"\r\n"), DONE)
         line = messages.line(r)
-        assert len(line) < command.MAX_LINE
-        assert fits(command.Line(), line[: -1 if line[-2:] != b"\r\n" else -2] + b"\n", command.END), line
+        assert len(line) < line.MAX_LINE
+        assert fits(line.Line(), line[: -1 if line[-2:] != b"\r\n" else -2] + b"\n", line.END), line
 
 
 def test_the_soak_never_says_ctrl_c():

@@ -15,7 +15,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Self
 
-from mirrormount.deploy import micropython_plan
+from mirrormount.deploy import fileset
 from mirrormount.virtual import emulator
 from mirrormount.virtual.board import Options, make_world
 from mirrormount.virtual.lockstep import Stepped
@@ -188,7 +188,7 @@ class Lab:
 
     def board(self, *, source: bool = False, switches: bool = False) -> Board:
         """A new board that has started. source: with .py files instead of .mpy; switches: end-stops wired."""
-        files = micropython_plan.firmware(None if source else _MPY)
+        files = fileset.firmware(None if source else _MPY)
         flash = Path(self._folder.name) / f"{len(self._boards)}.bin"
         shutil.copyfile(emulator.flash_with_firmware(self._image, files), flash)
         bench = "switches" if switches else "paper"

@@ -15,7 +15,8 @@ _GPIO = 22  # free: see the table in docs/bring-up.md
 _PROGRAM = """
 import micropython
 from machine import Pin
-from mountfw import app, port_micropython as port
+from mountfw import app
+from mountfw.ports import micropython as port
 pin = Pin(%d, Pin.OUT, value=0)
 low = pin.low
 high = pin.high
@@ -37,7 +38,8 @@ finally:
 
 
 _POLLED = """
-from mountfw import app, port_micropython as port
+from mountfw import app
+from mountfw.ports import micropython as port
 from machine import Pin
 for number in (10, 11, 12, 13):  # what ran before has set them
     Pin(number).irq(None)

@@ -4,7 +4,7 @@ import supervisor
 
 supervisor.runtime.autoreload = False  # before anything else: a file that is saved must not cut a move off
 
-from mountfw import port_circuitpython as port  # noqa: E402
+from mountfw.ports import circuitpython as port  # noqa: E402
 
 board = port.find_board()
 if board:

@@ -31,7 +31,7 @@ def replay():
 if replay():
     raise SystemExit  # a soft reset: this very file may be a new one now
 
-from mountfw import port_micropython as port  # noqa: E402
+from mountfw.ports import micropython as port  # noqa: E402
 
 board = port.find_board()
 if board:

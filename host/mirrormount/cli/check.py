@@ -13,7 +13,7 @@ from mirrormount.common.printable import printable
 from mirrormount.common.validation import whole_numbers
 from mirrormount.device.mount import RESET_CAUSES, Axis, Mount
 from mountfw import __version__
-from mountfw import errors as wire
+from mountfw import codes as wire
 
 _SETTINGS_DAMAGED = 63
 
@@ -79,7 +79,7 @@ def identity(mount: Mount) -> str:
 
 def firmware(mount: Mount) -> str:
     """Are the files on the board those that this host would deploy?"""
-    from mirrormount.deploy.micropython_plan import known_hashes
+    from mirrormount.deploy.known import known_hashes
 
     if mount.send("XF?") in known_hashes():
         return "the files on the board are those that this host deploys"

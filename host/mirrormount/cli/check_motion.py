@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from mirrormount.cli.outcomes import Wrong
 from mirrormount.common.errors import REASONS
 from mirrormount.device.mount import Axis, Ended, Mount
-from mountfw import errors as wire
+from mountfw import codes as wire
 
 _KEEP_ALIVE_MS = 100
 _LATE_US = 1000  # what a pulse may be wrong by

@@ -14,7 +14,7 @@ from mirrormount.common.progress import StatusLine
 from mirrormount.device.arduino_sketch import LIMITS, SketchMount
 from mirrormount.device.axis import Axis
 from mirrormount.device.mount import AxisStatus, Mount
-from mountfw import errors as wire
+from mountfw import codes as wire
 
 _LOOK_S = 0.05
 

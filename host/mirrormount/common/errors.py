@@ -1,6 +1,6 @@
 """What can go wrong, as one tree. Each message is one line; docs/errors.md has cause and remedy."""
 
-from mountfw import errors as wire
+from mountfw import codes as wire
 
 
 class MountError(Exception):

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from mirrormount.common.errors import DeployError
 from mirrormount.common.printable import printable
-from mirrormount.deploy.micropython_plan import THIS, boards
+from mirrormount.deploy.fileset import THIS, boards
 from mountfw import board_file as on_board
 from mountfw.boards import FILE_OF
 

@@ -36,9 +36,10 @@ from mirrormount.deploy.circuitpython_copy import (
     remove,
     survey,
 )
-from mirrormount.deploy.circuitpython_plan import CODE, answers, belongs, drive_firmware, drive_plan, motor_library
+from mirrormount.deploy.circuitpython_plan import CODE, belongs, drive_plan, motor_library
+from mirrormount.deploy.fileset import boards, sources
 from mirrormount.deploy.handshake import Options, ask, check, quiet
-from mirrormount.deploy.micropython_plan import boards
+from mirrormount.deploy.known import answers
 from mirrormount.deploy.on_board import MANIFEST
 from mirrormount.transport import volumes
 from mirrormount.transport.circuitpy_drives import Drive, check_version, find_drives, untried
@@ -61,7 +62,7 @@ def deploy(drive: Drive, this: dict[str, bytes], options: Options, progress: Pro
     if untried(drive):
         progress.phase(f"CircuitPython {drive.version} is newer than any that was tried ({CIRCUITPYTHON.span})")
     _check_claims(drive)
-    wanted = drive_firmware() | motor_library() | this
+    wanted = sources("circuitpython") | motor_library() | this
     files = Files(drive.path)
     progress.phase(f"looking at {drive}")
     there, sizes, old = survey(files)

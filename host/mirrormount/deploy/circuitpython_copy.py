@@ -24,6 +24,7 @@ from mirrormount.deploy.circuitpython_plan import (
     read_manifest,
     sha256,
 )
+from mirrormount.deploy.fileset import folders
 from mirrormount.deploy.on_board import MANIFEST
 from mirrormount.transport.circuitpy_files import Files
 from mirrormount.transport.volumes import Room
@@ -34,8 +35,7 @@ READ_ONLY = (
     " that this user may write"
 )
 _SPARE_CLUSTERS = 4  # for folders that grow
-_FOLDERS = ("lib", "lib/adafruit_motor", "mountfw", "mountfw/boards")
-_OURS_TO_REMOVE = ("mountfw/boards", "mountfw", "lib/adafruit_motor")
+_LIBRARY = "lib/adafruit_motor"
 
 
 def survey(files: Files) -> tuple[dict[str, str], dict[str, int], Manifest]:
@@ -59,6 +59,11 @@ def kept_sources(files: Files, todo: DrivePlan, wanted: Iterable[str]) -> dict[s
         return {path: files.read(path) for path in kept if path.endswith((".py", ".mpy"))}
 
 
+def _folders(paths: Iterable[str]) -> tuple[str, ...]:
+    """The folders that these files need, each after the one that it is in."""
+    return ("lib", _LIBRARY, *folders(paths))
+
+
 def _name(path: str) -> str:
     """FAT knows no case: CODE.PY, as some systems write it, is code.py."""
     return path.lower() if path.lower() in PROGRAMS else path
@@ -78,7 +83,7 @@ def check_room(todo: DrivePlan, sizes: dict[str, int], room: Room) -> None:
     freed = sum(room.clusters(sizes[path]) for path in (*todo.remove, *todo.write) if path in sizes and path != BOOT)
     beside = [len(todo.during), len(todo.manifest), len(STUB), len(todo.code), *(sizes[path] for path in todo.aside)]
     need = sum(room.clusters(size) for size in (*map(len, todo.write.values()), *beside))
-    need += len(_FOLDERS) + _SPARE_CLUSTERS - freed
+    need += len(_folders(todo.write)) + _SPARE_CLUSTERS - freed
     if need > room.free:
         kilo = room.cluster_bytes / 1024
         raise DriveFull(
@@ -90,7 +95,7 @@ def check_room(todo: DrivePlan, sizes: dict[str, int], room: Room) -> None:
 def install(files: Files, todo: DrivePlan, progress: Progress) -> None:
     """Do what the plan says, and read back what was written. Raises DriveFull, DriveReadOnly, DriveFailed."""
     with _told("nothing of the firmware was changed"):
-        for folder in _FOLDERS:
+        for folder in _folders(todo.write):
             files.make_folder(folder)
         for path, copy in todo.aside.items():
             _beside(files, copy, files.read(path))
@@ -147,7 +152,7 @@ class WayBack:
             absent = [path for path in (CODE, MANIFEST) if path not in self._was]
             for path in filter(self._files.exists, (*self._copies, *absent)):
                 self._files.remove(path)
-            for folder in _OURS_TO_REMOVE:
+            for folder in reversed(_folders((*self._plan.remove, *self._plan.write))):
                 self._files.remove_folder(folder)
             self._files.sync()
 
@@ -172,7 +177,7 @@ def remove(files: Files) -> tuple[list[str], list[str], list[str]]:
             files.rename(copy, path)
         if old.files:
             files.remove(MANIFEST)
-        for folder in _OURS_TO_REMOVE:
+        for folder in reversed(_folders(old.files)):
             files.remove_folder(folder)
         files.sync()
     return ours, kept, sorted(back)

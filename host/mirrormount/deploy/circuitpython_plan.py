@@ -10,21 +10,21 @@ import importlib.resources
 import importlib.util
 import json
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from importlib.resources.abc import Traversable
 from pathlib import Path
 
 from mirrormount.common.errors import DeployError, LibraryMissing
 from mirrormount.common.extras import install
 from mirrormount.common.printable import printable
-from mirrormount.deploy.micropython_plan import THIS, board_choice, boards, firmware_checksum, firmware_hash
+from mirrormount.deploy import fileset
+from mirrormount.deploy.fileset import THIS
 from mirrormount.deploy.on_board import MANIFEST
 from mirrormount.transport.circuitpy_files import is_path
 from mountfw import __version__
 
 CODE, BOOT = "code.py", "boot.py"
-PROGRAMS = (BOOT, CODE)
+PROGRAMS = fileset.PROGRAMS["circuitpython"]
 STUB = b'print("mirrormount: a deploy of the firmware was not finished. Nothing runs: deploy again.")\n'
 _BEFORE_OURS = "code.txt"  # CircuitPython takes it rather than code.py
 _FRESH = b'print("Hello World!")\n'  # the code.py that CircuitPython writes on a new drive: nobody's
@@ -35,22 +35,6 @@ _SHA256 = re.compile("[0-9a-f]{64}")
 def sha256(content: bytes) -> str:
     """SHA-256 as hex."""
     return hashlib.sha256(content).hexdigest()
-
-
-def drive_firmware() -> dict[str, bytes]:
-    """{path on the drive: content}: boot.py, code.py and mountfw as plain source, but for MicroPython's own files."""
-    library = package()
-    files = {item.name: item.read_bytes() for item in library.joinpath("entry").iterdir() if item.name in PROGRAMS}
-    for folder, place in ((library, "mountfw"), (library.joinpath("boards"), "mountfw/boards")):
-        for item in folder.iterdir():
-            if item.name.endswith(".py") and not item.name.endswith("_micropython.py"):
-                files[f"{place}/{item.name}"] = item.read_bytes()
-    return files
-
-
-def package() -> Traversable:
-    """Where the firmware's files are on this computer."""
-    return importlib.resources.files("mountfw")
 
 
 def motor_library() -> dict[str, bytes]:
@@ -68,19 +52,6 @@ def motor_library() -> dict[str, bytes]:
             "Adafruit's motor library, which goes onto CircuitPython boards, is not installed here:"
             f" {install('circuitpython')}"
         ) from e
-
-
-def known_hashes() -> Iterator[str]:
-    """What XF? answers for each board that a deploy by drive can make, but for those with a file of somebody's own."""
-    files = drive_firmware()
-    for name in (None, *boards(files)):
-        yield from answers(files | ({THIS: board_choice(name)} if name else {}))
-
-
-def answers(files: dict[str, bytes]) -> tuple[str, ...]:
-    """What XF? may answer on a board with these files, {path: content}: by SHA-256, or by CRC-32 where it has none."""
-    hashes = {path: sha256(content) for path, content in files.items()}
-    return firmware_hash(hashes, PROGRAMS), firmware_checksum(files, PROGRAMS)
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,9 @@ from mirrormount.common.progress import Progress
 from mirrormount.common.supported import MICROPYTHON, text
 from mirrormount.deploy import circuitpython
 from mirrormount.deploy.board_file import check_board_file, read_pins
+from mirrormount.deploy.fileset import THIS, board_choice, boards, firmware, firmware_hash
 from mirrormount.deploy.handshake import STATUS, Options, quiet
-from mirrormount.deploy.micropython_plan import THIS, Plan, board_choice, boards, firmware, firmware_hash, plan
+from mirrormount.deploy.micropython_plan import Plan, plan
 from mirrormount.deploy.micropython_trial import before, settle, try_it
 from mirrormount.deploy.mpremote import Mpremote
 from mirrormount.transport.circuitpy_drives import Drive, drive_at, find_bootloaders, find_drives

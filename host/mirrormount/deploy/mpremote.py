@@ -20,6 +20,7 @@ from mirrormount.common.errors import DeployError, MountError, MpremoteError
 from mirrormount.common.printable import printable
 from mirrormount.common.progress import Progress
 from mirrormount.deploy import on_board
+from mirrormount.deploy.fileset import folders
 from mirrormount.deploy.micropython_plan import Plan
 
 _ABOUT = """told['mpy'] = getattr(sys.implementation, '_mpy', None)
@@ -48,7 +49,8 @@ class Mpremote:
             self.reset()
             return
         with tempfile.TemporaryDirectory() as scratch:
-            steps = [["run", self._script(scratch, "prepare", "make_folders(('mountfw', 'mountfw/boards'))")]]
+            needed = folders(todo.after)
+            steps = [["run", self._script(scratch, "prepare", f"make_folders({needed!r})")]]
             for number, (path, content) in enumerate(todo.upload.items()):
                 local = Path(scratch) / str(number)
                 local.write_bytes(content)

@@ -197,11 +197,16 @@ def revert(replay):
     return True
 
 
-def remove_empty_folders():
-    """Remove the firmware's folders, if nothing is in them."""
-    for folder in ("mountfw/boards", "mountfw"):
-        if exists(folder) and not os.listdir(folder):
-            os.rmdir(folder)
+def remove_empty_folders(folder="mountfw"):
+    """Remove a folder and those below it, if nothing is in them."""
+    if not exists(folder):
+        return
+    for name in os.listdir(folder):
+        path = folder + "/" + name
+        if os.stat(path)[0] & _IS_FOLDER:
+            remove_empty_folders(path)
+    if not os.listdir(folder):
+        os.rmdir(folder)
 
 
 def clean(paths, replay):

@@ -10,7 +10,7 @@ from typing import Self
 from mirrormount.common.errors import ConnectionLost, MountError, NoAnswer, NotAMount, NotSupported
 from mirrormount.common.validation import whole_number
 from mirrormount.transport.link import Link, open_port
-from mountfw.frame import encode
+from mountfw.wire.frame import encode
 
 LIMITS = (
     "the paper's sketch: a step is timed by this computer (about 0.2 s, +-2 ms), positions are unknown,"

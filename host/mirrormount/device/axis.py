@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from mirrormount.common.errors import BadValue, MoveEnded, NoAnswer, NotAMount
 from mirrormount.common.validation import positive_numbers, real_number, whole_number, whole_numbers
 from mirrormount.device.status import AxisStatus, Ended, Homed, Limits, table
-from mountfw import errors as wire
+from mountfw import codes as wire
 
 if TYPE_CHECKING:
     from mirrormount.device.mount import Mount

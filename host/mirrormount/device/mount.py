@@ -45,8 +45,8 @@ from mirrormount.device.status import (
 )
 from mirrormount.transport.link import Link, find_one, open_port
 from mirrormount.transport.stop_socket import SENT, STOPPED, Stoppable, held_here
-from mountfw import errors as wire
-from mountfw.frame import encode
+from mountfw import codes as wire
+from mountfw.wire.frame import encode
 
 __all__ = ["TAKEN", "Axis", "AxisStatus", "Ended", "Homed", "Limits", "Mount", "QueuedError", "Status"]
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from mirrormount.common.errors import BadValue, BoardError, NotAMount, NotSupported, SettingRefused
 from mirrormount.common.printable import printable
-from mountfw import errors as wire
+from mountfw import codes as wire
 
 if TYPE_CHECKING:
     from mirrormount.device.mount import Mount

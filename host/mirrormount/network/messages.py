@@ -6,10 +6,10 @@ The firmware's own parser looks at the bytes, so that it cannot be of another op
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from mountfw.command import COMMAND, END, QUERY, Line, key
-from mountfw.frame import Frame, pack
-from mountfw.link import FRAME, LINE, NEED_BYTES, Link
-from mountfw.own_reply import OwnReply
+from mountfw.wire.frame import Frame, pack
+from mountfw.wire.line import COMMAND, END, QUERY, Line, key
+from mountfw.wire.link import FRAME, LINE, NEED_BYTES, Link
+from mountfw.wire.own_reply import OwnReply
 
 __all__ = ["FRAME", "LINE", "NEED_BYTES", "Command", "Messages"]
 

@@ -13,7 +13,7 @@ from mirrormount.panel.run_on_mount import warn
 from mirrormount.supervise.lease import Page
 from mirrormount.supervise.notices import Notice
 from mirrormount.supervise.worker import Pilot, Point
-from mountfw import errors as wire
+from mountfw import codes as wire
 
 _TITLES = {"x": "X · right and left", "y": "Y · up and down"}
 _CERTAINTY = {

@@ -16,8 +16,7 @@ from pathlib import Path
 
 from mirrormount.common.child_python import python_module
 from mirrormount.common.errors import DeployError, EmulatorMissing
-from mirrormount.deploy.circuitpython_plan import drive_firmware
-from mirrormount.deploy.micropython_plan import firmware
+from mirrormount.deploy.fileset import firmware, folders, sources
 from mirrormount.virtual import npm
 from mirrormount.virtual.image import TOOLS, cache, find_image, held, is_circuitpython, last_line
 from mirrormount.virtual.lockstep import Stepped
@@ -145,7 +144,7 @@ def flash_with_firmware(image: Path | None, files: dict[str, bytes] | None = Non
         with held("emulator"):
             image = find_image(None)
     drive = is_circuitpython(image)
-    files = files or (drive_firmware() if drive else _compiled_firmware())
+    files = files or (sources("circuitpython") if drive else _compiled_firmware())
     digest = hashlib.sha256(image.read_bytes())
     for name, data in sorted(files.items()):
         digest.update(name.encode() + b"\0" + data + b"\0")
@@ -168,7 +167,7 @@ def _make_flash(kept: Path, image: Path, files: dict[str, bytes], drive: bool) -
             if drive:
                 world.eject()
                 prompt.run("import storage; storage.remount('/', False)")
-            prompt.run("import os\nfor d in ('mountfw', 'mountfw/boards'):\n os.mkdir(d)")
+            prompt.run(f"import os\nfor d in {folders(files)!r}:\n os.mkdir(d)")
             for name, data in sorted(files.items(), key=lambda file: file[0] == "code.py"):
                 prompt.put(name, data)
             prompt.run("os.sync() if hasattr(os, 'sync') else None")

@@ -12,7 +12,7 @@ def firmware_folder() -> Path:
 
 def new_files(root: Path) -> Path:
     """Make root a MicroPython board's file system with the firmware on it. Returns root."""
-    ignore = shutil.ignore_patterns("__pycache__", "entry", "package.json", "py.typed", "*_circuitpython.py")
+    ignore = shutil.ignore_patterns("__pycache__", "entry", "package.json", "py.typed", "circuitpython*.py")
     shutil.copytree(firmware_folder() / "mountfw", root / "mountfw", ignore=ignore)
     shutil.copy(firmware_folder() / "mountfw" / "entry" / "main.py", root / "main.py")
     return root

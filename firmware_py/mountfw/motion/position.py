@@ -8,7 +8,7 @@ negative end, 0 ... gap. Whatever drives says so here, so the gap is known whoev
 No sum here reaches 2**30, where MicroPython's integers begin to allocate: a pulse is at most 2 s at 255.
 """
 
-from mountfw import errors
+from mountfw import codes
 
 MAX_STEPS = 1_000_000  # either way; millisteps then still fit a small integer
 _MOST = MAX_STEPS * 1000
@@ -26,7 +26,7 @@ class Position:
     def reset(self):
         """As at power-up: nothing is known."""
         self.millisteps = 0  # whole pulses and what runs have added
-        self.certainty = errors.UNKNOWN
+        self.certainty = codes.UNKNOWN
         self.target = 0
         self.defined = 0  # steps: what the last define() said
         self.home_known = False  # was it homed, and every step since counted?
@@ -54,7 +54,7 @@ class Position:
         self.made += direction * (millisteps // 1000)
         self.is_at_edge = not -_MOST < self.millisteps < _MOST
         if self.certainty:
-            self.certainty = errors.ESTIMATED
+            self.certainty = codes.ESTIMATED
         if self.gap:
             self._through_gap(direction, amount)
 
@@ -68,7 +68,7 @@ class Position:
         if self.gap:
             amount = self._through_gap(direction, amount)
         if self.certainty and amount:  # unless it is unknown anyway
-            self.certainty = errors.ESTIMATED
+            self.certainty = codes.ESTIMATED
         part = self.part + amount
         if part >= self.step:
             whole = part // self.step
@@ -173,7 +173,7 @@ class Position:
         self.is_at_edge = False
         self.target = steps
         self.defined = steps
-        self.certainty = errors.COUNTED
+        self.certainty = codes.COUNTED
 
     def homed(self):
         """This is home, position 0."""
@@ -182,12 +182,12 @@ class Position:
         self.define(0)
         self.home = 0
         self.home_known = True
-        self.certainty = errors.HOMED
+        self.certainty = codes.HOMED
 
     def step_changed(self):
         """A step is no longer what was counted: a position other than 0 becomes an estimate."""
         if self.millisteps and self.certainty:
-            self.certainty = errors.ESTIMATED
+            self.certainty = codes.ESTIMATED
         self.home_known = False
 
     def recorded(self, number, inverted):
@@ -202,7 +202,7 @@ class Position:
         _, was_inverted, step, gap, gap_known, inside, millisteps, certainty, target, defined, home_known, home = (
             numbers
         )
-        if not (errors.UNKNOWN <= certainty <= errors.ESTIMATED and 0 <= inside <= gap):
+        if not (codes.UNKNOWN <= certainty <= codes.ESTIMATED and 0 <= inside <= gap):
             raise ValueError
         for n in numbers:
             if not -(1 << 30) <= n < 1 << 30:

@@ -9,7 +9,8 @@ import os
 import microcontroller
 import storage
 
-from mountfw.nvm_circuitpython import NvmRecords
+from mountfw.ports.circuitpython_nvm import NvmRecords
+from mountfw.ports.shared import firmware_files
 
 _NO_SUCH_FILE = 2  # ENOENT
 _MOST_BYTES = 4096  # more than any file of ours: another one of that name must not fill the memory
@@ -76,7 +77,7 @@ def firmware_hash():
     """
     total = _sha256()
     crc = 0
-    for name, path in _firmware_files():
+    for name, path in firmware_files(os.listdir, __file__, ("boot.py", "code.py")):
         crc = binascii.crc32(name.encode(), crc)
         file_hash = _sha256()
         with open(path, "rb") as f:
@@ -101,15 +102,3 @@ def _sha256():
         return hashlib.new("sha256")
     except (ImportError, ValueError):
         return None
-
-
-def _firmware_files():
-    """(name from the root on, path) of each file that counts."""
-    library = __file__.rpartition("/")[0]
-    root = library.rpartition("/")[0]
-    for folder in ("", "mountfw", "mountfw/boards"):
-        place = root + "/" + folder if root or not folder else folder
-        for name in sorted(os.listdir(place)):
-            source = name.endswith(".py") or name.endswith(".mpy")  # noqa: PIE810 (CircuitPython 9 takes no tuple there)
-            if source if folder else name in ("boot.py", "code.py"):
-                yield (folder + "/" + name if folder else name), place.rstrip("/") + "/" + name

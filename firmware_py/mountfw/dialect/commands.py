@@ -1,15 +1,15 @@
-"""The command set: what each command of a line does. Imports answers, command, errors, settings.
+"""The command set: what each command of a line does. Imports answers, command, codes, settings.
 
 A line is executed little by little: go_on() does one piece of it, while busy is set. Answers
 go to a Replies, errors to an ErrorQueue. The table in __init__ is the command set: each command
 says whether it needs an axis, what sets it and what answers its query.
 """
 
-from mountfw import errors
-from mountfw.answers import Answers
-from mountfw.command import COMMAND, END, MINUS, NOTHING, NUMBER, PLUS, QUERY, key
-from mountfw.position import MAX_STEPS
-from mountfw.settings import SETTINGS, allowed
+from mountfw import codes
+from mountfw.dialect.queries import Answers
+from mountfw.motion.position import MAX_STEPS
+from mountfw.store import SETTINGS, allowed
+from mountfw.wire.line import COMMAND, END, MINUS, NOTHING, NUMBER, PLUS, QUERY, key
 
 _ADDRESS = 1  # of this controller, in a line that names one; 0 is the controller at the port, so this one as well
 _CONNECTED = 2  # axes this mount has
@@ -109,7 +109,7 @@ class Commands:
         self.busy = True
         self._elsewhere = self._line.address() > _ADDRESS
         if self._elsewhere:
-            self._errors.push(errors.NO_SUCH_CONTROLLER)
+            self._errors.push(codes.NO_SUCH_CONTROLLER)
 
     def go_on(self):
         """Go on with the line in hand: read a little of it, or execute a command or a piece of it, or end it."""
@@ -125,7 +125,7 @@ class Commands:
         if self._answers:
             self._replies.add(b"\r\n")
             if not self._replies.commit():
-                self._errors.push(errors.ANSWER_DROPPED)
+                self._errors.push(codes.ANSWER_DROPPED)
 
     def _execute(self, line):
         """Do the command that was read. True if it is to be called again: there is more to do."""
@@ -133,16 +133,16 @@ class Commands:
             return None  # a stop stops, whoever it is for
         entry = self._commands.get(line.name)
         if entry is None:
-            return self._refuse(errors.NO_SUCH_COMMAND)
+            return self._refuse(codes.NO_SUCH_COMMAND)
         action = entry[2] if line.kind == QUERY else entry[1]
         if action is None:
-            return self._refuse(errors.NO_SUCH_COMMAND)
+            return self._refuse(codes.NO_SUCH_COMMAND)
         axis = None
         if entry[0] or (line.axis >= 0 and line.kind != QUERY):
             if line.axis < 0:
-                return self._refuse(errors.AXIS_MISSING)
+                return self._refuse(codes.AXIS_MISSING)
             if not 1 <= line.axis <= _DIALECT_AXES:
-                return self._refuse(errors.NO_SUCH_AXIS)
+                return self._refuse(codes.NO_SUCH_AXIS)
             if line.axis > _CONNECTED:
                 return self._not_connected(line)
             axis = self._axes[line.axis - 1]
@@ -166,7 +166,7 @@ class Commands:
         elif line.name == _ST:  # drivers stop all four in turn, and there it is done: errors would fill the queue
             self._nothing(line)
         else:
-            self._errors.push(line.axis * 100 + errors.AXIS_NOT_CONNECTED)
+            self._errors.push(line.axis * 100 + codes.AXIS_NOT_CONNECTED)
 
     def _next_answer(self):
         r = self._replies
@@ -184,7 +184,7 @@ class Commands:
         """True if the command carries a number; else its error is queued."""
         if line.kind == NUMBER:
             return True
-        self._errors.push(errors.VALUE_MISSING if line.kind == NOTHING else errors.OUT_OF_RANGE)
+        self._errors.push(codes.VALUE_MISSING if line.kind == NOTHING else codes.OUT_OF_RANGE)
         return False
 
     def _integer(self, line, least, most):
@@ -193,25 +193,25 @@ class Commands:
             return False
         if line.millionths == 0 and least <= line.rounded() <= most:
             return True
-        self._errors.push(errors.OUT_OF_RANGE)
+        self._errors.push(codes.OUT_OF_RANGE)
         return False
 
     def _sign(self, line):
         """1 or -1 if the command carries a sign; else 0, and its error is queued."""
         if line.kind == PLUS or line.kind == MINUS:
             return 1 if line.kind == PLUS else -1
-        self._errors.push(errors.VALUE_MISSING if line.kind == NOTHING else errors.OUT_OF_RANGE)
+        self._errors.push(codes.VALUE_MISSING if line.kind == NOTHING else codes.OUT_OF_RANGE)
         return 0
 
     def _nothing(self, line):
         """True if the command carries no value; else its error is queued."""
         if line.kind != NOTHING:
-            self._errors.push(errors.OUT_OF_RANGE)
+            self._errors.push(codes.OUT_OF_RANGE)
         return line.kind == NOTHING
 
     def _refused(self, axis):
         if axis.moving():
-            axis.error(errors.AXIS_MOVING)
+            axis.error(codes.AXIS_MOVING)
             return True
         return False
 
@@ -228,7 +228,7 @@ class Commands:
         if self._integer(line, -_LONGEST_US, _LONGEST_US):
             us = line.rounded()
             if abs(us) < _SHORTEST_US:
-                self._errors.push(errors.OUT_OF_RANGE)
+                self._errors.push(codes.OUT_OF_RANGE)
             else:
                 axis.one_pulse(us)
 
@@ -261,7 +261,7 @@ class Commands:
 
     def _abort(self, _axis, line):
         self._nothing(line)
-        self._controller.stop_all(errors.ABORTED)
+        self._controller.stop_all(codes.ABORTED)
 
     def _restart(self, _axis, line):
         if self._nothing(line):
@@ -275,9 +275,9 @@ class Commands:
             return
         n = line.rounded()
         if line.name == _XL and not axis.can_fit(n):
-            axis.error(errors.AXIS_NOT_FITTED)
+            axis.error(codes.AXIS_NOT_FITTED)
         elif not allowed(entry[0], n):
-            self._errors.push(errors.OUT_OF_RANGE)
+            self._errors.push(codes.OUT_OF_RANGE)
         else:
             axis.set(entry[0], n)
 
@@ -290,18 +290,18 @@ class Commands:
         entry = _SETTINGS[_VA]
         n = line.hundredths()
         if not entry[1] <= n <= entry[2]:
-            self._errors.push(errors.OUT_OF_RANGE)
+            self._errors.push(codes.OUT_OF_RANGE)
             return
         axis.set("velocity", n)  # kept, also if the pulses do not fit in yet: they may become shorter
         if axis.possible_velocity() < n:
-            axis.error(errors.AXIS_TOO_FAST)
+            axis.error(codes.AXIS_TOO_FAST)
 
     def _define(self, axis, line):
         if (line.kind != NOTHING and not self._number(line)) or self._refused(axis):
             return
         n = line.rounded()
         if not -MAX_STEPS <= n <= MAX_STEPS:
-            axis.error(errors.AXIS_OUT_OF_RANGE)
+            axis.error(codes.AXIS_OUT_OF_RANGE)
         elif not axis.recorded or self._records.forget():  # the record would tell another number
             axis.position.define(n)
 
@@ -342,7 +342,7 @@ class Commands:
     def _open_loop(self, axis, line):
         """0 is how it is: nothing is measured, and no loop is closed. All else needs an encoder."""
         if self._number(line) and (line.whole or line.millionths):
-            axis.error(errors.AXIS_NOT_FITTED)
+            axis.error(codes.AXIS_NOT_FITTED)
 
     def _ask_constant(self, _axis):
         self._replies.add(_CONSTANTS[self._line.name])

@@ -1,12 +1,12 @@
 """What queries are answered with. Each answer adds its parts to a Replies. Imports errors."""
 
-from mountfw import __version__, errors
+from mountfw import __version__, codes
 
 _VERSION = __version__.encode()
 
 
 class About:
-    """What a board tells of itself: board, unique_id and firmware_hash are bytes, reset_cause one of errors.py's
+    """What a board tells of itself: board, unique_id and firmware_hash are bytes, reset_cause one of codes.py's
     numbers, free_memory() the heap's free bytes."""
 
     def __init__(self, board, unique_id, firmware_hash, reset_cause, free_memory):
@@ -128,7 +128,7 @@ class Answers:
             r.add(b"AXIS ")
             r.add(code // 100)
             r.add(b" ")
-        r.add(errors.message(code))
+        r.add(codes.message(code))
 
     # ---- the board
 

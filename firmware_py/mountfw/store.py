@@ -10,9 +10,9 @@ the position is unknown. That bounds the flash's wear, too: not more than one re
 
 from binascii import crc32
 
-from mountfw import errors
-from mountfw.position import MAX_STEPS
-from mountfw.ticks import diff
+from mountfw import codes
+from mountfw.motion.position import MAX_STEPS
+from mountfw.wire.ticks import diff
 
 # command, attribute of the axis, least, most, is it refused while the axis moves?
 SETTINGS = (
@@ -119,7 +119,7 @@ class Records:
         data = self._port.load(_SETTINGS)
         values = [] if data is None else self._parsed(data)
         if values is None:
-            self._errors.push(errors.SETTINGS_DAMAGED)
+            self._errors.push(codes.SETTINGS_DAMAGED)
             values = []
         for axis in self._axes:
             axis.load([(name, value) for number, name, value in values if number == axis.number])
@@ -168,7 +168,7 @@ class Records:
         except ValueError:
             for axis in self._axes:
                 axis.position.reset()
-            self._errors.push(errors.SETTINGS_DAMAGED)
+            self._errors.push(codes.SETTINGS_DAMAGED)
 
     def forget(self):
         """The positions are to change: take them off the flash. False if that could not be done."""
@@ -214,7 +214,7 @@ class Records:
             self._port.remove(_POSITION)
         except OSError:
             if self._port.load(_POSITION) is not None:
-                self._errors.push(errors.NOT_SAVED)
+                self._errors.push(codes.NOT_SAVED)
                 return False
         self._on_flash = False
         return True
@@ -223,6 +223,6 @@ class Records:
         try:
             action(*arguments)
         except OSError:
-            self._errors.push(errors.NOT_SAVED)
+            self._errors.push(codes.NOT_SAVED)
             return False
         return True

@@ -9,7 +9,7 @@ A frame that was sent lately is therefore not obeyed before that is decided, unl
 then `wary` is 0, and a frame is obeyed at once. Nothing here allocates.
 """
 
-from mountfw.ticks import diff
+from mountfw.wire.ticks import diff
 
 # what feed() says
 UNDECIDED = 0

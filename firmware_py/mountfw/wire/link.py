@@ -6,7 +6,7 @@ state is in this file. Two stops that nothing can swallow: `!` anywhere, and eig
 a row anywhere.
 """
 
-from mountfw.own_reply import DECIDE_US, OWN, UNDECIDED
+from mountfw.wire.own_reply import DECIDE_US, OWN, UNDECIDED
 
 # messages
 NEED_BYTES = 0

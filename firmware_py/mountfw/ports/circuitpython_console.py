@@ -11,7 +11,7 @@ import select
 
 import usb_cdc
 
-from mountfw.frame import pack  # noqa: F401 (a verb of this port, too: there is no native code to be faster)
+from mountfw.wire.frame import pack  # noqa: F401 (a verb of this port, too: there is no native code to be faster)
 
 
 class _Nobody:

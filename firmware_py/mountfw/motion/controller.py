@@ -1,12 +1,12 @@
-"""The two axes together: what drives, what stops it, what watches over it. Imports axis, errors, ticks.
+"""The two axes together: what drives, what stops it, what watches over it. Imports axis, codes, ticks.
 
 The app hands in what comes over the wire: frame(), stop_all(), malformed(). Command lines are for
 commands.py, which acts on the same axes.
 """
 
-from mountfw import errors
-from mountfw.axis import NEVER_US, REST
-from mountfw.ticks import diff
+from mountfw import codes
+from mountfw.motion.axis import NEVER_US, REST
+from mountfw.wire.ticks import diff
 
 
 class Controller:
@@ -29,7 +29,7 @@ class Controller:
         self._booted_ms = 0
         self.keep_alive_ms = 0
         self.heard_at = 0  # when the last byte came: whoever sent it was alive
-        self.held = errors.NONE_YET
+        self.held = codes.NONE_YET
         self.look = records.look  # called in the middle of what takes long: a stop must not wait for it
         self.reset()
 
@@ -48,7 +48,7 @@ class Controller:
         self._axis1.end(reason)
         self._axis2.end(reason)
 
-    def shutdown(self, reason=errors.FAULT):
+    def shutdown(self, reason=codes.FAULT):
         """Leave everything off. May be called again if it was interrupted; the first reason stays."""
         self.stop_all(reason)
         self.keep_alive_ms = 0
@@ -68,7 +68,7 @@ class Controller:
 
     def restart(self):
         """Off, every move ended, and as at power-up with a new boot id."""
-        self.stop_all(errors.ABORTED)
+        self.stop_all(codes.ABORTED)
         self.boot_id = self.boot_id + 1 & 0x3FFFFFFF
         self.reset()
 
@@ -109,7 +109,7 @@ class Controller:
 
     def malformed(self, code):
         """A message could not be understood. It may have been a stop, so it stops."""
-        self.stop_all(errors.STOPPED)
+        self.stop_all(codes.STOPPED)
         self.errors.push(code)
 
     def suspect(self, m1, m2):
@@ -122,7 +122,7 @@ class Controller:
     def frame(self, m1, m2):
         """Obey a frame."""
         if m1 == 0 and m2 == 0:
-            self.stop_all(errors.STOPPED)
+            self.stop_all(codes.STOPPED)
             return
         axis1 = self._axis1
         axis2 = self._axis2
@@ -166,8 +166,8 @@ class Controller:
             return left_us
         self.keep_alive_ms = 0  # a dead client's keep-alive does not cut the next one
         if self.moving():
-            self.stop_all(errors.KEEP_ALIVE)
-            self.errors.push(errors.KEEP_ALIVE_LOST)
+            self.stop_all(codes.KEEP_ALIVE)
+            self.errors.push(codes.KEEP_ALIVE_LOST)
         return NEVER_US
 
     def moving(self):

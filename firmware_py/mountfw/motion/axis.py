@@ -1,7 +1,7 @@
 """One axis: timed pulses, runs, frames and their bounds. Imports errors, homing, parameters, position, ticks.
 
 A move is started by steps(), run(), frame() or seek() and carried on by service(), which never waits.
-Every accepted move ends exactly once, through _finish(), with one of the reasons of errors.py.
+Every accepted move ends exactly once, through _finish(), with one of the reasons of codes.py.
 All driving goes through _drive(), after _may_drive() has looked at the switches and at the stops that
 are about to be parsed. Times are microseconds of a clock that wraps (ticks.py); what a drive was worth
 is counted by position.py.
@@ -14,11 +14,11 @@ Two things may come from an interrupt, between any two lines here: guard(), and 
 They cut the drive and leave the rest to service(); _started() looks again after it was driven.
 """
 
-from mountfw import errors
-from mountfw.homing import Homing
-from mountfw.parameters import Parameters
-from mountfw.position import MAX_STEPS
-from mountfw.ticks import add, diff
+from mountfw import codes
+from mountfw.motion.axis_settings import Parameters
+from mountfw.motion.homing import Homing
+from mountfw.motion.position import MAX_STEPS
+from mountfw.wire.ticks import add, diff
 
 # states of an axis, in such an order that those above REST have drive
 IDLE = 0
@@ -68,12 +68,12 @@ class Axis(Parameters):
         self.last_relative = 0  # steps
 
         # how the last move ended
-        self.reason = errors.NONE_YET
+        self.reason = codes.NONE_YET
         self.ended_steps = 0
         self.ended_on_us = 0
 
         # what must not be: nothing may start while one of these is set
-        self.held = errors.NONE_YET  # the reason of a stop that was received but not yet parsed
+        self.held = codes.NONE_YET  # the reason of a stop that was received but not yet parsed
         self.emergency = False  # the emergency stop was hit; may be set by an interrupt
 
         # the move under way
@@ -88,7 +88,7 @@ class Axis(Parameters):
         self._taking_up = False  # is this pulse for the backlash?
         self._length_us = 0  # of this move's pulses, but for the backlash's
         self._period_us = 0
-        self._ends_as = errors.DONE  # why this run ends if nothing ends it earlier
+        self._ends_as = codes.DONE  # why this run ends if nothing ends it earlier
         self._on_at = 0  # when the drive began
         self._led = False  # has lead() driven already, since _led_at?
         self._led_at = 0
@@ -142,7 +142,7 @@ class Axis(Parameters):
         self._stopping = False
         self._begin(n, self.step_duty)
         if n == 0:
-            self._finish(errors.DONE)
+            self._finish(codes.DONE)
         else:
             self._first_pulse(self.pulse_us)
         return True
@@ -181,11 +181,11 @@ class Axis(Parameters):
     def _in_reach_of_pulse(self, millisteps):
         """May one pulse of its own length go there? If not, an error says why."""
         if not -MAX_STEPS * 1000 <= millisteps <= MAX_STEPS * 1000:
-            self.error(errors.AXIS_OUT_OF_RANGE)
+            self.error(codes.AXIS_OUT_OF_RANGE)
         elif self.checking & 8 and millisteps > self.soft_maximum * 1000:
-            self.error(errors.AXIS_POSITIVE_SOFT)
+            self.error(codes.AXIS_POSITIVE_SOFT)
         elif self.checking & 8 and millisteps < self.soft_minimum * 1000:
-            self.error(errors.AXIS_NEGATIVE_SOFT)
+            self.error(codes.AXIS_NEGATIVE_SOFT)
         else:
             return True
         return False
@@ -193,11 +193,11 @@ class Axis(Parameters):
     def _in_reach(self, target):
         """May a target be asked for? If not, an error says why. No time bounds the move: its steps do."""
         if not -MAX_STEPS <= target <= MAX_STEPS:
-            self.error(errors.AXIS_OUT_OF_RANGE)
+            self.error(codes.AXIS_OUT_OF_RANGE)
         elif self.checking & 8 and target > self.soft_maximum:
-            self.error(errors.AXIS_POSITIVE_SOFT)
+            self.error(codes.AXIS_POSITIVE_SOFT)
         elif self.checking & 8 and target < self.soft_minimum:
-            self.error(errors.AXIS_NEGATIVE_SOFT)
+            self.error(codes.AXIS_NEGATIVE_SOFT)
         else:
             return True
         return False
@@ -205,7 +205,7 @@ class Axis(Parameters):
     def to(self, steps):
         """Move to a position, by the nearest whole number of pulses. False if refused."""
         if not -MAX_STEPS <= steps <= MAX_STEPS:
-            self.error(errors.AXIS_OUT_OF_RANGE)
+            self.error(codes.AXIS_OUT_OF_RANGE)
             return False
         part = self.position.millisteps % 1000
         n = steps - self.position.millisteps // 1000
@@ -221,7 +221,7 @@ class Axis(Parameters):
         if self._refused():
             return False
         most_us = self.run_limit_ms * 1000
-        ends_as = errors.RUN_LIMIT
+        ends_as = codes.RUN_LIMIT
         if self.checking & 8:
             limit = self.soft_maximum if direction > 0 else self.soft_minimum
             left_us = self.position.drive_to(limit, direction, self.run_duty)
@@ -230,7 +230,7 @@ class Axis(Parameters):
                 return False
             if left_us < most_us:
                 most_us = left_us
-                ends_as = errors.SOFT_LIMIT
+                ends_as = codes.SOFT_LIMIT
         self._begin(direction, self.run_duty)
         self._ends_as = ends_as
         self._run(most_us, False)
@@ -241,7 +241,7 @@ class Axis(Parameters):
         if self._refused():
             return False
         if not (self.watched and self.stop_towards(direction).fitted):
-            self.error(errors.AXIS_NOT_FITTED)
+            self.error(codes.AXIS_NOT_FITTED)
             return False
         self._begin(direction, self.run_duty)
         self.homing.start(direction, home)
@@ -263,22 +263,22 @@ class Axis(Parameters):
         With for_ms (at most run_limit_ms) it is done after that time; else it runs as run() does.
         """
         if speed == 0:
-            self.end(errors.SUPERSEDED)
+            self.end(codes.SUPERSEDED)
             return True
         if self.emergency:
-            self.end(errors.EMERGENCY_STOP)
-            self.error(errors.AXIS_EMERGENCY_STOP)
+            self.end(codes.EMERGENCY_STOP)
+            self.error(codes.AXIS_EMERGENCY_STOP)
             return False
         same_way = False
         if self.state:
             same_way = self.state > REST and (speed > 0) == (self._direction > 0)
-            self._close(errors.SUPERSEDED)  # the drive stays on, the new one may go the same way
+            self._close(codes.SUPERSEDED)  # the drive stays on, the new one may go the same way
         self._begin(speed, speed if speed > 0 else -speed)
         if 0 < for_ms <= self.run_limit_ms:
-            self._ends_as = errors.DONE
+            self._ends_as = codes.DONE
             self._run(for_ms * 1000, same_way)
         else:
-            self._ends_as = errors.RUN_LIMIT
+            self._ends_as = codes.RUN_LIMIT
             self._run(self.run_limit_ms * 1000, same_way)
         return True
 
@@ -288,7 +288,7 @@ class Axis(Parameters):
         """End the move now, if there is one."""
         if self._counting:  # Ctrl-C, or a fault, came in the middle of that
             self._counting = False
-            self.position.certainty = errors.UNKNOWN
+            self.position.certainty = codes.UNKNOWN
         if self.state:
             self._finish(reason)
         if self._led:  # a frame has driven since, and nobody else will count that
@@ -302,7 +302,7 @@ class Axis(Parameters):
         if self.state == PULSE and left_us < _FINISH_PULSE_US and not (self._taking_up or self.homing.phase):
             self._stopping = True
         else:
-            self.end(errors.STOPPED)
+            self.end(codes.STOPPED)
 
     # ---- carrying on
 
@@ -313,8 +313,8 @@ class Axis(Parameters):
                 self.resting = diff(self._next_at, now_us) > 0
             return NEVER_US
         if self.emergency:
-            self._finish(errors.EMERGENCY_STOP)
-            self.error(errors.AXIS_EMERGENCY_STOP)
+            self._finish(codes.EMERGENCY_STOP)
+            self.error(codes.AXIS_EMERGENCY_STOP)
             return NEVER_US
         if self.state == REST:
             left_us = diff(self._next_at, now_us)
@@ -334,8 +334,8 @@ class Axis(Parameters):
         if self.state == RUN and diff(now_us, self._counted_at) >= _COUNT_US:
             self._count(now_us)
         if self.position.is_at_edge and self.state == RUN and self.position.millisteps * self._direction > 0:
-            self._finish(errors.RUN_LIMIT)
-            self.error(errors.AXIS_OUT_OF_RANGE)
+            self._finish(codes.RUN_LIMIT)
+            self.error(codes.AXIS_OUT_OF_RANGE)
             return NEVER_US
         return left_us
 
@@ -407,17 +407,17 @@ class Axis(Parameters):
 
     def _refused(self):
         if self.state:
-            self.error(errors.AXIS_MOVING)
+            self.error(codes.AXIS_MOVING)
         elif self.emergency:
-            self.error(errors.AXIS_EMERGENCY_STOP)
+            self.error(codes.AXIS_EMERGENCY_STOP)
         elif not self.motor_type:
-            self.error(errors.AXIS_NOT_CONNECTED)
+            self.error(codes.AXIS_NOT_CONNECTED)
         else:
             return False
         return True
 
     def _soft_error(self, direction):
-        self.error(errors.AXIS_POSITIVE_SOFT if direction > 0 else errors.AXIS_NEGATIVE_SOFT)
+        self.error(codes.AXIS_POSITIVE_SOFT if direction > 0 else codes.AXIS_NEGATIVE_SOFT)
 
     def _begin(self, direction, duty):
         """A move is accepted: from here on it must reach _finish() or _close()."""
@@ -450,10 +450,10 @@ class Axis(Parameters):
         if self.held:
             self._finish(self.held)
         elif self.emergency:
-            self._finish(errors.EMERGENCY_STOP)
-            self.error(errors.AXIS_EMERGENCY_STOP)
+            self._finish(codes.EMERGENCY_STOP)
+            self.error(codes.AXIS_EMERGENCY_STOP)
         elif self.recorded:  # still: after a power cut that record would tell a wrong position
-            self._finish(errors.FAULT)
+            self._finish(codes.FAULT)
         else:
             return not self._at_stop()
         return False
@@ -465,18 +465,18 @@ class Axis(Parameters):
         if not (self._tripped or self.stop_towards(self._direction).active()):
             return False
         if self.stop_towards(-self._direction).active():
-            self._finish(errors.FAULT)
-            self.error(errors.AXIS_BOTH_STOPS)
+            self._finish(codes.FAULT)
+            self.error(codes.AXIS_BOTH_STOPS)
         elif self.homing.phase:
             self.homing.hit()
         else:
-            self._finish(errors.END_STOP)
+            self._finish(codes.END_STOP)
             self.stop_error(self._direction)
         return True
 
     def stop_error(self, direction):
         """Queue the error of the end-stop in this direction."""
-        self.error(errors.AXIS_POSITIVE_STOP if direction > 0 else errors.AXIS_NEGATIVE_STOP)
+        self.error(codes.AXIS_POSITIVE_STOP if direction > 0 else codes.AXIS_NEGATIVE_STOP)
 
     def _cut(self):
         self._cut_at = self._ticks_us()
@@ -521,9 +521,9 @@ class Axis(Parameters):
         elif self.state == RUN:
             ends_as = self._ends_as
             self._finish(ends_as)
-            if ends_as == errors.RUN_LIMIT:
-                self.error(errors.AXIS_RUN_LIMIT)
-            elif ends_as == errors.SOFT_LIMIT:
+            if ends_as == codes.RUN_LIMIT:
+                self.error(codes.AXIS_RUN_LIMIT)
+            elif ends_as == codes.SOFT_LIMIT:
                 self._soft_error(self._direction)
         else:
             self._pulse_over()
@@ -549,9 +549,9 @@ class Axis(Parameters):
         self._next_at = add(self._on_at, self._period_us)
         self.resting = True
         if self._steps_left == 0:
-            self._finish(errors.DONE)
+            self._finish(codes.DONE)
         elif self._stopping:
-            self._finish(errors.STOPPED)
+            self._finish(codes.STOPPED)
 
     def _count(self, now_us):
         """Count what has driven up to now_us."""

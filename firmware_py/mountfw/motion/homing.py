@@ -10,7 +10,7 @@ The axis drives, counts and ends the move; this only says what comes next. In al
 search_limit_ms. A switch at the other end that opens meanwhile is a fault of the wiring, and ends it.
 """
 
-from mountfw import errors
+from mountfw import codes
 
 _FAST = 1
 _CONFIRM = 2
@@ -56,7 +56,7 @@ class Homing:
     def hit(self):
         """The switch ahead has opened, and must not be driven into."""
         if self.phase == _BACK:
-            self._axis.finish(errors.HOMING_FAILED)
+            self._axis.finish(codes.HOMING_FAILED)
             self._axis.stop_error(-self._direction)
         elif self.phase == _SLOW:
             self._found()
@@ -76,10 +76,10 @@ class Homing:
             self._other_was_closed = True
             return False
         if self._other_was_closed:
-            self._axis.finish(errors.HOMING_FAILED)
+            self._axis.finish(codes.HOMING_FAILED)
             self._axis.stop_error(-self._direction)
         elif self._axis.driven_us() > self._back_off_us:
-            self._fail(errors.AXIS_NOT_RELEASED)
+            self._fail(codes.AXIS_NOT_RELEASED)
         else:
             return False
         return True
@@ -98,7 +98,7 @@ class Homing:
         if pulse:
             self._axis.rest(max(self._slow_us(), _SETTLE_US))
         else:
-            self._fail(errors.AXIS_NOT_RELEASED if self.phase == _BACK else errors.AXIS_NOT_FOUND)
+            self._fail(codes.AXIS_NOT_RELEASED if self.phase == _BACK else codes.AXIS_NOT_FOUND)
 
     # ---- inside
 
@@ -121,11 +121,11 @@ class Homing:
         return max(self._axis.pulse_us // _SLOW_PART, _SHORTEST_US)
 
     def _fail(self, error):
-        self._axis.finish(errors.HOMING_FAILED)
+        self._axis.finish(codes.HOMING_FAILED)
         self._axis.error(error)
 
     def _found(self):
         axis = self._axis
-        axis.finish(errors.DONE)
+        axis.finish(codes.DONE)
         if self._home:
             axis.position.homed()

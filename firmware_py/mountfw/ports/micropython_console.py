@@ -10,7 +10,7 @@ import sys
 
 import micropython
 
-from mountfw.link import EIGHTH_ZERO, STOP, ZEROS
+from mountfw.wire.link import EIGHTH_ZERO, STOP, ZEROS
 
 
 def _ipoll(stream, events):

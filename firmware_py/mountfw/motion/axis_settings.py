@@ -3,7 +3,7 @@
 A new setting counts from the next move on: what a step and a gap are is measured when none is under way.
 """
 
-from mountfw.position import MAX_STEPS, Position
+from mountfw.motion.position import MAX_STEPS, Position
 
 _REST_US = 1_000  # least rest after a pulse
 

@@ -1,4 +1,4 @@
-"""The hardware's verbs on CircuitPython. Only the files that end in _circuitpython.py name its modules.
+"""The hardware's verbs on CircuitPython. Only ports/circuitpython*.py name its modules.
 
 CircuitPython has no interrupts for Python code: end-stops are polled. Its finest clock that does not
 allocate has steps of 1/1024 s. docs/circuitpython.md has what follows from both.
@@ -12,10 +12,10 @@ import time
 import microcontroller
 import supervisor
 
-from mountfw import errors
-from mountfw.console_circuitpython import any, drain, pack, writable, write  # noqa: F401 (verbs of this port, too)
-from mountfw.files_circuitpython import firmware_hash, load, remove, rename, store  # noqa: F401 (likewise)
-from mountfw.pins_circuitpython import (  # noqa: F401 (likewise)
+from mountfw import codes
+from mountfw.ports.circuitpython_console import any, drain, pack, writable, write  # noqa: F401 (verbs of this port, too)
+from mountfw.ports.circuitpython_files import firmware_hash, load, remove, rename, store  # noqa: F401 (likewise)
+from mountfw.ports.circuitpython_pins import (  # noqa: F401 (likewise)
     PERIOD_US,
     TwoPwmBridge,
     find_board,
@@ -110,11 +110,11 @@ def boot_id():
 
 
 def reset_cause():
-    """Why the board started, as in errors.py."""
+    """Why the board started, as in codes.py."""
     reason = microcontroller.cpu.reset_reason
     if reason == microcontroller.ResetReason.WATCHDOG:
-        return errors.WATCHDOG
-    return errors.ASKED if reason == microcontroller.ResetReason.SOFTWARE else errors.POWER
+        return codes.WATCHDOG
+    return codes.ASKED if reason == microcontroller.ResetReason.SOFTWARE else codes.POWER
 
 
 def start_watchdog():

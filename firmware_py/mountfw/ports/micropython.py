@@ -15,9 +15,10 @@ import machine
 import micropython
 from machine import PWM, Pin
 
-from mountfw import board_file, errors
+from mountfw import board_file, codes
 from mountfw.boards import FILE_OF
-from mountfw.console_micropython import any, drain, pack, writable, write  # noqa: F401 (verbs of this port, too)
+from mountfw.ports.micropython_console import any, drain, pack, writable, write  # noqa: F401 (verbs of this port, too)
+from mountfw.ports.shared import firmware_files
 
 ticks_us = time.ticks_us  # pyright: ignore[reportAttributeAccessIssue]
 ticks_ms = time.ticks_ms  # pyright: ignore[reportAttributeAccessIssue]
@@ -103,12 +104,12 @@ def boot_id():
 
 
 def reset_cause():
-    """Why the board started, as in errors.py."""
+    """Why the board started, as in codes.py."""
     if machine.reset_cause() != machine.WDT_RESET:
-        return errors.POWER
+        return codes.POWER
     if _watchdog_registers and machine.mem32[_watchdog_registers + _SCRATCH4] == _TIMED_OUT:
-        return errors.WATCHDOG
-    return errors.ASKED
+        return codes.WATCHDOG
+    return codes.ASKED
 
 
 def start_watchdog():
@@ -166,16 +167,10 @@ def firmware_hash():
 
     For each, in the order of their names from the root on: the name, then the SHA-256 of the file (32 bytes).
     """
-    library = __file__.rpartition("/")[0]
-    root = library.rpartition("/")[0]
     total = hashlib.sha256()
-    for folder in ("", "mountfw", "mountfw/boards"):
-        place = (root + "/" if root else "") + folder
-        for name in sorted(os.listdir(place)):
-            source = name.endswith(".py") or name.endswith(".mpy")  # noqa: PIE810 (MicroPython before 1.25 takes no tuple)
-            if name == "main.py" if not folder else source:
-                total.update((folder + "/" + name if folder else name).encode())
-                total.update(_file_hash(place + "/" + name if place else name))
+    for name, path in firmware_files(os.listdir, __file__, ("main.py",)):
+        total.update(name.encode())
+        total.update(_file_hash(path))
     return binascii.hexlify(total.digest())
 
 
