@@ -6,31 +6,31 @@ import pytest
 from images import FOLDER
 
 from mirrormount.common.errors import EmulatorMissing
-from mirrormount.virtual.board import Options, make_world
-from mirrormount.virtual.lockstep import Stepped
+from mirrormount.virtual.board import Options, make_simulation
+from mirrormount.virtual.lockstep import Lockstep
 
 # these need images that only a user can give: without them there is nothing to run, and nothing is skipped
 collect_ignore = [] if FOLDER else ["test_images.py", "test_circuitpython.py"]
 OF_IMAGES = ("test_images.py", "test_circuitpython.py")
 
 
-class Board(Stepped):
+class Board(Lockstep):
     """A board that was switched on and has had its time to start."""
 
     def __init__(self, options: Options) -> None:
-        super().__init__(make_world(options))
+        super().__init__(make_simulation(options))
         self.options = options
         self.boot()
 
     def drives(self) -> dict[str, float]:
         """What every drive pin shows now, 0 ... 1."""
-        return dict(self.world.bench.duties())
+        return dict(self.simulation.bench.duties())
 
     def off(self) -> bool:
         return not any(self.drives().values())
 
     def edges_after(self, us: int) -> list[tuple[int, str, int]]:
-        return [edge for edge in self.world.edges if edge[0] >= us]
+        return [edge for edge in self.simulation.edges if edge[0] >= us]
 
     def ask(self, data: bytes, us: int = 100_000) -> bytes:
         """Send, wait for a line to come back (at most us), return it."""
@@ -60,7 +60,7 @@ def make_board() -> Iterator[Callable[..., Board]]:
 
     yield make
     for board in boards:
-        board.world.close()
+        board.simulation.close()
 
 
 @pytest.fixture(params=["cpython", "micropython", "rp2040"])

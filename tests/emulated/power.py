@@ -18,8 +18,8 @@ from mirrormount.deploy.mpremote import commit_call, read_told, script_for
 from mirrormount.virtual import emulator
 from mirrormount.virtual.emulator import RawPrompt
 from mirrormount.virtual.files import firmware_folder
-from mirrormount.virtual.lockstep import Stepped
-from mirrormount.virtual.simulation import START_US, World
+from mirrormount.virtual.lockstep import Lockstep
+from mirrormount.virtual.simulation import START_US, Simulation
 
 STARTED_US = 300_000  # main.py runs by then, and a Ctrl-C is heard
 MPY = 6  # the format of compiled files that MicroPython 1.23 and later takes
@@ -29,17 +29,17 @@ class PowerCut(Exception):
     """The board has lost its power for a moment, and boots."""
 
 
-class Board(Stepped):
+class Board(Lockstep):
     """A board with this flash; keep: what it writes goes to the file."""
 
     def __init__(self, flash: Path, *, keep: bool = False) -> None:
-        super().__init__(World(emulator.command(None, flash, START_US, keep=keep)))
+        super().__init__(Simulation(emulator.command(None, flash, START_US, keep=keep)))
         self._cut_at: int | None = None
 
     @property
     def operations(self) -> int:
         """Erases and programs of the flash so far."""
-        return self.world.flash_operations
+        return self.simulation.flash_operations
 
     def count(self, action: Callable[[], object]) -> int:
         """How many operations an action takes."""
@@ -49,7 +49,7 @@ class Board(Stepped):
 
     def cut_after(self, operations: int, *, half: bool) -> None:
         """Cut the power with so many more operations; whatever runs then ends with PowerCut."""
-        self.world.cut_power(operations, half=half)
+        self.simulation.cut_power(operations, half=half)
         self._cut_at = self.operations + operations
 
     def run(self, us: int, until: Callable[[], bool] = lambda: False) -> bool:
@@ -66,17 +66,17 @@ class Board(Stepped):
         self._cut_at = None
         self._outbox.clear()
         self.received.clear()
-        self.world.lit = False
+        self.simulation.lit = False
 
     def start_over(self) -> None:
         """Power off and on, with the flash that it had in the beginning or that it was told to remember."""
-        self.world.start_over()
+        self.simulation.start_over()
         self.run(1)
         self._forget()
 
     def power_cycle(self) -> None:
         """Power off and on."""
-        self.world.reset(power=True)
+        self.simulation.reset(power=True)
         self.run(1)
         self._forget()
 
@@ -150,7 +150,7 @@ def staged(folder: Path, old: Path, wanted: dict[str, bytes]) -> Deploy:
         calls = [_call(line) for line in [*todo.journal, on_board.JOURNAL]]
         steps = [(call, board.count(lambda call=call: prompt.run(call))) for call in calls]
     finally:
-        board.world.close()
+        board.simulation.close()
     new = of_firmware(todo.after)
     assert new.items().isdisjoint(there.items()), "a file that does not differ shows no mix"
     return Deploy(wanted, old, uploaded, committed, todo, old_hash, firmware_hash(todo.after), there, new, steps)

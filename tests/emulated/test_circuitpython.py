@@ -6,19 +6,19 @@ from pathlib import Path
 import pytest
 from images import images
 
-from mirrormount.virtual.board import Options, make_world
-from mirrormount.virtual.lockstep import Stepped
+from mirrormount.virtual.board import Options, make_simulation
+from mirrormount.virtual.lockstep import Lockstep
 
 STEP_US = 1954  # two steps of CircuitPython's clock
 
 
-class Board(Stepped):
+class Board(Lockstep):
     """A board with a console beside its port. Its LED shows CircuitPython's state, too: so start() awaits an answer."""
 
     def __init__(self, image: Path) -> None:
-        super().__init__(make_world(Options(machine="rp2040", bench="switches", image=image)))
+        super().__init__(make_simulation(Options(machine="rp2040", bench="switches", image=image)))
         self.console = bytearray()
-        self.world.on_console = self.console.append
+        self.simulation.on_console = self.console.append
         self.start()
 
     def start(self) -> None:
@@ -39,25 +39,25 @@ class Board(Stepped):
 
     def drives(self) -> dict[str, float]:
         """What every drive pin shows now, 0 ... 1."""
-        return dict(self.world.bench.duties())
+        return dict(self.simulation.bench.duties())
 
     def off(self) -> bool:
         return not any(self.drives().values())
 
     def went_high(self, since_us: int) -> list[str]:
         """The pins that went high after since_us."""
-        return [pin for t, pin, duty in self.world.edges if t >= since_us and duty]
+        return [pin for t, pin, duty in self.simulation.edges if t >= since_us and duty]
 
     def type(self, text: bytes, until: bytes) -> str:
         """Type at the console, and wait for `until` there. Returns what came."""
         self.console.clear()
-        self.world.type(text)
+        self.simulation.type(text)
         assert self.run(5_000_000, lambda: until in self.console), bytes(self.console[-400:])
         return self.console.decode(errors="replace")
 
     def first(self, pin: str, high: bool, since_us: int) -> int:
         """When, in microseconds after since_us, that pin first went high or low."""
-        edges = [(t - since_us, (name, duty > 0)) for t, name, duty in self.world.edges]
+        edges = [(t - since_us, (name, duty > 0)) for t, name, duty in self.simulation.edges]
         return next(t for t, edge in edges if t >= 0 and edge == (pin, high))
 
     def rest(self) -> None:
@@ -72,7 +72,7 @@ class Board(Stepped):
 def running(request):
     board = Board(request.param)
     yield board
-    board.world.close()
+    board.simulation.close()
 
 
 @pytest.fixture
@@ -91,7 +91,7 @@ def test_a_step_lasts_what_was_asked_to_two_steps_of_the_clock(board, asked_us):
     board.send(b"1XP%d\n" % asked_us)
     board.run(100_000)
     for command, leg in ((b"1PR1\n", "m1_pos"), (b"1PR-1\n", "m1_neg")):
-        since = board.world.us
+        since = board.simulation.us
         board.send(command)
         board.run(asked_us + 400_000)
         assert board.went_high(since) == [leg, "m1_en"]
@@ -115,10 +115,10 @@ def test_a_host_that_goes_stops_what_moves(board):
     board.send(b"1MV+\n")
     board.run(60_000)
     assert not board.off()
-    board.world.opened(False)
+    board.simulation.opened(False)
     board.run(25_000)
     assert board.off()
-    board.world.opened(True)
+    board.simulation.opened(True)
     board.run(50_000)
 
 
@@ -126,11 +126,11 @@ def test_an_open_switch_ends_a_move(board):
     board.send(b"1XL3;1DH0;1MV+\n")
     board.run(60_000)
     assert not board.off()
-    board.world.bench.broken.add("m1_sw_pos")
+    board.simulation.bench.broken.add("m1_sw_pos")
     board.run(5_000)
     assert board.off()
     assert board.ask(b"TE?\n") == b"104\r\n"
-    board.world.bench.broken.clear()
+    board.simulation.bench.broken.clear()
     board.send(b"1XL0\n")
 
 
@@ -152,7 +152,7 @@ def test_ctrl_c_at_the_console_turns_the_motors_off_and_gives_the_prompt(board):
     board.run(1_000_000)
     board.type(b"\r", b">>> ")
     board.type(b"from mountfw.repl import m\r", b">>> ")
-    since = board.world.us
+    since = board.simulation.us
     board.type(b"m.x.step(1); print('done')\r", b"\ndone")
     board.run(500_000)
     assert board.went_high(since) == ["m2_pos", "m2_en"]
@@ -163,6 +163,6 @@ def test_ctrl_c_at_the_console_turns_the_motors_off_and_gives_the_prompt(board):
 def test_saved_settings_are_there_after_a_reset_while_the_pc_has_the_drive(board):
     board.send(b"1XP150000;SM\n")
     board.run(500_000)
-    board.world.reset(power=False)
+    board.simulation.reset(power=False)
     board.start()
     assert board.ask(b"1XP?\n") == b"150000\r\n"

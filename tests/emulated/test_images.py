@@ -36,7 +36,7 @@ def running(image, tmp_path_factory):
     flash.write_bytes(emulator.flash_with_firmware(image, files).read_bytes())
     board = Board(Options(machine="rp2040", bench="switches", image=image, flash=flash))
     yield board
-    board.world.close()
+    board.simulation.close()
 
 
 @pytest.fixture
@@ -63,7 +63,7 @@ def test_it_hashes_its_files(board):
 def test_a_step_is_one_pulse_of_its_length_on_its_pins(board, command, pins):
     board.send(b"1XP%d;2XP%d\n" % (STEP_US, STEP_US))
     board.run(50_000)
-    since = board.world.us
+    since = board.simulation.us
     board.send(command)
     board.run(STEP_US + 400_000)
     edges = board.edges_after(since)
@@ -79,13 +79,13 @@ def test_a_stop_has_every_pin_low_within_two_milliseconds(board, stop, motion):
     assert board.run(1_000_000, lambda: not board.off())
     board.run(30_000)
     assert not board.off()
-    start = board.world.us
+    start = board.simulation.us
     board.send(stop)
     assert board.run(10_000, board.off)
     assert max(us for us, _, _ in board.edges_after(start)) - start < 2_000
     if stop == b"\x03":
         board.until(b">>> ")
-        board.world.lit = False
+        board.simulation.lit = False
         board.send(b"\x04")
         board.boot()
         board.received.clear()
@@ -95,11 +95,11 @@ def test_an_end_stop_ends_a_run_from_an_interrupt(board):
     board.send(b"1XL3;1DH0;1MV+\n")
     assert board.run(1_000_000, lambda: not board.off())
     board.run(30_000)
-    start = board.world.us
-    board.world.bench.broken.add("m1_sw_pos")
+    start = board.simulation.us
+    board.simulation.bench.broken.add("m1_sw_pos")
     assert board.run(5_000, board.off)
     assert max(us for us, pin, _ in board.edges_after(start) if pin == "m1_en") - start < 1_000
-    board.world.bench.broken.clear()
+    board.simulation.bench.broken.clear()
     assert board.ask(b"TE?\n") == b"104\r\n"
     board.send(b"1XL0\n")
 
@@ -124,7 +124,7 @@ def moving(board) -> None:
 @pytest.mark.parametrize("stop", [b"!\n", b"00000000", b"ST\n"], ids=["mark", "zeros", "st"])
 def test_a_stop_behind_thirty_queries_has_every_pin_low(board, stop):
     moving(board)
-    start = board.world.us
+    start = board.simulation.us
     board.send(stop)
     assert board.run(300_000, board.off)
     since = max(us for us, _, _ in board.edges_after(start)) - start
@@ -135,7 +135,7 @@ def test_a_stop_behind_thirty_queries_has_every_pin_low(board, stop):
 
 
 def test_five_hundred_frames_a_second_are_all_obeyed(board):
-    since = board.world.us
+    since = board.simulation.us
     for frame in range(100):
         board.send(b"-255-255" if frame % 2 else b"02550255")
         board.run(2_000)
@@ -148,7 +148,7 @@ def test_five_hundred_frames_a_second_are_all_obeyed(board):
 
 
 def test_its_own_replies_sent_back_drive_nothing(board):
-    since = board.world.us
+    since = board.simulation.us
     for question in (b"*IDN?;1XP?\n", b"2XS?\n", b"XS?\n"):
         reply = board.ask(question, 2_000_000)
         board.send(reply)
@@ -159,8 +159,8 @@ def test_its_own_replies_sent_back_drive_nothing(board):
 def test_a_position_at_rest_is_there_after_a_power_cut(board):
     board.send(b"1XP20000;1DH0;1PR3\n")
     board.run(13_000_000)
-    board.world.lit = False
-    board.world.reset(power=True)
+    board.simulation.lit = False
+    board.simulation.reset(power=True)
     board.run(1_000)
     board.boot()
     assert board.ask(b"1TP?\n", 2_000_000) == b"3\r\n"
@@ -170,10 +170,10 @@ def test_homing_finds_the_end_stop(board):
     board.send(b"1XL3;1OR\n")
     assert board.run(2_000_000, lambda: not board.off())
     board.run(60_000)
-    board.world.bench.broken.add("m1_sw_neg")
+    board.simulation.bench.broken.add("m1_sw_neg")
     assert board.run(5_000_000, lambda: board.ask(b"1MD?\n") == b"1\r\n")
     assert board.off()
-    board.world.bench.broken.clear()
+    board.simulation.bench.broken.clear()
     assert board.ask(b"1OR?\n").count(b",") == 1
     board.send(b"!\n1XL0\n")
 
@@ -182,7 +182,7 @@ def test_a_frame_at_half_duty_drives_both_motors_by_pwm(board):
     board.send(b"01280128")
     assert board.run(1_000_000, lambda: not board.off())
     board.run(30_000)
-    since = board.world.us
+    since = board.simulation.us
     board.run(30_000)
     assert {pin for pin, duty in board.drives().items() if duty} >= {"m1_pos", "m2_pos"}
     assert {(pin, duty > 0) for _, pin, duty in board.edges_after(since)} == {
@@ -201,12 +201,12 @@ def test_the_prompt_has_the_mount(board):
     board.until(b">>> ")
     board.send(b"from mountfw.repl import m\r")
     board.until(b">>> ")
-    since = board.world.us
+    since = board.simulation.us
     board.send(b"m.x.step(1); print('done')\r")
     board.until(b"\ndone")
     board.run(500_000)
     assert [pin for _, pin, duty in board.edges_after(since) if duty] == ["m2_pos", "m2_en"]
-    board.world.lit = False
+    board.simulation.lit = False
     board.received.clear()
     board.send(b"\x04")
     board.boot()
@@ -218,8 +218,8 @@ def test_a_reset_turns_off_and_saved_settings_are_there_after_it(board):
     board.send(b"1MV+\n")
     board.run(60_000)
     assert not board.off()
-    board.world.lit = False
-    board.world.reset(power=False)
+    board.simulation.lit = False
+    board.simulation.reset(power=False)
     board.run(1_000)
     assert board.off()
     board.boot()
@@ -229,8 +229,8 @@ def test_a_reset_turns_off_and_saved_settings_are_there_after_it(board):
 def test_a_power_cut_turns_off_and_it_starts_by_itself(board):
     board.send(b"1MV+\n")
     board.run(60_000)
-    board.world.lit = False
-    board.world.reset(power=True)
+    board.simulation.lit = False
+    board.simulation.reset(power=True)
     board.run(1_000)
     assert board.off()
     board.boot()

@@ -20,7 +20,7 @@ def test_it_says_who_it_is(board):
 
 
 def test_a_pulse_drives_its_leg_then_its_enable_and_lets_go_in_the_other_order(board):
-    start = board.world.us
+    start = board.simulation.us
     board.send(b"1PR1;2PR-1\n")
     board.run(400_000)
     edges = board.edges_after(start)
@@ -38,7 +38,7 @@ def test_a_pulse_drives_its_leg_then_its_enable_and_lets_go_in_the_other_order(b
 
 
 def test_a_frame_and_a_stop_give_the_same_sequence(board):
-    start = board.world.us
+    start = board.simulation.us
     board.send(b"0255-255")
     board.run(30_000)
     board.send(b"!")
@@ -59,10 +59,10 @@ def test_a_frame_and_a_stop_give_the_same_sequence(board):
 def test_a_duty_shows_on_the_enable_as_that_share_of_the_time(board, duty):
     board.send(b"%04d0000" % duty)
     board.run(20_000)
-    start = board.world.us
+    start = board.simulation.us
     before = board.drives()["m1_en"]
     board.run(50_000)
-    end = board.world.us
+    end = board.simulation.us
     on, since, level = 0.0, start, before
     for us, pin, value in board.edges_after(start):
         if pin == "m1_en":
@@ -84,14 +84,14 @@ def restart(board) -> None:
     board.until(b">>> ")
     board.send(b"\x04")
     board.until(b"soft reboot")
-    board.world.lit = False
+    board.simulation.lit = False
     board.boot()
 
 
 def test_the_backlash_is_taken_up_before_the_first_step_back(board):
     board.send(b"1XP20000;1XB30000;1VA20;1PR2\n")
     board.run(200_000)
-    start = board.world.us
+    start = board.simulation.us
     board.send(b"1PR-1\n")
     board.run(200_000)
     assert pulses_ms(board.edges_after(start), "m1_en") == [30, 20]
@@ -109,7 +109,7 @@ def test_saved_settings_and_a_rested_position_are_there_after_a_restart(board):
 
 
 def test_a_host_that_collects_nothing_does_not_keep_a_stop_from_being_obeyed(board):
-    board.world.collects(False)
+    board.simulation.collects(False)
     for _ in range(60):
         board.send(b"02550255*IDN?\n")
     assert board.run(2_000_000, lambda: not board.off())

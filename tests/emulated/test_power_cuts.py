@@ -38,7 +38,7 @@ def older(hand_copied, tmp_path_factory) -> Deploy:
     try:
         board.deploy(another_version(folder))
     finally:
-        board.world.close()
+        board.simulation.close()
     return staged(folder, old, compiled())
 
 
@@ -57,7 +57,7 @@ def unaware(hand_copied, tmp_path_factory) -> Deploy:
     try:
         board.prompt().put("main.py", without_replay(firmware(None)["main.py"]))
     finally:
-        board.world.close()
+        board.simulation.close()
     return staged(folder, old, compiled())
 
 
@@ -72,7 +72,7 @@ def switch_on() -> Iterator[Callable[[Path], Board]]:
 
     yield on
     for board in boards:
-        board.world.close()
+        board.simulation.close()
 
 
 @pytest.fixture
@@ -165,7 +165,7 @@ def test_every_operation_of_an_upload(older, switch_on, tell, half):
         def put(path=path, content=content) -> None:
             board.prompt().put(path + ".new", content)
 
-        board.world.remember_flash()
+        board.simulation.remember_flash()
         operations = board.count(put)
         for i in range(1, operations + 1):
             board.start_over()

@@ -31,7 +31,7 @@ def on_times(board, pin: str, since_us: int) -> list[int]:
 
 
 def test_steps_and_jogs_last_what_they_should(board, capsys):
-    start_us = board.world.us
+    start_us = board.simulation.us
     type_line(board, "m.x.step(5)")
     steps = on_times(board, "m2_en", start_us)
     type_line(board, "m.y.jog(-1, ms=800)")
@@ -45,7 +45,7 @@ def test_steps_and_jogs_last_what_they_should(board, capsys):
 
 
 def test_an_end_stop_is_told_in_words(board):
-    train = board.world.bench.horizontal
+    train = board.simulation.bench.horizontal
     train.screw_rev = train.shaft_rev = SWITCH_REV - 0.06
     assert b"MoveEnded: x: positive end-stop reached after 3 steps" in type_line(board, "m.x.step(9)")
     assert board.off()
@@ -63,7 +63,7 @@ def test_ctrl_c_twice_at_any_moment_turns_the_motors_off_and_leaves_the_prompt(b
         assert board.run(10_000, board.off)
         assert b"KeyboardInterrupt" in board.until(b"\n>>> ")
         assert board.off()
-    start_us = board.world.us
+    start_us = board.simulation.us
     type_line(board, "m.y.step(1)")
     assert on_times(board, "m1_en", start_us) == pytest.approx([STEP_US], abs=LATE_US)
 
@@ -84,6 +84,6 @@ def test_ctrl_d_starts_the_firmware_again(board):
     type_line(board, "m.x.step(1)")
     board.send(b"\x04")
     board.until(b"soft reboot")
-    board.world.lit = False  # it was lit: the boot is over when it is so again
+    board.simulation.lit = False  # it was lit: the boot is over when it is so again
     board.boot()
     assert board.ask(b"*IDN?\n", 5_000_000).startswith(b"mirrormount,")

@@ -34,7 +34,7 @@ def test_ctrl_c_twice_at_random_moments_of_a_pulse_leaves_both_motors_off(make_b
         board.until(b">>> ")
         board.run(5_000)
         assert board.off(), f"trial {trial}: {board.drives()}"
-        board.world.lit = False
+        board.simulation.lit = False
         board.received.clear()
         board.send(b"exec(open('main.py').read())\r")  # as after Ctrl-D, without compiling it all again
         board.boot()
@@ -46,10 +46,10 @@ def test_a_hard_reset_in_mid_move_turns_the_motors_off_and_starts_anew(make_boar
     board.send(b"02550255")
     board.run(20_000)
     assert not board.off()
-    board.world.reset(power=False)
+    board.simulation.reset(power=False)
     board.run(1_000)
     assert board.off()
-    board.world.lit = False
+    board.simulation.lit = False
     board.boot()
     assert board.ask(b"XS?\n", 2_000_000).split(b",")[0] != first
 
@@ -58,10 +58,10 @@ def test_a_power_cycle_starts_the_firmware_by_itself(make_board):
     board = make_board()
     board.send(b"1MV+\n")
     board.run(20_000)
-    board.world.reset(power=True)
+    board.simulation.reset(power=True)
     board.run(1_000)
     assert board.off()
-    board.world.lit = False
+    board.simulation.lit = False
     board.boot()
     assert board.ask(b"*IDN?\n", 2_000_000).startswith(b"mirrormount,")
 

@@ -39,10 +39,10 @@ def test_a_loop_that_hangs_with_a_motor_on_is_reset_and_the_next_one_says_so(mak
     board.send(b"02550255")
     board.run(100_000)
     assert not board.off()
-    start = board.world.us
+    start = board.simulation.us
     assert board.run(HUNG_US + BITE_US, board.off)
-    assert board.world.us - start > 500_000  # it was the watchdog
-    board.world.lit = False
+    assert board.simulation.us - start > 500_000  # it was the watchdog
+    board.simulation.lit = False
     board.boot()
     boot, _, waiting = state(board)
     assert boot != boot_id
@@ -58,7 +58,7 @@ def test_a_wanted_reset_and_power_up_are_told_from_the_watchdogs(make_board):
     RawPrompt(board)
     board.send(b"import machine; machine.reset()\x04")
     board.run(100_000)
-    board.world.lit = False
+    board.simulation.lit = False
     board.boot()
     assert reset_cause(board) == 2
     assert state(board)[2] == b"0"
@@ -79,7 +79,7 @@ def test_the_watchdog_never_bites_at_the_prompt_nor_in_a_long_write_nor_after_a_
     assert b"4711" in board.until(b"\n>>> ")
     board.send(b"\x04")
     board.until(b"soft reboot")
-    board.world.lit = False
+    board.simulation.lit = False
     board.boot()
     boot = state(board)[0]
     board.run(5 * HUNG_US)
@@ -91,17 +91,17 @@ def with_emergency_stop(make_board):
     board = make_board(bench="switches")
     prompt = RawPrompt(board)
     prompt.put("mountfw/boards/this.py", b"from mountfw.boards.pico import *\nEMERGENCY_STOP = 14\n")
-    board.world.reset(power=True)
+    board.simulation.reset(power=True)
     board.run(1_000)
-    board.world.lit = False
+    board.simulation.lit = False
     board.boot()
     return board
 
 
 def off_after_opening(board, switch: str) -> int:
     """Microseconds of the board's time from the switch's opening to the last enable's fall."""
-    start = board.world.us
-    board.world.bench.broken.add(switch)
+    start = board.simulation.us
+    board.simulation.bench.broken.add(switch)
     assert board.run(5_000, board.off)
     return max(us for us, pin, _ in board.edges_after(start) if pin.endswith("_en")) - start
 
@@ -113,7 +113,7 @@ def test_the_emergency_stop_cuts_both_drives_and_latches(make_board):
     assert not board.off()
     assert off_after_opening(board, "emergency_stop") < 1_000
     assert board.ask(b"1XE?;2XE?\n").startswith(b"10,")
-    board.world.bench.broken.clear()
+    board.simulation.bench.broken.clear()
     board.send(b"02550255")
     board.run(20_000)
     assert board.off()

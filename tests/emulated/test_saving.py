@@ -45,12 +45,12 @@ class Mount(Board):
 
     def cut_in(self, line: bytes, us: int) -> bool:
         """Do a line, lose the power after us at the latest, start again. Was it in an operation of the flash?"""
-        self.world.edges.clear()
+        self.simulation.edges.clear()
         self.send(line)
         in_operation = False
         try:
             self.run(us)
-            self.world.cut_power(NEVER, half=False)
+            self.simulation.cut_power(NEVER, half=False)
             self.power_cycle()
         except PowerCut:
             in_operation = True
@@ -59,7 +59,7 @@ class Mount(Board):
 
     def drove(self) -> bool:
         """Has an enable risen since the last line that was cut?"""
-        return any(duty for _, pin, duty in self.world.edges if pin.endswith("_en"))
+        return any(duty for _, pin, duty in self.simulation.edges if pin.endswith("_en"))
 
     def check(self, steps: int, may_be: tuple[int, ...]) -> None:
         """After a cut: whole settings, one of may_be; each position `steps`, if it was not left, or unknown."""
@@ -82,7 +82,7 @@ def board(tmp_path_factory) -> Iterator[Mount]:
     board.boot()
     board.ask(SETTINGS[0] + b"SM;TE?\n")
     yield board
-    board.world.close()
+    board.simulation.close()
 
 
 @pytest.fixture
@@ -153,11 +153,11 @@ def test_the_first_motion_after_a_record_starts_within_150_ms(board, tell):
     late_us = []
     for i in range(16):
         board.record(i)
-        board.world.edges.clear()
-        start_us = board.world.us
+        board.simulation.edges.clear()
+        start_us = board.simulation.us
         board.send(b"1PR1\n")
         assert board.run(1_000_000, board.drove)
-        (at_us,) = [us for us, pin, duty in board.world.edges if pin == "m1_en" and duty]
+        (at_us,) = [us for us, pin, duty in board.simulation.edges if pin == "m1_en" and duty]
         late_us.append(at_us - start_us)
         board.run(200_000)
     assert max(late_us) <= FIRST_DRIVE_US

@@ -106,7 +106,7 @@ def use_files_of_a_board():
 
 
 def seam_class(_seam):
-    """The fakes' seam, with the script in the place of the world."""
+    """The fakes' seam, with the script in the place of the simulation."""
 
     class Seam(_seam.Seam):
         def __init__(self, script, t0):

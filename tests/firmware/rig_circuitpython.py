@@ -57,7 +57,7 @@ def _new_port():
 
 def _port_class(_seam):
     class Seam(_seam.Seam):
-        """The rig's time, input and pins in the place of the world's."""
+        """The rig's time, input and pins in the place of the simulation's."""
 
         def __init__(self, port):
             super().__init__(None, None, rig.START_US)

@@ -11,9 +11,9 @@ import pytest
 
 from mirrormount.virtual import machines
 from mirrormount.virtual.bench import Bench
-from mirrormount.virtual.board import Options, make_world
-from mirrormount.virtual.lockstep import Stepped
-from mirrormount.virtual.simulation import World
+from mirrormount.virtual.board import Options, make_simulation
+from mirrormount.virtual.lockstep import Lockstep
+from mirrormount.virtual.simulation import Simulation
 from mountfw.ports.shared import FOLDERS
 
 STEP_US = 977  # of CircuitPython's clock
@@ -21,11 +21,11 @@ PERIOD_US = 50  # of the PWM
 ESP32_S3 = "adafruit_feather_esp32s3_4mbflash_2mbpsram"
 
 
-class Board(Stepped):
+class Board(Lockstep):
     """A board that was switched on and has had its time to start."""
 
-    def __init__(self, world: World) -> None:
-        super().__init__(world)
+    def __init__(self, simulation: Simulation) -> None:
+        super().__init__(simulation)
         self.boot()
 
     def ask(self, data: bytes, us: int = 100_000) -> bytes:
@@ -36,23 +36,23 @@ class Board(Stepped):
         return bytes(self.received)
 
     def off(self) -> bool:
-        return not any(self.world.bench.duties().values())
+        return not any(self.simulation.bench.duties().values())
 
     def edges(self, pin: str, up: bool) -> list[int]:
-        return [us for us, name, duty in self.world.edges if name == pin and (duty > 0) == up]
+        return [us for us, name, duty in self.simulation.edges if name == pin and (duty > 0) == up]
 
 
 @pytest.fixture
 def boards() -> Iterator[Callable[..., Board]]:
     made: list[Board] = []
 
-    def make(world: World) -> Board:
-        made.append(Board(world))
+    def make(simulation: Simulation) -> Board:
+        made.append(Board(simulation))
         return made[-1]
 
     yield make
     for board in made:
-        board.world.close()
+        board.simulation.close()
 
 
 @pytest.fixture(params=["CPython", "MicroPython"])
@@ -64,7 +64,7 @@ def new(request, boards, tmp_path) -> Callable[..., Board]:
 
     def make(board_id: str = machines.PICO_ID, **bench) -> Board:
         command = machines.circuitpython(tmp_path, board_id, on_vm=request.param == "MicroPython")
-        return boards(World(command, Bench(**bench)))
+        return boards(Simulation(command, Bench(**bench)))
 
     return make
 
@@ -92,7 +92,7 @@ TRANSCRIPT = (
 
 @pytest.mark.parametrize("machine", ["cpython", "circuitpython"])
 def test_one_transcript_of_the_wire_holds_on_both_ports(machine, boards):
-    board = boards(make_world(Options(machine=machine)))
+    board = boards(make_simulation(Options(machine=machine)))
     for sent, expected in TRANSCRIPT:
         if sent is None:
             board.run(expected)
@@ -107,10 +107,10 @@ def test_one_transcript_of_the_wire_holds_on_both_ports(machine, boards):
 
 @pytest.mark.parametrize("machine", ["cpython", "circuitpython"])
 def test_pins_change_in_the_same_order_on_both_ports(machine, boards):
-    board = boards(make_world(Options(machine=machine)))
+    board = boards(make_simulation(Options(machine=machine)))
     board.send(b"1PR1\n")
     board.run(300_000)
-    changes = {(pin, duty): us for us, pin, duty in board.world.edges}
+    changes = {(pin, duty): us for us, pin, duty in board.simulation.edges}
     assert list(changes)[:2] == [("m1_pos", 65535), ("m1_en", 65535)]
     # the duty of the enable waits for its period, the leg does not
     assert changes["m1_pos", 0] >= changes["m1_en", 0] - PERIOD_US
@@ -131,7 +131,7 @@ def test_a_stop_is_obeyed_and_its_duty_is_off_with_the_pwms_period(board):
     for duty in (255, 100):
         board.send(b"%04d0000" % duty)
         board.run(30_000)
-        sent_us = board.world.us
+        sent_us = board.simulation.us
         board.send(b"!")
         assert board.run(5_000, board.off)
         legs_us, enable_us = board.edges("m1_pos", False)[-1], board.edges("m1_en", False)[-1]
@@ -152,19 +152,19 @@ def test_a_host_that_goes_stops_what_moves_as_an_abort(board):
     board.send(b"1MV+\n")
     board.run(50_000)
     assert not board.off()
-    board.world.opened(False)
-    gone_us = board.world.us
+    board.simulation.opened(False)
+    gone_us = board.simulation.us
     assert board.run(200_000, board.off)
-    assert board.world.us - gone_us < 30_000
-    board.world.opened(True)
+    assert board.simulation.us - gone_us < 30_000
+    board.simulation.opened(True)
     assert board.ask(b"1XE?;TE?\n").startswith(b"3,")
 
 
 def test_a_host_that_was_never_there_stops_nothing(new):
     board = new()
-    board.world.opened(False)
+    board.simulation.opened(False)
     board.run(100_000)
-    board.world.opened(True)
+    board.simulation.opened(True)
     board.send(b"1MV+\n")
     board.run(100_000)
     assert not board.off()
@@ -175,8 +175,8 @@ def test_an_end_stop_is_polled_and_cuts_within_a_pass(new):
     board.send(b"1XL3;1MV+\n")
     board.run(100_000)
     assert not board.off()
-    opened_us = board.world.us
-    board.world.bench.broken.add("m1_sw_pos")
+    opened_us = board.simulation.us
+    board.simulation.bench.broken.add("m1_sw_pos")
     assert board.run(20_000, board.off)
     assert board.edges("m1_en", False)[-1] - opened_us < 2_000
     assert board.ask(b"TE?\n") == b"104\r\n"
@@ -188,7 +188,7 @@ def test_settings_and_a_rested_position_are_in_the_non_volatile_memory_after_a_r
     board.run(500_000)
     board.send(b"1DH0;1PR3\n")
     board.run(12_500_000)
-    board.world.close()
+    board.simulation.close()
     assert not (tmp_path / "mountfw.settings").exists()
     assert 0 < (tmp_path / "nvm.bin").read_bytes().count(0x5A) < 10
     board = new()
@@ -202,7 +202,7 @@ def test_settings_are_a_file_where_the_drive_is_the_boards_own(new, tmp_path):
     board = new()
     board.send(b"1XP30000;SM\n")
     board.run(500_000)
-    board.world.close()
+    board.simulation.close()
     assert b"30000" in (tmp_path / "mountfw.settings").read_bytes()
     assert not (tmp_path / "nvm.bin").exists()
     assert new().ask(b"1XP?\n") == b"30000\r\n"
@@ -217,7 +217,7 @@ def test_a_hung_loop_is_reset_by_the_watchdog_and_the_next_start_says_so(new, tm
     board.send(b"1MV+\n")
     board.run(6_000_000)
     assert board.off()
-    board.world.lit = False
+    board.simulation.lit = False
     board.boot()
     assert board.ask(b"TE?;XH?\n").startswith(b"66; ")
 
@@ -243,7 +243,7 @@ def test_a_bridge_with_two_pwms_is_driven_by_adafruits_dc_motor(new):
     board = new("pico_drv8833", two_pwm=True)
     board.send(b"0255-100")
     board.run(30_000)
-    duties = board.world.bench.duties()
+    duties = board.simulation.bench.duties()
     assert (duties["m1_pos"], duties["m1_neg"], duties["m2_pos"]) == (1, 0, 0)
     assert duties["m2_neg"] == pytest.approx(100 / 255, abs=1e-3)
     board.send(b"!")
@@ -251,10 +251,10 @@ def test_a_bridge_with_two_pwms_is_driven_by_adafruits_dc_motor(new):
 
 
 def test_a_board_without_a_board_file_drives_nothing_and_says_what_to_write(tmp_path, boards, capfd):
-    board = boards(World(machines.circuitpython(tmp_path, "no_such_board")))
+    board = boards(Simulation(machines.circuitpython(tmp_path, "no_such_board")))
     board.send(b"02550255")
     board.run(100_000)
-    assert board.off() and not board.world.edges
+    assert board.off() and not board.simulation.edges
 
 
 def test_the_hash_is_over_the_files_on_the_drive(tmp_path, boards):
@@ -270,7 +270,7 @@ def test_the_hash_is_over_the_files_on_the_drive(tmp_path, boards):
         for file in sorted((root / folder).iterdir()):
             if file.suffix == ".py":
                 total.update(file.relative_to(root).as_posix().encode() + hashlib.sha256(file.read_bytes()).digest())
-    board = boards(make_world(Options(machine="circuitpython", firmware=root, files=tmp_path / "drive")))
+    board = boards(make_simulation(Options(machine="circuitpython", firmware=root, files=tmp_path / "drive")))
     assert board.ask(b"XF?\n").decode().strip() == total.hexdigest()
 
 
@@ -280,7 +280,7 @@ def test_without_sha_256_in_the_build_the_firmware_runs_and_tells_a_checksum(tmp
         "import hashlib\n\n\ndef new(_name):\n    raise ValueError('Unsupported hash algorithm')\n\n\n"
         f"hashlib.new = new\nexec(open({str(entry)!r}).read())\n"
     )
-    board = boards(make_world(Options(machine="circuitpython", files=tmp_path)))
+    board = boards(make_simulation(Options(machine="circuitpython", files=tmp_path)))
     assert re.fullmatch(rb"crc32-[0-9a-f]{8}\r\n", board.ask(b"XF?\n"))
     assert board.ask(b"*IDN?\n").startswith(b"mirrormount,")
 
@@ -303,7 +303,7 @@ def test_time_that_the_port_tells_is_the_clocks_step_and_never_wrong_by_more(tmp
         "usb_cdc.data.write(b'%d\\n' % (max(bad) - min(bad)))\n"
     )
     (tmp_path / "code.py").write_text(check)
-    board = boards(World(machines.circuitpython(tmp_path)))
+    board = boards(Simulation(machines.circuitpython(tmp_path)))
     board.run(2_000_000, lambda: b"\n" in board.received)
     assert int(board.received) <= 2 * STEP_US + 10
 
@@ -368,7 +368,7 @@ def test_a_second_ctrl_c_anywhere_on_the_way_out_leaves_no_motor_and_no_watchdog
         "port.motors_off(board)", "[port.motors_off(board), port.output(2, 4000), port.output(5, 4000)]"
     )
     (tmp_path / "code.py").write_text(f"SOURCE = {code!r}\n{WAYS_OUT}")
-    board = boards(World(machines.circuitpython(tmp_path)))
+    board = boards(Simulation(machines.circuitpython(tmp_path)))
     board.run(60_000_000, lambda: b"\n" in board.received)
     places, bad = (int(n) for n in board.received.split())
     assert bad == 0

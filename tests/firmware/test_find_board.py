@@ -7,8 +7,8 @@ import pytest
 
 from mirrormount.virtual import machines
 from mirrormount.virtual.files import firmware_folder
-from mirrormount.virtual.lockstep import Stepped
-from mirrormount.virtual.simulation import World
+from mirrormount.virtual.lockstep import Lockstep
+from mirrormount.virtual.simulation import Simulation
 
 PICO_BUT = (firmware_folder() / "mountfw" / "boards" / "pico.py").read_text()
 SLIPS = {
@@ -20,7 +20,7 @@ SLIPS = {
 }
 
 
-def switched_on(machine: str, folder: Path, slip: str, name: str) -> Stepped:
+def switched_on(machine: str, folder: Path, slip: str, name: str) -> Lockstep:
     """A board that has had its time to start, with this text as boards/NAME.py."""
     root = folder / "root"
     root.mkdir()
@@ -34,7 +34,7 @@ def switched_on(machine: str, folder: Path, slip: str, name: str) -> Stepped:
         command = machines.cpython(folder / "files", firmware=root)
     else:
         command = machines.circuitpython(folder / "files", firmware=root)
-    board = Stepped(World(command))
+    board = Lockstep(Simulation(command))
     board.boot()
     return board
 
@@ -48,10 +48,10 @@ def test_a_board_file_that_cannot_be_used_is_refused_in_one_line(slip, machine, 
     try:
         board.send(b"02550255")
         board.run(200_000)
-        assert board.world.edges == []
+        assert board.simulation.edges == []
         shown = bytes(board.received).decode() + "".join(capfd.readouterr())
     finally:
-        board.world.close()
+        board.simulation.close()
     lines = [line for line in shown.splitlines() if f"boards/{name}.py cannot be used" in line]
     assert len(lines) >= 1 and words in lines[0]
     assert "Traceback" not in shown
@@ -65,4 +65,4 @@ def test_a_good_this_goes_before_the_boards_own(machine, tmp_path):
         board.run(200_000, lambda: b"\n" in board.received)
         assert b"mirrormount,mine," in board.received
     finally:
-        board.world.close()
+        board.simulation.close()

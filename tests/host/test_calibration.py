@@ -24,7 +24,7 @@ def mount():
 
 
 def pulses(mount: Mount, pin: str) -> int:
-    edges = [duty for _, name, duty in mount.link.port.world.edges if name == pin]
+    edges = [duty for _, name, duty in mount.link.port.simulation.edges if name == pin]
     return sum(1 for on, off in pairwise(edges) if on and not off)
 
 

@@ -31,7 +31,7 @@ def check(mount: Mount, capsys, *, move: bool = False) -> tuple[dict[str, str], 
 
 
 def drives(mount: Mount) -> list[tuple[int, str, int]]:
-    return [edge for edge in mount.link.port.world.edges if edge[1].endswith("_en") and edge[2]]
+    return [edge for edge in mount.link.port.simulation.edges if edge[1].endswith("_en") and edge[2]]
 
 
 def test_a_good_mount_passes_and_nothing_moves(mount, capsys):
@@ -49,7 +49,7 @@ def test_with_move_each_axis_makes_its_steps_and_ends_near_where_it_was(mount, c
     for what in ("one step forward", "one step back", "stop in a move", "keep-alive"):
         assert lines[f"x {what}"].startswith("ok") and lines[f"y {what}"].startswith("ok")
     assert {pin for _, pin, _ in drives(mount)} == {"m1_en", "m2_en"}
-    bench = mount.link.port.world.bench
+    bench = mount.link.port.simulation.bench
     assert not any(bench.duties().values())
     assert max(map(abs, bench.spot_mm())) < 10  # three steps
 
@@ -76,7 +76,7 @@ def test_end_stops_that_are_fitted_are_looked_at(mount, capsys):
 )
 def test_a_broken_wire_of_a_switch_fails_with_what_to_do(mount, capsys, broken, says):
     mount.send("1XL3;2XL3")
-    mount.link.port.world.bench.broken |= broken
+    mount.link.port.simulation.bench.broken |= broken
     lines, passed = check(mount, capsys)
     assert not passed
     assert lines["x end-stops"].startswith("FAILED") and says in lines["x end-stops"]
@@ -158,7 +158,7 @@ def test_a_move_that_ends_before_the_motor_has_drive_is_no_test(mount, monkeypat
 
 def test_a_move_into_a_switch_fails_and_the_other_axis_is_still_tested(mount, capsys):
     mount.send("2XL3")
-    train = mount.link.port.world.bench.horizontal
+    train = mount.link.port.simulation.bench.horizontal
     train.screw_rev = train.shaft_rev = 2.0
     lines, passed = check(mount, capsys, move=True)
     assert not passed

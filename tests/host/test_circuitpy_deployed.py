@@ -8,20 +8,20 @@ from mirrormount.deploy import fileset
 from mirrormount.deploy.micropython import Options, deploy
 from mirrormount.transport.link import Link
 from mirrormount.virtual import machines
-from mirrormount.virtual.board import SteppedPort
-from mirrormount.virtual.simulation import World
+from mirrormount.virtual.board import LockstepPort
+from mirrormount.virtual.simulation import Simulation
 
 
 class BootedBoard(Board):
     """Runs the firmware that is on its drive, not one of its own."""
 
-    port: SteppedPort | None = None
+    port: LockstepPort | None = None
 
     def start(self) -> None:
         super().start()
         self.end()
         if self.running:
-            self.port = SteppedPort(World(machines.circuitpython(self.root, firmware=self.root)))
+            self.port = LockstepPort(Simulation(machines.circuitpython(self.root, firmware=self.root)))
 
     def firmware(self, data: bytes) -> bytes:
         self.port.write(data)
@@ -55,7 +55,7 @@ def test_the_firmware_on_the_drive_makes_steps(board):
     link = Link(board.port)
     mount = Mount(link)
     mount.x.step(2)
-    pulses = [(pin, duty) for _, pin, duty in board.port.world.edges if duty]
+    pulses = [(pin, duty) for _, pin, duty in board.port.simulation.edges if duty]
     assert pulses == [("m2_pos", 65535), ("m2_en", 65535)] * 2
     assert mount.x.position == 2
 

@@ -19,7 +19,7 @@ def mount():
 
 def pulses(mount: Mount, pin: str) -> list[int]:
     """On-times of a pin so far, in microseconds."""
-    edges = [(t, duty) for t, p, duty in mount.link.port.world.edges if p == pin]
+    edges = [(t, duty) for t, p, duty in mount.link.port.simulation.edges if p == pin]
     return [off - on for (on, duty), (off, _) in pairwise(edges) if duty]
 
 
@@ -35,7 +35,7 @@ def test_steps_are_pulses_on_the_axis_own_pins(mount):
 def test_right_and_up_are_positive(mount):
     mount.x.step(5)
     mount.y.step(5)
-    right, up = mount.link.port.world.bench.spot_mm()
+    right, up = mount.link.port.simulation.bench.spot_mm()
     assert right > 5 and up > 5
 
 
@@ -101,10 +101,10 @@ def test_without_waiting_a_position_is_whole(mount):
 
 
 def test_a_stop_between_the_steps_and_the_last_pulse_keeps_that_from_starting(mount, monkeypatch):
-    stepped = type(mount.x)._wait_until_done
+    wait = type(mount.x)._wait_until_done
 
     def wait_and_stop(*arguments):
-        stepped(*arguments)
+        wait(*arguments)
         mount.stop()
 
     monkeypatch.setattr(type(mount.x), "_wait_until_done", wait_and_stop)
@@ -137,7 +137,7 @@ def test_a_jog_runs_at_its_duty_until_stopped_and_leaves_the_stored_duty_alone(m
     mount.sleep(0.7)
     mount.stop()
     assert mount.y.wait().reason == 3
-    duties = [duty for _, pin, duty in mount.link.port.world.edges if pin == "m1_en" and duty]
+    duties = [duty for _, pin, duty in mount.link.port.simulation.edges if pin == "m1_en" and duty]
     assert duties == [102 * 257]
     assert mount.ask("1XV?") == "255"
 
@@ -153,7 +153,7 @@ def test_a_jog_may_follow_a_jog(mount):
 def test_drive_takes_the_wires_order_and_both_motors(mount):
     mount.drive(255, -100)
     mount.sleep(0.1)
-    edges = {(pin, duty) for _, pin, duty in mount.link.port.world.edges}
+    edges = {(pin, duty) for _, pin, duty in mount.link.port.simulation.edges}
     assert {("m1_en", 65535), ("m1_pos", 65535), ("m2_en", 100 * 257), ("m2_neg", 65535)} <= edges
     mount.drive(0, 0)
     assert not mount.status().moving
@@ -161,17 +161,17 @@ def test_drive_takes_the_wires_order_and_both_motors(mount):
 
 def test_leaving_the_block_stops():
     with Mount.open("virtual://?speed=max") as mount:
-        world = mount.link.port.world
+        simulation = mount.link.port.simulation
         mount.x.jog(1)
-    assert world.edges[-2][1:] == ("m2_en", 0)
+    assert simulation.edges[-2][1:] == ("m2_en", 0)
 
 
 def test_an_exception_in_the_block_stops_and_comes_through():
     with pytest.raises(ZeroDivisionError), Mount.open("virtual://?speed=max") as mount:  # noqa: PT012
-        world = mount.link.port.world
+        simulation = mount.link.port.simulation
         mount.x.jog(1)
         _ = 1 / 0
-    assert world.edges[-2][1:] == ("m2_en", 0)
+    assert simulation.edges[-2][1:] == ("m2_en", 0)
 
 
 def test_a_soft_stop_of_one_axis_leaves_the_other(mount):
@@ -194,10 +194,10 @@ def test_wait_tells_how_the_move_ended(mount):
 
 @pytest.mark.parametrize("steps", ["5", 1.5, True, None, 1_000_001])
 def test_a_step_count_that_is_none_is_refused_before_anything_is_sent(mount, steps):
-    before = len(mount.link.port.world.edges)
+    before = len(mount.link.port.simulation.edges)
     with pytest.raises(errors.BadValue):
         mount.x.step(steps)
-    assert len(mount.link.port.world.edges) == before
+    assert len(mount.link.port.simulation.edges) == before
 
 
 @pytest.mark.parametrize("address", [5, b"virtual://"])
@@ -248,10 +248,10 @@ def test_a_drive_is_not_refused_for_an_old_error_and_not_left_running_for_a_new_
     mount.drive(100, 0)  # the run limit that waits to be told is not this drive's
     assert mount.status().y.moving
     mount.stop()
-    mount.link.port.world.bench.has_switches = True
+    mount.link.port.simulation.bench.has_switches = True
     mount.send("2XL3")
-    mount.link.port.world.bench.horizontal.screw_rev = 2.0
-    mount.link.port.world.bench.horizontal.shaft_rev = 2.0
+    mount.link.port.simulation.bench.horizontal.screw_rev = 2.0
+    mount.link.port.simulation.bench.horizontal.shaft_rev = 2.0
     with pytest.raises(errors.BoardError) as refusal:
         mount.drive(100, 255)
     assert refusal.value.code == 204
@@ -366,10 +366,10 @@ def test_an_old_error_is_not_taken_for_a_refusal(mount):
 
 
 def test_a_move_that_somebody_else_ends_is_not_called_done(mount):
-    mount.link.port.world.bench.has_switches = True
+    mount.link.port.simulation.bench.has_switches = True
     mount.ask("2XL3;XK?")
-    mount.link.port.world.bench.horizontal.screw_rev = 1.47
-    mount.link.port.world.bench.horizontal.shaft_rev = 1.47
+    mount.link.port.simulation.bench.horizontal.screw_rev = 1.47
+    mount.link.port.simulation.bench.horizontal.shaft_rev = 1.47
     with pytest.raises(errors.MoveEnded, match=r"end-stop .*of 20 steps .*204") as ended:
         mount.x.step(20)
     assert ended.value.reason == 4
@@ -463,7 +463,7 @@ def test_the_real_time_board_is_fed_by_itself_while_the_program_does_something_e
 def test_a_drv8833_board_moves_the_spot_too():
     with Mount.open("virtual://?speed=max&board=pico_drv8833") as mount:
         mount.x.step(5)
-        assert mount.link.port.world.bench.spot_mm()[0] > 5
+        assert mount.link.port.simulation.bench.spot_mm()[0] > 5
 
 
 @pytest.mark.parametrize(
@@ -494,7 +494,7 @@ def test_nothing_starts_in_a_block_after_a_stop_in_it(mount, start):
         with pytest.raises(errors.MoveEnded):
             starts[start]()
     mount.sleep(1)
-    assert mount.link.port.world.edges == []
+    assert mount.link.port.simulation.edges == []
 
 
 def test_without_feeding_a_motion_ends_by_its_keep_alive(mount):

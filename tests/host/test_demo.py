@@ -20,7 +20,7 @@ def bad(rows: dict[str, demo.Row]) -> set[str]:
 
 
 def bench(mount: Mount):
-    return mount.link.port.world.bench
+    return mount.link.port.simulation.bench
 
 
 def test_the_square_has_the_papers_figures():

@@ -17,7 +17,7 @@ def mount():
 
 
 def bench(mount: Mount):
-    return mount.link.port.world.bench
+    return mount.link.port.simulation.bench
 
 
 def run_to_the_end(mount: Mount, speed: float = 1.0) -> int:
@@ -37,13 +37,13 @@ def test_a_run_ends_at_the_switch_and_not_at_the_screws_end(mount):
 
 def test_into_the_switch_nothing_drives_and_out_of_it_everything(mount):
     run_to_the_end(mount)
-    edges = len(mount.link.port.world.edges)
+    edges = len(mount.link.port.simulation.edges)
     for into in (lambda: mount.x.step(1), lambda: mount.drive(0, 100)):
         with pytest.raises(errors.BoardError, match="204"):
             into()
     with pytest.raises(errors.BoardError, match="204"):
         mount.x.jog(1)
-    assert not [e for e in mount.link.port.world.edges[edges:] if e[1] == "m2_en" and e[2]]
+    assert not [e for e in mount.link.port.simulation.edges[edges:] if e[1] == "m2_en" and e[2]]
     mount.x.step(-8)
     assert mount.status().x.limits == 0
     mount.x.step(1)

@@ -4,8 +4,8 @@ import pytest
 
 from mirrormount.virtual import machines
 from mirrormount.virtual.files import new_files
-from mirrormount.virtual.lockstep import Stepped
-from mirrormount.virtual.simulation import World
+from mirrormount.virtual.lockstep import Lockstep
+from mirrormount.virtual.simulation import Simulation
 
 SECRET = "a-word-that-is-in-no-other-file"
 
@@ -17,8 +17,8 @@ def ask(tmp_path):
     root = tmp_path / "root"
     root.mkdir()
     new_files(root)
-    world = World(machines.micropython(root))
-    board = Stepped(world)
+    simulation = Simulation(machines.micropython(root))
+    board = Lockstep(simulation)
     board.boot()
     board.send(b"\x03\x03")
     board.run(100_000)
@@ -33,7 +33,7 @@ def ask(tmp_path):
         return bytes(board.received[2:]).decode()
 
     yield run
-    world.close()
+    simulation.close()
 
 
 HOST_MODULES = (

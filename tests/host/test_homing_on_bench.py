@@ -21,7 +21,7 @@ def mount():
 
 
 def bench(mount: Mount):
-    return mount.link.port.world.bench
+    return mount.link.port.simulation.bench
 
 
 def driven(mount: Mount) -> bool:
@@ -58,11 +58,11 @@ def test_an_end_stop_is_found_on_its_own_side(mount, direction):
 
 def test_without_a_switch_nothing_moves(mount):
     mount.apply({"x": {"switches": 0}})
-    edges = len(mount.link.port.world.edges)
+    edges = len(mount.link.port.simulation.edges)
     for seek in (mount.x.home, lambda: mount.x.find_end_stop(1)):
         with pytest.raises(errors.BoardError, match="235"):
             seek()
-    assert len(mount.link.port.world.edges) == edges
+    assert len(mount.link.port.simulation.edges) == edges
 
 
 def test_a_switch_that_is_never_reached_ends_homing_at_the_search_limit(mount):
@@ -76,12 +76,12 @@ def test_a_switch_that_is_never_reached_ends_homing_at_the_search_limit(mount):
 def test_a_move_beyond_a_soft_limit_is_refused_and_a_run_ends_there(mount):
     mount.x.zero()
     mount.x.limits = Limits(-5, 5)
-    edges = len(mount.link.port.world.edges)
+    edges = len(mount.link.port.simulation.edges)
     with pytest.raises(errors.BoardError, match="206"):
         mount.x.step(6)
     with pytest.raises(errors.BoardError, match="207"):
         mount.x.move_to(-6)
-    assert len(mount.link.port.world.edges) == edges
+    assert len(mount.link.port.simulation.edges) == edges
     mount.x.jog(1)
     assert mount.x.wait().reason == 5
     assert mount.x.position == pytest.approx(5, abs=0.5)

@@ -45,10 +45,10 @@ def test_an_interrupted_cell_stops_both_motors_at_once(interrupted, cell):
     mount = interrupted
     with pytest.raises(KeyboardInterrupt):
         cell(mount)
-    world = mount.link.port.world
-    assert not any(world.bench.duties().values())
+    simulation = mount.link.port.simulation
+    assert not any(simulation.bench.duties().values())
     assert mount.status().x.reason == 3
-    ons = [t for t, pin, duty in world.edges if pin == "m2_en" and duty]
+    ons = [t for t, pin, duty in simulation.edges if pin == "m2_en" and duty]
     assert len(ons) == 1, "another step began after the interrupt"
 
 
@@ -58,14 +58,14 @@ def test_an_interrupted_search_for_a_switch_stops_too(monkeypatch):
         monkeypatch.setattr(mount.link, "sleep", lambda seconds: (_ for _ in ()).throw(KeyboardInterrupt))
         with pytest.raises(KeyboardInterrupt):
             mount.x.home()
-        assert not any(mount.link.port.world.bench.duties().values())
+        assert not any(mount.link.port.simulation.bench.duties().values())
         assert not mount.status().moving
 
 
 def test_what_is_shown_is_the_last_status_with_its_age(mount):
     mount.x.step(3)
     mount.link.sleep(2.0)
-    edges = len(mount.link.port.world.edges)
+    edges = len(mount.link.port.simulation.edges)
     now = mount.link.monotonic()
     assert repr(mount.x) == "<Axis x: +3.000 steps (unknown), at rest, as it was 2.0 s ago>"
     assert repr(mount).startswith(f"<Mount {mount.identity}: x: +3.000 steps (unknown), at rest; y: +0.000 steps")
@@ -74,7 +74,7 @@ def test_what_is_shown_is_the_last_status_with_its_age(mount):
     mount._seen = None
     assert repr(mount.x) == "<Axis x: not seen yet>"
     assert mount.x._repr_html_() == html.escape(repr(mount.x))
-    assert len(mount.link.port.world.edges) == edges and mount.link.monotonic() - now < 1
+    assert len(mount.link.port.simulation.edges) == edges and mount.link.monotonic() - now < 1
 
 
 def test_what_is_shown_needs_no_board(board: ServedBoard):

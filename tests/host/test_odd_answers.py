@@ -7,7 +7,7 @@ import pytest
 
 from mirrormount.cli import main
 from mirrormount.device import mount
-from mirrormount.virtual.board import SteppedPort, open_virtual
+from mirrormount.virtual.board import LockstepPort, open_virtual
 
 ODD = (
     b"",
@@ -48,9 +48,9 @@ class OddPort:
 
     def __init__(self, odd: bytes | None, odd_at: int, *, stays: bool) -> None:
         port = open_virtual("virtual://?speed=max")
-        assert isinstance(port, SteppedPort)
+        assert isinstance(port, LockstepPort)
         self._port, self._odd, self._odd_at, self._stays = port, odd, odd_at, stays
-        self.world, self.monotonic, self.sleep = port.world, port.monotonic, port.sleep
+        self.simulation, self.monotonic, self.sleep = port.simulation, port.monotonic, port.sleep
         self._part = b""
         self._answers = 0
         self.sent = b""
@@ -73,7 +73,7 @@ class OddPort:
         return self._odd + b"\r\n"
 
     def close(self) -> None:
-        self.left_on = [pin for pin, duty in self.world.bench.duties().items() if pin.endswith("_en") and duty]
+        self.left_on = [pin for pin, duty in self.simulation.bench.duties().items() if pin.endswith("_en") and duty]
         self._port.close()
 
 

@@ -17,21 +17,21 @@ from mirrormount.common.errors import REASONS, EmulatorMissing
 from mirrormount.transport.link import Link, SerialPort
 from mirrormount.virtual import machines
 from mirrormount.virtual.bench import SWITCH_REV
-from mirrormount.virtual.board import Options, make_world
+from mirrormount.virtual.board import Options, make_simulation
 from mirrormount.virtual.files import new_files
-from mirrormount.virtual.lockstep import Stepped
+from mirrormount.virtual.lockstep import Lockstep
 
 README = Path(__file__).parent.parent.parent / "README.md"
 STEP_US = 200_000
 PROMPT = b"\r\n>>> "
 
 
-class Prompt(Stepped):
+class Prompt(Lockstep):
     """A board in lockstep, its firmware interrupted, somebody at its prompt."""
 
     def __init__(self) -> None:
-        super().__init__(make_world(Options(machine="micropython")))
-        self.bench = self.world.bench
+        super().__init__(make_simulation(Options(machine="micropython")))
+        self.bench = self.simulation.bench
         self.run(1_000_000)
 
     def interrupt(self) -> str:
@@ -48,7 +48,7 @@ class Prompt(Stepped):
 
     def begin(self, line: str) -> None:
         """Type a line; returns when the board has taken it in."""
-        self.world.edges.clear()
+        self.simulation.edges.clear()
         self.send(line.encode() + b"\r")
         echo = line.encode() + b"\r\n"
         assert self.run(1_000_000, lambda: echo in self.received)
@@ -71,7 +71,7 @@ class Prompt(Stepped):
     def pulses(self) -> list[tuple[str, int, int, int]]:
         """Each drive since the last line: the leg that was high, the duty, from, to."""
         level, since, out = {}, {}, []
-        for us, pin, duty in self.world.edges:
+        for us, pin, duty in self.simulation.edges:
             motor = pin[:2]
             if pin.endswith("_en") and duty:
                 legs = [leg for leg in (f"{motor}_pos", f"{motor}_neg") if level.get(leg)]
@@ -96,7 +96,7 @@ def boards() -> Iterator[Prompt]:
     except EmulatorMissing as e:
         pytest.skip(str(e))
     yield board
-    board.world.close()
+    board.simulation.close()
 
 
 def prompts() -> Iterator[Prompt]:
@@ -157,9 +157,9 @@ def test_ctrl_c_at_any_moment_of_a_pulse_turns_the_motors_off_and_leaves_a_promp
     for at_us in MOMENTS_US:
         prompt.begin("m.x.step(3)")
         assert prompt.run(1_000_000, prompt.driving)
-        start_us = next(us for us, pin, duty in prompt.world.edges if pin == "m2_en" and duty)
-        prompt.run(start_us + at_us - prompt.world.us)
-        sent_us = prompt.world.us
+        start_us = next(us for us, pin, duty in prompt.simulation.edges if pin == "m2_en" and duty)
+        prompt.run(start_us + at_us - prompt.simulation.us)
+        sent_us = prompt.simulation.us
         prompt.send(keys)
         assert prompt.run(2_000, lambda: not prompt.driving()), f"still driving after Ctrl-C at {at_us} us"
         assert "KeyboardInterrupt" in prompt.answer()
@@ -253,7 +253,7 @@ def test_an_end_stop_of_one_axis_ends_the_drive_of_both(prompt):
 def test_wrong_arguments_move_nothing_and_say_why(lasting_prompt, line):
     said = lasting_prompt.refused(line)
     assert said.startswith("ValueError: ") and len(said) < 100
-    assert lasting_prompt.world.edges == []
+    assert lasting_prompt.simulation.edges == []
 
 
 def test_it_goes_on_where_the_firmware_was(board):
@@ -313,7 +313,7 @@ def test_it_needs_no_firmware_that_has_run(board):
 
 def test_what_is_typed_ahead_waits_for_its_turn(prompt):
     prompt.send(b"m.x.step(2)\rm.y.step(1)\r")
-    prompt.world.edges.clear()
+    prompt.simulation.edges.clear()
     assert prompt.run(5_000_000, lambda: prompt.received.count(b">>> ") == 2)
     assert [leg for leg, *_ in prompt.pulses()] == ["m2_pos", "m2_pos", "m1_pos"]
 

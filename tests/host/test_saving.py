@@ -8,13 +8,13 @@ import pytest
 from test_repl import PROMPT
 
 from mirrormount.common.errors import EmulatorMissing
-from mirrormount.virtual.board import Options, make_world
+from mirrormount.virtual.board import Options, make_simulation
 from mirrormount.virtual.files import new_files
-from mirrormount.virtual.lockstep import Stepped
+from mirrormount.virtual.lockstep import Lockstep
 from mirrormount.virtual.simulation import START_US
 
 RECORDED_US = 10_500_000
-SWITCHED_ON = Callable[[], Stepped]
+SWITCHED_ON = Callable[[], Lockstep]
 
 
 @pytest.fixture(params=["cpython", "micropython"])
@@ -30,13 +30,13 @@ def files(tmp_path) -> Path:
 @pytest.fixture
 def switch_on(machine, files) -> Iterator[SWITCHED_ON]:
     """A board that has just started; the one before it loses its power."""
-    boards: list[Stepped] = []
+    boards: list[Lockstep] = []
 
-    def on() -> Stepped:
+    def on() -> Lockstep:
         if boards:
-            boards.pop().world.close()
+            boards.pop().simulation.close()
         try:
-            boards.append(Stepped(make_world(Options(machine=machine, files=files))))
+            boards.append(Lockstep(make_simulation(Options(machine=machine, files=files))))
         except EmulatorMissing as e:
             pytest.skip(str(e))
         boards[0].boot()
@@ -44,10 +44,10 @@ def switch_on(machine, files) -> Iterator[SWITCHED_ON]:
 
     yield on
     for board in boards:
-        board.world.close()
+        board.simulation.close()
 
 
-def ask(board: Stepped, line: bytes) -> bytes:
+def ask(board: Lockstep, line: bytes) -> bytes:
     board.received.clear()
     board.send(line)
     assert board.run(1_000_000, lambda: b"\n" in board.received)
@@ -73,7 +73,7 @@ def test_settings_that_cannot_be_read_are_damaged_ones(switch_on, files):
     assert ask(switch_on(), b"TE?;TE?;1XP?\n") == b"63; 0; 200000\r\n"
 
 
-def say(board: Stepped, line: str) -> str:
+def say(board: Lockstep, line: str) -> str:
     """Type a line at the prompt; its answer."""
     board.received.clear()
     board.send(line.encode() + b"\r")
@@ -98,11 +98,11 @@ def test_at_the_prompt_the_record_is_gone_before_the_first_pin_rises(switch_on, 
     say(board, REMEMBER_WHEN)
     say(board, "os.chdir('mountfw')")  # whatever somebody does there
     assert (files / "mountfw.position").exists()
-    board.world.edges.clear()
+    board.simulation.edges.clear()
     assert "Error" not in say(board, line)
     (gone_ticks,) = re.findall(r"\[(\d+)\]", say(board, "gone"))
     gone_us = (int(gone_ticks) - START_US) % (1 << 30)
-    rises = [us for us, _, duty in board.world.edges if duty]
+    rises = [us for us, _, duty in board.simulation.edges if duty]
     assert rises and gone_us < rises[0]
     assert not (files / "mountfw.position").exists()
     assert ask(switch_on(), b"XS?\n").split(b",")[-1] == b"0\r\n"

@@ -41,7 +41,7 @@ class Person:
         distance_mm: float = 0,
         wires_swapped: bool = False,
     ) -> None:
-        self.bench = mount.link.port.world.bench
+        self.bench = mount.link.port.simulation.bench
         self.answers = answers or {}
         self.spot = self.bench.spot_mm()
         self.said: list[str] = []
@@ -109,7 +109,7 @@ def test_the_scale_that_setup_finds_is_that_of_the_mirror(mount):
     set_up(mount, {"Steps from": [""]}, distance_mm=SCREEN_MM)
     for axis, train in ((mount.x, "horizontal"), (mount.y, "vertical")):
         scale = calibration.read(mount.board_id, axis.number)
-        mirror = getattr(mount.link.port.world.bench, train)
+        mirror = getattr(mount.link.port.simulation.bench, train)
         axis.step(5)
         before = mirror_mrad(mirror)
         axis.step(20)
@@ -121,7 +121,7 @@ def test_the_scale_that_setup_finds_is_that_of_the_mirror(mount):
 
 
 def test_the_take_up_that_setup_finds_closes_the_gap_of_a_turn(mount):
-    train = mount.link.port.world.bench.horizontal
+    train = mount.link.port.simulation.bench.horizontal
 
     def lost_in_a_turn() -> float:
         mount.x.step(8)
@@ -152,9 +152,9 @@ def test_an_axis_that_goes_the_wrong_way_is_inverted_and_looked_at_again(mount):
     person = set_up(mount)
     assert mount.settings()["y"]["inverted"] == 0
     assert sum("Which way" in question for question in person.asked) == 3
-    before = mount.link.port.world.bench.spot_mm()[1]
+    before = mount.link.port.simulation.bench.spot_mm()[1]
     mount.y.step(5)
-    assert mount.link.port.world.bench.spot_mm()[1] > before + 5
+    assert mount.link.port.simulation.bench.spot_mm()[1] > before + 5
 
 
 def test_exchanged_motors_are_told_with_what_to_do(mount):
@@ -164,7 +164,7 @@ def test_exchanged_motors_are_told_with_what_to_do(mount):
 
 
 def test_an_axis_that_never_moves_the_spot_ends_setup_after_three_tries(mount):
-    edges = mount.link.port.world.edges
+    edges = mount.link.port.simulation.edges
     with pytest.raises(errors.SetupEnded, match="motor supply"):
         set_up(mount, {"Which way": ["nothing"] * 3})
     assert len([e for e in edges if e[1] == "m2_en" and e[2]]) == 5 + 10 + 20
@@ -182,7 +182,7 @@ def test_a_switch_that_is_never_seen_is_not_called_fitted(mount):
 
 
 def test_a_switch_on_an_inverted_axis_is_fitted_at_the_input_that_it_is_on(mount):
-    train = mount.link.port.world.bench.horizontal
+    train = mount.link.port.simulation.bench.horizontal
     train.lever_mm = -train.lever_mm  # the screw pushes from the other side: positive is left
     set_up(mount, {"End-stop switches on x": ["left"], "Press the left": [""] * 3 + ["skip"]})
     assert mount.settings()["x"]["inverted"] == 1
@@ -218,7 +218,7 @@ def test_ctrl_c_leaves_the_motors_off_and_nothing_changed(mount):
         run(mount, person, person.say)
     assert "nothing was saved" in person.said[-1]
     assert mount.settings() == before
-    assert not any(mount.link.port.world.bench.duties().values())
+    assert not any(mount.link.port.simulation.bench.duties().values())
 
 
 def test_a_no_at_the_end_saves_nothing(mount):
@@ -233,7 +233,7 @@ def test_a_damaged_calibration_file_is_told_before_anything_moves(mount):
     calibration.path().write_text("x = = 3")
     with pytest.raises(errors.BadFile, match="line 1"):
         set_up(mount)
-    assert not [e for e in mount.link.port.world.edges if e[1].endswith("_en") and e[2]]
+    assert not [e for e in mount.link.port.simulation.edges if e[1].endswith("_en") and e[2]]
     assert calibration.path().read_text() == "x = = 3"
 
 

@@ -20,8 +20,8 @@ from mirrormount.device.identify import identify
 from mirrormount.transport.link import Link
 from mirrormount.transport.telnet import GREETING
 from mirrormount.virtual import machines
-from mirrormount.virtual.lockstep import Stepped
-from mirrormount.virtual.simulation import World
+from mirrormount.virtual.lockstep import Lockstep
+from mirrormount.virtual.simulation import Simulation
 
 
 @contextmanager
@@ -112,26 +112,26 @@ class Board:
 
     def __init__(self, **options) -> None:
         scratch = TemporaryDirectory()
-        self.world = World(machines.cpython(Path(scratch.name), **options), scratch=scratch)
-        self.stepped = Stepped(self.world)
+        self.simulation = Simulation(machines.cpython(Path(scratch.name), **options), scratch=scratch)
+        self.lockstep = Lockstep(self.simulation)
 
     def monotonic(self) -> float:
-        return self.world.now_us * 1e-6
+        return self.simulation.now_us * 1e-6
 
     def sleep(self, seconds: float) -> None:
-        self.stepped.run(round(seconds * 1e6))
+        self.lockstep.run(round(seconds * 1e6))
 
     def read(self, timeout_s: float) -> bytes:
-        self.stepped.run(round(timeout_s * 1e6), lambda: bool(self.stepped.received))
-        data = bytes(self.stepped.received)
-        self.stepped.received.clear()
+        self.lockstep.run(round(timeout_s * 1e6), lambda: bool(self.lockstep.received))
+        data = bytes(self.lockstep.received)
+        self.lockstep.received.clear()
         return data
 
     def write(self, data: bytes) -> None:
-        self.stepped.send(data)
+        self.lockstep.send(data)
 
     def close(self) -> None:
-        self.world.close()
+        self.simulation.close()
 
 
 def test_micropython_without_the_firmware_says_so(tmp_path: Path):
@@ -162,12 +162,12 @@ def test_a_board_without_a_board_file_names_the_file_to_write():
 def test_ctrl_c_twice_in_a_pulse_leaves_the_motors_off(at_us):
     board = Board()
     board.write(b"1PR5;2MV-\n")
-    board.stepped.run(50_000 + at_us)
-    assert board.world.bench.drive("m2") == -1
+    board.lockstep.run(50_000 + at_us)
+    assert board.simulation.bench.drive("m2") == -1
     board.write(b"\x03\x03")
-    board.stepped.run(5_000)
-    assert board.world.bench.drive("m1") is None
-    assert board.world.bench.drive("m2") is None
+    board.lockstep.run(5_000)
+    assert board.simulation.bench.drive("m1") is None
+    assert board.simulation.bench.drive("m2") is None
     board.close()
 
 
@@ -271,5 +271,5 @@ def test_a_file_called_this_goes_before_the_boards_own(tmp_path: Path):
     board = Board(firmware=tmp_path)
     board.write(b"0100-255")
     board.sleep(0.1)
-    assert {(pin, duty) for _, pin, duty in board.world.edges} == {("m1_pos", 100 * 257), ("m2_neg", 65535)}
+    assert {(pin, duty) for _, pin, duty in board.simulation.edges} == {("m1_pos", 100 * 257), ("m2_neg", 65535)}
     board.close()

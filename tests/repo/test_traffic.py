@@ -4,16 +4,16 @@ import re
 from fnmatch import fnmatchcase
 from pathlib import Path
 
-from mirrormount.virtual.board import make_world
-from mirrormount.virtual.lockstep import Stepped
+from mirrormount.virtual.board import make_simulation
+from mirrormount.virtual.lockstep import Lockstep
 
 PROTOCOL = Path(__file__).parent.parent.parent / "docs" / "protocol.md"
 
 
 def test_the_documents_traffic_is_real():
     (block,) = re.findall(r"```traffic\n(.*?)```", PROTOCOL.read_text(), re.DOTALL)
-    world = make_world()
-    board = Stepped(world)
+    simulation = make_simulation()
+    board = Lockstep(simulation)
     board.run(100_000)
     played = 0
     try:
@@ -30,5 +30,5 @@ def test_the_documents_traffic_is_real():
                 assert line.startswith("< ") and fnmatchcase(answer, line[2:]), (text, answer, line)
             played += 1
     finally:
-        world.close()
+        simulation.close()
     assert played >= 10

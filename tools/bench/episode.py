@@ -170,7 +170,7 @@ class Episode:
         kind = random.choice(("!", "zeros"))
         stop = b"00000000" if kind == "zeros" else random.choice((b"!", b"!\n"))
         at_once = random.random() < 0.3  # something else comes right behind it
-        high = [pin for pin in ENABLES if self._board.world.bench.duties()[pin]]
+        high = [pin for pin in ENABLES if self._board.simulation.bench.duties()[pin]]
         ahead_us = max(0, self._taken_us - self._board.us)
         self._tally.stops[kind] += 1
         landed_us = self._give(stop + (b"\n0255-255" if at_once else b""))
@@ -202,10 +202,10 @@ class Episode:
     def _closed(self) -> None:
         """The port is closed and opened again; what is under way goes on."""
         self._fault("port closed")
-        self._board.world.opened(False)
+        self._board.simulation.opened(False)
         self._run(self._random.choice((1_000, 50_000, 700_000)))
         self._note("port opened")
-        self._board.world.opened(True)
+        self._board.simulation.opened(True)
 
     def _cut_off(self) -> None:
         """A keep-alive, a motion, and a host that is gone: it must end by itself."""
@@ -214,7 +214,7 @@ class Episode:
         landed_us = self._give(b"XK%d;1MV+;2MV-\n" % keep_ms)
         self._fault("host cut off")
         self._board.hear(False)
-        self._board.world.opened(False)
+        self._board.simulation.opened(False)
         self._run(keep_ms * 1000 + 50_000)
         late_us = last_fall_us(self._board.edges, landed_us) - landed_us - keep_ms * 1000
         if not self._board.off() or late_us > _KEEP_ALIVE_LATE_US:
@@ -223,7 +223,7 @@ class Episode:
 
     def _switch(self) -> None:
         """The wire of an end-stop breaks, or is whole again."""
-        broken = self._board.world.bench.broken
+        broken = self._board.simulation.bench.broken
         if broken and self._random.random() < 0.5:
             self._fault("end-stop wire mended")
             broken.discard(self._random.choice(sorted(broken)))
@@ -260,7 +260,7 @@ class Episode:
         elif move.end.name in (HIT, SILENCE):
             self._fault(move.end.name)
         if move.end.name == HIT:
-            self._board.world.bench.broken.add(f"m{move.axis}_sw_{'pos' if move.way > 0 else 'neg'}")
+            self._board.simulation.bench.broken.add(f"m{move.axis}_sw_{'pos' if move.way > 0 else 'neg'}")
         self._run(move.end.wait_us)
         reason, done, counted_us = self._numbers(f"{move.axis}XE?")
         pin_us = on_times_us(self._board.edges, f"m{move.axis}_en")
@@ -310,7 +310,7 @@ class Episode:
 
     def _place(self, vertical: float, horizontal: float) -> None:
         """Put the screws somewhere, in revolutions."""
-        bench = self._board.world.bench
+        bench = self._board.simulation.bench
         for train, rev in ((bench.vertical, vertical), (bench.horizontal, horizontal)):
             train.screw_rev = train.shaft_rev = rev
             train.rev_s = 0.0
@@ -319,8 +319,8 @@ class Episode:
         """Host and motors at rest, everything answered. may_say: the errors that may wait; None: any. Raises Hung."""
         self._note("at rest")
         self._board.hear(True)
-        self._board.world.opened(True)
-        self._board.world.bench.broken.clear()
+        self._board.simulation.opened(True)
+        self._board.simulation.bench.broken.clear()
         self._give(b"!\n")
         if not self._board.catch_up():
             self._violated("the board does not answer any more")

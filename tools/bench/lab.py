@@ -17,9 +17,9 @@ from typing import Self
 
 from mirrormount.deploy import fileset
 from mirrormount.virtual import emulator
-from mirrormount.virtual.board import Options, make_world
-from mirrormount.virtual.lockstep import Stepped
-from mirrormount.virtual.simulation import World
+from mirrormount.virtual.board import Options, make_simulation
+from mirrormount.virtual.lockstep import Lockstep
+from mirrormount.virtual.simulation import Simulation
 
 ENABLES = ("m1_en", "m2_en")
 LOST = math.inf  # what never happened
@@ -67,39 +67,39 @@ def on_times_us(edges: list[Edge], pin: str) -> list[int]:
     return times
 
 
-class Board(Stepped):
+class Board(Lockstep):
     """A board that has started. deaf: its host does not read."""
 
-    def __init__(self, world: World) -> None:
-        super().__init__(world)
+    def __init__(self, simulation: Simulation) -> None:
+        super().__init__(simulation)
         self.deaf = False
         self._asked = 0
 
     def hear(self, reads: bool) -> None:
         """Let the host read what the board sends, or stop reading."""
         self.deaf = not reads
-        self.world.collects(reads)
+        self.simulation.collects(reads)
 
     @property
     def us(self) -> int:
         """Now."""
-        return self.world.us
+        return self.simulation.us
 
     @property
     def edges(self) -> list[Edge]:
         """All edges since forget()."""
-        return self.world.edges
+        return self.simulation.edges
 
     def forget(self) -> None:
         """Drop the edges so far, and what was received."""
-        self.world.edges.clear()
+        self.simulation.edges.clear()
         self.received.clear()
 
     def give(self, data: bytes) -> int:
         """Hand bytes to the board's USB host now, all at once. Returns when that is: the time of landing."""
         landed_us = self.us
-        self.world.go(self.world.now_us, 1, data)
-        self._wants_us = self.world.next_wait()
+        self.simulation.go(self.simulation.now_us, 1, data)
+        self._wants_us = self.simulation.next_wait()
         return landed_us
 
     def until_us(self, us: int) -> None:
@@ -108,7 +108,7 @@ class Board(Stepped):
 
     def off(self) -> bool:
         """Both enables low."""
-        duties = self.world.bench.duties()
+        duties = self.simulation.bench.duties()
         return not (duties["m1_en"] or duties["m2_en"])
 
     def catch_up(self, patience_us: int = _PATIENCE_US) -> bool:
@@ -137,10 +137,10 @@ class Board(Stepped):
         """As clear(), but by a reset if what is still to be obeyed and answered would take long: settings go."""
         self.give(b"!\n")
         if self.deaf or not self.catch_up(_SHORTLY_US):
-            self.world.reset(power=False)
-            self.world.lit = False
+            self.simulation.reset(power=False)
+            self.simulation.lit = False
             self.boot()
-            self.run(_PATIENCE_US, lambda: self.world.usb)
+            self.run(_PATIENCE_US, lambda: self.simulation.usb)
             self.catch_up()
         self.forget()
 
@@ -183,7 +183,7 @@ class Lab:
 
     def __exit__(self, *_exception: object) -> None:
         for board in self._boards:
-            board.world.close()
+            board.simulation.close()
         self._folder.cleanup()
 
     def board(self, *, source: bool = False, switches: bool = False) -> Board:
@@ -192,7 +192,7 @@ class Lab:
         flash = Path(self._folder.name) / f"{len(self._boards)}.bin"
         shutil.copyfile(emulator.flash_with_firmware(self._image, files), flash)
         bench = "switches" if switches else "paper"
-        board = Board(make_world(Options(machine="rp2040", image=self._image, flash=flash, bench=bench)))
+        board = Board(make_simulation(Options(machine="rp2040", image=self._image, flash=flash, bench=bench)))
         self._boards.append(board)
         board.clear()
         return board

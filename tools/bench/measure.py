@@ -150,7 +150,7 @@ def stop_in_a_pulse(lab: Lab) -> list[float]:
         pulse_us = random.choice((5_000, 20_000, 100_000))
         board.do(b"1XP%d\n" % pulse_us)
         board.give(b"1PR1;2PR-1\n")
-        board.run(1_000_000, lambda: all(board.world.bench.duties()[pin] for pin in ENABLES))
+        board.run(1_000_000, lambda: all(board.simulation.bench.duties()[pin] for pin in ENABLES))
         began_us = min(us for us, pin, duty in board.edges if pin in ENABLES and duty)
         after_us = random.randrange(190_000) if trial % 2 else pulse_us + random.randrange(-400, 400)
         board.until_us(began_us + after_us)
@@ -250,11 +250,11 @@ def end_stop(lab: Lab, *, pulse: bool, polled: bool = False) -> list[float]:
         board.run(1_000_000, lambda: not board.off())
         board.run(random.randrange(1_000, 190_000 if pulse else 40_000))
         edge_us = board.us
-        board.world.bench.broken.add(f"m{axis}_sw_{'pos' if forward else 'neg'}")
+        board.simulation.bench.broken.add(f"m{axis}_sw_{'pos' if forward else 'neg'}")
         board.run(20_000)
         off_us = last_fall_us(board.edges, edge_us, (f"m{axis}_en",)) if board.off() else LOST
         times.append((off_us - edge_us) / 1000)
-        board.world.bench.broken.clear()
+        board.simulation.bench.broken.clear()
         board.clear()
     return times
 
@@ -268,12 +268,12 @@ def keep_alive(lab: Lab, *, start: bytes) -> list[float]:
         board.run(600_000 + random.randrange(IDLE_US))  # a pulse that was cut is followed by its rest
         landed_us = board.give(b"XK%d" % (KEEP_ALIVE_US // 1000) + start)
         board.hear(trial % 3 == 2)  # killed: the system goes on reading
-        board.world.opened(trial % 3 == 1)  # frozen: the port stays open
+        board.simulation.opened(trial % 3 == 1)  # frozen: the port stays open
         board.run(KEEP_ALIVE_US + 100_000)
         off_us = last_fall_us(board.edges, landed_us) if board.off() else LOST
         times.append((off_us - landed_us - KEEP_ALIVE_US) / 1000)
         board.hear(True)
-        board.world.opened(True)
+        board.simulation.opened(True)
         board.clear()
     return times
 
@@ -304,9 +304,9 @@ def reset_to_answer(lab: Lab, *, source: bool) -> list[float]:
         board.run(random.randrange(IDLE_US))
         board.forget()
         start_us = board.us
-        board.world.reset(power=False)
+        board.simulation.reset(power=False)
         board.run(2_000)
-        board.run(10_000_000, lambda: board.world.usb)
+        board.run(10_000_000, lambda: board.simulation.usb)
         while b"mirrormount," not in board.received and board.us < start_us + 10_000_000:
             board.give(b"\n*IDN?\n")
             board.run(20_000, lambda: b"mirrormount," in board.received)

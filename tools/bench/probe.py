@@ -54,7 +54,7 @@ finally:
 
 def start_probe(board: Board) -> None:
     """Start the firmware anew, with the probe. The board is at its prompt for a moment."""
-    board.world.probes[_GPIO] = PASS
+    board.simulation.probes[_GPIO] = PASS
     _start(board, _PROGRAM % _GPIO)
 
 
@@ -65,7 +65,7 @@ def start_polled(board: Board) -> None:
 
 def _start(board: Board, program: str) -> None:
     RawPrompt(board)
-    board.world.lit = False
+    board.simulation.lit = False
     board.give(program.encode() + b"\x04")
     board.boot()
     board.clear()

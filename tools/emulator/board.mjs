@@ -16,7 +16,7 @@ export class Board {
     this.onByte = onByte;
     this.onUsb = onUsb;
     this.flash = new SpiFlash(onFlash);
-    this.driven = new Array(PINS).fill(null); // by the world: null, 0 or 1
+    this.driven = new Array(PINS).fill(null); // by the simulation: null, 0 or 1
     this.baseNs = 0; // before the last reset
     this.mcu = null;
     this.pending = null; // a reset that was asked for
@@ -73,7 +73,7 @@ export class Board {
       });
     });
   }
-  level(i) { // what an input reads: the world's drive, else the pin's own output, else its pull
+  level(i) { // what an input reads: the simulation's drive, else the pin's own output, else its pull
     const gpio = this.mcu.gpio[i];
     const own = gpio.outputEnable && !gpio.outputDisable ? gpio.outputValue : null;
     const value = this.driven[i] ?? own ?? (gpio.pullupEnabled ? 1 : 0);

@@ -99,6 +99,6 @@ process.stdin.on('data', data => {
   input = input.subarray(o);
 });
 process.stdin.on('end', () => { save(); process.exit(0); });
-process.stdout.on('error', () => process.exit(0)); // its world was killed
+process.stdout.on('error', () => process.exit(0)); // its simulation was killed
 process.on('SIGINT', () => {}); // Ctrl-C in a terminal is the host's
 wait();

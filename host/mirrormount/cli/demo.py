@@ -87,7 +87,7 @@ def run(address: str, output: Path) -> None:
             f"\nThe same, and the board takes up the backlash: XB {x_us / 1000:.0f} and {y_us / 1000:.0f} ms of drive."
         )
         closed = square(mount, progress=_progress)
-        seconds = mount.link.port.world.us * 1e-6  # type: ignore[attr-defined]
+        seconds = mount.link.port.simulation.us * 1e-6  # type: ignore[attr-defined]
     closures = closure(closed[0])
     print_closures(closures)
     draw(corners, trail, pictures, rows, closed, closures, output)
@@ -111,11 +111,11 @@ def take_up(mount: Mount, rows: list[Row]) -> tuple[int, int]:
 
 def square(mount: Mount, progress=lambda text: None):
     """Drive the square. Returns the five corners and the trail as centroids in mm, and the five pictures."""
-    world = mount.link.port.world  # type: ignore[attr-defined]
+    simulation = mount.link.port.simulation  # type: ignore[attr-defined]
     noise = np.random.default_rng(7)
 
     def look() -> tuple[tuple[float, float], np.ndarray]:
-        picture = VIEW.picture(world.bench.spot_mm(), noise)
+        picture = VIEW.picture(simulation.bench.spot_mm(), noise)
         spot = VIEW.centroid(picture)
         if spot is None:
             raise DemoFailed("no spot on the screen")

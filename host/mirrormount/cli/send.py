@@ -55,7 +55,7 @@ def start(mount: Mount, line: str) -> None:
     Its only bounds are the board's limits, and a keep-alive that the line sets. Raises as run() does; then, and
     when it is interrupted, both motors are stopped.
     """
-    if hasattr(mount.link.port, "world"):
+    if hasattr(mount.link.port, "simulation"):
         raise BadValue("this virtual board ends with this program, and its motion too: leave --no-wait out")
     _begin(line)
     try:

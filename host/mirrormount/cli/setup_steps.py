@@ -88,9 +88,9 @@ def scale(
 def _step(mount: Mount, axis: Axis, n: int, talk: Dialogue) -> None:
     talk.say(f"{axis.name}: {abs(n)} steps {WAYS[axis.name][0 if n > 0 else 1]} …")
     axis.step(n)
-    world = getattr(mount.link.port, "world", None)
-    if world:  # a virtual board in this process: nobody sees its screen
-        right, up = world.bench.spot_mm()
+    simulation = getattr(mount.link.port, "simulation", None)
+    if simulation:  # a virtual board in this process: nobody sees its screen
+        right, up = simulation.bench.spot_mm()
         talk.say(f"  (virtual screen: the spot is at {right:.1f} mm right, {up:.1f} mm up)")
 
 

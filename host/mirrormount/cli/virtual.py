@@ -9,7 +9,7 @@ from types import FrameType
 
 from mirrormount.common.errors import BadAddress, BadValue, MountError
 from mirrormount.common.validation import digits
-from mirrormount.virtual.board import Options, make_world
+from mirrormount.virtual.board import Options, make_simulation
 from mirrormount.virtual.ports import Port, PtyPort, TcpPort
 from mirrormount.virtual.realtime import serve
 from mirrormount.virtual.simulation import BoardGone
@@ -28,16 +28,16 @@ def run(args: argparse.Namespace) -> None:
     ports = _ports(args)
     try:
         names = ("machine", "bench", "board", "edges", "files", "image", "flash")
-        world = make_world(Options(**{name: getattr(args, name) for name in names}))
+        simulation = make_simulation(Options(**{name: getattr(args, name) for name in names}))
         try:
             print("ready " + " ".join(port.address for port in ports), flush=True)
-            serve(world, ports, lambda: False)
+            serve(simulation, ports, lambda: False)
         except BoardGone:
             raise MountError("the virtual board's firmware has ended unexpectedly") from None
         except (KeyboardInterrupt, SystemExit):
             pass
         finally:
-            world.close()
+            simulation.close()
     finally:
         for port in ports:
             port.close()

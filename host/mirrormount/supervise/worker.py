@@ -176,8 +176,8 @@ class Pilot:
 
     def spot_mm(self) -> tuple[float, float] | None:
         """Where the spot is on a virtual board's screen: (right, up) in mm. None with a real board."""
-        world = getattr(self.port, "world", None)
-        return world.bench.spot_mm() if world and self.mount else None
+        simulation = getattr(self.port, "simulation", None)
+        return simulation.bench.spot_mm() if simulation and self.mount else None
 
     def mrad_text(self, name: str, steps: float) -> str:
         """A position in mrad of the mirror; "" where no scale is known."""

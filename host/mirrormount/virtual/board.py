@@ -21,10 +21,10 @@ from mirrormount.virtual import machines
 from mirrormount.virtual.bench import Bench
 from mirrormount.virtual.files import new_files
 from mirrormount.virtual.image import is_circuitpython
-from mirrormount.virtual.lockstep import Stepped
+from mirrormount.virtual.lockstep import Lockstep
 from mirrormount.virtual.ports import PairPort
 from mirrormount.virtual.realtime import serve
-from mirrormount.virtual.simulation import BoardGone, World
+from mirrormount.virtual.simulation import BoardGone, Simulation
 
 _MOST_SEED = (1 << 32) - 1
 _CIRCUITPYTHON_US = 6_000_000  # until the firmware is ready on it; its LED shows other things before that
@@ -67,7 +67,7 @@ class Options:
             raise BadAddress("the rp2040 machine keeps its files in its flash: flash=FILE (--flash), not files")
 
 
-def make_world(options: Options | None = None) -> World:
+def make_simulation(options: Options | None = None) -> Simulation:
     """A virtual board that has just been switched on. Raises BadAddress, EmulatorMissing, CannotOpen."""
     options = options or Options()
     options.check()
@@ -98,22 +98,22 @@ def make_world(options: Options | None = None) -> World:
     except OSError as e:
         raise BadAddress(f"cannot write pin edges to {options.edges}: {e.strerror}") from e
     optics = Bench(switches=options.bench == "switches", two_pwm=options.board == "pico_drv8833", seed=options.seed)
-    world = World(command, optics, edges=file, scratch=scratch)
+    simulation = Simulation(command, optics, edges=file, scratch=scratch)
     if options.machine == "rp2040":  # a real image takes its time to start; nobody waits for it in real time
-        board = Stepped(world)
+        board = Lockstep(simulation)
         try:
             if options.image and is_circuitpython(options.image):
                 board.run(_CIRCUITPYTHON_US)
             else:
                 board.boot()
         except BoardGone:
-            world.close()
+            simulation.close()
             image = options.image or "its image"
             raise CannotOpen(f"the virtual board has ended at its start: {image} does not run on it") from None
-    return world
+    return simulation
 
 
-def open_virtual(url: str) -> "LivePort | SteppedPort":
+def open_virtual(url: str) -> "RealtimePort | LockstepPort":
     """A port (see mirrormount.transport.link) on a new virtual board. Raises BadAddress for an option it has not."""
     given = dict(parse_qsl(url.removeprefix("virtual://").removeprefix("?"), keep_blank_values=True))
     speed = given.pop("speed", "1")
@@ -129,24 +129,24 @@ def open_virtual(url: str) -> "LivePort | SteppedPort":
             f"{printable(url)}: options are speed=1|max, machine=, bench=, board=, seed=NUMBER, edges=, files=, image=,"
             " flash="
         )
-    world = make_world(replace(Options(seed=number), **texts, **paths))
-    return SteppedPort(world) if speed == "max" else LivePort(world)
+    simulation = make_simulation(replace(Options(seed=number), **texts, **paths))
+    return LockstepPort(simulation) if speed == "max" else RealtimePort(simulation)
 
 
-class LivePort(SocketPort):
+class RealtimePort(SocketPort):
     """A virtual board in a thread, in real time."""
 
-    def __init__(self, world: World) -> None:
+    def __init__(self, simulation: Simulation) -> None:
         ours, theirs = socket.socketpair()
         super().__init__(ours, "the virtual board")
-        self.world = world
+        self.simulation = simulation
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._live, args=(PairPort(theirs),), name="virtual board", daemon=True)
         self._thread.start()
 
     def _live(self, port: PairPort) -> None:
         try:
-            serve(self.world, [port], self._stopping.is_set)
+            serve(self.simulation, [port], self._stopping.is_set)
         except (BoardGone, MountError):
             pass  # whoever talks to it sees that it has gone
         finally:
@@ -157,21 +157,21 @@ class LivePort(SocketPort):
         self._stopping.set()
         super().close()
         self._thread.join(5)
-        self.world.close()
+        self.simulation.close()
 
 
-class SteppedPort:
+class LockstepPort:
     """A virtual board whose time passes only while somebody reads or sleeps."""
 
     lockstep = True
 
-    def __init__(self, world: World) -> None:
-        self.world = world
-        self._stepped = Stepped(world)
+    def __init__(self, simulation: Simulation) -> None:
+        self.simulation = simulation
+        self._lockstep = Lockstep(simulation)
 
     def monotonic(self) -> float:
         """Seconds of the board's time."""
-        return self.world.now_us * 1e-6
+        return self.simulation.now_us * 1e-6
 
     def sleep(self, seconds: float) -> None:
         """Let the board's time pass."""
@@ -179,7 +179,7 @@ class SteppedPort:
 
     def read(self, timeout_s: float) -> bytes:
         """Bytes that are there, or come within timeout_s of the board's time; may be none."""
-        received = self._stepped.received
+        received = self._lockstep.received
         self._run(timeout_s, lambda: bool(received))
         data = bytes(received)
         received.clear()
@@ -187,14 +187,14 @@ class SteppedPort:
 
     def write(self, data: bytes) -> None:
         """Send bytes."""
-        self._stepped.send(data)
+        self._lockstep.send(data)
 
     def close(self) -> None:
         """Power off."""
-        self.world.close()
+        self.simulation.close()
 
     def _run(self, seconds: float, until) -> None:
         try:
-            self._stepped.run(round(seconds * 1e6), until)
+            self._lockstep.run(round(seconds * 1e6), until)
         except BoardGone as e:
             raise ConnectionLost("the virtual board is gone") from e

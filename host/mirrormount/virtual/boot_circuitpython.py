@@ -1,4 +1,4 @@
-"""Boots the CircuitPython port on fakes, on CPython or on a MicroPython VM: a child process of World.
+"""Boots the CircuitPython port on fakes, on CPython or on a MicroPython VM: a child process of Simulation.
 
 usage: … boot_circuitpython.py FAKES_DIR FIRMWARE_DIR FILES_DIR LIB_DIR BOARD_ID START_US READ_FD WRITE_FD
 
@@ -130,7 +130,7 @@ _kept = None
 
 
 def _say(text):
-    """What print() writes: to the console, which the world may be on."""
+    """What print() writes: to the console, which the host may read."""
     if not _chip.in_boot_py and usb_cdc.data is None:
         _console.stdout.write(text)
 

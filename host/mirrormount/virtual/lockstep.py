@@ -1,31 +1,31 @@
-"""The virtual board in lockstep with its user: as fast as it goes, and exact.
+"""The virtual board in lockstep with its caller: as fast as the processor allows, and repeatable.
 
-Virtual time passes only while somebody waits for the board, in run(). So a test or a demo of a
-minute takes a second, and comes out the same on every machine.
+Virtual time passes only inside run(). A demo of one minute takes a second of the wall clock and gives the same
+result on every computer.
 """
 
 from collections.abc import Callable
 
-from mirrormount.virtual.simulation import World
+from mirrormount.virtual.simulation import Simulation
 
-_QUANTUM_US = 1000  # how far the firmware runs before it is asked for news
+_QUANTUM_US = 1000  # the longest interval granted at once
 _BOOT_US = 8_000_000
-_BUFFER = 512  # bytes that a board takes in before its host has to wait
+_BUFFER = 512  # bytes in the board's input before the host has to wait
 
 
-class Stepped:
-    """Drives a World. send() bytes, run() for a while, take what came in `received`."""
+class Lockstep:
+    """Drives a Simulation: send() queues bytes, run() lets time pass, `received` collects the board's output."""
 
-    def __init__(self, world: World) -> None:
-        self.world = world
+    def __init__(self, simulation: Simulation) -> None:
+        self.simulation = simulation
         self.received = bytearray()
         self._outbox = bytearray()
-        world.on_sent = self.received.append
-        self._wants_us = world.next_wait()
+        simulation.on_sent = self.received.append
+        self._wants_us = simulation.next_wait()
 
     def boot(self) -> None:
         """Let the board start: until its LED says that the firmware is ready, or for as long as that may take."""
-        self.run(_BOOT_US, lambda: self.world.lit)
+        self.run(_BOOT_US, lambda: self.simulation.lit)
 
     def send(self, data: bytes) -> None:
         """Queue bytes for the board; it gets them while run() runs."""
@@ -36,18 +36,18 @@ class Stepped:
 
         Raises BoardGone when the firmware's process has ended.
         """
-        world = self.world
-        end_us = world.now_us + us
+        simulation = self.simulation
+        end_us = simulation.now_us + us
         while not until():
-            room = _BUFFER - world.waiting_in
+            room = _BUFFER - simulation.waiting_in
             if self._outbox and room > 0:
                 data, self._outbox = self._outbox[:room], self._outbox[room:]
-                t = world.now_us
-            elif world.now_us >= end_us:
+                t = simulation.now_us
+            elif simulation.now_us >= end_us:
                 return False
             else:
                 data = b""
-                t = world.now_us + world.next_event_us(min(self._wants_us, end_us - world.now_us))
-            world.go(t, max(1, min(_QUANTUM_US, end_us - t)), data)
-            self._wants_us = world.next_wait()
+                t = simulation.now_us + simulation.next_event_us(min(self._wants_us, end_us - simulation.now_us))
+            simulation.go(t, max(1, min(_QUANTUM_US, end_us - t)), data)
+            self._wants_us = simulation.next_wait()
         return True

@@ -1,8 +1,7 @@
 """The virtual board in real time, for hosts on a pty, on loopback TCP, or in this process.
 
-One client at a time: whoever comes while another is served is told so in one line. A client that
-does not read makes the board's output wait, and what it left unread is there for the next one,
-as on a USB port.
+One client at a time. A second client is refused in one line. Output that a client does not read waits in the board
+for the next client, as on a USB port.
 """
 
 import select
@@ -11,22 +10,22 @@ from collections.abc import Callable, Sequence
 
 from mirrormount.transport.rejected import AT_PROMPT_LINE, GRACE_S, TAKEN_LINE
 from mirrormount.virtual.ports import BUFFER, Port
-from mirrormount.virtual.simulation import World
+from mirrormount.virtual.simulation import Simulation
 
-_QUANTUM_US = 1000  # a busy firmware never leads the wall's clock by more
-_UNREAD = 512  # bytes of output that wait in the board before it says that nobody collects
-_HANGUP_S = 0.02  # how often to look whether somebody has opened the pty
-_LAG_US = 100_000  # by how much virtual time may fall behind before it gives up catching up
+_QUANTUM_US = 1000  # a busy firmware leads the wall clock by at most this
+_UNREAD = 512  # bytes of unread output before the board reports that the host does not read
+_HANGUP_S = 0.02  # interval between checks for an opened pty
+_LAG_US = 100_000  # virtual time that is later than this is not caught up
 
 
-def serve(world: World, ports: Sequence[Port], stopped: Callable[[], bool]) -> None:
-    """Let the board live in real time on these ports until stopped() says so.
+def serve(simulation: Simulation, ports: Sequence[Port], stopped: Callable[[], bool]) -> None:
+    """Run the board in real time on these ports until stopped() is true.
 
     Raises BoardGone when the firmware's process has ended.
     """
     unread = bytearray()
-    world.on_sent = unread.append
-    start_us, start_s = world.now_us, time.monotonic()
+    simulation.on_sent = unread.append
+    start_us, start_s = simulation.now_us, time.monotonic()
     choice = _Choice(ports)
 
     def wall_us() -> int:
@@ -34,37 +33,36 @@ def serve(world: World, ports: Sequence[Port], stopped: Callable[[], bool]) -> N
 
     plugged = True
     while not stopped():
-        wants_us = world.next_event_us(world.next_wait())
-        now_us = world.now_us
+        wants_us = simulation.next_event_us(simulation.next_wait())
+        now_us = simulation.now_us
         if wall_us() - now_us > _LAG_US:  # a slow machine: its time goes slower than the wall's
             start_us -= wall_us() - now_us
-        if world.usb != plugged:
-            plugged = world.usb
+        if simulation.usb != plugged:
+            plugged = simulation.usb
             for port in ports:
                 port.plug(plugged)
-        client = choice.look(world.at_prompt)
-        world.opened(client is not None)
+        client = choice.look(simulation.at_prompt)
+        simulation.opened(client is not None)
         if client and unread:
             del unread[: client.give(bytes(unread))]
-        room = BUFFER - world.waiting_in
+        room = BUFFER - simulation.waiting_in
         wait_s = max(0.0, (now_us + wants_us - wall_us()) * 1e-6)
         if client and client.waits and room > 0:
             wait_s = 0.0
         watched = [fd for port in ports for fd in port.watched()] if room > 0 else []
         _wait(watched, min(wait_s, _HANGUP_S) if client is None or unread else wait_s)
-        client = choice.look(world.at_prompt)
-        world.opened(client is not None)  # before the first byte of somebody who has just come
-        data = client.take(room, at_prompt=world.at_prompt) if client and room > 0 else b""
+        client = choice.look(simulation.at_prompt)
+        simulation.opened(client is not None)  # before the first byte of somebody who has just come
+        data = client.take(room, at_prompt=simulation.at_prompt) if client and room > 0 else b""
         t = max(now_us, min(now_us + wants_us, wall_us()))
-        world.collects(len(unread) < _UNREAD)
-        world.go(t, max(0, wall_us() - t) + _QUANTUM_US, data)
+        simulation.collects(len(unread) < _UNREAD)
+        simulation.go(t, max(0, wall_us() - t) + _QUANTUM_US, data)
 
 
 class _Choice:
-    """Which port's client is served: the present one while it is there, else the next to come.
+    """The port whose client is served: the present one until it disconnects, then the next.
 
-    Whoever comes to another port meanwhile waits a moment, for the present one may just have gone
-    without our having seen it; then he is told.
+    A client of another port is refused after GRACE_S only: the present one may have disconnected unnoticed.
     """
 
     def __init__(self, ports: Sequence[Port]) -> None:

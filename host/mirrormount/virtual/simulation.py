@@ -1,8 +1,8 @@
-"""The world round the virtual board: it starts the firmware's process and owns the clock.
+"""The simulation around the virtual board: it starts the firmware's process and owns the clock.
 
-The firmware runs in a child (machines.py tells which) and blocks whenever its granted time is over. World
-hears from it (next_wait), carries its pin edges to the bench, and lets it go on (go). What decides
-how long is not here: stepped.py runs as fast as it goes, live.py keeps to the wall's time.
+The firmware runs in a child process (its command line: machines.py) and blocks at the end of each granted interval.
+Simulation reads its records (next_wait), passes the pin edges to the bench, and grants the next interval (go).
+lockstep.py and realtime.py choose the length of the interval: as far as the caller waits, or by the wall clock.
 """
 
 import contextlib
@@ -30,7 +30,7 @@ class BoardGone(Exception):
     """The firmware's process has ended."""
 
 
-class World:
+class Simulation:
     """A virtual board and its bench.
 
     machine: the command line of the child that is the board (see machines.py). edges: a text file
@@ -81,7 +81,7 @@ class World:
         return self.now_us - START_US
 
     def next_wait(self) -> int:
-        """Hear the firmware until it blocks at now_us. Returns how far it wants to go on unasked.
+        """Read records until the firmware blocks at now_us. Returns the us after which it continues by itself.
 
         Raises BoardGone when its process has ended.
         """

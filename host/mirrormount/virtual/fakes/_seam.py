@@ -1,9 +1,9 @@
-"""The board's side of the one seam to the world: time, pins and bytes. Runs on CPython and MicroPython.
+"""The board's side of the one seam to the simulation: time, pins and bytes. Runs on CPython and MicroPython.
 
 Fixed 16-byte records "<BBHIQ": kind, a, b, dt, t.
-    to the world    E pin a has duty b at t      T byte a was sent at t
+    to the simulation    E pin a has duty b at t      T byte a was sent at t
                     S at t the firmware waits, until t + dt unless something happens, b bytes unread: then it blocks
-    from the world  R byte a was received        P pin a has level b
+    from the simulation  R byte a was received        P pin a has level b
                     W the host collects (a = 1) or not (0)
                     D a program has the port open (a = 1) or not (0)
                     G go on: it is t, and you may run to t + dt before you ask again
@@ -43,7 +43,7 @@ class Seam:
         self.interrupt_char = 3
         self._interrupted = False
         self._risen = []  # interrupts that are to be served
-        self._off = False  # the world is gone: nothing to talk to any more
+        self._off = False  # the simulation is gone: nothing to talk to any more
         self.locks = 0  # how deep the firmware has locked the heap
 
     def tick(self, us):
@@ -55,7 +55,7 @@ class Seam:
             self.wait(self.t)
 
     def wait(self, until):
-        """Let the world go on; back at `until`, or earlier when something has happened."""
+        """Let the simulation go on; back at `until`, or earlier when something has happened."""
         if self._off:
             raise SystemExit(0)
         if self.latched and self.latched[0][0] < until:

@@ -23,10 +23,10 @@ class _Poll:
         if self._events == POLLOUT:
             return self._ready if self._channel.out_waiting == 0 else ()
         until = s.t + (timeout * 1000 if timeout >= 0 else 1 << 40)
-        while self._channel.world and not s.received() and s.t < until:
+        while self._channel.wired and not s.received() and s.t < until:
             if s.wait(until):
                 break  # a test wants its turn
-        return self._ready if self._channel.world and s.received() else ()
+        return self._ready if self._channel.wired and s.received() else ()
 
 
 def poll():

@@ -3,7 +3,7 @@
 import _seam
 
 _WRAP_MS = 1 << 29
-_POWER_UP_US = (1 << 30) - 500_000  # world.START_US
+_POWER_UP_US = (1 << 30) - 500_000  # simulation.START_US
 _BEFORE_WRAP_MS = 65_536  # at power-up
 
 

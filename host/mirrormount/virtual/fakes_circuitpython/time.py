@@ -2,7 +2,7 @@
 
 import _seam
 
-_POWER_UP_US = (1 << 30) - 500_000  # world.START_US
+_POWER_UP_US = (1 << 30) - 500_000  # simulation.START_US
 
 
 def sleep(seconds):

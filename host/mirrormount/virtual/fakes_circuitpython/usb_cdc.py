@@ -1,4 +1,4 @@
-"""usb_cdc on the virtual CircuitPython board. The world is on one channel: data if there is one, else console."""
+"""usb_cdc on the virtual CircuitPython board. The host reads one channel: data if there is one, else console."""
 
 import _chip
 import _seam
@@ -7,28 +7,28 @@ _OUTPUT = 256  # bytes that a channel holds
 
 
 class Serial:
-    """One channel. Which one the world is on is known when boot.py has ended."""
+    """One channel. Which one the host reads is known when boot.py has ended."""
 
     def __init__(self):
         self.timeout = None
         self.write_timeout = None
-        self.world = False
+        self.wired = False
 
     @property
     def connected(self):
         _seam.seam.tick(2)
-        return self.world and _seam.seam.opened
+        return self.wired and _seam.seam.opened
 
     @property
     def in_waiting(self):
         s = _seam.seam
         s.tick(2)
-        return s.waiting() if self.world else 0
+        return s.waiting() if self.wired else 0
 
     @property
     def out_waiting(self):
         _seam.seam.tick(2)
-        return _OUTPUT if self.world and not _seam.seam.collects else 0
+        return _OUTPUT if self.wired and not _seam.seam.collects else 0
 
     def readinto(self, buffer):
         s = _seam.seam
@@ -36,7 +36,7 @@ class Serial:
         if self.timeout != 0:
             raise NotImplementedError("the virtual board's USB never waits: set timeout = 0")
         n = 0
-        while n < len(buffer) and self.world and s.received():
+        while n < len(buffer) and self.wired and s.received():
             buffer[n] = s.take()
             n += 1
         return n
@@ -48,7 +48,7 @@ class Serial:
             raise NotImplementedError("the virtual board's USB never waits: set write_timeout = 0")
         if not s.collects:
             return 0
-        if self.world:
+        if self.wired:
             for c in data:
                 s.sent(c)
         return len(data)
@@ -75,8 +75,8 @@ def _arrange(with_console, with_data):
 
 
 def plug_in():
-    """boot.py has ended. Returns whether the world is on the console."""
+    """boot.py has ended. Returns True if the host reads the console."""
     channel = data or console
     if channel:
-        channel.world = True
+        channel.wired = True
     return channel is console
