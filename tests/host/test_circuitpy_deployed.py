@@ -6,7 +6,7 @@ from drive_board import Board, make_drive, plug_in
 from mirrormount import Mount
 from mirrormount.deploy import fileset
 from mirrormount.deploy.micropython import Options, deploy
-from mirrormount.transport.link import Link
+from mirrormount.transport.lines import Link
 from mirrormount.virtual import machines
 from mirrormount.virtual.board import LockstepPort
 from mirrormount.virtual.simulation import Simulation

@@ -7,7 +7,8 @@ from types import SimpleNamespace
 import pytest
 from drive_board import BOOT_OUT, UID, make_drive, usb_port
 
-import mirrormount.transport.link
+import mirrormount.transport.find
+import mirrormount.transport.open
 from mirrormount.cli import main
 from mirrormount.common import errors
 from mirrormount.deploy import micropython
@@ -43,7 +44,7 @@ def plugged(tmp_path, monkeypatch):
         roots = [make_drive(tmp_path / name) for name in names]
         monkeypatch.setattr(volumes, "mounted", lambda: roots)
         monkeypatch.setattr("serial.tools.list_ports.comports", lambda: ports)
-        monkeypatch.setattr(mirrormount.transport.link, "SerialPort", None)  # opening anything would fail loudly
+        monkeypatch.setattr(mirrormount.transport.open, "SerialPort", None)  # opening anything would fail loudly
         return roots
 
     return plug
@@ -200,9 +201,9 @@ def test_a_bootloader_drive_is_named_when_there_is_no_board(plugged, monkeypatch
 
 def test_a_mount_is_found_by_its_drive_and_opened_at_its_data_channel(plugged, capsys):
     (root,) = plugged(["CIRCUITPY"], [*STRANGERS, *SYSTEMS["Linux"]])
-    assert mirrormount.transport.link.find() == []  # some CircuitPython board, not a mount
+    assert mirrormount.transport.find.find() == []  # some CircuitPython board, not a mount
     (root / "mountfw").mkdir()
-    assert mirrormount.transport.link.find_one() == "/dev/ttyACM0"
+    assert mirrormount.transport.find.find_one() == "/dev/ttyACM0"
     assert main.main(["ports"]) == 0
     assert f"/dev/ttyACM0  CircuitPython on Raspberry Pi Pico with rp2040, drive {root}" in capsys.readouterr().out
 
@@ -210,7 +211,7 @@ def test_a_mount_is_found_by_its_drive_and_opened_at_its_data_channel(plugged, c
 def test_a_data_channel_whose_drive_is_not_seen_is_named_but_not_opened(plugged):
     plugged([], SYSTEMS["Linux"])
     with pytest.raises(errors.NoBoardFound, match="listens at /dev/ttyACM0, but its drive is not mounted"):
-        mirrormount.transport.link.find_one()
+        mirrormount.transport.find.find_one()
 
 
 def test_this_computers_volumes_can_be_listed():

@@ -11,7 +11,8 @@ from types import SimpleNamespace
 import pytest
 from drive_board import BOOT_OUT, CONSOLE, DATA, THEIRS, UID, Board, contents, make_drive, plug_in, stand_in_firmware
 
-import mirrormount.transport.link
+import mirrormount.transport.find
+import mirrormount.transport.open
 from mirrormount.cli import main
 from mirrormount.common import errors
 from mirrormount.deploy import circuitpython, fileset
@@ -259,7 +260,7 @@ def instrument(board, monkeypatch) -> SimpleNamespace:
     port = stranger()
     monkeypatch.setattr("serial.tools.list_ports.comports", lambda: [port])
     monkeypatch.setattr(circuitpython, "open_port", None)
-    monkeypatch.setattr(mirrormount.transport.link, "SerialPort", None)
+    monkeypatch.setattr(mirrormount.transport.open, "SerialPort", None)
     return port
 
 
@@ -269,7 +270,7 @@ def test_a_drive_with_an_instruments_serial_number_has_nothing_sent_there(board)
     for action in (deploy, undeploy):
         with pytest.raises(errors.WrongDrive, match=r"says that /dev/ttyUSB0 is its board's.*nothing was sent"):
             action(Options())
-    assert mirrormount.transport.link.find() == []
+    assert mirrormount.transport.find.find() == []
 
 
 def test_a_person_can_vouch_for_a_port_by_naming_it(board, instrument):
@@ -293,7 +294,7 @@ def test_two_drives_with_one_uid_are_both_refused(board, monkeypatch, tmp_path):
         (root / "mountfw").mkdir()
         with pytest.raises(errors.WrongDrive, match="has the same UID"):
             deploy(Options(drive=root))
-    assert mirrormount.transport.link.find() == []
+    assert mirrormount.transport.find.find() == []
     assert board.heard == b""
 
 

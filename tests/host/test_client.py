@@ -8,7 +8,8 @@ import pytest
 from mirrormount import Mount
 from mirrormount.common import errors
 from mirrormount.device.mount import Ended
-from mirrormount.transport.link import Link, Port
+from mirrormount.transport.lines import Link
+from mirrormount.transport.port import Port
 
 
 @pytest.fixture
@@ -48,7 +49,7 @@ def test_the_axes_can_be_wired_the_other_way_round():
 
 
 def _port():
-    from mirrormount.transport.link import open_port
+    from mirrormount.transport.open import open_port
 
     return open_port("virtual://?speed=max")
 

@@ -514,7 +514,7 @@ def test_a_virtual_board_without_a_prompt_is_refused_and_goes_on(serve, machine,
 
 
 def test_without_a_board_deploy_says_how_a_new_one_gets_micropython(monkeypatch):
-    monkeypatch.setattr("mirrormount.transport.link.find", list)
+    monkeypatch.setattr("mirrormount.transport.find.find", list)
     with pytest.raises(errors.NoBoardFound, match="BOOTSEL"):
         deploy(Options())
 

@@ -12,7 +12,7 @@ from served import ServedBoard, wait_for
 termios = pytest.importorskip("termios")
 fcntl = pytest.importorskip("fcntl")
 
-from mirrormount.transport.link import open_port  # noqa: E402
+from mirrormount.transport.open import open_port  # noqa: E402
 
 
 class Cooked:

@@ -7,10 +7,11 @@ import sys
 from types import SimpleNamespace
 
 import pytest
+import serial
 
 from mirrormount.cli import virtual
 from mirrormount.common import errors
-from mirrormount.transport import link
+from mirrormount.transport import failures
 
 WITHOUT_POSIX = """
 import importlib, os, pkgutil, sys
@@ -37,7 +38,7 @@ def test_the_host_imports_and_drives_a_virtual_board_without_posix_modules(platf
 @pytest.fixture
 def windows(monkeypatch):
     monkeypatch.setattr(virtual, "os", SimpleNamespace(name="nt", strerror=str))
-    monkeypatch.setattr(link.sys, "platform", "win32")
+    monkeypatch.setattr(failures.sys, "platform", "win32")
 
 
 def test_on_windows_a_virtual_board_is_served_on_tcp(windows):
@@ -60,9 +61,9 @@ def test_on_windows_a_port_that_does_not_open_is_busy_if_it_is_there_and_absent_
 ):
     # pyserial gives no error number there, so the list of ports decides
     ports = [SimpleNamespace(device=device) for device in present]
-    monkeypatch.setattr(link.list_ports, "comports", lambda: ports)
-    assert type(link._why_not("com4", link.serial.SerialException("could not open port"))) is error
+    monkeypatch.setattr(failures.list_ports, "comports", lambda: ports)
+    assert type(failures.open_error("com4", serial.SerialException("could not open port"))) is error
 
 
 def test_on_windows_permission_denied_does_not_name_linux(windows):
-    assert "dialout" not in str(link._why_not("COM4", PermissionError(13, "Access is denied")))
+    assert "dialout" not in str(failures.open_error("COM4", PermissionError(13, "Access is denied")))

@@ -14,7 +14,8 @@ from served import PATIENCE_S, SCRIPT, run_cli, set_traps, wait_for
 
 from mirrormount import Mount
 from mirrormount.common.errors import REASONS, EmulatorMissing
-from mirrormount.transport.link import Link, SerialPort
+from mirrormount.transport.lines import Link
+from mirrormount.transport.serial_port import SerialPort
 from mirrormount.virtual import machines
 from mirrormount.virtual.bench import SWITCH_REV
 from mirrormount.virtual.board import Options, make_simulation

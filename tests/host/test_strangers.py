@@ -16,8 +16,8 @@ import pytest
 from mirrormount import Mount
 from mirrormount.common import errors
 from mirrormount.device.arduino_sketch import SketchMount
-from mirrormount.device.identify import identify
-from mirrormount.transport.link import Link
+from mirrormount.device.handshake import identify
+from mirrormount.transport.lines import Link
 from mirrormount.transport.telnet import GREETING
 from mirrormount.virtual import machines
 from mirrormount.virtual.lockstep import Lockstep

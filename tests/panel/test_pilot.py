@@ -12,7 +12,7 @@ from mirrormount.supervise.lease import Desk
 from mirrormount.supervise.presses import HOLD_S, Hold, Presses
 from mirrormount.supervise.requests import Drive, GoTo, Press, Steps
 from mirrormount.supervise.worker import Pilot
-from mirrormount.transport.link import SerialPort
+from mirrormount.transport.serial_port import SerialPort
 from mountfw import codes as wire
 
 RIGHT = Press(1, 0, 255, False)

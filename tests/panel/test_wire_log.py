@@ -1,6 +1,7 @@
 """The log of the wire."""
 
-from mirrormount.supervise.wire_log import TappedPort, WireLog
+from mirrormount.supervise.wire_log import WireLog
+from mirrormount.transport.tap import TappedPort
 
 
 class Port:

@@ -255,7 +255,7 @@ def _number(text: str, what: str) -> float:
 
 def do_ports(_args: argparse.Namespace) -> None:
     """List boards with known USB ids."""
-    from mirrormount.transport.link import find
+    from mirrormount.transport.find import find
 
     found = find()
     for device, what in found:

@@ -20,7 +20,7 @@ from mirrormount.common.errors import BadAddress, BadValue, CannotListen, ExtraM
 from mirrormount.common.extras import install
 from mirrormount.common.tokens import SHORT, is_short, read_token
 from mirrormount.panel.sign_in import Entrance
-from mirrormount.transport.link import find
+from mirrormount.transport.find import find
 
 _PORT = 8080
 _PATIENCE_S = 0.1, 2.0

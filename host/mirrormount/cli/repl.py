@@ -9,9 +9,11 @@ import time
 
 from mirrormount.common.child_python import python_module
 from mirrormount.common.errors import AtPrompt, BadAddress, FirmwareMissing, MountError, NoAnswer, NotAMount, PortBusy
-from mirrormount.device.identify import TAKEN
 from mirrormount.device.mount import Mount
-from mirrormount.transport.link import Link, find_one, open_port
+from mirrormount.transport.find import find_one
+from mirrormount.transport.lines import Link
+from mirrormount.transport.open import open_port
+from mirrormount.transport.refusals import TAKEN
 
 _GET_M = "from mountfw.repl import m"
 _HELP = """\

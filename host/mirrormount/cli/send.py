@@ -9,7 +9,8 @@ import sys
 
 from mirrormount.cli.motion import place, watched
 from mirrormount.common.errors import REASONS, BadValue, MountError
-from mirrormount.device.mount import KEEP_ALIVE_MS, Axis, Mount, Status
+from mirrormount.common.keep_alive import KEEP_ALIVE_MS
+from mirrormount.device.mount import Axis, Mount, Status
 from mountfw import codes as wire
 
 _LONGEST = 128 - len(f"XK{KEEP_ALIVE_MS};;TB?")  # a line of the board has 128 characters (docs/protocol.md)

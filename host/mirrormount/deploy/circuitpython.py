@@ -10,6 +10,8 @@ import sys
 import time
 from collections.abc import Callable
 
+from serial.tools import list_ports
+
 from mirrormount.common.errors import (
     CannotOpen,
     ConnectionLost,
@@ -44,7 +46,8 @@ from mirrormount.deploy.on_board import MANIFEST
 from mirrormount.transport import volumes
 from mirrormount.transport.circuitpy_drives import Drive, check_version, find_drives, untried
 from mirrormount.transport.circuitpy_ports import Channels, channels, namesakes, unproven
-from mirrormount.transport.link import Link, list_ports, open_port
+from mirrormount.transport.lines import Link
+from mirrormount.transport.open import open_port
 
 _BACK_S = 30.0  # a reset, a second of safe-mode wait, a second before boot_out.txt, USB, and the imports
 _BY_HAND_S = 60.0  # for somebody to find the reset button

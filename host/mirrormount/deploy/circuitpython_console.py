@@ -4,7 +4,8 @@ import time
 
 from mirrormount.common.errors import ConnectionLost, DeployError
 from mirrormount.common.printable import printable
-from mirrormount.transport.link import Link, open_port
+from mirrormount.transport.lines import Link
+from mirrormount.transport.open import open_port
 
 _PROMPT_S = 6.0
 _QUIET_S = 0.2

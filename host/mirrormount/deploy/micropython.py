@@ -12,6 +12,8 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from serial.tools import list_ports
+
 from mirrormount.common.errors import DeployError, NoBoardFound, SeveralBoardsFound, WrongDrive
 from mirrormount.common.printable import printable
 from mirrormount.common.progress import Progress
@@ -25,7 +27,9 @@ from mirrormount.deploy.micropython_trial import before, settle, try_it
 from mirrormount.deploy.mpremote import Mpremote
 from mirrormount.transport.circuitpy_drives import Drive, drive_at, find_bootloaders, find_drives
 from mirrormount.transport.circuitpy_ports import serial_number
-from mirrormount.transport.link import Link, find_micropython, find_one, list_ports, open_port
+from mirrormount.transport.find import find_micropython, find_one
+from mirrormount.transport.lines import Link
+from mirrormount.transport.open import open_port
 
 FLASH_IT = (
     "MicroPython goes on first: hold BOOTSEL while plugging in and drop the .uf2 for the board on the drive that"

@@ -11,7 +11,8 @@ from mirrormount.common.printable import printable
 from mirrormount.common.progress import Progress
 from mirrormount.deploy.handshake import ask, check
 from mirrormount.deploy.mpremote import Mpremote
-from mirrormount.transport.link import Link, open_port
+from mirrormount.transport.lines import Link
+from mirrormount.transport.open import open_port
 
 _BACK_S = 60.0  # how long a board may take to come back from its reset: about 1 s, an emulated one more
 _START_S = 15.0  # how long a firmware that fails may take to fail

@@ -9,7 +9,8 @@ from typing import Self
 
 from mirrormount.common.errors import ConnectionLost, MountError, NoAnswer, NotAMount, NotSupported
 from mirrormount.common.validation import whole_number
-from mirrormount.transport.link import Link, open_port
+from mirrormount.transport.lines import Link
+from mirrormount.transport.open import open_port
 from mountfw.wire.frame import encode
 
 LIMITS = (

@@ -27,11 +27,12 @@ from mirrormount.common.errors import (
     NotAMount,
     PortBusy,
 )
+from mirrormount.common.keep_alive import KEEP_ALIVE_MS
 from mirrormount.common.printable import printable
 from mirrormount.common.validation import whole_number
 from mirrormount.device import settings
 from mirrormount.device.axis import Axis
-from mirrormount.device.identify import TAKEN, identify
+from mirrormount.device.handshake import identify
 from mirrormount.device.status import (
     AxisStatus,
     Ended,
@@ -43,14 +44,16 @@ from mirrormount.device.status import (
     parse_status,
     table,
 )
-from mirrormount.transport.link import Link, find_one, open_port
+from mirrormount.transport.find import find_one
+from mirrormount.transport.lines import Link
+from mirrormount.transport.open import open_port
+from mirrormount.transport.refusals import TAKEN
 from mirrormount.transport.stop_socket import SENT, STOPPED, Stoppable, held_here
 from mountfw import codes as wire
 from mountfw.wire.frame import encode
 
 __all__ = ["TAKEN", "Axis", "AxisStatus", "Ended", "Homed", "Limits", "Mount", "QueuedError", "Status"]
 
-KEEP_ALIVE_MS = 500
 _FEED_S = 0.1
 _ANSWER_S = 1.0
 _GATE_S = 0.05  # how long a stop waits for another thread to write its line

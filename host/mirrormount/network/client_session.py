@@ -11,17 +11,6 @@ _UNREAD_MOST = 1 << 16  # bytes of answers that may wait for it
 _LINE_MOST = 4096  # a longer line is not the firmware's: its beginning is forgotten
 
 
-def acknowledge(client: socket.socket) -> None:
-    """Acknowledge what came at once, where the system can (Linux), which forgets it each time.
-
-    A client that sends two commands in a row without asking anything may hold the second one, which may be
-    a stop, until the first is acknowledged: else 40 ms.
-    """
-    if hasattr(socket, "TCP_QUICKACK"):
-        with contextlib.suppress(OSError):  # it has gone
-            client.setsockopt(socket.IPPROTO_TCP, socket.TCP_QUICKACK, 1)
-
-
 class Guest:
     """A client, at the door or in control. held: what it sent after its token, for the board."""
 

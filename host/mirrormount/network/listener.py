@@ -13,10 +13,10 @@ from collections import Counter
 
 from mirrormount.common.errors import BadAddress, BadValue, CannotListen, TokenNeeded
 from mirrormount.common.tokens import LONGEST, Guesses, same
-from mirrormount.device.identify import TOKEN_REFUSED
 from mirrormount.network.client_session import Guest
 from mirrormount.transport.first_bytes import FirstBytes
-from mirrormount.transport.rejected import GRACE_S, TurnedAway
+from mirrormount.transport.refusals import TOKEN_REFUSED, refusal_line
+from mirrormount.transport.rejected import GRACE_S, Rejected
 from mirrormount.transport.telnet import Inlet
 
 TOKEN_S = 10.0  # how long a client may take to send its token: a person may be typing
@@ -52,7 +52,7 @@ class Door:
         self._asked: list[Guest] = []  # for their token
         self._guesses = Guesses()
         self._waiting: list[Guest] = []  # for the board to be free
-        self._away = TurnedAway()
+        self._rejected = Rejected()
         name, number = self._server.getsockname()[:2]
         self.address = f"socket://[{name}]:{number}" if ":" in name else f"socket://{name}:{number}"
 
@@ -62,14 +62,14 @@ class Door:
 
     def busy(self) -> bool:
         """True if somebody's time may run out: look() again soon, news or not."""
-        return bool(self._asked or self._waiting or self._away)
+        return bool(self._asked or self._waiting or self._rejected)
 
     def look(self) -> None:
         """Accept who has come, read their tokens, see off who is leaving."""
         self._accept()
         for guest in list(self._asked):
             self._ask(guest)
-        self._away.look()
+        self._rejected.poll()
 
     def next(self) -> Guest | None:
         """The next one to be let in."""
@@ -80,14 +80,14 @@ class Door:
         now = time.monotonic()
         for guest in [g for g in self._waiting if now - g.since_s > GRACE_S]:
             self._waiting.remove(guest)
-            self._away.add(guest.socket, line)
+            self._rejected.add(guest.socket, line)
 
     def close(self) -> None:
         """Listen no more, and close all who stand here."""
         self._server.close()
         for guest in self._asked + self._waiting:
             guest.socket.close()
-        self._away.close()
+        self._rejected.close()
 
     def _accept(self) -> None:
         try:
@@ -132,7 +132,7 @@ class Door:
         else:
             if end and not late:
                 self._guesses.wrong(guest.address)
-            self._away.add(guest.socket, TOKEN_REFUSED.encode() + b"\r\n")
+            self._rejected.add(guest.socket, refusal_line(TOKEN_REFUSED))
 
 
 def _who_goes(crowd: list[Guest]) -> Guest:

@@ -4,7 +4,7 @@ import socket
 import threading
 
 from mirrormount.common.errors import ConnectionLost
-from mirrormount.transport.link import Port
+from mirrormount.transport.port import Port
 
 _WAIT_S = 0.05  # how often it looks whether to go on
 

@@ -16,11 +16,11 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from mirrormount.common.errors import NotAMount
+from mirrormount.common.keep_alive import KEEP_ALIVE_MS
 from mirrormount.device.status import parse_status
 from mirrormount.network.messages import FRAME, LINE, Messages
 
 AHEAD = 512  # bytes that the board may have received or have on their way, and not obeyed
-KEEP_ALIVE_MS = 500
 _ASK_AFTER = 128  # bytes; then the board is asked whether it has got there
 _ADDRESS = b"01>"  # the board's own address, written as nobody else does
 _FEED_S = 0.1

@@ -16,19 +16,20 @@ from types import FrameType
 
 from mirrormount.common.errors import BadValue, ConnectionLost, MountError
 from mirrormount.common.tokens import SHORT, is_short, read_token
-from mirrormount.device.identify import NO_BOARD
 from mirrormount.device.mount import Mount
-from mirrormount.network.client_session import Guest, acknowledge
+from mirrormount.network.client_session import Guest
 from mirrormount.network.listener import Door, parse_where
 from mirrormount.network.port_reader import Ear
 from mirrormount.network.relay import Relay
+from mirrormount.transport.find import find_one
 from mirrormount.transport.first_bytes import NotAClient
-from mirrormount.transport.link import Link, find_one, open_port
-from mirrormount.transport.rejected import TAKEN_LINE
+from mirrormount.transport.lines import Link
+from mirrormount.transport.open import open_port
+from mirrormount.transport.refusals import NO_BOARD, TAKEN, refusal_line
 from mirrormount.transport.stop_socket import SENT, STOPPED, Stoppable
+from mirrormount.transport.tcp_port import acknowledge
 from mirrormount.transport.telnet import GREETING
 
-_NO_BOARD_LINE = NO_BOARD.encode() + b"\r\n"
 _WAITING_MOST = 1 << 20  # bytes of a client that may wait for the board
 _RECEIVED_MOST = 1 << 18  # bytes of a client that are received at once; then the others have their turn
 _QUIET_S, _QUIET_LONGEST_S = 0.1, 10.0  # the board has no more to say to the client before
@@ -162,7 +163,7 @@ class Server:
 
     def _let_in(self) -> None:
         if self._client or self._mount is None:
-            self._door.turn_away(TAKEN_LINE if self._client else _NO_BOARD_LINE)
+            self._door.turn_away(refusal_line(TAKEN if self._client else NO_BOARD))
             return
         guest = self._door.next()
         if guest:

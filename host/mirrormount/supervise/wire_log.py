@@ -1,12 +1,10 @@
-"""What went over the wire, kept for people to read: a Port around a Port, and the last lines of both directions."""
+"""The last lines of both directions of the wire, for people to read. Imports nothing of ours."""
 
 import itertools
 import threading
 import time
 from collections import deque
 from dataclasses import dataclass
-
-from mirrormount.transport.link import Port
 
 _KEPT = 2000  # lines
 _LONGEST = 400  # bytes of one line
@@ -49,28 +47,3 @@ class WireLog:
     def _line(self, text: str, to_board: bool) -> None:
         poll = text == "XS?" if to_board else text.count("|") == 2
         self._entries.append(Entry(next(self._numbers), time.time(), to_board, text, poll))
-
-
-class TappedPort:
-    """A port whose traffic is logged."""
-
-    def __init__(self, port: Port, log: WireLog) -> None:
-        self._port = port
-        self._log = log
-        self.lockstep = port.lockstep
-
-    def read(self, timeout_s: float) -> bytes:
-        """As Port.read()."""
-        data = self._port.read(timeout_s)
-        if data:
-            self._log.add(data, to_board=False)
-        return data
-
-    def write(self, data: bytes) -> None:
-        """As Port.write()."""
-        self._port.write(data)  # first: a stop must not wait for its being written down
-        self._log.add(data, to_board=True)
-
-    def close(self) -> None:
-        """As Port.close()."""
-        self._port.close()

@@ -27,9 +27,13 @@ from mirrormount.supervise.lease import Desk, Page
 from mirrormount.supervise.notices import Notices, ToNotices
 from mirrormount.supervise.presses import Hold, Presses
 from mirrormount.supervise.requests import Drive, GoTo, Home, Order, Press, Steps, Zero
-from mirrormount.supervise.wire_log import TappedPort, WireLog
-from mirrormount.transport.link import Link, Port, find_one, open_port
+from mirrormount.supervise.wire_log import WireLog
+from mirrormount.transport.find import find_one
+from mirrormount.transport.lines import Link
+from mirrormount.transport.open import open_port
+from mirrormount.transport.port import Port
 from mirrormount.transport.stop_socket import Stoppable
+from mirrormount.transport.tap import TappedPort
 
 LOOK_S = 0.05  # between two looks at the board
 _SOON_S = 0.01  # the same while a press waits for a step to end

@@ -1,21 +1,17 @@
-"""Clients that cannot be served: each is told why in one line, and sent away so that it can read it."""
+"""Clients that cannot be served: each gets one line with the reason, and time to read it. Imports nothing of ours."""
 
 import contextlib
 import socket
 import time
 
-from mirrormount.device.identify import AT_PROMPT, TAKEN
+GRACE_S = 0.2  # how long a newcomer waits: the disconnection of the client before it may not be seen yet
 
-TAKEN_LINE = TAKEN.encode() + b"\r\n"
-AT_PROMPT_LINE = AT_PROMPT.encode() + b"\r\n"
-GRACE_S = 0.2  # how long a newcomer waits: the client before him may just have gone without our having seen it
-
-_LEAVE_S = 2.0  # how long the one who is told may take to close
-_LEAVING = 16  # how many of them are waited for
+_LEAVE_S = 2.0  # longest wait for a rejected client to close
+_LEAVING_MOST = 16  # rejected clients that are waited for
 
 
-class TurnedAway:
-    """Those who are leaving. They close, not we: a connection closed on unread bytes loses the line on its way."""
+class Rejected:
+    """Clients on their way out. They close first: a socket that is closed with unread bytes loses the line."""
 
     def __init__(self) -> None:
         self._leaving: list[tuple[socket.socket, float]] = []
@@ -24,18 +20,18 @@ class TurnedAway:
         return bool(self._leaving)
 
     def add(self, client: socket.socket, line: bytes) -> None:
-        """Tell a client (its socket does not block) why, and see it off."""
+        """Send a client (its socket does not block) the reason, and wait for it to close."""
         with contextlib.suppress(OSError):
             client.send(line)
             client.shutdown(socket.SHUT_WR)
         self._leaving.append((client, time.monotonic() + _LEAVE_S))
 
-    def look(self) -> None:
-        """Close those who have left, or had time enough."""
+    def poll(self) -> None:
+        """Close the sockets of clients that have closed, or whose time is up."""
         now = time.monotonic()
-        crowd = len(self._leaving) - _LEAVING
+        too_many = len(self._leaving) - _LEAVING_MOST
         for i, (client, until) in enumerate(list(self._leaving)):
-            if i < crowd or now > until or _has_left(client):
+            if i < too_many or now > until or _has_left(client):
                 client.close()
                 self._leaving.remove((client, until))
 

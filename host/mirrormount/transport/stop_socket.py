@@ -25,14 +25,14 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from mirrormount.common.errors import MountError, NoAnswer
+from mirrormount.common.keep_alive import KEEP_ALIVE_MS
 from mirrormount.common.printable import printable
+from mirrormount.transport.processes import Owner, command_of
 
 ANSWER_S = 2.0  # how long an owner may take to confirm
-KEEP_ALIVE_S = 0.5  # then the board ends by itself what nobody feeds (mirrormount.device.mount.KEEP_ALIVE_MS)
 
 STOPPED = "stopped"  # the board has said that both motors are off
 SENT = "sent"  # the stop was written to the port, and nobody could look what came of it
@@ -148,18 +148,6 @@ class Stoppable:
             return _FAILED + (str(e) or type(e).__name__)
 
 
-@dataclass(frozen=True)
-class Owner:
-    """A program that has a port open. pid is 0 if the system does not tell."""
-
-    pid: int
-    command: str
-    path: Path | None = None
-
-    def __str__(self) -> str:
-        return f"process {self.pid} ({self.command})" if self.pid else "another program"
-
-
 def owners(address: str | None = None) -> list[Owner]:
     """The programs of this user that take stops, for the port at address or for any. Removes what dead ones left."""
     if not supported():
@@ -219,34 +207,12 @@ def ask(owner: Owner, timeout_s: float = ANSWER_S) -> str:
                 answer = printable(answers.readline(1000).decode("utf-8", "replace").strip())
     except OSError as e:
         raise NoAnswer(
-            f"{owner} has the port and does not answer: the board's keep-alive ends what moves within {KEEP_ALIVE_S:g}"
-            " s if that program hangs; to be sure, end it or cut the motors' supply"
+            f"{owner} has the port and does not answer: the board's keep-alive ends what moves within"
+            f" {KEEP_ALIVE_MS / 1000:g} s if that program hangs; to be sure, end it or cut the motors' supply"
         ) from e
     if answer not in (STOPPED, SENT):
         raise NoAnswer(f"{owner} has the port and could not stop: {answer.removeprefix(_FAILED) or 'no reason given'}")
     return answer
-
-
-def who_has(port: str) -> Owner | None:
-    """The process that has a device open, if this system tells (Linux, and a process of this user)."""
-    target = os.path.realpath(port)
-    for folder in Path("/proc").glob("[0-9]*"):
-        with contextlib.suppress(OSError):
-            for fd in (folder / "fd").iterdir():
-                if int(folder.name) != os.getpid() and os.readlink(fd) == target:
-                    return Owner(int(folder.name), command_of(int(folder.name)))
-    return None
-
-
-def command_of(pid: int) -> str:
-    """What runs in a process, in a few words; safe to print."""
-    try:
-        words = Path(f"/proc/{pid}/cmdline").read_bytes().split(b"\0")
-    except OSError:
-        return "command not known"
-    names = [os.path.basename(w.decode("utf-8", "replace")) for w in words[:1]]
-    names += [w.decode("utf-8", "replace") for w in words[1:4] if w]
-    return printable(" ".join(names).strip(), 60) or "command not known"
 
 
 def make_folder() -> Path:

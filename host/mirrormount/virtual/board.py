@@ -16,7 +16,7 @@ from urllib.parse import parse_qsl
 from mirrormount.common.errors import BadAddress, BadValue, CannotOpen, ConnectionLost, MountError
 from mirrormount.common.printable import printable
 from mirrormount.common.validation import digits
-from mirrormount.transport.link import SocketPort
+from mirrormount.transport.tcp_port import SocketPort
 from mirrormount.virtual import machines
 from mirrormount.virtual.bench import Bench
 from mirrormount.virtual.files import new_files
@@ -114,7 +114,7 @@ def make_simulation(options: Options | None = None) -> Simulation:
 
 
 def open_virtual(url: str) -> "RealtimePort | LockstepPort":
-    """A port (see mirrormount.transport.link) on a new virtual board. Raises BadAddress for an option it has not."""
+    """A port (mirrormount.transport.port) on a new virtual board. Raises BadAddress for an option it has not."""
     given = dict(parse_qsl(url.removeprefix("virtual://").removeprefix("?"), keep_blank_values=True))
     speed = given.pop("speed", "1")
     texts = {name: given.pop(name) for name in ("machine", "bench", "board") if name in given}

@@ -8,9 +8,10 @@ import time
 from pathlib import Path
 from typing import Protocol
 
-from mirrormount.network.client_session import acknowledge
 from mirrormount.transport.first_bytes import FirstBytes, NotAClient
-from mirrormount.transport.rejected import GRACE_S, TAKEN_LINE, TurnedAway
+from mirrormount.transport.refusals import TAKEN, refusal_line
+from mirrormount.transport.rejected import GRACE_S, Rejected
+from mirrormount.transport.tcp_port import acknowledge
 from mirrormount.transport.telnet import Inlet
 
 BUFFER = 512  # bytes that a board takes in before its host has to wait
@@ -193,7 +194,7 @@ class TcpPort:
         self._begin()
         self._newcomer: socket.socket | None = None
         self._since = 0.0
-        self._away = TurnedAway()
+        self._rejected = Rejected()
         self.address = f"socket://127.0.0.1:{self._server.getsockname()[1]}"
 
     def _begin(self) -> None:
@@ -261,13 +262,13 @@ class TcpPort:
         client, self._client = self._client, None
         self._begin()
         if client:
-            self._away.add(client, line)
+            self._rejected.add(client, line)
 
     def close(self) -> None:
         for s in (self._client, self._newcomer):
             if s:
                 s.close()
-        self._away.close()
+        self._rejected.close()
         self._server.close()
 
     def _accept(self) -> None:
@@ -281,9 +282,9 @@ class TcpPort:
             self._client, self._newcomer = self._newcomer, None
             self._begin()
         elif self._newcomer and time.monotonic() - self._since > GRACE_S:
-            self._away.add(self._newcomer, TAKEN_LINE)
+            self._rejected.add(self._newcomer, refusal_line(TAKEN))
             self._newcomer = None
-        self._away.look()
+        self._rejected.poll()
 
 
 class PairPort:

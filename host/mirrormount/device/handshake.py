@@ -1,4 +1,4 @@
-"""Who is there? The first words to a board. Imports errors, link, printable, telnet."""
+"""The first exchange with a board: is it a mount? Imports errors, lines, printable, refusals, telnet."""
 
 from mirrormount.common.errors import (
     AtPrompt,
@@ -11,21 +11,16 @@ from mirrormount.common.errors import (
     TokenNeeded,
 )
 from mirrormount.common.printable import printable
-from mirrormount.transport.link import Link
+from mirrormount.transport.lines import Link
+from mirrormount.transport.refusals import AT_PROMPT, NO_BOARD, TAKEN, TOKEN_REFUSED
 from mirrormount.transport.telnet import GREETING
 
-# what those who serve a board say to a client that they turn away
-TAKEN = "mirrormount: this board has a client already"
-NO_BOARD = "mirrormount: the board is not there"
-AT_PROMPT = "mirrormount: the board is at its Python prompt, which is not served on TCP"
-TOKEN_REFUSED = "mirrormount: the first line must be the token"
-
 _ANSWER_S = 1.0
-_SERVED_ANSWER_S = 5.0  # behind a greeting: `serve` brings the board to rest first, late on a busy computer
+_SERVED_ANSWER_S = 5.0  # after a greeting: `serve` stops the board first, which takes longer on a busy computer
 
 
 def identify(link: Link) -> str:
-    """Stop whatever moves, throw away what is old, and ask who is there. Returns the answer to *IDN?.
+    """Stop all motion, drop old answers, and query the identity. Returns the answer to *IDN?.
 
     Raises NotAMount, AtPrompt, FirmwareMissing, PortBusy, PortAbsent, TokenNeeded.
     """
@@ -35,7 +30,7 @@ def identify(link: Link) -> str:
         _check_served(before.decode("ascii", "replace"))
         link.write(b"*IDN?\n")
         answer = link.read_line(_SERVED_ANSWER_S if GREETING in before else _ANSWER_S)
-        if answer.endswith("soft reboot"):  # it is just starting
+        if answer.endswith("soft reboot"):  # the board is just starting
             answer = link.read_line(_ANSWER_S)
     except ConnectionLost as e:
         raise NotAMount("it hung up when asked who it is: not a mount") from e
@@ -44,9 +39,9 @@ def identify(link: Link) -> str:
         if not answer:
             raise NotAMount("nothing answers: not a mount, or its firmware hangs") from e
     _check_served(answer)
-    answer = answer.lstrip("\ufffd\x01\x03")  # telnet's greeting, where the board is served on TCP and it came late
+    answer = answer.lstrip("\ufffd\x01\x03")  # telnet's greeting that came late
     if not answer.startswith("mirrormount,"):
-        link.write(b"\r")  # a prompt that is in the middle of a line does not show itself before its end
+        link.write(b"\r")  # a prompt in the middle of a line shows only after its end
         answer += link.drain(0.3).decode("ascii", "replace")
     rest = link.drain(0.05).decode("ascii", "replace")
     if answer.startswith("mirrormount,") and not rest:
@@ -64,15 +59,15 @@ def identify(link: Link) -> str:
     raise NotAMount(f"this is not a mount; it answered {(answer + rest)[:60]!r}")
 
 
-def _check_served(heard: str) -> None:
-    """Raise what it means if a served board has turned us away."""
-    if TAKEN in heard:
+def _check_served(received: str) -> None:
+    """Raise the error that stands for a refusal of a program that serves the board."""
+    if TAKEN in received:
         raise PortBusy("another program drives this board")
-    if NO_BOARD in heard:
+    if NO_BOARD in received:
         raise PortAbsent("the program that serves this board has lost it: plug the board in")
-    if AT_PROMPT in heard:
+    if AT_PROMPT in received:
         raise AtPrompt("the board is at its Python prompt: press Ctrl-D there (on its pty) to start mountfw")
-    if TOKEN_REFUSED in heard:
+    if TOKEN_REFUSED in received:
         raise TokenNeeded(
             "this board is served with a token, which Mount does not send: go through ssh -L (docs/network.md)"
         )
