@@ -1,6 +1,6 @@
 """The loop: hear, move on, one piece of work. Joins the pure parts with a port, the hardware's verbs.
 
-A port has ticks_us(), ticks_ms(), any(wait_ms), drain(link, most), pack(ring, at, mask), writable(),
+A port has ticks_us(), ticks_ms(), any(wait_ms), drain(receiver, most), pack(ring, at, mask), writable(),
 write(c), led(on), start_watchdog(), stop_watchdog(), collect() and undisturbed(action, argument), and for
 files what settings.py says. The loop sleeps only in any(), which says whether a byte waits and returns as
 soon as one does.
@@ -11,17 +11,19 @@ bytes sent. So whatever comes, the next look at the input and at the switches is
 
 from mountfw import board_file, codes
 from mountfw.dialect.commands import Commands
+from mountfw.dialect.line import Line
 from mountfw.dialect.queries import About
 from mountfw.motion.axis import NEVER_US, REST, Axis
 from mountfw.motion.bridge import EnableBridge, TwoPwmBridge
 from mountfw.motion.controller import Controller
 from mountfw.motion.endstop import EndStop
+from mountfw.own_reply import OwnReply
 from mountfw.store import Records
-from mountfw.wire import link as wire
+from mountfw.wire import receiver as wire
+from mountfw.wire.error_queue import ErrorQueue
 from mountfw.wire.frame import Frame
-from mountfw.wire.line import Line
-from mountfw.wire.own_reply import OwnReply
-from mountfw.wire.presize import make_room
+from mountfw.wire.presize import presize
+from mountfw.wire.replies import Replies
 from mountfw.wire.ticks import diff
 
 _SPIN_US = 3_000  # a drive that ends within this is waited for: more than a pass takes
@@ -46,12 +48,12 @@ def _no_watchdog():
 class App:
     """The firmware of one mount. step() is one pass of the loop and never waits longer than _SLEEP_MS."""
 
-    def __init__(self, port, controller, commands, link, frame, replies, own):
+    def __init__(self, port, controller, commands, receiver, frame, replies, own):
         self.controller = controller
         self._commands = commands
         self._records = controller.records
         self.port = port
-        self._link = link
+        self._receiver = receiver
         self._frame = frame
         self._replies = replies
         self._own = own
@@ -108,8 +110,8 @@ class App:
             pass  # there may be a stop in what is still coming: all else can wait
         elif self._commands.busy:
             self._commands.go_on()
-        elif self._link.unparsed > self._link.ahead:
-            self._obey(self._link.next())
+        elif self._receiver.unparsed > self._receiver.ahead:
+            self._obey(self._receiver.next())
         elif not heard:  # after a byte the next pass looks at once, so that a pause is seen from its beginning
             self._sleep_ms = self._idle(now_us, left_us)
         now_us = self._ticks_us()
@@ -125,22 +127,22 @@ class App:
 
         It streams if this was at least half a packet of USB, and there is room for more.
         """
-        link = self._link
-        before = link.unparsed
+        receiver = self._receiver
+        before = receiver.unparsed
         while self._take(_TAKE) and not self._must_end():
             pass
-        self._streams = link.unparsed - before >= _STREAM and link.unparsed < _MUCH
+        self._streams = receiver.unparsed - before >= _STREAM and receiver.unparsed < _MUCH
 
     def _take(self, most):
         """Take in what waits, at most so many bytes; a stop turns off at once. False if no more waits."""
-        link = self._link
-        before = link.unparsed
-        stop = self._drain(link, most)
+        receiver = self._receiver
+        before = receiver.unparsed
+        stop = self._drain(receiver, most)
         if stop:
             reason = codes.ABORTED if stop == wire.STOP else codes.STOPPED
             self.controller.stop_all(reason)
             self.controller.hold(reason)
-        taken = link.unparsed - before
+        taken = receiver.unparsed - before
         if taken:
             self.controller.heard_at = self._ticks_us()
         return stop != 0 or taken == most
@@ -161,7 +163,7 @@ class App:
         if message == wire.FRAME:
             frame = self._frame
             controller.frame(frame.m1, frame.m2)
-            if self._link.unparsed < _BEHIND and not self._own.muted:
+            if self._receiver.unparsed < _BEHIND and not self._own.muted:
                 self._replies.echo(frame.packed)  # best effort: nobody is told if it did not fit
         elif message == wire.LINE:
             self._commands.take()
@@ -173,13 +175,13 @@ class App:
             controller.suspect(self._frame.m1, self._frame.m2)
         elif message >= wire.OWN_REPLY:
             if message == wire.WAS_OWN_REPLY:
-                controller.errors.take_back(codes.MALFORMED)
+                controller.errors.retract(codes.MALFORMED)
             controller.malformed(codes.OWN_REPLY)
             self._own.returned(self._ticks_us())
         else:
             controller.malformed(codes.MALFORMED if message == wire.MALFORMED else codes.LINE_TOO_LONG)
             self._own.doubt()
-        if controller.held and not self._link.stops_ahead:
+        if controller.held and not self._receiver.stops_ahead:
             controller.hold(codes.NONE_YET)
 
     def _end_drives(self, now_us):
@@ -207,9 +209,9 @@ class App:
         quiet_us = self._silence(now_us)
         if quiet_us < left_us:
             left_us = quiet_us
-        if self._link.unparsed > self._link.ahead or self.controller.watching():
+        if self._receiver.unparsed > self._receiver.ahead or self.controller.watching():
             return 0
-        if self._records.waiting and not (waiting or self._link.gap_us()):
+        if self._records.waiting and not (waiting or self._receiver.gap_us()):
             self._records.record(now_us, self.controller.moving())
         if waiting:
             most_ms = 0 if self.port.writable() else 1
@@ -224,11 +226,11 @@ class App:
         """Is a keep-alive over, or a message given up? Returns the microseconds to the next such deadline."""
         controller = self.controller
         quiet_us = controller.silence(now_us) if controller.keep_alive_ms else NEVER_US
-        gap_us = self._link.gap_us()
+        gap_us = self._receiver.gap_us()
         if gap_us:
             gap_us -= self._silent_us(now_us)
             if gap_us <= 0:
-                self._obey(self._link.gap())
+                self._obey(self._receiver.gap())
             elif gap_us < quiet_us:
                 return gap_us
         return quiet_us
@@ -236,7 +238,7 @@ class App:
     def _silent_us(self, now_us):
         """Since when nothing has come; and nothing been sent, if a frame waits for what may come of that."""
         silent_us = diff(now_us, self.controller.heard_at)
-        if self._link.deciding():
+        if self._receiver.deciding():
             unsent_us = diff(now_us, self._own.sent_at)
             if 0 <= unsent_us < silent_us:
                 return unsent_us
@@ -275,10 +277,10 @@ def build(port, board):
     wrong = board_file.fault(board_file.values(board), False)
     if wrong:
         raise ValueError(wrong)
-    error_queue = codes.ErrorQueue()
+    error_queue = ErrorQueue()
     cause = port.reset_cause()
     own = OwnReply(port.pack)
-    replies = wire.Replies(own)
+    replies = Replies(own)
     frame = Frame(port.pack)
     line = Line()
     axes = []
@@ -317,11 +319,11 @@ def build(port, board):
     if number is not None:
         port.on_rise(number, controller.guard)
     commands = Commands(controller, line, replies, about)
-    link = wire.Link(frame, line, port.pack, own)
-    built = App(port, controller, commands, link, frame, replies, own)
-    for thing, most in ((link, 18), (frame, 13), (replies, 13), (own, 24), (controller, 18)):
-        make_room(thing, most)
+    receiver = wire.Receiver(frame, line, port.pack, own)
+    built = App(port, controller, commands, receiver, frame, replies, own)
+    for thing, most in ((receiver, 18), (frame, 13), (replies, 13), (own, 24), (controller, 18)):
+        presize(thing, most)
     for axis in axes:
         for thing, most in ((axis, 60), (axis.position, 18), (axis.bridge, 13)):
-            make_room(thing, most)
+            presize(thing, most)
     return built

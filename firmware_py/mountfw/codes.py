@@ -99,47 +99,6 @@ HOMED = 2
 ESTIMATED = 3
 
 
-class ErrorQueue:
-    """The ten oldest errors that nobody has read yet."""
-
-    def __init__(self):
-        self._codes = [0] * 10
-        self._first = 0
-        self.waiting = 0
-        self._dropping = False  # a 65 waits to be read: one is enough
-
-    def clear(self):
-        """Forget them all."""
-        while self.pop():
-            pass
-
-    def push(self, code):
-        """Queue error code, unless ten older ones wait."""
-        if code == ANSWER_DROPPED:
-            if self._dropping:
-                return
-            self._dropping = self.waiting < 10
-        if self.waiting < 10:
-            self._codes[(self._first + self.waiting) % 10] = code
-            self.waiting += 1
-
-    def take_back(self, code):
-        """Forget the newest error if it is this one: a better one follows."""
-        if self.waiting and self._codes[(self._first + self.waiting - 1) % 10] == code:
-            self.waiting -= 1
-
-    def pop(self):
-        """The oldest error's code, taken from the queue; 0 if there is none."""
-        if not self.waiting:
-            return 0
-        code = self._codes[self._first]
-        self._first = (self._first + 1) % 10
-        self.waiting -= 1
-        if code == ANSWER_DROPPED:
-            self._dropping = False
-        return code
-
-
 def message(code):
     """What error code says (bytes), without the axis."""
     if code < 100:

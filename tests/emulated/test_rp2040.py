@@ -115,14 +115,14 @@ AS_NATIVE = """
 import micropython, random
 from mountfw.ports import micropython_console as console
 from mountfw.wire import frame
-from mountfw.wire import link
+from mountfw.wire import receiver
 random.seed(%d)
 for _ in range(400):
     ring = bytearray([random.choice(b'000+-112255589:/\\x21\\xb0') for _ in range(16)])
     at = random.randrange(64)
     if console.pack(ring, at, 15) != frame.pack(ring, at, 15):
         print('pack', ring, at)
-fast, slow = [link.Link(None, None, None, 256) for _ in range(2)]
+fast, slow = [receiver.Receiver(None, None, None, None, 256) for _ in range(2)]
 sent = bytes(%r)
 micropython.kbd_intr(-1)
 for start in range(0, len(sent), 200):

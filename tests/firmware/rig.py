@@ -86,14 +86,14 @@ class Port:
         self.us += 15
         return frame.pack(ring, at, mask)
 
-    def drain(self, link, most):
+    def drain(self, receiver, most):
         for _ in range(most):
-            if link.unparsed > link.mask or self.next_us() > self.us:
+            if receiver.unparsed > receiver.mask or self.next_us() > self.us:
                 break
             self.us += 24
             c = self.inbox[self.taken][1]
             self.taken += 1
-            stop = link.receive(c)
+            stop = receiver.receive(c)
             if stop:
                 return stop
         return 0

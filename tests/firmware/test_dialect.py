@@ -1,9 +1,9 @@
 """What programs written for New Focus 8742/8743-CL controllers count on. Runs under CPython and MicroPython."""
 
 from mountfw import codes
+from mountfw.dialect.line import HUGE
 from mountfw.motion.position import MAX_STEPS
 from mountfw.store import SETTINGS
-from mountfw.wire.line import HUGE
 
 from rig import Rig  # isort: skip
 

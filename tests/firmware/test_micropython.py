@@ -39,9 +39,11 @@ WORDS_OF_A_TRY = 3  # mp_exc_stack_t
         "dialect/commands",
         "dialect/queries",
         "wire/frame",
-        "wire/line",
-        "wire/link",
-        "wire/own_reply",
+        "dialect/line",
+        "wire/receiver",
+        "wire/replies",
+        "wire/error_queue",
+        "own_reply",
     ]
     + [f"motion/{name}" for name in ("axis", "axis_settings", "bridge", "controller", "endstop", "homing", "position")]
     + ["ports/circuitpython", "ports/circuitpython_console"],

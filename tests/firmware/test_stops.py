@@ -2,7 +2,7 @@
 
 from rig import Rig
 
-from mountfw.wire.line import key
+from mountfw.dialect.line import key
 
 ZEROS = b"00000000"
 MOTIONS = (b"02550255", b"1MV+;2MV-\n", b"1PR5;2PR-5\n")

@@ -95,7 +95,7 @@ class Session:
         moved = model.move
         rig.send(text_of(name, value) + stop.encode() + b"\n")
         rig.take_in()
-        while rig.app._link.unparsed or rig.app._commands.busy:
+        while rig.app._receiver.unparsed or rig.app._commands.busy:
             rig.step()
         edges, ends, errors = self.happened()
         accepted = name in MOTIONS and not errors and not (name == "frame" and value == 0)

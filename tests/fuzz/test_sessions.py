@@ -50,7 +50,7 @@ def note_events(rig: Rig, events: list[tuple]) -> None:
         elif message and message != 7:
             events.append((words[message],))
         obey(message)
-        if not rig.app._link.stops_ahead:
+        if not rig.app._receiver.stops_ahead:
             assert not controller.axes[0].held
 
     rig.app._obey = noted
@@ -62,7 +62,7 @@ def play(rig: Rig, data: list[tuple[int, int]]) -> None:
             rig.take_in()
         rig.send(bytes([c]), after_us=silence_us)  # it comes while the loop sleeps, as in life
     rig.take_in()
-    while rig.app._link.unparsed or rig.app._link.deciding():
+    while rig.app._receiver.unparsed or rig.app._receiver.deciding():
         rig.step()
 
 
@@ -132,7 +132,7 @@ def outcome(first: bytes, second: bytes, apart_us: int) -> tuple:
     rig.send(first)
     if apart_us:
         rig.take_in()
-        while rig.app._link.unparsed:
+        while rig.app._receiver.unparsed:
             rig.step()
         rig.run(apart_us)
     rig.send(second)

@@ -79,9 +79,9 @@ def test_the_host_takes_only_the_wire_from_the_firmware():
     allowed |= {"mountfw.board_file", "mountfw.boards", "mountfw.boards.FILE_OF"}  # the names of boards
     wire = (
         "mountfw.wire.frame",
-        "mountfw.wire.line",
-        "mountfw.wire.link",
-        "mountfw.wire.own_reply",
+        "mountfw.dialect.line",
+        "mountfw.wire.receiver",
+        "mountfw.own_reply",
     )  # the grammar
     for path in HOST.rglob("*.py"):
         if "fakes" not in path.parts and "fakes_circuitpython" not in path.parts:

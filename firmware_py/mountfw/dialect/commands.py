@@ -6,10 +6,10 @@ says whether it needs an axis, what sets it and what answers its query.
 """
 
 from mountfw import codes
+from mountfw.dialect.line import COMMAND, END, MINUS, NOTHING, NUMBER, PLUS, QUERY, key
 from mountfw.dialect.queries import Answers
 from mountfw.motion.position import MAX_STEPS
 from mountfw.store import SETTINGS, allowed
-from mountfw.wire.line import COMMAND, END, MINUS, NOTHING, NUMBER, PLUS, QUERY, key
 
 _ADDRESS = 1  # of this controller, in a line that names one; 0 is the controller at the port, so this one as well
 _CONNECTED = 2  # axes this mount has

@@ -72,17 +72,17 @@ def any(wait_ms):
     return _there != _channel.connected and _has_left()
 
 
-def drain(link, most):
+def drain(receiver, most):
     """Hand what waits to Link.receive(), at most `most` bytes and no further than to a stop.
 
     Returns that stop, or NEED_BYTES.
     """
     taken = 0
-    while taken < most and link.unparsed <= link.mask:
+    while taken < most and receiver.unparsed <= receiver.mask:
         if not _readinto(_byte_in):
-            return link.receive(_STOP) if not taken and _take_leave() else 0
+            return receiver.receive(_STOP) if not taken and _take_leave() else 0
         taken += 1
-        stop = link.receive(_byte_in[0])
+        stop = receiver.receive(_byte_in[0])
         if stop:
             return stop
     return 0

@@ -10,7 +10,7 @@ import sys
 
 import micropython
 
-from mountfw.wire.link import EIGHTH_ZERO, STOP, ZEROS
+from mountfw.wire.receiver import EIGHTH_ZERO, STOP, ZEROS
 
 
 def _ipoll(stream, events):
@@ -45,16 +45,16 @@ def any(wait_ms):
 
 
 @micropython.viper
-def drain(link, most: int) -> int:
-    """What Link.receive() does with each byte that waits, at most `most` and no further than to a stop.
+def drain(receiver, most: int) -> int:
+    """What Receiver.receive() does with each byte that waits, at most `most` and no further than to a stop.
 
     Returns that stop, or NEED_BYTES.
     """
-    ring = ptr8(link.ring)  # noqa: F821 # pyright: ignore[reportUndefinedVariable] (known to viper)
-    mask = int(link.mask)
-    unparsed = int(link.unparsed)
-    at = int(link.write)
-    zeros = int(link.zeros)
+    ring = ptr8(receiver.ring)  # noqa: F821 # pyright: ignore[reportUndefinedVariable] (known to viper)
+    mask = int(receiver.mask)
+    unparsed = int(receiver.unparsed)
+    at = int(receiver.write)
+    zeros = int(receiver.zeros)
     byte = ptr8(_byte_in)  # noqa: F821 # pyright: ignore[reportUndefinedVariable]
     stop = 0
     waits = 1
@@ -81,11 +81,11 @@ def drain(link, most: int) -> int:
             at = (at + 1) & mask
             unparsed += 1
             most -= 1
-    link.write = at
-    link.unparsed = unparsed
-    link.zeros = zeros
+    receiver.write = at
+    receiver.unparsed = unparsed
+    receiver.zeros = zeros
     if stop:
-        link.stops_ahead = int(link.stops_ahead) + 1
+        receiver.stops_ahead = int(receiver.stops_ahead) + 1
     return stop
 
 

@@ -21,7 +21,7 @@ _MINUS = 0x2D
 
 
 def pack(ring, at, mask):
-    """The eight bytes from index `at` of a ring (mask: its size - 1) as a packed frame; BAD if they are none."""
+    """The packed frame in the eight bytes from index `at` of a ring (mask: its size - 1); BAD if they are no frame."""
     packed = 0
     for _ in range(2):
         sign = ring[at & mask]
@@ -39,9 +39,9 @@ def pack(ring, at, mask):
 
 
 class Frame:
-    """Takes a frame a byte at a time and refuses it at the first byte that cannot continue it.
+    """Parses a frame byte by byte and refuses it at the first byte that cannot continue it.
 
-    pack is the function above, or a faster one that does the same.
+    pack is the function above, or a faster one of the same effect.
     """
 
     def __init__(self, pack=pack):
@@ -54,11 +54,11 @@ class Frame:
         self._magnitude = 0
 
     def start(self):
-        """Forget what was there; the next byte is the first of a frame."""
+        """Clear: the next byte is the first of a frame."""
         self.length = 0
 
     def feed(self, c):
-        """Take byte c. MORE, DONE (packed, m1 and m2 are the frame's) or BAD."""
+        """Parse byte c. MORE, DONE (packed, m1 and m2 are set) or BAD."""
         i = self.length
         place = i & 3
         if place == 0:
@@ -69,7 +69,7 @@ class Frame:
             if c < _ZERO or c > _ZERO + 9:
                 return BAD
             self._magnitude = self._magnitude * 10 + c - _ZERO
-            # the hundreds digit alone is not judged: `05` may still become the address `05>`
+            # the hundreds digit alone may be above 2: `05` may still become the address `05>`
             if self._magnitude > 255 or (place == 2 and self._magnitude > 25):
                 return BAD
         self.text[i] = c
@@ -77,11 +77,11 @@ class Frame:
         if i < LENGTH - 1:
             return MORE
         packed = self._pack(self.text, 0, LENGTH - 1)
-        self.take(packed)
+        self.unpack(packed)
         return DONE
 
-    def take(self, packed):
-        """Be this packed frame."""
+    def unpack(self, packed):
+        """Set packed, m1 and m2 from a packed frame."""
         self.packed = packed
         n = packed >> 10 & 0xFF
         self.m1 = -n if packed & 0x80000 else n

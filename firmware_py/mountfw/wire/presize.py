@@ -1,13 +1,13 @@
-"""Room in an object's table of attributes. Pure; imports nothing of ours.
+"""Presize an object's table of attributes. Pure; imports nothing of ours.
 
-MicroPython keeps an object's attributes in a hash table of 2, 4, 6, 8, 10, 12, 17, 23, 29, 37, 47, 59, 73 ... places
-(py/map.c), and finds one slowly where nearly all are taken: each frame took 5 % longer when two attributes more had
-filled two tables. A table never shrinks, so what makes it grow may go again.
+MicroPython keeps attributes in a hash table of 2, 4, 6, 8, 10, 12, 17, 23, 29, 37, 47, 59, 73 ... places (py/map.c),
+and look-ups are slow where nearly all are taken: two attributes more made each frame take 5 % longer. A table never
+shrinks, so the attributes that make it grow can be deleted again.
 """
 
 
-def make_room(thing, most):
-    """Have the table of thing grow to where `most` attributes fit; most is a little more than it has."""
+def presize(thing, most):
+    """Grow the attribute table of thing until `most` attributes fit; most is a little more than it has."""
     names = ["_room%d" % i for i in range(most - len(thing.__dict__))]
     for name in names:
         setattr(thing, name, None)

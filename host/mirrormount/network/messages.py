@@ -6,10 +6,10 @@ The firmware's own parser looks at the bytes, so that it cannot be of another op
 from collections.abc import Iterator
 from typing import NamedTuple
 
+from mountfw.dialect.line import COMMAND, END, QUERY, Line, key
+from mountfw.own_reply import OwnReply
 from mountfw.wire.frame import Frame, pack
-from mountfw.wire.line import COMMAND, END, QUERY, Line, key
-from mountfw.wire.link import FRAME, LINE, NEED_BYTES, Link
-from mountfw.wire.own_reply import OwnReply
+from mountfw.wire.receiver import FRAME, LINE, NEED_BYTES, Receiver
 
 __all__ = ["FRAME", "LINE", "NEED_BYTES", "Command", "Messages"]
 
@@ -32,26 +32,25 @@ class Messages:
 
     def __init__(self) -> None:
         self._frame, self._line = Frame(pack), Line()
-        self._link = Link(
-            self._frame, self._line, pack, OwnReply(pack), 64
-        )  # which knows of no reply, so doubts no frame
+        own = OwnReply(pack)  # which knows of no reply, so doubts no frame
+        self._receiver = Receiver(self._frame, self._line, pack, own, 64)
 
     def feed(self, c: int) -> int:
         """Take a byte. Returns the kind of the message that it ends, or NEED_BYTES."""
-        self._link.receive(c)
+        self._receiver.receive(c)
         message = NEED_BYTES
-        while self._link.unparsed:
-            message = self._link.next() or message
+        while self._receiver.unparsed:
+            message = self._receiver.next() or message
         return message
 
     @property
     def gap_s(self) -> float:
         """How long a silence may last here before the board gives the message up; 0 between messages."""
-        return self._link.gap_us() * 1e-6
+        return self._receiver.gap_us() * 1e-6
 
     def gap(self) -> None:
         """The board has given the message up."""
-        self._link.gap()
+        self._receiver.gap()
 
     def frame_drives(self) -> bool:
         """Does the last frame drive a motor?"""

@@ -15,7 +15,7 @@ _TOKEN = rb"[!#$%&'*+\-.^_`|~0-9A-Za-z]+"  # what a method may be (RFC 9110, 5.6
 _REQUEST = re.compile(_TOKEN + rb" +(/|\*|https?:|[^\r\n]*HTTP/)", re.IGNORECASE)
 _UNDECIDED = re.compile(rb"[A-Za-z]+ [^\r\n]*\Z")
 _UNFINISHED = re.compile(_TOKEN + rb"( [^\r\n]*)?\Z")
-_LINE_MOST = 128  # the longest command line (mountfw.wire.line.MAX_LINE)
+_LINE_MOST = 128  # the longest command line (mountfw.dialect.line.MAX_LINE)
 _STOP = re.compile(rb"[!\x03]|0{8}")
 
 

@@ -1,72 +1,69 @@
-"""Recognises what the board itself has sent, when a terminal driver sends it back. Imports ticks.
+"""Recognises the board's own reply when a terminal driver returns it. Imports receiver, ticks.
 
 A serial port in its default mode (ECHO, as after `stty sane`) returns each byte that it receives. The first line
-of the reply to a frame is that frame, so it would drive again, and its reply again. What returns is whole and in
-order; only line ends change (`\\r\\n` may be `\\r\\n\\r\\n`, `\\n` or `^M`). What follows a frame tells: after the
-board's own one comes a line end, the first number alone, and a line end. No host sends that.
+of the reply to a frame is that frame, so it would drive again, and its reply again. The bytes return complete and in
+order; only line ends change (`\\r\\n` may be `\\r\\n\\r\\n`, `\\n` or `^M`). The bytes after a frame decide: after the
+board's own one come a line end, the first number alone, and a line end. No host sends that.
 
-A frame that was sent lately is therefore not obeyed before that is decided, unless it is known that nothing returns:
-then `wary` is 0, and a frame is obeyed at once. Nothing here allocates.
+A frame that the board sent lately is therefore executed only after that decision. If the port is known not to
+echo, `wary` is 0 and a frame is executed at once. Nothing here allocates.
+
+It stands beside wire/, not in it: the Receiver takes it as an object and knows its three verdicts only.
 """
 
+from mountfw.wire.receiver import OTHER, OWN, UNDECIDED
 from mountfw.wire.ticks import diff
 
-# what feed() says
-UNDECIDED = 0
-OTHER = 1
-OWN = 2
-
-DECIDE_US = 20_000  # after this silence, in both directions, a frame is the host's: what returns comes within 1 ms
-_QUIET_US = 100_000  # nothing returns if what was sent so long ago has not ...
-_QUIET_FOR_US = 2_000_000  # ... and so long that holds: another program may open the port in another mode
-_WINDOW_US = 1_000_000  # what was sent is remembered for one of these, at most two
+_QUIET_US = 100_000  # the port does not echo if bytes sent so long ago have not returned ...
+_QUIET_FOR_US = 2_000_000  # ... and that holds so long: another program may open the port in another mode
+_WINDOW_US = 1_000_000  # sent frames are remembered for one of these, at most two
 _MUTED_US = 1_000_000  # no reply to frames for so long, after one has returned
 
 _BUCKETS = 29  # of frames: a packed frame modulo this is its bit
-_ANSWER = 1 << _BUCKETS  # the bit of all other answers; still a small integer
-_MAGNITUDES = 0x3FCFF  # in a packed frame; both 0: it stops, and a stop never waits
-_HEAD = 8  # characters of an answer that are compared: those of a frame
+_ANSWER = 1 << _BUCKETS  # the bit of all other replies; still a small integer
+_MAGNITUDES = 0x3FCFF  # in a packed frame; both 0: a stop, which never waits
+_HEAD = 8  # characters of a reply that are compared: as many as a frame has
 _ENDS = 6  # line ends in a row that one line end may become, and more
 
 
 class OwnReply:
-    """What was sent lately. pack is frame.pack()."""
+    """Remembers frames and replies that were sent lately. pack is frame.pack()."""
 
     def __init__(self, pack):
         self._pack = pack
         self.wary = 0  # the bits of the frames that may return
         self.muted = False
-        self.sent_at = 0  # when bytes were sent last
-        self._recent = 0  # the bits of what was sent in this window,
+        self.sent_at = 0  # of the last byte
+        self._recent = 0  # the bits of frames sent in this window,
         self._older = 0  # and in the one before
         self._window_at = 0
-        self._watching = False  # is it watched, since _watch_at, whether something returns?
+        self._watching = False  # since _watch_at: does anything return?
         self._watch_at = 0
-        self._quiet = False  # is it known, since _quiet_at, that nothing returns?
+        self._quiet = False  # since _quiet_at: the port does not echo
         self._quiet_at = 0
         self._muted_at = 0
-        self._head = bytearray(_HEAD)  # how the last answer begins
-        self._column = 0  # of the answer that is being sent
+        self._head = bytearray(_HEAD)  # the beginning of the last reply
+        self._column = 0  # in the reply that is being sent
         self._head_length = 0
-        self._number = -1  # a packed frame that an answer began with, such as -1000000
+        self._number = -1  # a packed frame that a reply began with, such as -1000000
         self._number_is_new = False  # sent in this window?
-        self._expected = bytearray(_HEAD)  # what feed() compares with
+        self._expected = bytearray(_HEAD)  # the text that feed() compares with
         self._length = 0
         self._place = 0
         self._ends = 0
         self._caret = False  # was the last byte a `^`?
 
-    # ---- what is sent
+    # ---- sending
 
-    def said(self, packed):
-        """The reply to this frame begins to be sent."""
+    def sent_frame(self, packed):
+        """Record that the reply to this frame begins to be sent."""
         bit = 1 << packed % _BUCKETS
         self._recent |= bit
         if not self._quiet:
             self.wary |= bit
 
-    def answered(self, c):
-        """Byte c of another answer is sent."""
+    def sent_byte(self, c):
+        """Record that byte c of another reply is sent."""
         if c == 10:
             self._column = 0
         elif c != 13 and self._column < _HEAD:
@@ -79,27 +76,27 @@ class OwnReply:
                 if packed >= 0:
                     self._number = packed
                     self._number_is_new = True
-                    self.said(packed)
+                    self.sent_frame(packed)
 
     def sent(self, now_us):
-        """Bytes have been sent."""
+        """Record the time: bytes were sent."""
         self.sent_at = now_us
         if not (self._watching or self.muted):
             self._watching = True
             self._watch_at = now_us
 
-    # ---- what is received
+    # ---- receiving
 
     def suspects(self, packed):
-        """May this frame be our own reply, so that it must wait until feed() has decided?"""
+        """True if this frame may be the board's own reply, so that it must wait for feed()'s verdict."""
         return self.wary >> packed % _BUCKETS & 1 and packed & _MAGNITUDES
 
     def is_number(self, packed):
-        """Is this frame an answer's number? No more follows that, so nothing else tells it from the host's."""
+        """True if this frame is a reply's number: nothing follows that, so it cannot be told from the host's."""
         return packed == self._number
 
     def expect(self, packed):
-        """feed() is to compare what follows this frame with the reply to it."""
+        """Prepare feed() to compare the bytes after this frame with the reply to it."""
         self._ends = 0
         self._caret = False
         self._place = 0
@@ -116,7 +113,7 @@ class OwnReply:
         self._length = length
 
     def may_end_line(self, c):
-        """Is c a line end, or how one begins that is shown as `^M`?"""
+        """True if c is a line end, or begins one that is shown as `^M`."""
         return c == 10 or c == 13 or c == 0x5E
 
     def feed(self, c):
@@ -137,17 +134,17 @@ class OwnReply:
         self._place = place + 1
         return OWN if place == _HEAD - 1 else UNDECIDED
 
-    def refused(self, part, c, packed):
-        """Compare a part of a message (a Frame or a Line) and c with the reply to this frame, and the last answer."""
+    def compare_refused(self, part, c, packed):
+        """Compare a part of a message (a Frame or a Line) and c with the reply to this frame, and the last reply."""
         if (self._recent | self._older) >> packed % _BUCKETS & 1:
             self.expect(packed)
             verdict = self._compare(part, c)
             if verdict != OTHER:
                 return verdict
-        return self.is_answer(part, c)
+        return self.is_reply(part, c)
 
-    def is_answer(self, part, c):
-        """Is this part of a message, with c, the last answer or its beginning?"""
+    def is_reply(self, part, c):
+        """Compare a part of a message and c with the last reply that was no echo."""
         if not (self._recent | self._older) & _ANSWER or (part.length and part.text[0] != self._head[0]):
             return OTHER
         for i in range(_HEAD):
@@ -166,19 +163,19 @@ class OwnReply:
         return self.feed(c)
 
     def returned(self, now_us):
-        """Our own reply has come back: nothing more is sent that could drive, for a while."""
+        """Mute the replies to frames for a while: one has returned."""
         self.doubt()
         self.muted = True
         self._muted_at = now_us
 
     def doubt(self):
-        """Something came that no host should send: it is not known any more that nothing returns."""
+        """Bytes arrived that no host should send: the port may echo again."""
         self._quiet = False
         self._watching = False
         self.wary = self._recent | self._older
 
     def tick(self, now_us):
-        """Let time pass. To be called some times in 100 ms."""
+        """Update to the time now_us; call it several times in 100 ms."""
         if self._watching:
             if diff(now_us, self._watch_at) >= _QUIET_US:
                 self._watching = False

@@ -1,0 +1,46 @@
+"""The queue of errors that wait to be read. Pure; imports codes."""
+
+from mountfw.codes import ANSWER_DROPPED
+
+_ROOM = 10
+
+
+class ErrorQueue:
+    """The ten oldest unread errors. A newer one is dropped while these wait."""
+
+    def __init__(self):
+        self._codes = [0] * _ROOM
+        self._first = 0
+        self.waiting = 0
+        self._dropping = False  # an ANSWER_DROPPED waits: one is enough
+
+    def clear(self):
+        """Empty the queue."""
+        while self.pop():
+            pass
+
+    def push(self, code):
+        """Queue error code, unless ten older ones wait."""
+        if code == ANSWER_DROPPED:
+            if self._dropping:
+                return
+            self._dropping = self.waiting < _ROOM
+        if self.waiting < _ROOM:
+            self._codes[(self._first + self.waiting) % _ROOM] = code
+            self.waiting += 1
+
+    def retract(self, code):
+        """Remove the newest error if it is this one: a more exact one follows."""
+        if self.waiting and self._codes[(self._first + self.waiting - 1) % _ROOM] == code:
+            self.waiting -= 1
+
+    def pop(self):
+        """Remove and return the oldest error's code; 0 if none waits."""
+        if not self.waiting:
+            return 0
+        code = self._codes[self._first]
+        self._first = (self._first + 1) % _ROOM
+        self.waiting -= 1
+        if code == ANSWER_DROPPED:
+            self._dropping = False
+        return code

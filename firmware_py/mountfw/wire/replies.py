@@ -1,0 +1,132 @@
+"""Replies out: texts, numbers and echoes are queued whole and made into bytes as they are sent. Pure; imports frame."""
+
+from mountfw.wire.frame import SIGNS
+
+_ZERO = 0x30
+_POWERS = (0, 100, 10, 1)  # of the digits of a field
+_CR_AT = 8  # where in a line of an echo its end stands
+_CHARACTERS = tuple([bytes((c,)) for c in range(0x20, 0x40)])
+
+
+class Replies:
+    """The sending side: a bounded queue. A reply that does not fit is dropped whole.
+
+    begin(), then add() and put(), then commit(); or echo(). read() while waiting. Texts, numbers
+    and frames are converted to bytes as they are sent, so that a reply takes little of one pass.
+    A text must not change until it is sent.
+    """
+
+    def __init__(self, own, size=256):
+        self._own = own  # an OwnReply: it records each byte that is sent
+        self._items = [None] * size  # texts (bytes), numbers and echoes; size is a power of two
+        self._mask = size - 1
+        self.waiting = False  # True if read() has a byte
+        self._tail = 0
+        self._head = 0  # end of what may be sent
+        self._end = 0  # end of the reply that is being added to
+        self._lost = False
+        self._at = 0  # in the text or echo that is being sent
+        self._power = 0  # of ten: the digit of the number that is being sent; 0 before its first
+
+    def begin(self):
+        """Start a reply."""
+        self._end = self._head
+        self._lost = False
+
+    def add(self, item):
+        """Add bytes (at least one) as they are, or an integer (between -2**30 and 2**30) in decimal."""
+        end = self._end
+        after = end + 1 & self._mask
+        if after == self._tail:
+            self._lost = True
+        else:
+            self._items[end] = item
+            self._end = after
+
+    def put(self, c):
+        """Add character c: a digit, a sign or a space, 0x20 ... 0x3F."""
+        self.add(_CHARACTERS[c - 0x20])
+
+    def echo(self, packed):
+        """Queue the echo of a packed frame, as the paper's sketch sends it: a whole reply. False if it did not fit."""
+        head = self._head
+        mask = self._mask
+        if head - self._tail & mask > mask - 2:
+            return False
+        self._items[head] = None  # a frame follows
+        self._items[head + 1 & mask] = packed
+        self._head = head + 2 & mask
+        self.waiting = True
+        return True
+
+    def commit(self):
+        """End the reply. False if it did not fit: then no part of it is sent."""
+        if not self._lost:
+            self._head = self._end
+            self.waiting = self._tail != self._head
+        return not self._lost
+
+    def read(self):
+        """Remove and return the next byte to send."""
+        item = self._items[self._tail]
+        if item is None:
+            return self._echoed(self._items[self._tail + 1 & self._mask])
+        if type(item) is int:
+            c = self._digit(item)
+            if not self._power:
+                self._drop_item()
+        else:
+            c = item[self._at]
+            self._at += 1
+            if self._at == len(item):
+                self._at = 0
+                self._drop_item()
+        self._own.sent_byte(c)
+        return c
+
+    def _digit(self, n):
+        """The sign or next digit of n; _power is 0 after the last one."""
+        power = self._power
+        negative = n < 0
+        if negative:
+            n = -n
+        if not power:
+            power = 1
+            while n // power >= 10:
+                power *= 10
+            self._power = power
+            if negative:
+                return 0x2D
+        self._power = power // 10
+        return _ZERO + n // power % 10
+
+    def _echoed(self, packed):
+        """Five lines: 0 the frame, 1 and 2 its numbers, 3 and 4 their magnitudes. _at is 16 x line + place."""
+        line = self._at >> 4
+        place = self._at & 0xF
+        if self._at == 0:
+            self._own.sent_frame(packed)
+        self._at += 1
+        if place == _CR_AT:
+            return 13
+        if place > _CR_AT:
+            self._at = line + 1 << 4
+            if line == 4:
+                self._at = 0
+                self._drop_item()
+                self._drop_item()
+            return 10
+        if line == 0:
+            field = packed >> 10 if place < 4 else packed
+            place &= 3
+            return SIGNS[field >> 8 & 3] if place == 0 else _ZERO + (field & 0xFF) // _POWERS[place] % 10
+        field = packed >> 10 if line & 1 else packed
+        n = field & 0xFF
+        c = self._digit(-n if line < 3 and field & 0x200 else n)
+        if not self._power:
+            self._at = line << 4 | _CR_AT
+        return c
+
+    def _drop_item(self):
+        self._tail = self._tail + 1 & self._mask
+        self.waiting = self._tail != self._head
