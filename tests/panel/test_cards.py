@@ -202,7 +202,7 @@ def test_every_control_can_be_reached_with_the_tab_key(page):
     for _ in range(3 * everything):
         page.keyboard.press("Tab")
         reached.add(page.evaluate("document.activeElement.outerHTML"))
-    named = {"data-stop", 'data-press="1 0"', 'name="speed"', 'name="speed_x"', 'name="target_y"', 'name="steps"'}
+    named = {"data-stop", 'data-press="x:1"', 'name="speed"', 'name="speed_x"', 'name="target_y"', 'name="steps"'}
     assert {name for name in named if not any(name in html for html in reached)} == set()
 
 

@@ -21,7 +21,7 @@ def served(monkeypatch):
     calls = []
 
     def serve(address, opening, patience_s, browser):
-        calls.append((address, opening.addresses, opening.entrance.token))
+        calls.append((address, opening.addresses, opening.sign_in.token))
 
     monkeypatch.setattr(panel, "_serve", serve)
     monkeypatch.setattr(panel, "find", list)

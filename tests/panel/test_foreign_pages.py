@@ -99,7 +99,7 @@ def page_key(panel: Panel) -> str | None:
 def test_pages_that_are_fetched_in_a_row_do_not_end_what_the_controlling_page_drives(page, panel, board):
     start_steps(page, board)
     keys = [page_key(panel) for _ in range(30)]
-    assert keys[0] is not None  # how many are refused: test_entrance.py
+    assert keys[0] is not None  # how many are refused: test_sign_in.py
     wait_for_steps(board)
 
 

@@ -197,9 +197,9 @@ def test_what_is_not_known_any_more_is_said_to_be_so(page, board, how):
 
 
 def test_the_plot_has_a_gap_where_the_position_was_not_known():
-    points = [(t / 20, 1.0, 2.0) for t in range(1, 21)]
-    points += [(1.05, None, None)]
-    points += [(5 + t / 20, 9.0, 8.0) for t in range(1, 21)]
+    points = [(t / 20, (1.0, 2.0)) for t in range(1, 21)]
+    points += [(1.05, None)]
+    points += [(5 + t / 20, (9.0, 8.0)) for t in range(1, 21)]
     x, y = curves(points, 6.0)
     assert [steps for _, steps in x].count(None) >= 1
     for curve, after in ((x, 9.0), (y, 8.0)):
@@ -208,7 +208,7 @@ def test_the_plot_has_a_gap_where_the_position_was_not_known():
 
 
 def test_the_plot_has_a_gap_where_nobody_looked_and_none_elsewhere():
-    points = [(t / 20, 1.0, 2.0) for t in range(1, 1000)]
+    points = [(t / 20, (1.0, 2.0)) for t in range(1, 1000)]
     assert None not in [steps for _, steps in curves(points, 50.0)[0]]
     points = [p for p in points if not 20 < p[0] < 30]
     assert [steps for _, steps in curves(points, 50.0)[0]].count(None) == 1

@@ -19,7 +19,7 @@ from types import FrameType
 from mirrormount.common.errors import BadAddress, BadValue, CannotListen, ExtraMissing, NoBoardFound
 from mirrormount.common.extras import install
 from mirrormount.common.tokens import SHORT, is_short, read_token
-from mirrormount.panel.sign_in import Entrance
+from mirrormount.panel.sign_in import SignIn
 from mirrormount.transport.find import find
 
 _PORT = 8080
@@ -34,11 +34,11 @@ class Opening:
     listener: socket.socket
     addresses: list[str]
     wide: bool
-    entrance: Entrance
+    sign_in: SignIn
 
     def link(self, address: str, code: Callable[[], str]) -> str:
         """What to open at an address; with a code, where a sign-in is needed."""
-        return address if self.entrance.token is None else f"{address}enter#{code()}"
+        return address if self.sign_in.token is None else f"{address}enter#{code()}"
 
 
 def run(args: argparse.Namespace) -> None:
@@ -53,7 +53,7 @@ def run(args: argparse.Namespace) -> None:
         token = read_token(args.token, args.token_file) or (secrets.token_urlsafe(16).encode() if wide else None)
         for warning in _warnings(args.token, token):
             print(f"mirrormount: warning: {warning}", file=sys.stderr)
-        opening = Opening(listener, _links(listener), wide, Entrance(token))
+        opening = Opening(listener, _links(listener), wide, SignIn(token))
         _serve(address, opening, patience_s, args.browser)
     finally:
         listener.close()
@@ -147,28 +147,28 @@ def _patience(text: str) -> float:
 
 def _serve(address: str | None, opening: Opening, patience_s: float, browser: bool) -> None:
     from mirrormount.panel.server import make_server
-    from mirrormount.supervise.lease import Desk
-    from mirrormount.supervise.worker import Pilot
+    from mirrormount.supervise.lease import Lease
+    from mirrormount.supervise.worker import Worker
 
-    desk = Desk(silent_s=patience_s)
-    pilot = Pilot(address, desk)
+    lease = Lease(patience_s=patience_s)
+    worker = Worker(address, lease)
     signal.signal(signal.SIGTERM, _end)  # while the web server runs, it ends that first
     if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:  # nohup ignores it
         signal.signal(signal.SIGHUP, lambda *_: signal.raise_signal(signal.SIGTERM))
     try:
-        pilot.open()
-        entrance, best, own = opening.entrance, opening.addresses[0], opening.addresses[-1]
-        entrance.told = lambda client, _code: _tell_used(opening, client)
-        phone = (lambda: opening.link(best, entrance.new_code)) if opening.wide else None
-        server = make_server(desk, pilot, entrance, phone)
-        _tell(pilot.mount.identity if pilot.mount else "", opening)
+        worker.open()
+        sign_in, best, own = opening.sign_in, opening.addresses[0], opening.addresses[-1]
+        sign_in.told = lambda client, _code: _tell_used(opening, client)
+        phone = (lambda: opening.link(best, sign_in.new_code)) if opening.wide else None
+        server = make_server(worker, sign_in, phone)
+        _tell(worker.mount.identity if worker.mount else "", opening)
         if browser:  # in a thread: some do not return. Others can read its arguments: the code in them works once
-            link = opening.link(own, entrance.new_code)
+            link = opening.link(own, sign_in.new_code)
             show = threading.Thread(target=webbrowser.open, args=(link,), daemon=True)
             server.when_ready(show.start)
         server.run([opening.listener])
     finally:
-        pilot.close()
+        worker.close()
 
 
 def _end(_signal: int, _frame: FrameType | None) -> None:
@@ -177,7 +177,7 @@ def _end(_signal: int, _frame: FrameType | None) -> None:
 
 def _tell(identity: str, opening: Opening) -> None:
     print(identity)
-    links = [opening.link(address, opening.entrance.terminal_code) for address in opening.addresses]
+    links = [opening.link(address, opening.sign_in.terminal_code) for address in opening.addresses]
     if opening.wide:
         import segno
 
@@ -189,6 +189,6 @@ def _tell(identity: str, opening: Opening) -> None:
 
 
 def _tell_used(opening: Opening, client: str) -> None:
-    link = opening.link(opening.addresses[0], opening.entrance.terminal_code)
+    link = opening.link(opening.addresses[0], opening.sign_in.terminal_code)
     with contextlib.suppress(OSError):  # the terminal has gone
         print(f"the link was used by {client}; for another browser: {link}", flush=True)

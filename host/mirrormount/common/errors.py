@@ -129,6 +129,14 @@ class ExtraMissing(MountError):
     """This part of mirrormount needs a package that was not installed with it."""
 
 
+class NotInControl(MountError):
+    """Another client of the mount's supervisor has control, or a stop has ended it; nothing was sent."""
+
+
+class SupervisorFault(MountError):
+    """The program that owns the mount failed; the motors were stopped."""
+
+
 class PanelFault(MountError):
     """The panel's own program failed; the motors were stopped."""
 

@@ -189,6 +189,15 @@ REMEDIES = {
         "The board did not answer in time, or a move did not end when it should have; then a stop has been sent.",
         "Unplug it and plug it in; if it repeats, report it.",
     ),
+    "NotInControl": Remedy(
+        "A program asked a supervised mount for a motion without having control: another client has it, or a stop"
+        " or a lost board has ended it. Nothing was sent.",
+        "Take control again when the cause is gone; on the panel, press Take control.",
+    ),
+    "SupervisorFault": Remedy(
+        "The program that owns the mount failed. The motors were stopped; it connects to the board again by itself.",
+        "Report it, with the traceback in that program's log.",
+    ),
     "PanelFault": Remedy(
         "The panel's own program failed. The motors were stopped; it connects to the board again by itself.",
         "Report it, with the file that the line in the terminal names.",

@@ -1,16 +1,18 @@
-"""The web panel: drive the mount from any browser. Needs the extra [gui]; nothing else imports this.
+"""The web panel: drive the mount from any browser. Needs the extra [gui]; only cli/panel.py imports this.
 
-desk.py      who is here, who controls, and whose page is alive         pure
-presses.py   buttons that are down, and presses that wait               pure
-orders.py    what a page may ask for, as data                           pure
-notices.py   what has happened, in words                                pure
-rates.py     how often something may happen                             pure
-pilot.py     the one thread that speaks to the mount                    no web
-brake.py     the thread that stops it                                   no web
-wire_log.py  what went over the wire                                    no web
-entrance.py  how a browser signs in where a token is needed             no web
-guard.py     who may come in, and what every answer forbids             ASGI
-driving.py   the socket that orders, heartbeats and stops come by       ASGI
-page.py …    what is seen                                               NiceGUI
-command.py   `mirrormount panel`
+pages.py             the pages as clients of the mount: secrets, bounds     pure
+rates.py             how often something may happen                         pure
+sign_in.py           sign-in of a browser where a token is needed           no web
+auth.py              which requests are let in; headers of every reply      ASGI
+socket.py            the socket for requests, heartbeats and stops          ASGI
+run_on_mount.py      a page's question to the mount; messages to its user   NiceGUI
+page.py              the page, made of its cards                            NiceGUI
+cards_of_motion.py   press and hold, steps, speeds                          NiceGUI
+cards_of_state.py    positions, lamps, plot, events, virtual screen         NiceGUI
+card_of_settings.py  all settings, apply, save, restore                     NiceGUI
+card_of_wire.py      the wire log                                           NiceGUI
+server.py            NiceGUI on uvicorn; the log file                       uvicorn
+static/              panel.js (drives), screen.js (the spot), panel.css
+
+The mount itself is owned by mirrormount.supervise. `mirrormount panel` is cli/panel.py.
 """

@@ -2,7 +2,7 @@
 
 On the loopback interface any program of this computer may come in. A page of another site, open in the same browser,
 may not: browsers name it by Origin and Sec-Fetch-Site, and one that hides behind a name of its own is known by Host.
-On a wider network it takes a sign-in (entrance.py); a cookie stands for it. No page may frame the panel.
+On a wider network it takes a sign-in (sign_in.py); a cookie stands for it. No page may frame the panel.
 """
 
 import asyncio
@@ -15,7 +15,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from mirrormount.common.tokens import same
 from mirrormount.panel.rates import Rate, Rates
-from mirrormount.panel.sign_in import Entrance
+from mirrormount.panel.sign_in import SignIn
 
 FLOOD = 4429  # a close code: too many messages
 _MESSAGES = 200, 100  # of one socket: at once, a second. A page sends about 25 a second
@@ -33,12 +33,12 @@ _NOTHING = "The panel has no such page."
 _Headers = list[tuple[bytes, bytes]]
 
 
-class Guard:
+class Auth:
     """Lets requests through to app, or refuses them."""
 
-    def __init__(self, app: ASGIApp, entrance: Entrance) -> None:
+    def __init__(self, app: ASGIApp, sign_in: SignIn) -> None:
         self._app = app
-        self._entrance = entrance
+        self._sign_in = sign_in
         self._pages = Rates(*_PAGES)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -66,7 +66,7 @@ class Guard:
         elif path == "/enter":
             await self._enter(scope, receive, send)
         elif not self._signed_in(scope):
-            await (send.html(403, self._entrance.page(send.nonce)) if path == "/" else send.page(403, _NO_TOKEN))
+            await (send.html(403, self._sign_in.page(send.nonce)) if path == "/" else send.page(403, _NO_TOKEN))
         elif path == "/" and scope["query_string"]:  # nothing of ours; the address bar is to be clean
             await send.answer(303, b"", [(b"location", b"/")])
         elif path == "/" and not self._pages.take(_client(scope)):
@@ -76,29 +76,29 @@ class Guard:
             await self._app({**scope, "headers": headers}, receive, send)
 
     async def _enter(self, scope: Scope, receive: Receive, send: "_Hardened") -> None:
-        if self._entrance.token is None:
+        if self._sign_in.token is None:
             await send.answer(303, b"", [(b"location", b"/")])
         elif scope["method"] != "POST":
-            await send.html(200, self._entrance.page(send.nonce))
+            await send.html(200, self._sign_in.page(send.nonce))
         else:
-            answer = self._entrance.sign_in(_client(scope), await _body(receive))
+            answer = self._sign_in.judge(_client(scope), await _body(receive))
             headers = [(b"content-type", b"text/plain; charset=utf-8")]
             if answer.key is not None:
-                name, value = self._entrance.cookie_name.encode(), self._entrance.cookie
+                name, value = self._sign_in.cookie_name.encode(), self._sign_in.cookie
                 cookie = name + b"=" + value + b"; Path=/; HttpOnly; SameSite=Lax; Max-Age=2592000"
                 headers.append((b"set-cookie", cookie))
             await send.answer(answer.status, answer.text.encode(), headers)
 
     def _signed_in(self, scope: Scope) -> bool:
-        entrance = self._entrance
-        return entrance.token is None or same(_cookie(scope, entrance.cookie_name), entrance.cookie)
+        sign_in = self._sign_in
+        return sign_in.token is None or same(_cookie(scope, sign_in.cookie_name), sign_in.cookie)
 
     def _foreign(self, scope: Scope) -> bool:
         """Does it come from a page of another origin, or by another name?"""
         host = _header(scope, b"host") or ""
         origin = _header(scope, b"origin")
         try:
-            if self._entrance.token is None and not _is_loopback(urlsplit("//" + host).hostname or ""):
+            if self._sign_in.token is None and not _is_loopback(urlsplit("//" + host).hostname or ""):
                 return True
             if origin is not None and urlsplit(origin).netloc != host:
                 return True
@@ -209,7 +209,7 @@ class _Hardened:
         await self.answer(status, html.encode(), [_HTML])
 
     async def answer(self, status: int, body: bytes, headers: _Headers) -> None:
-        """An answer of the guard's own; it is not kept by the browser."""
+        """An answer of the panel's own; it is not kept by the browser."""
         headers = [*headers, (b"cache-control", b"no-store"), (b"content-length", str(len(body)).encode())]
         await self._send({"type": "http.response.start", "status": status, "headers": self._headers(headers)})
         await self._send({"type": "http.response.body", "body": body})

@@ -1,4 +1,4 @@
-"""The settings of both axes: look, change, keep on the board, go back. The board has the last word."""
+"""The settings of all axes: read, apply, save on the board, restore. The board checks each."""
 
 from collections.abc import Awaitable, Callable
 from typing import Any
@@ -7,7 +7,7 @@ from nicegui import ui
 from nicegui.events import GenericEventArguments
 
 from mirrormount.common.errors import BadValue
-from mirrormount.device.settings import AXES, SETTINGS
+from mirrormount.device.settings import SETTINGS
 from mirrormount.panel.cards_of_motion import card
 from mirrormount.panel.run_on_mount import ask, confirm, warn
 from mirrormount.supervise.board_settings import BoardSettings
@@ -42,7 +42,7 @@ def build(settings: BoardSettings, refusal: Callable[[object], str]) -> Callable
         with ui.dialog() as question, ui.card():
             ui.label("Replace all settings by the factory's?").classes("title")
             ui.label(
-                "All settings of both axes change at once: direction, switches, limits, pulse and speed."
+                "All settings of all axes change at once: direction, switches, limits, pulse and speed."
                 " What is saved on the board stays saved. The present settings are kept, to be put back."
             )
             with ui.element("div").classes("line"):
@@ -76,10 +76,11 @@ def build(settings: BoardSettings, refusal: Callable[[object], str]) -> Callable
 
 
 class _Form:
-    """A field for every setting of both axes, and what the buttons do."""
+    """A field for every setting of every axis, and the actions of the buttons."""
 
     def __init__(self, settings: BoardSettings) -> None:
         self._settings = settings
+        self._axes = settings.axes
         self._fields: dict[tuple[str, str], ui.input] = {}
         self._read: dict[tuple[str, str], str] = {}  # what the board had when it was last asked
         for title, names in GROUPS:
@@ -91,7 +92,7 @@ class _Form:
         what = SETTINGS[name].what
         with ui.element("div").classes("setting"):
             ui.label(what).classes("grow")
-            for axis in AXES:
+            for axis in self._axes:
                 field = ui.input(axis.upper()).props(f'dense outlined inputmode=decimal aria-label="{axis}: {what}"')
                 self._fields[axis, name] = field.props("hide-bottom-space")
 
@@ -110,7 +111,8 @@ class _Form:
         """
         try:
             wanted = {
-                axis: {name: self._typed(axis, name) for name in _NAMES if self._edited(axis, name)} for axis in AXES
+                axis: {name: self._typed(axis, name) for name in _NAMES if self._edited(axis, name)}
+                for axis in self._axes
             }
         except BadValue as e:
             warn(f"nothing was changed: {e}")

@@ -7,25 +7,25 @@ from nicegui import ui
 
 from mirrormount.panel.cards_of_motion import card
 from mirrormount.supervise.wire_log import Entry
-from mirrormount.supervise.worker import Pilot
+from mirrormount.supervise.worker import Worker
 
 _SHOWN = 300
 
 
-def build(pilot: Pilot) -> Callable[[], None]:
+def build(worker: Worker) -> Callable[[], None]:
     """A card that opens to the last lines of both directions."""
     with card("Wire log"), ui.expansion("What goes over the wire").classes("fold") as fold:
         with ui.element("div").classes("line"):
             polls = ui.checkbox("with the questions after the state")
             ui.element("span").classes("spring")
-            ui.button("Save as a file", on_click=lambda: _download(pilot)).props("no-caps flat dense")
+            ui.button("Save as a file", on_click=lambda: _download(worker)).props("no-caps flat dense")
         log = ui.log(max_lines=_SHOWN).classes("wire mono")
     seen = [0]
 
     def refresh() -> None:
         if not fold.value:
             return
-        entries = pilot.log.since(seen[0])
+        entries = worker.log.since(seen[0])
         if entries:
             seen[0] = entries[-1].number
             for entry in [e for e in entries if polls.value or not e.poll][-_SHOWN:]:
@@ -39,5 +39,5 @@ def _text(entry: Entry) -> str:
     return f"{clock} {'→' if entry.to_board else '←'} {entry.text}"
 
 
-def _download(pilot: Pilot) -> None:
-    ui.download.content("\n".join(map(_text, pilot.log.since(0))) + "\n", "mirrormount-wire.txt", "text/plain")
+def _download(worker: Worker) -> None:
+    ui.download.content("\n".join(map(_text, worker.log.since(0))) + "\n", "mirrormount-wire.txt", "text/plain")

@@ -1,4 +1,4 @@
-"""The three ways to drive: press and hold, numbers of steps, typed speeds. What they send: static/panel.js."""
+"""Cards that drive: press and hold, numbers of steps, typed speeds. static/panel.js sends their requests."""
 
 import json
 from collections.abc import Callable
@@ -7,18 +7,20 @@ from nicegui import ui
 
 from mirrormount.supervise.presses import HOLD_S, MOST
 from mirrormount.supervise.requests import COARSE_STEPS, FINE_STEPS, FULL
-from mirrormount.supervise.worker import Pilot
+from mirrormount.supervise.worker import Worker
 
-_PAD = (  # place in the pad, x and y, arrow, name
-    ("up", "0 1", "▲", "UP"),
-    ("left", "-1 0", "◀", "LEFT"),
-    ("right", "1 0", "▶", "RIGHT"),
-    ("down", "0 -1", "▼", "DOWN"),
-    ("up-left", "-1 1", "◤", "UP AND LEFT"),
-    ("up-right", "1 1", "◥", "UP AND RIGHT"),
-    ("down-left", "-1 -1", "◣", "DOWN AND LEFT"),
-    ("down-right", "1 -1", "◢", "DOWN AND RIGHT"),
+_PAD = (  # place in the pad, directions of the axes, arrow, name
+    ("up", "y:1", "▲", "UP"),
+    ("left", "x:-1", "◀", "LEFT"),
+    ("right", "x:1", "▶", "RIGHT"),
+    ("down", "y:-1", "▼", "DOWN"),
+    ("up-left", "x:-1 y:1", "◤", "UP AND LEFT"),
+    ("up-right", "x:1 y:1", "◥", "UP AND RIGHT"),
+    ("down-left", "x:-1 y:-1", "◣", "DOWN AND LEFT"),
+    ("down-right", "x:1 y:-1", "◢", "DOWN AND RIGHT"),
 )
+_PAD_AXES = ("x", "y")  # further axes have a row of buttons each
+_STEP_WORDS = {"x": ("◀ left", "right ▶"), "y": ("▼ down", "up ▲")}
 SLOW = 80  # of 255, where the slider starts: a third of full speed
 
 _SLIDER = (
@@ -27,20 +29,19 @@ _SLIDER = (
 )
 
 
-def hold(pilot: Pilot) -> Callable[[], None]:
+def hold(worker: Worker) -> Callable[[], None]:
     """The pad: a short press is one step, a long one runs at the slider's speed while it lasts. Shows how many wait."""
     with card("Press and hold"):
         with ui.element("div").classes("pad"):
             for place, press, arrow, word in _PAD:
-                with (
-                    ui.element("button")
-                    .classes(f"press {place}")
-                    .props(f'type=button data-press="{press}" aria-label="{word}"')
-                ):
-                    ui.label(arrow).classes("arrow")
-                    if " " not in word:
-                        ui.label(word).classes("word")
+                _press(place, press, arrow, word, shows_word=" " not in word)
             queued = ui.label().classes("queued").props("role=status")
+        for axis in worker.state.axes:
+            if axis not in _PAD_AXES:
+                with ui.element("div").classes("row"):
+                    _press("minus", f"{axis}:-1", "−", f"AXIS {axis} MINUS")
+                    ui.label(f"Axis {axis}").classes("name")
+                    _press("plus", f"{axis}:1", "+", f"AXIS {axis} PLUS")
         with ui.element("div").classes("line"):
             ui.label("Speed").classes("name")
             # as plain HTML: Vue would put an input's first value back whenever anything on the page changes
@@ -51,20 +52,29 @@ def hold(pilot: Pilot) -> Callable[[], None]:
         ).classes("hint")
 
     def refresh() -> None:
-        queued.set_text(f"{len(pilot.presses)} queued" if pilot.presses else "")
+        queued.set_text(f"{len(worker.presses)} queued" if worker.presses else "")
 
     return refresh
 
 
-def by_numbers() -> None:
+def _press(place: str, press: str, arrow: str, name: str, *, shows_word: bool = False) -> None:
+    """A direction button."""
+    button = ui.element("button").classes(f"press {place}")
+    with button.props(f'type=button data-press="{press}" aria-label="{name}"'):
+        ui.label(arrow).classes("arrow")
+        if shows_word:
+            ui.label(name).classes("word")
+
+
+def by_numbers(worker: Worker) -> None:
     """Steps by a stated number, and speeds for both motors with OK."""
     with card("Fine steps"):
         with ui.element("div").classes("line"):
             ui.label("Steps").classes("name")
             number("steps", "1", "Number of steps", keyboard="numeric")
         with ui.element("div").classes("fine"):
-            for axis, words in (("x", ("◀ left", "right ▶")), ("y", ("▼ down", "up ▲"))):
-                for way, word in zip((-1, 1), words, strict=True):
+            for axis in worker.state.axes:
+                for way, word in zip((-1, 1), _STEP_WORDS.get(axis, (f"− {axis}", f"{axis} +")), strict=True):
                     send(word, {"do": "steps", "axis": axis, "way": way}, "n:steps").props("outline")
     with card("Speeds of both axes"):
         with ui.element("div").classes("line speeds"):
@@ -97,7 +107,7 @@ def number(name: str, value: str, label: str, keyboard: str = "text") -> ui.inpu
     )
 
 
-def send(word: str, order: dict, fields: str = "", *, enter: str = "") -> ui.button:
-    """A button that gives an order."""
-    props = f"no-caps unelevated data-send='{json.dumps(order)}' data-fields='{fields}'"
+def send(word: str, request: dict, fields: str = "", *, enter: str = "") -> ui.button:
+    """A button that sends a request."""
+    props = f"no-caps unelevated data-send='{json.dumps(request)}' data-fields='{fields}'"
     return ui.button(word).props(f"{props} data-enter='{enter}'")

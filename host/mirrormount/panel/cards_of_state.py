@@ -1,7 +1,8 @@
-"""What is known of the mount: an axis's position and lamps, its past, what happened, and the virtual screen."""
+"""Cards of the mount's state: position and lamps of an axis, its past, events, and the virtual screen."""
 
+import itertools
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from nicegui import ui
 
@@ -9,10 +10,12 @@ from mirrormount.common.errors import REASONS
 from mirrormount.common.remedies import remedy_of
 from mirrormount.device.status import AxisStatus
 from mirrormount.panel.cards_of_motion import card, number, send
+from mirrormount.panel.pages import Page
 from mirrormount.panel.run_on_mount import warn
-from mirrormount.supervise.lease import Page
+from mirrormount.supervise.axes import axis_status
 from mirrormount.supervise.notices import Notice
-from mirrormount.supervise.worker import Pilot, Point
+from mirrormount.supervise.state import Point
+from mirrormount.supervise.worker import Worker
 from mountfw import codes as wire
 
 _TITLES = {"x": "X · right and left", "y": "Y · up and down"}
@@ -28,14 +31,14 @@ _PLOT_EVERY_S = 0.5
 _PLOT_POINTS = 300
 _GAP_S = 1.0  # without a position for longer: no line is drawn
 _GREY = "#737b82"  # readable on the cards of both themes
-_COLOURS = {"x": "#0b8f98", "y": "#d9480f"}
+_COLOURS = ("#0b8f98", "#d9480f", "#6741d9", "#5c940d")
 
 Refresh = Callable[[], None]
 
 
-def axis(pilot: Pilot, name: str) -> Refresh:
+def axis(worker: Worker, name: str) -> Refresh:
     """Position, target, lamps and reason of one axis; go to, zero, home."""
-    with card(_TITLES[name]) as box:
+    with card(_TITLES.get(name, f"Axis {name}")) as box:
         with ui.element("div").classes("line"):
             position = ui.label().classes("position mono")
             ui.label("steps").classes("unit")
@@ -54,18 +57,19 @@ def axis(pilot: Pilot, name: str) -> Refresh:
             send("Zero", {"do": "zero", "axis": name}).props("flat")
 
     def refresh() -> None:
-        known, last = pilot.is_known, pilot.last
+        state = worker.state
+        known = state.is_known
         box.classes(toggle=None, add="" if known else "stale", remove="stale" if known else "")
-        status: AxisStatus | None = getattr(last, name, None)
+        status = axis_status(state.last, name)
         position.set_text("–" if status is None else f"{status.position:+.3f}".replace("-", "−"))
-        mrad.set_text("" if status is None else pilot.mrad_text(name, status.position))
-        wanted = pilot.targets[name]
+        mrad.set_text("" if status is None else state.mrad_text(name, status.position))
+        wanted = state.targets.get(name)
         if status is None or not known:
             target.set_text("")
             for lamp in (moving, certain, *(lamp for _, lamp in switches)):
                 lamp.show("unknown")
             certain.show("unknown", "not known now")
-            reason.set_text("" if status is None else f"not known since {pilot.seen_at}: the number is the last one")
+            reason.set_text("" if status is None else f"not known since {state.seen_at}: the number is the last one")
             return
         target.set_text("" if wanted is None or not status.moving else f"on the way to {wanted:+d}".replace("-", "−"))
         moving.show("on" if status.moving else "")
@@ -73,21 +77,21 @@ def axis(pilot: Pilot, name: str) -> Refresh:
         certain.show({"unknown": "", "estimated": "warn"}.get(status.certainty, "on"), word, why)
         for bit, lamp in switches:
             lamp.show("warn" if status.limits & bit else "")
-        reason.set_text(_reason(status, pilot))
+        reason.set_text(_reason(status, worker))
 
     return refresh
 
 
-def _reason(status: AxisStatus, pilot: Pilot) -> str:
-    """How the last move ended, in words."""
+def _reason(status: AxisStatus, worker: Worker) -> str:
+    """The end of the last move in words."""
     if status.moving:
         return "it moves"
     text = f"last move: {REASONS.get(status.reason, status.reason)}"
-    return f"{text} ({pilot.why})" if status.reason == wire.ABORTED and pilot.why else text
+    return f"{text} ({worker.stop_cause})" if status.reason == wire.ABORTED and worker.stop_cause else text
 
 
 class _Lamp:
-    """A dot with a word, that says what it says in words, too."""
+    """A dot with a word; its state is in words, too."""
 
     def __init__(self, word: str) -> None:
         with ui.element("span").classes("lamp-box") as self._box:
@@ -109,46 +113,49 @@ class _Lamp:
         self._why.set_visibility(bool(why))
 
 
-def plot(pilot: Pilot) -> Refresh:
+def plot(worker: Worker) -> Refresh:
     """The last minute of both positions."""
     with card("Position over time"):
-        chart = ui.echart(_empty_plot()).classes("plot")
+        chart = ui.echart(_empty_plot(worker.state.axes)).classes("plot")
     drawn = [0.0, 0.0]  # when, and up to which point
 
     def refresh() -> None:
         now = time.monotonic()
-        points = list(pilot.positions)
+        points = list(worker.state.positions)
         if now - drawn[0] < _PLOT_EVERY_S or not points or points[-1][0] == drawn[1]:
             return
         drawn[:] = now, points[-1][0]
-        for series, data in zip(chart.options["series"], curves(points, now), strict=True):
-            series["data"] = data
+        series = chart.options["series"]
+        for one, data in zip(series, curves(points, now, len(series)), strict=True):
+            one["data"] = data
         chart.update()
 
     return refresh
 
 
-def curves(points: list[Point], now: float) -> tuple[list[list[float | None]], list[list[float | None]]]:
-    """x and y over time for the plot: thinned out, with a gap (None) wherever they were not known for a while."""
+def curves(points: list[Point], now: float, axes: int = 2) -> list[list[list[float | None]]]:
+    """Position over time for the plot, a list of (time, steps) an axis.
+
+    Thinned out; where positions were not known for a while there is a gap (None).
+    """
     recent = [p for p in points if now - p[0] < _PLOT_S]
     every = max(1, len(recent) // _PLOT_POINTS)
-    xs: list[list[float | None]] = []
-    ys: list[list[float | None]] = []
+    drawn: list[list[list[float | None]]] = [[] for _ in range(axes)]
     before = None
-    for i, (at_s, x, y) in enumerate(recent):
+    for i, (at_s, positions) in enumerate(recent):
         gap = before is not None and at_s - before > _GAP_S
         before = at_s
         t = round(at_s - now, 2)
-        if gap:
-            xs.append([t, None])
-            ys.append([t, None])
-        if gap or x is None or i % every == 0 or i == len(recent) - 1:
-            xs.append([t, x])
-            ys.append([t, y])
-    return xs, ys
+        for axis, line in enumerate(drawn):
+            known = positions is not None and axis < len(positions)
+            if gap:
+                line.append([t, None])
+            if gap or not known or i % every == 0 or i == len(recent) - 1:
+                line.append([t, positions[axis] if positions is not None and known else None])
+    return drawn
 
 
-def _empty_plot() -> dict:
+def _empty_plot(axes: Sequence[str]) -> dict:
     line = {"type": "line", "showSymbol": False, "animation": False, "data": []}
     grey = {"lineStyle": {"color": "#88888844"}}
     low = {"onZero": False, "lineStyle": {"color": "#88888888"}}
@@ -178,7 +185,8 @@ def _empty_plot() -> dict:
             "splitLine": grey,
         },
         "series": [
-            {**line, "name": name.upper(), "lineStyle": {"width": 2}, "color": _COLOURS[name]} for name in ("x", "y")
+            {**line, "name": name.upper(), "lineStyle": {"width": 2}, "color": colour}
+            for name, colour in zip(axes, itertools.cycle(_COLOURS), strict=False)
         ],
     }
 
@@ -194,8 +202,8 @@ def screen() -> None:
             )
 
 
-def news(page: Page, pilot: Pilot) -> Refresh:
-    """What has happened, newest first: refusals to this page at once, the rest as a list with causes and remedies."""
+def news(page: Page, worker: Worker) -> Refresh:
+    """Events, newest first, with causes and remedies; refusals of this page at once, as messages."""
     with card("What happened"):
         keep_alive = _Lamp("keep-alive")
         rows = ui.element("div").classes("news").props("role=log aria-live=polite")
@@ -204,11 +212,11 @@ def news(page: Page, pilot: Pilot) -> Refresh:
     def refresh() -> None:
         while page.notices:
             warn(page.notices.popleft())
-        driver = pilot.driver
+        driver = worker.driver
         keep_alive.show(
             "on" if driver else "", f"keep-alive: {driver.name} drives" if driver else "keep-alive: at rest"
         )
-        notices = list(pilot.notices)
+        notices = list(worker.notices)
         newest = notices[-1].number if notices else 0
         if newest == shown[0]:
             return

@@ -1,4 +1,4 @@
-"""What a page shows, put together from its cards. Built anew for every browser that comes; updates itself."""
+"""The page, made of its cards. Built for every browser that loads it; updates itself."""
 
 import logging
 from collections.abc import Callable
@@ -7,12 +7,12 @@ from pathlib import Path
 from nicegui import app, ui
 
 from mirrormount.panel import card_of_settings, card_of_wire, cards_of_motion, cards_of_state
+from mirrormount.panel.pages import Page, Pages
 from mirrormount.panel.run_on_mount import warn
 from mirrormount.panel.sign_in import CODE_S
 from mirrormount.panel.socket import refusal
 from mirrormount.supervise.board_settings import BoardSettings
-from mirrormount.supervise.lease import Desk, Page
-from mirrormount.supervise.worker import Pilot
+from mirrormount.supervise.worker import Worker
 
 STATIC = Path(__file__).parent / "static"
 _REFRESH_S = 0.1
@@ -25,45 +25,48 @@ Link = Callable[[], str] | None
 _log = logging.getLogger("mirrormount.panel")
 
 
-def register(desk: Desk, pilot: Pilot, link: Link) -> None:
-    """Make the page known to NiceGUI. link(): a new link for a phone, None if only this computer can open one."""
+def register(pages: Pages, worker: Worker, link: Link) -> None:
+    """Register the page with NiceGUI. link(): a new link for a phone, None if only this computer can open the panel."""
     app.add_static_files("/panel", STATIC, max_cache_age=0)
-    settings = BoardSettings(pilot)
+    settings = BoardSettings(worker)
 
     @ui.page("/", title="Mirror mount", response_timeout=10)
     def index() -> None:
         client = ui.context.client
-        if desk.full:
+        if pages.full:
             ui.label("Too many pages of this panel are open: close one, then load this page again.")
             return
-        page = desk.add(client.ip or "?")
+        page = pages.add(client.ip or "?")
         page.drop = client.delete
-        client.on_delete(lambda: desk.forget(page))
-        _build(page, desk, pilot, settings, link)
+        client.on_delete(lambda: pages.forget(page))
+        _build(page, worker, settings, link)
 
 
-def _build(page: Page, desk: Desk, pilot: Pilot, settings: BoardSettings, link: Link) -> None:
+def _build(page: Page, worker: Worker, settings: BoardSettings, link: Link) -> None:
     ui.add_head_html(_HEAD)
-    refreshes: list[Refresh] = [_header(page, desk, pilot, link)]
+    axes = worker.state.axes
+    refreshes: list[Refresh] = [_header(page, worker, link)]
     with ui.element("main").classes("cards").props(f'data-page="{page.key}"'):
         with ui.element("div").classes("column"):
-            refreshes += [cards_of_motion.hold(pilot)]
-            cards_of_motion.by_numbers()
+            refreshes += [cards_of_motion.hold(worker)]
+            cards_of_motion.by_numbers(worker)
         with ui.element("div").classes("column"):
-            refreshes += [cards_of_state.axis(pilot, name) for name in ("x", "y")]
-            refreshes += [cards_of_state.plot(pilot), cards_of_state.news(page, pilot)]
+            refreshes += [cards_of_state.axis(worker, name) for name in axes]
+            refreshes += [cards_of_state.plot(worker), cards_of_state.news(page, worker)]
         with ui.element("div").classes("column"):
-            if pilot.spot_mm():
+            if worker.connection.spot_mm():
                 cards_of_state.screen()
-            refreshes += [card_of_settings.build(settings, lambda tick: refusal(desk, page, tick))]
-            refreshes += [card_of_wire.build(pilot)]
+            refreshes += [card_of_settings.build(settings, lambda tick: refusal(worker, page, tick))]
+            refreshes += [card_of_wire.build(worker)]
     _footer()
 
     def refresh() -> None:
+        if worker.state.axes != axes:
+            ui.navigate.reload()  # another board has come
         for one in list(refreshes):
             try:
                 one()
-            except Exception:  # a part that fails would fail ten times a second
+            except Exception:  # or it would fail ten times a second
                 refreshes.remove(one)
                 _log.exception("a part of a page of the panel has failed")
                 page.notices.append("a part of this page has failed and shows old values: load it again")
@@ -71,7 +74,7 @@ def _build(page: Page, desk: Desk, pilot: Pilot, settings: BoardSettings, link: 
     ui.timer(_REFRESH_S, refresh)
 
 
-def _header(page: Page, desk: Desk, pilot: Pilot, link: Link) -> Refresh:
+def _header(page: Page, worker: Worker, link: Link) -> Refresh:
     with ui.element("header").classes("top"):
         ui.label("mirrormount").classes("brand")
         lamp = ui.element("span").classes("lamp")
@@ -89,13 +92,17 @@ def _header(page: Page, desk: Desk, pilot: Pilot, link: Link) -> Refresh:
     banner = ui.label().classes("banner trouble").props("role=alert")
 
     def refresh() -> None:
-        controls = desk.controller is page
-        mount = pilot.mount
+        controls = worker.lease.holder is page
+        mount = worker.mount
         lamp.classes(replace="lamp on" if mount else "lamp bad")
         board.set_text(" · ".join(mount.identity.split(",")[1:]) if mount else "no board")
-        banner.set_text(f"No board: {pilot.trouble}. The panel looks for it every second." if pilot.trouble else "")
-        banner.set_visibility(bool(pilot.trouble))
-        others = len(desk.pages) - 1
+        banner.set_text(
+            f"No board: {worker.connection.trouble}. The panel looks for it every second."
+            if worker.connection.trouble
+            else ""
+        )
+        banner.set_visibility(bool(worker.connection.trouble))
+        others = len(worker.lease.clients) - 1
         role.set_text("you control" if controls else "you watch")
         role.set_visibility(others > 0 or not controls)
         claim.set_visibility(not controls)

@@ -1,4 +1,4 @@
-"""The web server of the panel: NiceGUI on uvicorn, behind the guard, with no traceback for anybody's eyes."""
+"""The web server of the panel: NiceGUI on uvicorn, behind auth.py. Tracebacks go to a file."""
 
 import logging
 import logging.handlers
@@ -14,11 +14,11 @@ from platformdirs import user_log_path
 from mirrormount.common.errors import CannotListen
 from mirrormount.common.printable import printable
 from mirrormount.panel import page
-from mirrormount.panel.auth import Guard
-from mirrormount.panel.sign_in import Entrance
+from mirrormount.panel.auth import Auth
+from mirrormount.panel.pages import Pages
+from mirrormount.panel.sign_in import SignIn
 from mirrormount.panel.socket import routes
-from mirrormount.supervise.lease import Desk
-from mirrormount.supervise.worker import Pilot
+from mirrormount.supervise.worker import Worker
 
 _LOG_MOST = 1 << 20  # bytes of the log; one older file of this size is kept
 _MESSAGE_MOST = 1 << 16  # bytes of a message of a socket
@@ -27,7 +27,7 @@ _MESSAGE_MOST = 1 << 16  # bytes of a message of a socket
 class Server:
     """Serves until a signal ends it; the motors are stopped before the pages are seen off."""
 
-    def __init__(self, app: Guard, pilot: Pilot) -> None:
+    def __init__(self, app: Auth, worker: Worker) -> None:
         config = uvicorn.Config(
             app,
             log_config=None,
@@ -38,7 +38,7 @@ class Server:
             server_header=False,
             proxy_headers=False,  # a client says who it is by its address alone: sign-ins are slowed down by it
         )
-        self._uvicorn = _Uvicorn(config, pilot)
+        self._uvicorn = _Uvicorn(config, worker)
 
     def when_ready(self, action: Callable[[], object]) -> None:
         """Call it when the first page can be had."""
@@ -52,9 +52,9 @@ class Server:
 
 
 class _Uvicorn(uvicorn.Server):
-    def __init__(self, config: uvicorn.Config, pilot: Pilot) -> None:
+    def __init__(self, config: uvicorn.Config, worker: Worker) -> None:
         super().__init__(config)
-        self._pilot = pilot
+        self._worker = worker
         self.ready: Callable[[], object] | None = None
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
@@ -63,20 +63,21 @@ class _Uvicorn(uvicorn.Server):
             self.ready()
 
     def handle_exit(self, sig: int, frame: object) -> None:
-        self._pilot.stop("the panel is being ended", tell=False)
+        self._worker.stop("the panel is being ended", tell=False)
         super().handle_exit(sig, frame)  # type: ignore[arg-type]
 
 
-def make_server(desk: Desk, pilot: Pilot, entrance: Entrance, link: Callable[[], str] | None) -> Server:
-    """The panel of a pilot. link(): a new link for a phone, if the panel is open to the network."""
+def make_server(worker: Worker, sign_in: SignIn, link: Callable[[], str] | None) -> Server:
+    """The panel of a worker. link(): a new link for a phone, if the panel is open to the network."""
     _log_to_file()
+    pages = Pages(worker.lease)
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
-    app.include_router(routes(desk, pilot, entrance.key))
-    page.register(desk, pilot, link)
+    app.include_router(routes(pages, worker, sign_in.key))
+    page.register(pages, worker, link)
 
     def fault(error: Exception) -> None:
-        pilot.stop("the panel has a fault", tell=False)
-        pilot.say(f"the panel has a fault ({type(error).__name__}); the motors were stopped", "PanelFault")
+        worker.stop("the panel has a fault", tell=False)
+        worker.report(f"the panel has a fault ({type(error).__name__}); the motors were stopped", "PanelFault")
 
     def fault_of_page(error: Exception) -> None:
         fault(error)
@@ -87,7 +88,7 @@ def make_server(desk: Desk, pilot: Pilot, entrance: Entrance, link: Callable[[],
     ui.run_with(app, title="Mirror mount", dark=None, tailwind=False, show_welcome_message=False, favicon="🎯")
     core.app.config.message_history_length = 0  # what was sent to a page that was away is not true any more
     core.sio.on("log", lambda _sid, _message: None)  # what a page would write to this program's log
-    return Server(Guard(app, entrance), pilot)
+    return Server(Auth(app, sign_in), worker)
 
 
 def _log_to_file() -> None:

@@ -59,7 +59,7 @@ class Answer:
     key: str | None = None
 
 
-class Entrance:
+class SignIn:
     """The sign-in of one run of the panel, and what it gives. token None: no sign-in, only this computer may come in.
 
     told: called with the client's address when somebody has signed in by the terminal's link, and with a new code.
@@ -98,7 +98,7 @@ class Entrance:
         self._terminal = self._terminal or secrets.token_urlsafe(16)
         return self._terminal
 
-    def sign_in(self, client: str, secret: bytes) -> Answer:
+    def judge(self, client: str, secret: bytes) -> Answer:
         """Judge what a client (its IP address) has posted: a code or the token."""
         wait_s = self.guesses.wait_s(client)
         if wait_s > 0:

@@ -1,8 +1,8 @@
-"""The socket by which a page drives: orders, heartbeats and stops come in, ticks and the spot go out.
+"""The socket by which a page drives: requests, heartbeats and stops in, ticks and the spot out.
 
-Not NiceGUI's own: that keeps what it could not send, and sends it when the network is back. A button that was
-pressed meanwhile would then start a motor that nobody asks for any more. Here what cannot be sent is lost, and
-what arrives late is seen to be late (desk.py). Only a stop is obeyed whenever it comes.
+Not NiceGUI's own: that keeps messages it could not send, and sends them when the network is back. A button that was
+pressed meanwhile would then start a motor much later. Here a message that cannot be sent is lost, and one that
+arrives late is known to be late by its tick (lease.py). Only a stop is carried out however late it arrives.
 """
 
 import asyncio
@@ -12,118 +12,122 @@ from typing import Any
 
 from fastapi import APIRouter, Response, WebSocket, WebSocketDisconnect
 
-from mirrormount.common.errors import BadValue
+from mirrormount.common.errors import BadValue, NotInControl
 from mirrormount.common.tokens import same
 from mirrormount.panel.auth import FLOOD
-from mirrormount.supervise.lease import TICK_S, Desk, Page
+from mirrormount.panel.pages import Page, Pages
+from mirrormount.supervise.lease import TICK_S
 from mirrormount.supervise.requests import parse
-from mirrormount.supervise.worker import Pilot
+from mirrormount.supervise.worker import Worker
 
 _STOP = "STOP was pressed"
 _LATE = "nothing was done: that came late, the network or this browser was stuck; ask again"
-_WATCHES = "nothing was done: another page controls; take control first"
-_LONGEST = 400  # characters of a message: more is no message of ours
-_FIRST_S = 5.0  # until the first message, which says which page it is
+_LONGEST = 400  # characters of a a message; a longer one is not a page's
+_FIRST_S = 5.0  # until the first message, which names the page
 _NO_KEY = 4401  # a close code: the page must sign in
-_UNKNOWN_PAGE = 4404  # a close code: the page is of another run of the panel, and must be loaded again
+_UNKNOWN_PAGE = 4404  # a close code: the page is of another run of the panel: reload
 
 
-def routes(desk: Desk, pilot: Pilot, key: str | None) -> APIRouter:
+def routes(pages: Pages, worker: Worker, key: str | None) -> APIRouter:
     """/drive, and /stop as a second way for the same word.
 
-    key: what only a page of this panel's own origin has, beside its number (entrance.py); None: no sign-in is needed.
+    key: what only a page of this panel's own origin has, beside its number (sign_in.py); None: no sign-in is needed.
     """
     router = APIRouter()
 
     @router.websocket("/drive")
     async def drive(socket: WebSocket) -> None:
         await socket.accept()
-        page, refused = await _introduced(socket, desk, key)
+        page, refused = await _introduced(socket, pages, key)
         if page is None:
             with contextlib.suppress(RuntimeError, WebSocketDisconnect):  # it has gone
                 await socket.close(refused)
             return
-        tasks = [asyncio.create_task(_tick(socket, desk, pilot))]
-        if isinstance(page.connection, WebSocket):  # what it holds through that one it cannot let go through this
-            pilot.gone(page)
+        tasks = [asyncio.create_task(_tick(socket, worker))]
+        if isinstance(page.connection, WebSocket):  # a button held through that one cannot be released through this
+            worker.client_left(page)
             tasks.append(asyncio.create_task(_see_off(page.connection)))
-        desk.enter(page, socket)
+        worker.lease.join(page, socket)
         try:
             while True:
                 text = await socket.receive_text()
                 if page.connection is not socket:
                     break
-                _hear(text, page, desk, pilot)
+                _receive(text, page, worker)
         except WebSocketDisconnect as e:
             if e.code == FLOOD:
-                pilot.say(f"{page.name} was closed: it sent too many messages")
+                worker.report(f"{page.name} was closed: it sent too many messages")
         except (RuntimeError, KeyError):  # KeyError: not a text
             pass
         finally:
-            if desk.leave(page, socket):
-                pilot.gone(page)
+            if worker.lease.leave(page, socket):
+                worker.client_left(page)
             for task in tasks:
                 task.cancel()
 
     @router.post("/stop")
     async def stop() -> Response:
-        pilot.stop(_STOP)
+        worker.stop(_STOP)
         return Response(status_code=204)
 
     return router
 
 
-async def _introduced(socket: WebSocket, desk: Desk, key: str | None) -> tuple[Page | None, int]:
-    """The page whose secrets are the first message, or None and the close code."""
+async def _introduced(socket: WebSocket, pages: Pages, key: str | None) -> tuple[Page | None, int]:
+    """The page whose secrets the first message has, or None and the close code."""
     try:
         first = _parsed(await asyncio.wait_for(socket.receive_text(), _FIRST_S))
     except (TimeoutError, WebSocketDisconnect, RuntimeError, KeyError):
         return None, _NO_KEY
     if key is not None and not same(str(first.get("key")).encode("utf-8", "replace"), key.encode()):
         return None, _NO_KEY
-    return desk.find(str(first.get("page"))), _UNKNOWN_PAGE
+    return pages.find(str(first.get("page"))), _UNKNOWN_PAGE
 
 
 async def _see_off(socket: WebSocket) -> None:
-    """Close the connection of a page that has come again: if it is a copy of that page, it must be loaded anew."""
+    """Close the older connection of a page that has connected again; a copy of that page must be reloaded."""
     with contextlib.suppress(RuntimeError, WebSocketDisconnect):
         await socket.close(_UNKNOWN_PAGE)
 
 
-def _hear(text: str, page: Page, desk: Desk, pilot: Pilot) -> None:
-    """Obey one message."""
+def _receive(text: str, page: Page, worker: Worker) -> None:
+    """Carry out one message."""
     message = _parsed(text)
     what = message.get("do")
     if what == "stop":
-        pilot.stop(_STOP)
+        worker.stop(_STOP)
         return
-    fresh = desk.hear(page, message.get("tick"))
+    fresh = worker.lease.receive(page, message.get("tick"))
     if what == "release":
-        pilot.release(page)
+        worker.release(page)
     elif what == "beat":
         pass
     elif not fresh:
         page.notices.append(_LATE)
     elif what == "claim":
-        if desk.controller is not page:
-            pilot.stop(f"{page.name} took control")
-            desk.claim(page)
-    elif desk.controller is not page:
-        page.notices.append(_WATCHES)
+        worker.take_control(page)
+    elif worker.lease.holder is not page:
+        page.notices.append(_watches(worker))
     else:
         try:
-            pilot.order(page, parse(message))
+            worker.request(page, parse(message, worker.state.axes))
         except BadValue as e:
             page.notices.append(f"nothing was done: {e}")
+        except NotInControl as e:
+            page.notices.append(str(e))
 
 
-def refusal(desk: Desk, page: Page, tick: object) -> str:
-    """Why what this page asks for, having seen that tick, is not done; "" if it may be."""
-    if not desk.hear(page, tick):
+def refusal(worker: Worker, page: Page, tick: object) -> str:
+    """Why a request of this page, made when it had seen that tick, is refused; "" if it is not."""
+    if not worker.lease.receive(page, tick):
         return _LATE
-    if desk.controller is not page:
-        return _WATCHES
-    return ""
+    return "" if worker.lease.holder is page else _watches(worker)
+
+
+def _watches(worker: Worker) -> str:
+    holder = worker.lease.holder
+    name = holder.name if holder and not holder.is_person else "another page"
+    return f"nothing was done: {name} controls; take control first"
 
 
 def _parsed(text: str) -> dict[str, Any]:
@@ -134,12 +138,12 @@ def _parsed(text: str) -> dict[str, Any]:
     return {}
 
 
-async def _tick(socket: WebSocket, desk: Desk, pilot: Pilot) -> None:
+async def _tick(socket: WebSocket, worker: Worker) -> None:
     """Send the time, and where the virtual board's spot is, until the page has gone."""
     with contextlib.suppress(WebSocketDisconnect, RuntimeError):
         while True:
-            message: dict[str, Any] = {"tick": desk.tick()}
-            spot = pilot.spot_mm()
+            message: dict[str, Any] = {"tick": worker.lease.tick()}
+            spot = worker.connection.spot_mm()
             if spot:
                 message["spot"] = [round(mm, 3) for mm in spot]
             await socket.send_text(json.dumps(message))

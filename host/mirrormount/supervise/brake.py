@@ -1,4 +1,4 @@
-"""A thread that does nothing but send stops: none waits for what another thread does with the mount."""
+"""A thread that sends stops and nothing else: a stop waits for no other use of the mount."""
 
 import contextlib
 import logging
@@ -8,42 +8,42 @@ from collections.abc import Callable
 
 from mirrormount.device.mount import Mount
 
-_log = logging.getLogger("mirrormount.panel")
+_log = logging.getLogger("mirrormount.supervise")
 
 
 class Brake:
-    """mount(): the one to be stopped, None if there is none."""
+    """Stops the mount that mount() returns; None: there is none."""
 
     def __init__(self, mount: Callable[[], Mount | None]) -> None:
         self._mount = mount
-        self._asked: queue.SimpleQueue[None] = queue.SimpleQueue()  # an Event's set() may not be interrupted by itself
+        self._asked: queue.SimpleQueue[None] = queue.SimpleQueue()  # reentrant, unlike Event.set(): for signal handlers
         self._closing = False
-        self._thread = threading.Thread(target=self._stand_by, name="brake", daemon=True)
+        self._thread = threading.Thread(target=self._send_stops, name="brake", daemon=True)
 
     def start(self) -> None:
-        """From now on stops are sent."""
+        """Begin to send stops."""
         self._thread.start()
 
     def pull(self) -> None:
-        """Have a stop sent, and return at once. Any thread, and a handler of a signal."""
+        """Send a stop; returns at once. Any thread, and a signal handler."""
         self._asked.put(None)
 
     def close(self) -> None:
-        """Send no more."""
+        """End the thread."""
         self._closing = True
         self._asked.put(None)
         if self._thread.is_alive():
             self._thread.join(5)
 
-    def _stand_by(self) -> None:
+    def _send_stops(self) -> None:
         while not self._closing:
             self._asked.get()
-            with contextlib.suppress(queue.Empty):  # one halt serves all stops asked for before it
+            with contextlib.suppress(queue.Empty):  # one halt serves all stops that were asked for before it
                 while True:
                     self._asked.get_nowait()
             mount = self._mount()
             if mount:
                 try:
                     mount.halt()
-                except Exception:  # the pilot's next look finds out, and says so; the brake stands by
+                except Exception:  # the worker's next poll finds the cause
                     _log.warning("a stop could not be sent", exc_info=True)

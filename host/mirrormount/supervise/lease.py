@@ -1,129 +1,143 @@
-"""Who has the panel open, who of them controls, and whose page is alive. Pure: told the time, it waits for nothing.
+"""The clients of one mount: which are connected, which one has control, and which are alive. Pure.
 
-The panel sends every page a tick many times a second: its own clock. A page that is alive says the last tick
-that it has seen with all that it sends. So the age of a tick that comes back is how long ago that page, its
-browser and the network between were known to work; an order that a sleeping phone or a broken network has
-kept back carries an old tick, and is refused. No clock but the panel's own is needed.
+A client is a page of the panel, a camera loop, or any other program. At most one has control; all may stop.
+A client is alive while its last sign of life is younger than the patience. A client in this process gives one by
+beat(). A remote client returns the last tick, which is the lease's own clock: the age of a returned tick is how
+long ago client and network were known to work, and a request that was held back carries an old tick.
 """
 
-import itertools
-import secrets
+import threading
 import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-TICK_S = 0.05  # between two ticks
-CONNECTED = 24  # pages that may be open at a time
-WAITING, WAITING_HERE = 32, 8  # pages that have no connection, of all clients and of one
-SILENT_S = 0.35  # a page that has not been heard of for so long is not alive: its motion is stopped (--patience)
+from mirrormount.common.errors import NotInControl
+
+TICK_S = 0.05  # period of the ticks that a remote client is sent
+PATIENCE_S = 0.35  # silence of a client after which its motion is stopped
 
 
 @dataclass(eq=False)
-class Page:
-    """One open page. heard_s: the tick, in seconds, that it was last known to have seen.
+class Client:
+    """A client of the mount.
 
-    key: the secret of this page, in its HTML and nowhere else; its driving socket begins with it.
+    is_person: may take control from any other. seen_s: the lease's time of its last sign of life.
+    connection: what it is connected by, None while it is not. notices: refusals, to be shown to this client only.
+    claimed_at: how many stops there had been when it took control.
     """
 
-    number: int
-    where: str
-    key: str = field(default_factory=lambda: secrets.token_urlsafe(16))
-    heard_s: float = float("-inf")
-    drop: Callable[[], object] = lambda: None  # free what it takes
+    name: str
+    is_person: bool = False
+    seen_s: float = float("-inf")
     connection: object = None
-    notices: deque[str] = field(default_factory=lambda: deque(maxlen=20))  # to be shown there, and nowhere else
+    claimed_at: int = 0
+    notices: deque[str] = field(default_factory=lambda: deque(maxlen=20))
 
     @property
     def connected(self) -> bool:
-        """True while its driving socket is open."""
+        """True from join() to leave()."""
         return self.connection is not None
 
-    @property
-    def name(self) -> str:
-        """What the others call it."""
-        return f"page {self.number} ({self.where})"
+    def lost_control(self, cause: str) -> None:
+        """Called once when control ends otherwise than by leave(). Any thread; must return at once."""
 
 
-class Desk:
-    """All open pages. At most one controls; the others watch, and may stop.
+class Lease:
+    """All connected clients, and who has control (holder). Any thread may call it.
 
-    silent_s: a page that has not been heard of for so long is not alive.
+    patience_s: silence after which a client is not alive.
     """
 
-    def __init__(self, clock: Callable[[], float] = time.monotonic, silent_s: float = SILENT_S) -> None:
+    def __init__(self, clock: Callable[[], float] = time.monotonic, patience_s: float = PATIENCE_S) -> None:
         self._clock = clock
-        self._silent_s = silent_s
-        self._numbers = itertools.count(1)
-        self._pages: list[Page] = []
-        self.controller: Page | None = None
+        self.patience_s = patience_s
+        self._lock = threading.Lock()
+        self._clients: list[Client] = []
+        self.holder: Client | None = None
+        self.stops = 0  # requested so far; counted up by the worker, also in a signal handler: without the lock
 
     @property
-    def pages(self) -> tuple[Page, ...]:
-        """Those that are connected."""
-        return tuple(page for page in self._pages if page.connected)
+    def clients(self) -> tuple[Client, ...]:
+        """All that are connected."""
+        return tuple(self._clients)
 
     def tick(self) -> int:
-        """The panel's clock, in ms."""
+        """The lease's clock, in ms."""
         return int(self._clock() * 1000)
 
-    def add(self, where: str) -> Page:
-        """A page that is being built, and has not sent anything yet. Older ones that never did are dropped."""
-        waiting = [page for page in self._pages if not page.connected]
-        for most, pages in ((WAITING, waiting), (WAITING_HERE, [p for p in waiting if p.where == where])):
-            for page in pages[: max(0, len(pages) + 1 - most)]:
-                page.drop()
-                self.forget(page)
-        page = Page(next(self._numbers), where)
-        self._pages.append(page)
-        return page
+    def join(self, client: Client, connection: object) -> None:
+        """Connect a client; an older connection of it counts no more. A person gets control if nobody has it."""
+        with self._lock:
+            client.connection = connection
+            client.seen_s = self._clock()
+            if client not in self._clients:
+                self._clients.append(client)
+            if self.holder is None and client.is_person:
+                self.holder = client
 
-    @property
-    def full(self) -> bool:
-        """True if there is no room for one more connected page."""
-        return len(self.pages) >= CONNECTED
+    def leave(self, client: Client, connection: object) -> bool:
+        """End this connection. True if the client has gone with it; its control has ended then, too."""
+        with self._lock:
+            if client.connection is not connection or client not in self._clients:
+                return False
+            client.connection = None
+            client.seen_s = float("-inf")
+            self._clients.remove(client)
+            if self.holder is client:
+                self.holder = None
+            return True
 
-    def find(self, key: str) -> Page | None:
-        """The page of that key, connected or not."""
-        given = key.encode("utf-8", "replace")  # JSON may hold half a character
-        return next((page for page in self._pages if secrets.compare_digest(page.key.encode(), given)), None)
-
-    def enter(self, page: Page, connection: object) -> None:
-        """It has come by this connection; an older one of it counts no more. Who comes first controls."""
-        page.connection = connection
-        page.heard_s = self._clock()
-        if self.controller is None:
-            self.controller = page
-
-    def leave(self, page: Page, connection: object) -> bool:
-        """This connection has ended. True if the page has gone with it: then nobody controls, if it did."""
-        if page.connection is not connection:
-            return False
-        page.connection = None
-        page.heard_s = float("-inf")
-        if self.controller is page:
-            self.controller = None
-        return True
-
-    def forget(self, page: Page) -> None:
-        """It will not come back."""
-        self.leave(page, page.connection)
-        if page in self._pages:
-            self._pages.remove(page)
-
-    def hear(self, page: Page, tick: object) -> bool:
-        """A message with this tick has come from it. True if the tick is fresh."""
+    def receive(self, client: Client, tick: object) -> bool:
+        """Take a returned tick as a sign of life. True if it is fresh: a request with it may be carried out."""
         if isinstance(tick, bool) or not isinstance(tick, int):
             return False
         seen_s = max(0, min(tick, self.tick())) / 1000
-        page.heard_s = max(page.heard_s, seen_s)
-        return self._clock() - seen_s <= self._silent_s
+        client.seen_s = max(client.seen_s, seen_s)
+        return self._clock() - seen_s <= self.patience_s
 
-    def alive(self, page: Page) -> bool:
-        """True if it was known to work a moment ago."""
-        return page.connected and self._clock() - page.heard_s <= self._silent_s
+    def beat(self, client: Client) -> None:
+        """A sign of life of a client in this process."""
+        client.seen_s = self._clock()
 
-    def claim(self, page: Page) -> None:
-        """From now on this page controls."""
-        if page.connected:
-            self.controller = page
+    def alive(self, client: Client) -> bool:
+        """True if the client is connected and its last sign of life is fresh."""
+        return client.connected and self._clock() - client.seen_s <= self.patience_s
+
+    def claim(self, client: Client) -> bool:
+        """Give control to a client. True if another had it: its motion is to be stopped, and stops counts that.
+
+        A person keeps control over a stop; any other client has it until the next stop, whoever asked for that.
+        Raises NotInControl if the client is not connected, or is no person and a person or a live program has control.
+        """
+        with self._lock:
+            holder = self.holder if self.holder is not client else None
+            if not client.connected:
+                raise NotInControl(f"nothing was done: {client.name} has left")
+            if holder and not client.is_person and (holder.is_person or self.alive(holder)):
+                raise NotInControl(f"nothing was done: {holder.name} has control")
+            self.holder = client
+            if holder:
+                self.stops += 1
+            client.claimed_at = self.stops
+        if holder:
+            holder.lost_control(f"{client.name} took control")
+        return holder is not None
+
+    def check(self, client: Client) -> None:
+        """Raises NotInControl if the client does not have control."""
+        holder = self.holder
+        if holder is not client:
+            who = f"{holder.name} has control" if holder else f"{client.name} does not have control"
+            raise NotInControl(f"nothing was done: {who}")
+        if not client.is_person and client.claimed_at != self.stops:
+            raise NotInControl(f"nothing was done: after a stop {client.name} must take control again")
+
+    def end_stopped(self, cause: str) -> None:
+        """Release a holder whose control a stop has ended."""
+        with self._lock:
+            holder = self.holder
+            if holder is None or holder.is_person or holder.claimed_at == self.stops:
+                return
+            self.holder = None
+        holder.lost_control(cause)

@@ -1,4 +1,4 @@
-"""What has happened, in words, for all pages: the last of it. Any thread may add and read."""
+"""The last events in words, for all clients. Any thread may add and read."""
 
 import itertools
 import logging
@@ -9,15 +9,15 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 _KEPT = 50
-_SAME_S = 1.0  # the same text within this time is one event: a STOP comes two ways at once
+_SAME_S = 1.0  # the same text within this time is one event: a STOP arrives by two ways
 
 
 @dataclass(frozen=True)
 class Notice:
-    """Something that has happened. error: the number (board) or the type (host) of it, or ""."""
+    """An event. error: its number (board) or type (host), "" if it is no error."""
 
     number: int
-    at_s: float  # the wall's time
+    at_s: float  # wall-clock time
     text: str
     error: str = ""
 
@@ -34,7 +34,7 @@ class Notices:
         return iter(list(self._kept))
 
     def add(self, text: str, error: str = "") -> None:
-        """Keep it, unless it is what was added a moment ago."""
+        """Append a notice, unless the last one has the same text and is recent."""
         now_s = time.time()
         with self._lock:
             last = self._kept[-1] if self._kept else None
@@ -43,7 +43,7 @@ class Notices:
 
 
 class ToNotices(logging.Handler):
-    """What the client logs and raises nowhere: errors of the board that waited from before."""
+    """Adds warnings of the log to the notices: errors of the board that no call raises."""
 
     def __init__(self, notices: Notices) -> None:
         super().__init__(logging.WARNING)

@@ -1,12 +1,15 @@
-"""Direction buttons that go down and come up: one is held or just stepping, others wait for their turn. Pure."""
+"""Direction buttons that go down and come up: one steps or runs, others wait for their turn. Pure.
+
+How they move the mount: pad.py.
+"""
 
 from collections import deque
 from dataclasses import dataclass
 
-from mirrormount.supervise.lease import Page
+from mirrormount.supervise.lease import Client
 from mirrormount.supervise.requests import Press
 
-HOLD_S = 0.7  # a button held for longer is a run; let go before, it was a step
+HOLD_S = 0.7  # a button that is held longer runs; released before, it made a step
 MOST = 10  # presses that wait: 2 s of steps
 
 
@@ -14,54 +17,54 @@ MOST = 10  # presses that wait: 2 s of steps
 class Hold:
     """A button that is down, or was."""
 
-    page: Page
+    client: Client
     press: Press
-    stops: int  # asked for before it: after one more it is not begun
+    stops: int  # stops requested before it: after one more it is not begun
     ready_s: float  # when it could have begun: when it went down, or when those before it were done
     begun_s: float | None = None  # when its step was begun, and not refused
     running: bool = False
     released: bool = False
 
     def is_run(self, now_s: float) -> bool:
-        """Has it been down for long enough?"""
+        """True if it was held for long enough to run."""
         return self.begun_s is not None and now_s - self.begun_s >= HOLD_S
 
 
 class Presses:
-    """current: the one that is stepping, running or was last. One thread begins them, any thread adds and drops."""
+    """current: the press that steps, runs or was last. One thread begins presses, any thread adds and drops them."""
 
     def __init__(self) -> None:
         self.current: Hold | None = None
         self._waiting: deque[Hold] = deque()
 
     def __len__(self) -> int:
-        """How many wait."""
+        """Number of presses that wait."""
         return len(self._waiting)
 
     @property
     def full(self) -> bool:
-        """True if there is no room for one more."""
+        """True if no more may wait."""
         return len(self._waiting) >= MOST
 
     @property
     def last(self) -> Hold | None:
-        """The one that went down last."""
+        """The press that was added last."""
         try:
             return self._waiting[-1]
         except IndexError:
             return self.current
 
     def add(self, hold: Hold) -> None:
-        """It has gone down."""
+        """Append a press."""
         self._waiting.append(hold)
 
     def postpone(self, now_s: float) -> None:
-        """Those that wait do so for a step before them: they are not late."""
+        """Mark those that wait as not late: a step before them is under way."""
         for hold in list(self._waiting):
             hold.ready_s = now_s
 
-    def next(self) -> Hold | None:
-        """The one whose turn it is; it becomes the current one."""
+    def pop(self) -> Hold | None:
+        """Take the next press; it becomes the current one."""
         if not self._waiting:
             return None
         try:
@@ -73,14 +76,14 @@ class Presses:
         return hold
 
     def drop(self) -> None:
-        """None waits any more, and none is held."""
+        """Drop those that wait, release the current one."""
         self._waiting.clear()
         if self.current:
             self.current.released = True
 
-    def of(self, page: Page) -> bool:
-        """Does this page hold a button, or wait for its steps?"""
+    def involve(self, client: Client) -> bool:
+        """True if this client holds a button, or a press of it waits."""
         current = self.current
-        return any(h.page is page for h in list(self._waiting)) or (
-            current is not None and current.page is page and not current.released
+        return any(h.client is client for h in list(self._waiting)) or (
+            current is not None and current.client is client and not current.released
         )

@@ -1,10 +1,7 @@
-"""What a page may ask the mount to do: plain data, checked here and nowhere else. Pure.
-
-Every order comes as one JSON object; parse() turns it into one of these, or says what is wrong with it.
-"""
+"""Requests to move the mount, as plain data; parse() checks those that arrive as JSON. Pure."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,20 +16,14 @@ FULL = 255
 
 @dataclass(frozen=True)
 class Press:
-    """A direction button goes down: some steps at once, and a run at `speed` (1 … 255) if it is held.
+    """A direction button goes down: some steps at once, and a run at `speed` (1 … 255) while it is held.
 
-    x, y: which way, -1, 0 or 1; both for a diagonal.
+    ways: the axes that take part, each with its direction 1 or -1.
     """
 
-    x: int
-    y: int
+    ways: Mapping[str, int]
     speed: int
-    coarse: bool
-
-    @property
-    def ways(self) -> dict[str, int]:
-        """The axes that take part, each with its way."""
-        return {axis: way for axis, way in (("x", self.x), ("y", self.y)) if way}
+    coarse: bool = False
 
     @property
     def steps(self) -> dict[str, int]:
@@ -41,7 +32,7 @@ class Press:
 
     @property
     def run(self) -> dict[str, float]:
-        """Speeds of the run, -1 … 1; a coarse one goes at full speed."""
+        """Speeds of the run, -1 … 1; a coarse one runs at full speed."""
         return {axis: way * (1.0 if self.coarse else self.speed / FULL) for axis, way in self.ways.items()}
 
 
@@ -62,8 +53,16 @@ class GoTo:
 
 
 @dataclass(frozen=True)
+class Jog:
+    """Run at speed, -1 … 1 and not 0, until stopped."""
+
+    axis: str
+    speed: float
+
+
+@dataclass(frozen=True)
 class Drive:
-    """Run both axes at -255 … 255."""
+    """Run x and y at -255 … 255."""
 
     x: int
     y: int
@@ -78,24 +77,24 @@ class Home:
 
 @dataclass(frozen=True)
 class Zero:
-    """Call an axis's present position 0."""
+    """Define an axis's present position as 0."""
 
     axis: str
 
 
-Order = Press | Steps | GoTo | Drive | Home | Zero
+Request = Press | Steps | GoTo | Jog | Drive | Home | Zero
 
 
-def parse(message: Mapping[str, Any]) -> Order:
-    """The order in a message. Raises BadValue in words for the person who typed it."""
+def parse(message: Mapping[str, Any], axes: Sequence[str] = ("x", "y")) -> Request:
+    """The request in a message; axes: the mount's. Raises BadValue, in words for the person who typed it."""
     what = message.get("do")
     if what == "drive":
         return Drive(_whole(message, "x", FULL, "the speed of X"), _whole(message, "y", FULL, "the speed of Y"))
     if what == "press":
-        return _press(message)
+        return _press(message, axes)
     axis = message.get("axis")
-    if axis not in ("x", "y"):
-        raise BadValue(f"an axis is x or y, not {axis!r}")
+    if not isinstance(axis, str) or axis not in axes:
+        raise BadValue(f"an axis is {' or '.join(axes)}, not {axis!r}")
     if what == "steps":
         way = _way(message)
         n = _whole(message, "n", MOST_STEPS, "the number of steps")
@@ -111,14 +110,14 @@ def parse(message: Mapping[str, Any]) -> Order:
     raise BadValue(f"there is no order {what!r}")
 
 
-def _press(message: Mapping[str, Any]) -> Press:
-    x, y = (_whole(message, axis, 1, "a direction") for axis in ("x", "y"))
-    if not (x or y):
+def _press(message: Mapping[str, Any], axes: Sequence[str]) -> Press:
+    ways = {axis: _whole(message, axis, 1, "a direction") for axis in axes if axis in message}
+    if not any(ways.values()):
         raise BadValue("a press has a direction")
     speed = _whole(message, "speed", FULL, "the speed")
     if speed < 1:
         raise BadValue(f"the speed is 1 … {FULL}, not {speed}")
-    return Press(x, y, speed, message.get("coarse") is True)
+    return Press({axis: way for axis, way in ways.items() if way}, speed, message.get("coarse") is True)
 
 
 def _way(message: Mapping[str, Any]) -> int:
@@ -129,7 +128,7 @@ def _way(message: Mapping[str, Any]) -> int:
 
 
 def _whole(message: Mapping[str, Any], key: str, most: int, what: str) -> int:
-    """A whole number; text as it was typed is understood, and nothing is rounded."""
+    """A whole number. Typed text is converted; nothing is rounded."""
     value = message.get(key)
     if isinstance(value, str):
         text = value.strip().replace("\N{MINUS SIGN}", "-")

@@ -1,16 +1,19 @@
-"""How many mrad of the mirror a step is, where that is known: for a position in mrad beside the one in steps."""
+"""The scales of a mount's axes, for a position in mrad beside the one in steps."""
 
 from mirrormount.common.errors import BadFile, NotCalibrated
 from mirrormount.device import calibration
 from mirrormount.device.mount import Mount
-from mirrormount.device.settings import AXES
+from mirrormount.supervise.axes import axis_names
 
 Scales = dict[str, float | None]
 
 
 def read(mount: Mount) -> Scales:
-    """mrad a step of each axis: the mean of both directions; None where it was not measured with today's step."""
-    return {name: _of_axis(mount, name) for name in AXES}
+    """mrad of the mirror a step, for each axis: the mean of both directions; None if not measured for the present step.
+
+    Raises MountError.
+    """
+    return {name: _of_axis(mount, name) for name in axis_names(mount)}
 
 
 def _of_axis(mount: Mount, name: str) -> float | None:

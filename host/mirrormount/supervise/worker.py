@@ -1,91 +1,92 @@
-"""The one thread that speaks to the mount, and the brake beside it. Knows pages by their Desk, and no web.
+"""The one thread that uses the mount, with the brake beside it. Carries out the requests of the lease's clients.
 
-The thread looks at the board twenty times a second, and each look is what keeps a motion alive there. It looks
-only while the page that asked for the motion is alive; if that page is closed, frozen or cut off, it stops the
-mount instead. And if this thread, or this whole program, hangs, the board hears nothing and stops by itself.
+The thread polls the board's status twenty times a second, and each poll feeds the board's keep-alive. It polls on
+only while the client that asked for the motion is alive; if that client has gone, hangs or is cut off, it stops the
+mount. If this thread or its whole program hangs, the board stops by its own keep-alive.
 
-A stop never waits for the thread: it has one of its own (brake.py). After a stop nothing that was
-asked for before it is begun any more, and that includes presses that wait for their turn (presses.py).
+A stop never waits for this thread: it has one of its own (brake.py). No request from before a stop is begun after it,
+presses that wait for their turn (presses.py) included.
 """
 
 import contextlib
 import logging
-import queue
 import threading
 import time
-from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future
 from typing import TypeVar
 
-from mirrormount.common.errors import BadValue, BoardError, ConnectionLost, MountError, MoveEnded, NoAnswer, PanelFault
+from mirrormount.common.errors import (
+    BoardError,
+    ConnectionLost,
+    MountError,
+    MoveEnded,
+    NoAnswer,
+    NotInControl,
+    SupervisorFault,
+)
 from mirrormount.device.mount import Mount
-from mirrormount.device.status import Status
-from mirrormount.supervise import scales
 from mirrormount.supervise.brake import Brake
-from mirrormount.supervise.lease import Desk, Page
+from mirrormount.supervise.lease import Client, Lease
+from mirrormount.supervise.motions import Asked, Motion, Motions, start
 from mirrormount.supervise.notices import Notices, ToNotices
+from mirrormount.supervise.pad import Pad
 from mirrormount.supervise.presses import Hold, Presses
-from mirrormount.supervise.requests import Drive, GoTo, Home, Order, Press, Steps, Zero
+from mirrormount.supervise.reconnect import Connection
+from mirrormount.supervise.requests import Press, Request
+from mirrormount.supervise.state import POLL_S, State
+from mirrormount.supervise.tasks import Tasks
 from mirrormount.supervise.wire_log import WireLog
-from mirrormount.transport.find import find_one
-from mirrormount.transport.lines import Link
-from mirrormount.transport.open import open_port
-from mirrormount.transport.port import Port
-from mirrormount.transport.stop_socket import Stoppable
-from mirrormount.transport.tap import TappedPort
 
-LOOK_S = 0.05  # between two looks at the board
-_SOON_S = 0.01  # the same while a press waits for a step to end
-LATE_S = 0.5  # an order that could not be begun for so long is not begun any more
-_KNOWN_S = 0.6  # a status that is older is not what the board does now
-_RETRY_S = 1.0  # between two attempts to find the board
-_KEPT_S = 120.0  # of the positions, for the plot
+_SOON_S = 0.01  # instead of POLL_S while a press waits for a step to end
+LATE_S = 0.5  # a request that could not be begun for so long is not begun
+_RETRY_S = 1.0  # between two attempts to open the port
 
 T = TypeVar("T")
-Point = tuple[float, float | None, float | None]  # when, x, y; None where it is not known
-_log = logging.getLogger("mirrormount.panel")
+_log = logging.getLogger("mirrormount.supervise")
 
 
-class Pilot:
-    """Owns the mount. order() … call() may be called from any thread, and return at once.
+class Worker:
+    """Owns the mount. request() … call() may be called from any thread, and return at once.
 
-    address: a port, or None for the one board there is. Attributes to be read by any thread: mount (None while
-    there is no board), status (None while it is not known), last (the last that was known), seen_s (when, monotonic),
-    trouble (why there is no board, "" if there is one), driver (whose motion it is), why (of the last stop).
+    address: a port, or None for the only board. Attributes for any thread to read: connection, state, notices, log,
+    driver (the client whose motion it is), stop_cause (of the last stop).
     """
 
-    def __init__(self, address: str | None, desk: Desk, clock: Callable[[], float] = time.monotonic) -> None:
-        self._address = address
-        self._desk = desk
+    def __init__(self, address: str | None, lease: Lease, clock: Callable[[], float] = time.monotonic) -> None:
+        self.lease = lease
         self.log = WireLog()
-        self.port: Port | None = None
-        self.mount: Mount | None = None
-        self.status: Status | None = None
-        self.last: Status | None = None
-        self.seen_s = 0.0
-        self.why = ""
-        self.trouble = "not connected yet"
-        self.driver: Page | None = None
-        self.scales: scales.Scales = {}
-        self.targets: dict[str, int | None] = {"x": None, "y": None}
-        self.positions: deque[Point] = deque(maxlen=round(_KEPT_S / LOOK_S))
+        self.connection = Connection(
+            address, self.log, lambda: self.stop("another program of this computer asked for it (mirrormount stop)")
+        )
+        self.state = State()
+        self.stop_cause = ""
+        self.driver: Client | None = None
         self.notices = Notices()
-        self.presses = Presses()
         self._clock = clock
-        self._stepping = False  # by a press, and not seen to be over
-        self._stoppable: Stoppable | None = None
-        self._orders: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
-        self._stops = 0  # asked for
-        self._confirmed = 0  # of them, those that the board has been seen to obey
+        self._pad = Pad(self.state, clock, self.stop)
+        self._motions = Motions()
+        self._tasks = Tasks()
+        self._confirmed = 0  # stops after which the board was seen at rest
         self._brake = Brake(lambda: self.mount)
+        self._to_notices = ToNotices(self.notices)
         self._closing = False
-        self._thread = threading.Thread(target=self._live, name="pilot", daemon=True)
+        self._thread = threading.Thread(target=self._run, name="worker", daemon=True)
+
+    @property
+    def presses(self) -> Presses:
+        """The direction buttons that are down, and the presses that wait."""
+        return self._pad.presses
+
+    @property
+    def mount(self) -> Mount | None:
+        """None while there is no board."""
+        return self.connection.mount
 
     def open(self) -> None:
         """Connect and begin. Raises MountError if there is no mount at the address."""
         self._connect()
-        logging.getLogger("mirrormount").addHandler(ToNotices(self.notices))
+        logging.getLogger("mirrormount").addHandler(self._to_notices)
         self._thread.start()
         self._brake.start()
 
@@ -95,316 +96,198 @@ class Pilot:
         if self._thread.is_alive():
             self._thread.join(5)
         self._brake.close()
-        mount, self.mount = self.mount, None
-        if self._stoppable:
-            self._stoppable.close()
-        if mount:
-            try:
-                mount.stop()
-            finally:
-                mount.close()
+        logging.getLogger("mirrormount").removeHandler(self._to_notices)
+        try:
+            self.connection.close()
+        finally:
+            self._motions.fail(ConnectionLost("the motion was stopped: the supervisor was closed"))
+            self._tasks.fail_all(ConnectionLost("nothing was done: the supervisor was closed"))
 
-    # ---- for the pages: any thread
+    # ---- for clients: any thread
 
-    def order(self, page: Page, order: Order) -> None:
-        """Do what the page asks for. What cannot be done is told to that page.
+    def take_control(self, client: Client) -> None:
+        """Give a client control; motion of the client before it is stopped. Raises NotInControl, as Lease.claim()."""
+        if self.lease.claim(client):
+            self.stop(f"{client.name} took control", counted=True)
 
-        A press while a step of an earlier press is under way waits for its turn.
+    def request(self, client: Client, request: Request, motion: Motion | None = None) -> None:
+        """Carry out a request; a later refusal becomes the motion's outcome, or a notice of the client.
+
+        A press while a step of an earlier press is under way waits for its turn. Raises NotInControl.
         """
-        stops, asked_s = self._stops, self._clock()
-        if not isinstance(order, Press):
-            self._orders.put(lambda: self._begin(page, stops, asked_s, lambda mount: self._move(mount, order)))
-            return
-        last = self.presses.last
-        if last and not last.released:
-            return  # one hand at a time
-        if self.presses.full:
-            page.notices.append(f"this press was not counted: {len(self.presses)} steps wait already")
-            return
-        self.presses.add(Hold(page, order, stops, asked_s))
-        self._orders.put(self._press_next)
+        asked = Asked(client, request, self.lease.stops, self._clock(), motion)
+        self.lease.check(client)  # behind the count: control is claimed before the motion of its last holder is stopped
+        if not isinstance(request, Press):
+            self._tasks.add(lambda: self._begin(asked), asked.refuse)
+        elif self._pad.add(Hold(client, request, asked.stops, asked.at_s)):
+            self._tasks.add(self._begin_next_press)
 
-    def release(self, page: Page) -> None:
-        """The button is up: a run ends now, a step that has just begun is made, and so is one that waits."""
-        hold = self.presses.last
-        if hold and hold.page is page and not hold.released:
-            hold.released = True
-            if hold.running or hold.is_run(self._clock()):
-                self.stop("the button was let go", tell=False)
+    def release(self, client: Client) -> None:
+        """The button is up: a run ends now; a step that was begun is made, and so is one that waits."""
+        if self._pad.release(client):
+            self.stop("the button was let go", tell=False)
 
-    def stop(self, why: str, *, tell: bool = True) -> None:
-        """Both motors off, now. why: in a few words, for the pages.
+    def stop(self, cause: str, *, tell: bool = True, counted: bool = False) -> None:
+        """All motors off, now. cause: in a few words. counted: the lease has counted this stop.
 
-        tell: list it as something that has happened; not from a handler of a signal, for that takes a lock.
+        tell: add it to the notices; not from a signal handler, for that takes a lock.
         """
-        self._stops += 1
+        self.stop_cause = cause
+        if not counted:
+            self.lease.stops += 1
         self._brake.pull()
         self.presses.drop()
-        self.why = why
         if tell:
-            self.say(f"stopped: {why}")
+            self.report(f"stopped: {cause}")
 
-    def gone(self, page: Page) -> None:
-        """The page's connection has ended: what it drove stops."""
-        if self.driver is page or self.presses.of(page):
-            self.stop(f"{page.name}, which had asked for the motion, has gone")
+    def client_left(self, client: Client) -> None:
+        """The client's connection has ended: its motion is stopped."""
+        if self.driver is client or self.presses.involve(client):
+            self.stop(f"{client.name}, which had asked for the motion, has gone")
 
     def call(self, work: Callable[[Mount], T], *, changes: bool = False) -> "Future[T]":
-        """Have work(mount) done in the mount's thread. The future raises MountError; nobody else is told.
+        """Run work(mount) in the mount's thread. The future raises MountError; nobody else is told.
 
-        changes: it may change settings, and with them what a step is.
+        changes: it may change settings, and with them the size of a step.
         """
-        future: Future[T] = Future()
-        asked = self.mount
+        return self._tasks.ask(self.connection, work, self.state.read_scales if changes else lambda _: None)
 
-        def run() -> None:
-            if not future.set_running_or_notify_cancel():
-                return  # whoever asked has gone
-            if self.mount is None or self.mount is not asked:  # another board may have come meanwhile
-                why = self.trouble or "the board had gone meanwhile"
-                future.set_exception(ConnectionLost(f"nothing was done: {why}"))
-                return
-            try:
-                result = work(self.mount)
-                if changes:
-                    self.scales = scales.read(self.mount)
-                future.set_result(result)
-            except (ConnectionLost, NoAnswer) as e:
-                future.set_exception(e)
-                raise
-            except Exception as e:
-                future.set_exception(e)
-
-        self._orders.put(run)
-        return future
-
-    def spot_mm(self) -> tuple[float, float] | None:
-        """Where the spot is on a virtual board's screen: (right, up) in mm. None with a real board."""
-        simulation = getattr(self.port, "simulation", None)
-        return simulation.bench.spot_mm() if simulation and self.mount else None
-
-    def mrad_text(self, name: str, steps: float) -> str:
-        """A position in mrad of the mirror; "" where no scale is known."""
-        scale = self.scales.get(name)
-        return "" if scale is None else f"≈ {steps * scale:+.2f} mrad".replace("-", "−")
-
-    @property
-    def is_known(self) -> bool:
-        """True while the status is that of a moment ago."""
-        return self.status is not None and time.monotonic() - self.seen_s < _KNOWN_S
-
-    @property
-    def seen_at(self) -> str:
-        """When the last status came, by the wall's clock."""
-        return time.strftime("%H:%M:%S", time.localtime(time.time() - (time.monotonic() - self.seen_s)))
-
-    def say(self, text: str, error: str = "") -> None:
-        """Tell all pages."""
+    def report(self, text: str, error: str = "") -> None:
+        """Add a notice for all clients."""
         self.notices.add(text, error)
 
     # ---- the mount's thread
 
-    def _live(self) -> None:
+    def _run(self) -> None:
         while not self._closing:
             try:
-                self._obey_next()
-                self._connect_again()
+                soon_s = _SOON_S if self.presses else POLL_S
+                self._tasks.run_next(soon_s if self.mount else _RETRY_S)
+                if self.mount is None:
+                    self._reconnect()
                 if self.mount:
-                    self._look(self.mount)
+                    self._poll(self.mount)
             except MountError as e:
                 self._lose(e)
-            except Exception as e:  # a fault of this program: the mount rests, whatever it was
-                _log.exception("the panel has a fault")
-                self._lose(PanelFault(f"the panel has a fault ({type(e).__name__}: {e}); the motors were stopped"))
+            except Exception as e:  # a fault of this program: the motors are stopped in any case
+                _log.exception("the worker has a fault")
+                self._lose(SupervisorFault(f"this program has a fault ({type(e).__name__}: {e}); motors were stopped"))
 
-    def _obey_next(self) -> None:
-        """Wait for an order until the next look is due, and carry it out."""
-        with contextlib.suppress(queue.Empty):
-            pause_s = _SOON_S if self.presses else LOOK_S
-            self._orders.get(timeout=pause_s if self.mount else _RETRY_S)()
+    def _begin_next_press(self) -> None:
+        hold = self._pad.pop()
+        if hold:
+            self._begin(Asked(hold.client, hold.press, hold.stops, hold.ready_s), hold)
+            if hold.begun_s is None:  # refused: those behind it are not made either
+                self.presses.drop()
 
-    def _press_next(self) -> None:
-        """Begin the press whose turn it is, if the step before it is over."""
-        now_s, before = self._clock(), self.presses.current
-        if self._stepping or (before and not before.released and before.begun_s is not None):
-            self.presses.postpone(now_s)
-            return
-        hold = self.presses.next()
-        if hold is None:
-            return
-        self._begin(hold.page, hold.stops, hold.ready_s, lambda mount: self._press(mount, hold))
-        if hold.begun_s is None:  # refused: those behind it are not made either
-            self.presses.drop()
-
-    def _begin(self, page: Page, stops: int, asked_s: float, start: Callable[[Mount], None]) -> None:
-        """Start a motion for a page, unless there was a stop since it was asked for, or it was too long ago."""
-        mount = self.mount
+    def _begin(self, asked: Asked, hold: Hold | None = None) -> None:
+        """Start a motion, unless a stop came since it was requested, or that is too long ago."""
+        mount, client = self.mount, asked.client
         if mount is None:
-            page.notices.append(f"nothing was done: {self.trouble}")
+            asked.refuse(ConnectionLost(f"nothing was done: {self.connection.trouble}"))
             return
-        if self._clock() - asked_s > LATE_S:
-            page.notices.append("nothing was done: the board was busy for too long; ask again")
+        if self._clock() - asked.at_s > LATE_S:
+            asked.refuse(NoAnswer("nothing was done: the board was busy for too long; ask again"))
             return
-        if self._stops != self._confirmed:
-            self._confirm(mount)
         try:
-            with mount.unless_stopped():  # by the brake; what was asked of the brake before this is seen next
-                if stops != self._stops:
+            if self.lease.stops != self._confirmed:
+                self._confirm(mount)
+            with mount.unless_stopped():  # by the brake; a stop from before this is seen next
+                if asked.stops != self.lease.stops:
+                    asked.drop()
                     return
-                if not self._desk.alive(page):
-                    page.notices.append("nothing was done: this page was out of touch; ask again")
+                if not self.lease.alive(client):
+                    asked.refuse(NotInControl(f"nothing was done: {client.name} was out of touch; ask again"))
                     return
-                self.driver = page
-                start(mount)
-        except (ConnectionLost, NoAnswer):
+                self.driver = client
+                if hold:
+                    self._pad.step(mount, hold)
+                else:
+                    start(mount, asked.request, self.state.targets)
+        except (ConnectionLost, NoAnswer) as e:
+            asked.drop(e)
             raise
         except MoveEnded:
-            pass  # stopped before it began: as asked
+            asked.drop()
         except MountError as e:
-            self._refused(page, e)
+            self._refuse(asked, e)
+        else:
+            self._motions.begin(asked)
 
-    def _refused(self, page: Page, why: MountError) -> None:
-        """Tell the page that asked, and list it with cause and remedy."""
-        page.notices.append(str(why))
-        self.say(str(why), str(why.code) if isinstance(why, BoardError) else type(why).__name__)
+    def _refuse(self, asked: Asked, why: MountError) -> None:
+        """Tell the client, and add a notice with cause and remedy."""
+        asked.refuse(why)
+        self.report(str(why), str(why.code) if isinstance(why, BoardError) else type(why).__name__)
 
-    def _press(self, mount: Mount, hold: Hold) -> None:
-        for name, steps in hold.press.steps.items():
-            self.targets[name] = None
-            try:
-                getattr(mount, name).step(steps, wait=False, feed=False)
-            except BoardError:
-                if len(hold.press.steps) > 1:  # one axis of two
-                    self.stop("one axis of a diagonal step was refused")
-                raise
-        self._stepping = True
-        hold.begun_s = self._clock()
-
-    def _move(self, mount: Mount, order: Order) -> None:
-        match order:
-            case Steps(axis, n):
-                self.targets[axis] = None
-                getattr(mount, axis).step(n, wait=False, feed=False)
-            case GoTo(axis, position):
-                getattr(mount, axis).move_to(position, wait=False, feed=False)
-                self.targets[axis] = position
-            case Drive(x, y):
-                self.targets = {"x": None, "y": None}
-                duty = {mount.x.number: x, mount.y.number: y}
-                mount.drive(duty[1], duty[2], feed=False)
-            case Home(axis):
-                self.targets[axis] = None
-                getattr(mount, axis).start_homing()
-            case Zero(axis):
-                self.targets[axis] = None
-                getattr(mount, axis).zero()
-
-    def _look(self, mount: Mount) -> None:
-        """See how the mount is; go on with what is held; stop what nobody is there for any more."""
-        driver, hold = self.driver, self.presses.current
-        away = next(
-            (p for p in (driver, hold and not hold.released and hold.page) if p and not self._desk.alive(p)), None
-        )
-        if away:
-            self.driver = None
-            self.stop(f"{away.name}, which had asked for the motion, is out of touch")
-        if self._stops != self._confirmed:
-            self._confirm(mount)
-        self._go_on(mount)
-        status = mount.status()
-        self.seen_s = time.monotonic()
-        self.positions.append((self.seen_s, status.x.position, status.y.position))
-        self.status = self.last = status
-        if status.errors_waiting:
-            for error in mount.errors():
-                self.say(f"the board says {error.code}: {error.text.lower()}", str(error.code))
-            if hold and hold.running and not hold.released and status.moving:
-                self.stop("the board reported an error in a run")  # drop() alone would lose the release
-            self.presses.drop()
-        if not status.moving:
-            self._stepping = False
-            if not self.presses and (not hold or hold.released):
+    def _poll(self, mount: Mount) -> None:
+        """Read the status; go on with the button that is held; stop the motion of a client that is not alive."""
+        held = self._pad.held
+        for client in (self.driver, held and held.client):
+            if client and not self.lease.alive(client):
                 self.driver = None
-        self._press_next()
+                self.stop(f"{client.name}, which had asked for the motion, is out of touch")
+                break
+        if self.lease.stops != self._confirmed:
+            self._confirm(mount)
+        self._run_held(mount)
+        status = mount.status()
+        self.state.update(status)
+        errors = mount.errors() if status.errors_waiting else []
+        for error in errors:
+            self.report(f"the board says {error.code}: {error.text.lower()}", str(error.code))
+        if errors:
+            self._pad.report_errors(status.moving)
+        self._motions.poll(mount, status, errors)
+        if not status.moving and self._pad.rest():
+            self.driver = None
+        self._begin_next_press()
 
-    def _go_on(self, mount: Mount) -> None:
-        """A button that is held long enough becomes a run."""
-        hold = self.presses.current
-        if not hold or hold.released or hold.running or not hold.is_run(self._clock()):
-            return
-        hold.running = True  # before it is: a release from here on stops it
-        if self.driver is hold.page:
+    def _run_held(self, mount: Mount) -> None:
+        """A button that is held long enough runs."""
+        hold = self._pad.hold_to_run()
+        if hold and self.driver is hold.client:
             try:
                 with mount.unless_stopped():
-                    for name, speed in hold.press.run.items():
-                        if not hold.released:
-                            getattr(mount, name).jog(speed, feed=False)
+                    self._pad.run(mount, hold)
             except (ConnectionLost, NoAnswer):
                 raise
             except MoveEnded:
                 pass
             except MountError as e:
                 self.stop("a run was refused", tell=False)
-                self._refused(hold.page, e)
+                self._refuse(Asked(hold.client, hold.press, hold.stops, hold.ready_s), e)
 
     def _confirm(self, mount: Mount) -> None:
-        """Make sure that the stops asked for so far have stopped the mount."""
-        stops = self._stops
+        """Make sure that the stops requested so far have stopped the mount."""
+        stops = self.lease.stops
         mount.stop()
         self._confirmed = stops
         self.driver = None
-        self._stepping = False
-        self.targets = {"x": None, "y": None}
-
-    def _stop_for_another_program(self, mount: Mount) -> str:
-        """`mirrormount stop` in another terminal."""
-        self.stop("another program of this computer asked for it (mirrormount stop)")
-        return mount._stop_for_another_program()
+        self._pad.reset()
+        self.state.targets = {}
+        self.lease.end_stopped(f"stopped: {self.stop_cause}")
 
     # ---- coming and going of the board
 
     def _connect(self) -> None:
-        address = find_one() if self._address is None else self._address
-        port = open_port(address)
-        try:
-            if port.lockstep:
-                raise BadValue("the panel needs a board at its own pace: speed=max is for use in one process")
-            mount = Mount(Link(TappedPort(port, self.log)))
-            self.scales = scales.read(mount)
-        except BaseException:
-            port.close()
-            raise
-        self.port = port
-        self.mount = mount
+        mount = self.connection.open()
+        self.state.connect(mount)
         self.driver = None
-        self._stepping = False
-        self.presses = Presses()
-        self._stoppable = Stoppable([address], lambda: self._stop_for_another_program(mount))
-        self.targets = {"x": None, "y": None}
-        self._confirmed = self._stops  # opening has stopped what moved
-        self.trouble = ""
+        self._pad = Pad(self.state, self._clock, self.stop)
+        self._confirmed = self.lease.stops  # opening has stopped what moved
 
-    def _connect_again(self) -> None:
-        if self.mount:
-            return
-        try:
+    def _reconnect(self) -> None:
+        with contextlib.suppress(MountError):
             self._connect()
-            self.say("the board is back; nothing moves until you ask for it")
-        except MountError as e:
-            self.trouble = str(e)
+            self.report("the board is back; nothing moves until you ask for it")
 
     def _lose(self, why: MountError) -> None:
-        """The board has gone. What it was doing ended with it, or by its keep-alive; nothing of it is resumed."""
-        mount, self.mount = self.mount, None
-        self.status = self.driver = None
-        self._stops += 1  # what was asked for before is not done after
+        """The board has gone. Its motion ended with it, or by its keep-alive; nothing of it is resumed."""
+        self.driver = None
+        self.state.lose()
+        self.lease.stops += 1  # requests from before are not carried out after
         self.presses.drop()
-        self.positions.append((time.monotonic(), None, None))
-        if self._stoppable:
-            self._stoppable.close()
-        self.trouble = str(why)
-        self.say(f"{why}; the panel looks for the board, and will not resume what it did", type(why).__name__)
-        if mount:
-            for last in (mount.halt, mount.close):  # in case it only did not answer
-                with contextlib.suppress(MountError, OSError):  # OSError: the driver of a port that has gone
-                    last()
+        self.report(f"{why}; the port is tried every second, and no motion is resumed", type(why).__name__)
+        self.connection.lose(why)
+        self._motions.fail(why)
+        self.lease.end_stopped(str(why))

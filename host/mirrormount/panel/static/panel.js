@@ -1,15 +1,15 @@
-// Driving from a browser: what is pressed, what is let go, and the word "stop".
+// Driving from a browser: presses, releases, requests and stops.
 //
-// Elements say what they do by an attribute:
-//   data-press="1 0"                          press = one step right, hold = run; "-1 1": left and up at once
-//   data-send='{"do": "goto", "axis": "x"}'   an order; the page's fields are put in where it names them
+// An element's attribute says what it does:
+//   data-press="x:1"                          press = one step of axis x, hold = run; "x:-1 y:1": two axes at once
+//   data-send='{"do": "goto", "axis": "x"}'   a request; the page's fields are put in where it names them
 //   data-stop                                 stop
-//   data-fields="to:target_x"                 fields of an order: key:name of the input
-// Everything is sent at once or not at all: nothing is kept for later (see driving.py).
+//   data-fields="to:target_x"                 fields of a request: key:name of the input
+// Everything is sent at once or not at all: nothing is kept for later (see socket.py).
 "use strict";
 
 (() => {
-  const ARROWS = { ArrowUp: "0 1", ArrowDown: "0 -1", ArrowLeft: "-1 0", ArrowRight: "1 0" };
+  const ARROWS = { ArrowUp: "y:1", ArrowDown: "y:-1", ArrowLeft: "x:-1", ArrowRight: "x:1" };
   const AGAIN_MS = 500; // between two attempts to reach the panel
   const BEAT_MS = 20; // the least between two beats: ticks that were held back come all at once
   const SILENT_MS = 1000; // a panel that is not heard of for so long is not reached
@@ -40,9 +40,9 @@
     remembered();
     const scheme = location.protocol === "https:" ? "wss" : "ws";
     socket = new WebSocket(`${scheme}://${location.host}/drive`);
-    // the first message: this page's own secret, and the one that signing in has left (entrance.py)
+    // the first message: this page's own secret, and the one that signing in has left (sign_in.py)
     socket.onopen = () => socket.send(JSON.stringify({ page: key, key: localStorage.getItem("mirrormount-key") }));
-    socket.onmessage = (event) => hear(JSON.parse(event.data));
+    socket.onmessage = (event) => receive(JSON.parse(event.data));
     socket.onclose = (event) => {
       held = tick = null;
       document.body.classList.remove("ready");
@@ -53,7 +53,7 @@
     };
   }
 
-  function hear(message) {
+  function receive(message) {
     tick = message.tick;
     heardAt = performance.now();
     document.body.classList.remove("cut");
@@ -89,9 +89,9 @@
 
   function press(element, by, coarse) {
     if (held || element.disabled) return;
-    const [x, y] = element.dataset.press.split(" ").map(Number);
-    const order = { do: "press", x, y, coarse, speed: field("speed") };
-    if (!send(order)) return;
+    const ways = element.dataset.press.split(" ").map((way) => way.split(":"));
+    const axes = Object.fromEntries(ways.map(([axis, way]) => [axis, Number(way)]));
+    if (!send({ do: "press", ...axes, coarse, speed: field("speed") })) return;
     held = { element, by };
     element.classList.add("held");
   }
@@ -103,7 +103,7 @@
     send({ do: "release" });
   }
 
-  function order(element) {
+  function request(element) {
     const message = JSON.parse(element.dataset.send);
     for (const pair of (element.dataset.fields ?? "").split(" ").filter(Boolean)) {
       const [name, input] = pair.split(":");
@@ -164,7 +164,7 @@
   document.addEventListener("click", (event) => {
     if (event.target.closest?.("[data-stop]")) stop(); // a screen reader clicks, and presses nothing
     const element = event.target.closest?.("[data-send]");
-    if (element && !element.disabled) order(element);
+    if (element && !element.disabled) request(element);
   });
 
   // ---- keys
@@ -204,12 +204,12 @@
   window.addEventListener("pagehide", letGo);
   document.addEventListener("visibilitychange", () => document.hidden && letGo());
 
-  // An Enter in a field of an order gives that order.
+  // Enter in a field of a request sends that request.
   document.addEventListener("keydown", (event) => {
     if (event.key !== "Enter" || !event.target.matches?.("input[name]")) return;
     const name = event.target.name;
     const element = document.querySelector(`[data-enter~="${name}"]`);
-    if (element && !element.disabled) order(element);
+    if (element && !element.disabled) request(element);
   });
 
   window.mountTick = () => tick; // for what NiceGUI's own buttons ask

@@ -1,4 +1,4 @@
-"""What a page may ask for, and what is refused before anything is sent."""
+"""Requests as messages: those that are understood, and those that are refused before anything is sent."""
 
 import pytest
 
@@ -9,7 +9,7 @@ PRESS = {"do": "press", "x": 1, "y": 0, "speed": "128"}
 
 
 @pytest.mark.parametrize(
-    ("message", "order"),
+    ("message", "request_"),
     [
         ({"do": "drive", "x": "-255", "y": " 7 "}, Drive(x=-255, y=7)),
         ({"do": "steps", "axis": "y", "way": -1, "n": "3"}, Steps("y", -3)),
@@ -18,12 +18,14 @@ PRESS = {"do": "press", "x": 1, "y": 0, "speed": "128"}
         ({"do": "goto", "axis": "x", "to": "\N{MINUS SIGN}3"}, GoTo("x", -3)),
         ({"do": "home", "axis": "x"}, Home("x")),
         ({"do": "zero", "axis": "y"}, Zero("y")),
-        (PRESS, Press(1, 0, 128, False)),
-        (PRESS | {"coarse": True}, Press(1, 0, 128, True)),
+        (PRESS, Press({"x": 1}, 128)),
+        ({"do": "press", "z": -1, "speed": 7}, Press({"z": -1}, 7)),
+        ({"do": "home", "axis": "z"}, Home("z")),
+        (PRESS | {"coarse": True}, Press({"x": 1}, 128, coarse=True)),
     ],
 )
-def test_an_order_is_understood(message, order):
-    assert parse(message) == order
+def test_a_request_is_understood(message, request_):
+    assert parse(message, ("x", "y", "z")) == request_
 
 
 @pytest.mark.parametrize(
@@ -53,7 +55,7 @@ def test_an_order_is_understood(message, order):
         PRESS | {"speed": "9" * 5000},
     ],
 )
-def test_what_is_no_order_is_refused_in_words(message):
+def test_what_is_no_request_is_refused_in_words(message):
     with pytest.raises(BadValue) as e:
         parse(message)
     assert len(str(e.value).splitlines()) == 1

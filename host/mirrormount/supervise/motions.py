@@ -1,0 +1,155 @@
+"""Motions on the mount: how each request is started, and the outcome of those that a program awaits."""
+
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, InvalidStateError
+from contextlib import suppress
+from dataclasses import dataclass
+
+from mirrormount.common.errors import MountError, MoveEnded
+from mirrormount.device.mount import Mount
+from mirrormount.device.status import Ended, QueuedError, Status
+from mirrormount.supervise.axes import axis_status
+from mirrormount.supervise.lease import Client
+from mirrormount.supervise.requests import Drive, GoTo, Home, Jog, Request, Steps, Zero
+from mountfw import codes as wire
+
+_WHOLE = (wire.DONE,)
+_JOG_ENDS = (wire.DONE, wire.STOPPED)  # a jog that was ended as its client asked
+
+
+class Motion:
+    """A requested motion of one axis. Its outcome: how it ended, or why it was not made.
+
+    future: the outcome, for asyncio.wrap_future() or add_done_callback(); a client that awaits it there goes on
+    with its own beats.
+    """
+
+    def __init__(self, axis: str, wanted: int | None, beat: Callable[[], None], every_s: float, *, jog: bool) -> None:
+        self.axis = axis
+        self.future: Future[Ended] = Future()
+        self._wanted = wanted
+        self._beat = beat
+        self._every_s = every_s
+        self._normal = _JOG_ENDS if jog else _WHOLE
+
+    def __repr__(self) -> str:
+        """Axis and state."""
+        return f"<Motion {self.axis}: {'over' if self.future.done() else 'not over'}>"
+
+    @property
+    def done(self) -> bool:
+        """True if the outcome is known."""
+        return self.future.done()
+
+    def wait(self, timeout_s: float | None = None) -> Ended:
+        """Wait for the outcome; the client beats meanwhile.
+
+        Raises MoveEnded (it ended before it was done, or was stopped before it began), BoardError (refused),
+        NotInControl, NoAnswer, ConnectionLost, or TimeoutError after timeout_s: then it goes on.
+        """
+        end_s = None if timeout_s is None else time.monotonic() + timeout_s
+        while True:
+            self._beat()
+            left_s = self._every_s if end_s is None else min(self._every_s, end_s - time.monotonic())
+            try:
+                return self.future.result(max(left_s, 0.0))
+            except TimeoutError:
+                if end_s is not None and time.monotonic() >= end_s:
+                    raise TimeoutError(f"{self.axis}: not over within {timeout_s:g} s") from None
+
+    def fail(self, why: Exception) -> None:
+        """It was not made, or nothing is known of its end."""
+        with suppress(InvalidStateError):
+            self.future.set_exception(why)
+
+    def end(self, ended: Ended, errors: Sequence[QueuedError] = ()) -> None:
+        """It was begun, and is over."""
+        if ended.reason in self._normal:
+            with suppress(InvalidStateError):
+                self.future.set_result(ended)
+        else:
+            codes = tuple(error.code for error in errors)
+            self.fail(MoveEnded(self.axis, ended.reason, ended.steps, self._wanted, list(map(str, errors)), codes))
+
+
+@dataclass(eq=False)
+class Asked:
+    """A request that waits. stops: how many stops had been requested by then. motion: its outcome is awaited."""
+
+    client: Client
+    request: Request
+    stops: int
+    at_s: float
+    motion: Motion | None = None
+
+    def refuse(self, why: MountError) -> None:
+        """Tell the client that it is not carried out."""
+        if self.motion:
+            self.motion.fail(why)
+        else:
+            self.client.notices.append(str(why))
+
+    def drop(self, why: MountError | None = None) -> None:
+        """A stop has overtaken it: only who awaits its outcome is told."""
+        if self.motion:
+            stopped = MoveEnded(self.motion.axis, wire.ABORTED, 0, None, ["stopped before it began"])
+            self.motion.fail(why or stopped)
+
+
+class Motions:
+    """The awaited motions that were begun, at most one an axis. For the worker's thread."""
+
+    def __init__(self) -> None:
+        self._begun: dict[str, Motion] = {}
+
+    def begin(self, asked: Asked) -> None:
+        """This request was begun: it supersedes a motion of the same axis."""
+        axis = getattr(asked.request, "axis", None)
+        for name in [name for name in self._begun if axis in (None, name)]:
+            self._begun.pop(name).end(Ended(wire.SUPERSEDED, 0, 0.0))
+        if asked.motion:
+            self._begun[asked.motion.axis] = asked.motion
+
+    def poll(self, mount: Mount, status: Status, errors: Sequence[QueuedError]) -> None:
+        """End those whose axes are at rest. Raises ConnectionLost, NoAnswer."""
+        for axis in [axis for axis in self._begun if not moves(status, axis)]:
+            ended = getattr(mount, axis).last_move()
+            self._begun.pop(axis).end(ended, errors)
+
+    def fail(self, why: MountError) -> None:
+        """The board has gone: nothing is known of their ends."""
+        while self._begun:
+            self._begun.popitem()[1].fail(why)
+
+
+def moves(status: Status, axis: str) -> bool:
+    """True while that axis moves."""
+    known = axis_status(status, axis)
+    return known is not None and known.moving
+
+
+def start(mount: Mount, request: Request, targets: dict[str, int | None]) -> None:
+    """Start a motion and note the targets of its axes. Raises MountError."""
+    match request:
+        case Steps(axis, n):
+            targets[axis] = None
+            getattr(mount, axis).step(n, wait=False, feed=False)
+        case GoTo(axis, position):
+            getattr(mount, axis).move_to(position, wait=False, feed=False)
+            targets[axis] = position
+        case Jog(axis, speed):
+            targets[axis] = None
+            getattr(mount, axis).jog(speed, feed=False)
+        case Drive(x, y):
+            targets.clear()
+            duty = {mount.x.number: x, mount.y.number: y}
+            mount.drive(duty[1], duty[2], feed=False)
+        case Home(axis):
+            targets[axis] = None
+            getattr(mount, axis).start_homing()
+        case Zero(axis):
+            targets[axis] = None
+            getattr(mount, axis).zero()
+        case _:
+            raise TypeError(f"not started here: {request!r}")

@@ -1,0 +1,75 @@
+"""The board at one address as it comes and goes: opened, lost, opened again. For the worker's thread."""
+
+import contextlib
+from collections.abc import Callable
+
+from mirrormount.common.errors import BadValue, MountError
+from mirrormount.device.mount import Mount
+from mirrormount.supervise.wire_log import WireLog
+from mirrormount.transport.find import find_one
+from mirrormount.transport.lines import Link
+from mirrormount.transport.open import open_port
+from mirrormount.transport.port import Port
+from mirrormount.transport.tap import TappedPort
+
+
+class Connection:
+    """mount: None while there is no board. trouble: why there is none, "" if there is one.
+
+    address: a port, or None for the only board. log: takes in the traffic. on_stop(): called behind each stop that
+    another program of this user asks for (`mirrormount stop`), in a thread of its own.
+    """
+
+    def __init__(self, address: str | None, log: WireLog, on_stop: Callable[[], None]) -> None:
+        self._address = address
+        self._log = log
+        self._on_stop = on_stop
+        self.port: Port | None = None
+        self.mount: Mount | None = None
+        self.trouble = "not connected yet"
+
+    def open(self) -> Mount:
+        """Connect; motors that moved are stopped. Raises MountError, and notes why."""
+        try:
+            return self._open()
+        except MountError as e:
+            self.trouble = str(e)
+            raise
+
+    def _open(self) -> Mount:
+        address = find_one() if self._address is None else self._address
+        port = open_port(address)
+        try:
+            if port.lockstep:
+                raise BadValue("the panel needs a board at its own pace: speed=max is for use in one process")
+            mount = Mount(Link(TappedPort(port, self._log)))
+        except BaseException:
+            port.close()
+            raise
+        mount.accept_stops(address, also=self._on_stop)
+        self.port, self.mount, self.trouble = port, mount, ""
+        return mount
+
+    def lose(self, why: MountError) -> None:
+        """The board has gone, or does not answer: motors off if it still can be reached, port closed."""
+        mount, self.mount = self.mount, None
+        self.trouble = str(why)
+        if mount:
+            for last in (mount.halt, mount.close):
+                with contextlib.suppress(MountError, OSError):  # OSError: the driver of a port that has gone
+                    last()
+
+    def close(self) -> None:
+        """Motors off, port closed. Raises MountError if they did not stop."""
+        mount, self.mount = self.mount, None
+        self.trouble = "closed"
+        if mount:
+            try:
+                mount.stop()
+            finally:
+                mount.close()
+
+    def spot_mm(self) -> tuple[float, float] | None:
+        """The spot on a virtual board's screen: (right, up) in mm. None with a real board."""
+        simulation = getattr(self.port, "simulation", None)
+        return simulation.bench.spot_mm() if simulation and self.mount else None

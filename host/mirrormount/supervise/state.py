@@ -1,0 +1,71 @@
+"""The last known state of the mount, for display. One thread writes it, any thread reads it."""
+
+import time
+from collections import deque
+from collections.abc import Callable
+
+from mirrormount.device.mount import Mount
+from mirrormount.device.status import Status
+from mirrormount.supervise import scales
+from mirrormount.supervise.axes import axis_names, axis_status
+
+POLL_S = 0.05  # period of the status polls
+_KNOWN_S = 0.6  # an older status is not the present one
+_KEPT_S = 120.0  # of the positions, for the plot
+
+Point = tuple[float, tuple[float, ...] | None]  # when; the position of each axis, None where not known
+
+
+class State:
+    """status: None while it is not known; last: the last that was known; seen_s: when that came, monotonic.
+
+    axes: the names of the mount's axes. positions: of the last two minutes. targets: of moves under way.
+    scales: mrad a step.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self.axes: tuple[str, ...] = ("x", "y")
+        self.status: Status | None = None
+        self.last: Status | None = None
+        self.seen_s = 0.0
+        self.positions: deque[Point] = deque(maxlen=round(_KEPT_S / POLL_S))
+        self.targets: dict[str, int | None] = {}
+        self.scales: scales.Scales = {}
+
+    def connect(self, mount: Mount) -> None:
+        """A board has come. Raises MountError."""
+        self.read_scales(mount)
+        self.axes = axis_names(mount)
+        self.targets = {}
+
+    def read_scales(self, mount: Mount) -> None:
+        """Look the scales up for the board's present settings. Raises MountError."""
+        self.scales = scales.read(mount)
+
+    def update(self, status: Status) -> None:
+        """A status has come."""
+        self.seen_s = self._clock()
+        positions = [axis_status(status, name) for name in self.axes]
+        self.positions.append((self.seen_s, tuple(axis.position for axis in positions if axis)))
+        self.status = self.last = status
+
+    def lose(self) -> None:
+        """The board has gone."""
+        self.status = None
+        self.positions.append((self._clock(), None))
+
+    @property
+    def is_known(self) -> bool:
+        """True while the status is recent."""
+        return self.status is not None and self._clock() - self.seen_s < _KNOWN_S
+
+    @property
+    def seen_at(self) -> str:
+        """When the last status came, in wall-clock time."""
+        return time.strftime("%H:%M:%S", time.localtime(time.time() - (self._clock() - self.seen_s)))
+
+    def mrad_text(self, name: str, steps: float) -> str:
+        """A position in mrad of the mirror; "" where no scale is known."""
+        scale = self.scales.get(name)
+        return "" if scale is None else f"≈ {steps * scale:+.2f} mrad".replace("-", "−")

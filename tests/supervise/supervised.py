@@ -1,0 +1,31 @@
+"""What tests of a supervised mount share: a clock that the test turns, and the worker's log as text."""
+
+from served import wait_for
+
+from mirrormount.supervise.worker import Worker
+
+
+class Clock:
+    """Time in seconds, that passes only when told."""
+
+    def __init__(self) -> None:
+        self.now_s = 1000.0
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+def sent(worker: Worker) -> list[str]:
+    """Lines to the board, without the polls."""
+    return [entry.text for entry in worker.log.since(0) if entry.to_board and not entry.poll]
+
+
+def polled(worker: Worker) -> None:
+    """Wait until the worker has polled the board twice."""
+    for _ in range(2):
+        before = worker.state.seen_s
+        wait_for(lambda before=before: worker.state.seen_s > before, "a poll")
+
+
+def moving(worker: Worker) -> bool:
+    return worker.state.status is not None and worker.state.status.moving

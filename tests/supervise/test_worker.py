@@ -1,0 +1,176 @@
+"""The worker on a live virtual board, with clients that the test makes."""
+
+import threading
+
+import pytest
+from served import wait_for
+from supervised import Clock, moving, polled, sent
+
+from mirrormount.common.errors import ConnectionLost
+from mirrormount.supervise.lease import Client, Lease
+from mirrormount.supervise.presses import HOLD_S
+from mirrormount.supervise.requests import Drive, GoTo, Press, Steps
+from mirrormount.supervise.worker import Worker
+from mountfw import codes as wire
+
+RIGHT = Press({"x": 1}, 255)
+
+
+class AlwaysAlive(Lease):
+    """A lease whose connected clients are alive without a beat."""
+
+    def alive(self, client) -> bool:
+        return client.connected
+
+
+@pytest.fixture
+def clock():
+    return Clock()
+
+
+@pytest.fixture
+def timed(lease, clock):
+    """A worker for which the time between press and release passes only when told."""
+    worker = Worker("virtual://", lease, clock)
+    worker.open()
+    wait_for(lambda: worker.state.status, "the first poll of the board")
+    yield worker
+    worker.close()
+
+
+def test_a_press_of_0_6_s_is_one_whole_step(timed, page, clock):
+    before = len(sent(timed))
+    timed.request(page, RIGHT)
+    wait_for(lambda: timed.state.status.x.position == 1, "the step")
+    clock.now_s += 0.6
+    polled(timed)
+    timed.release(page)
+    polled(timed)
+    assert timed.state.status.x.position == 1
+    assert not any("MV" in line or line == "!" for line in sent(timed)[before:])
+
+
+def test_a_press_that_is_held_for_longer_is_a_run_until_it_is_let_go(timed, page, clock):
+    timed.request(page, RIGHT)
+    wait_for(lambda: timed.state.status.x.position == 1, "the step")
+    clock.now_s += HOLD_S
+    wait_for(lambda: timed.state.status.x.position > 1.1, "the run")
+    timed.release(page)
+    wait_for(lambda: not moving(timed), "the end of the run")
+    assert timed.stop_cause == "the button was let go"
+
+
+def tap(worker, page, press=RIGHT) -> None:
+    worker.request(page, press)
+    worker.release(page)
+
+
+@pytest.mark.parametrize("how", ["stop", "gone", "refusal"])
+def test_presses_that_wait_are_dropped(worker, page, lease, how):
+    for _ in range(5):
+        tap(worker, page, Press({"x": 1}, 255, coarse=True))
+    wait_for(lambda: moving(worker) and len(worker.presses) == 4, "the first one")
+    if how == "stop":
+        worker.stop("the test")
+    elif how == "gone":
+        worker.client_left(page)
+    else:
+        worker.call(lambda mount: mount.link.ask(b"1PR1;2PR1;XS?\n", 1.0)).result(20)  # n14: it moves
+    wait_for(lambda: not worker.presses and not moving(worker), "rest")
+    polled(worker)
+    assert not moving(worker) and worker.state.status.x.position <= 10
+
+
+def test_a_press_of_a_diagonal_that_one_axis_refuses_stops_the_other(worker, page):
+    worker.call(lambda mount: mount.apply({"y": {"soft_maximum": 3, "checking": 8}})).result(20)
+    tap(worker, page, Press({"x": 1, "y": 1}, 255, coarse=True))
+    wait_for(lambda: page.notices, "the refusal")
+    wait_for(lambda: not moving(worker), "rest")
+    polled(worker)
+    assert worker.state.status.x.position < 10 and worker.state.status.y.position == 0
+
+
+def test_a_diagonal_run_of_which_the_board_ends_one_axis_does_not_lose_its_release(worker, page):
+    worker.call(lambda mount: mount.apply({"y": {"soft_maximum": 3, "checking": 8}})).result(20)
+    worker.request(page, Press({"x": 1, "y": 1}, 255))
+    wait_for(lambda: any(notice.error == "106" for notice in worker.notices), "the soft limit of Y")
+    worker.release(page)
+    wait_for(lambda: not moving(worker), "the end of the run")
+    assert worker.state.status.x.reason == wire.ABORTED  # and not by the run limit
+
+
+@pytest.fixture
+def lease():
+    return AlwaysAlive()
+
+
+@pytest.fixture
+def page(lease):
+    page = Client("page 1 (here)", is_person=True)
+    lease.join(page, object())
+    return page
+
+
+@pytest.fixture
+def worker(lease):
+    worker = Worker("virtual://", lease)
+    worker.open()
+    wait_for(lambda: worker.state.status, "the first poll of the board")
+    yield worker
+    worker.close()
+
+
+def test_a_request_that_is_refused_while_a_button_is_held_does_not_lose_its_release(worker, page):
+    worker.request(page, RIGHT)
+    wait_for(lambda: any("MV+" in line for line in sent(worker)), "the run")
+    worker.request(page, GoTo("x", 1_000_000))
+    wait_for(lambda: page.notices, "the refusal")
+    worker.release(page)
+    wait_for(lambda: not moving(worker), "the end of the run")
+    assert "!" in sent(worker)[-4:]
+
+
+def test_a_step_that_is_refused_does_not_become_a_run(worker, page):
+    worker.request(page, Steps("x", 20))
+    wait_for(lambda: moving(worker), "the move")
+    worker.request(page, RIGHT)
+    wait_for(lambda: page.notices, "the refusal")
+    wait_for(lambda: not moving(worker), "the end of the move")
+    assert not any("MV" in line for line in sent(worker))
+
+
+def busy(worker) -> threading.Event:
+    """Keep the mount's thread busy until the event that is returned is set."""
+    until = threading.Event()
+    worker.call(lambda mount: until.wait(20))
+    return until
+
+
+def test_a_request_that_had_to_wait_for_too_long_is_not_begun(worker, page, monkeypatch):
+    monkeypatch.setattr("mirrormount.supervise.worker.LATE_S", 0.0)
+    until = busy(worker)
+    worker.request(page, Drive(100, 0))
+    until.set()
+    wait_for(lambda: page.notices, "the refusal")
+    assert "busy" in page.notices[0]
+    assert not any("100" in line for line in sent(worker))
+
+
+def test_who_asks_and_goes_away_does_not_cost_the_board(worker):
+    until = busy(worker)
+    question = worker.call(lambda mount: mount.status())
+    assert question.cancel()
+    until.set()
+    worker.call(lambda mount: mount.status()).result(20)
+    assert list(worker.notices) == []
+
+
+def test_who_asked_when_there_was_no_board_does_not_cost_the_one_that_came(worker):
+    mount, worker.connection.mount = worker.mount, None
+    question = worker.call(lambda mount: mount.status())
+    worker.connection.mount = mount
+    with pytest.raises(ConnectionLost):
+        question.result(20)
+    worker.call(lambda mount: mount.status()).result(20)
+    assert worker.mount is mount
+    assert list(worker.notices) == []
