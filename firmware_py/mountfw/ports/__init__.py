@@ -1,0 +1,1 @@
+"""One port for each platform: its pins, clock, console, files and watchdog."""

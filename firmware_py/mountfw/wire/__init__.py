@@ -1,0 +1,1 @@
+"""Frames, lines, replies: bytes from the host in, bytes to the host out."""
