@@ -8,8 +8,9 @@ says why, before any pin is touched, and no other file takes its place. `mirrorm
 BRIDGES = {"enable": ("en",), "two-pwm": ("pos", "neg")}
 DRIVES = ("en", "pos", "neg")
 STOPS = ("stop_pos", "stop_neg")
+AXES = ("AXIS_1", "AXIS_2", "AXIS_3", "AXIS_4")  # as many as the dialect knows; the first two are required
 REQUIRED = ("NAME", "BRIDGE", "AXIS_1", "AXIS_2", "PWM_HZ", "DEAD_TIME_US", "LED")
-OPTIONAL = ("EMERGENCY_STOP", "ONE_CHANNEL")
+OPTIONAL = ("AXIS_3", "AXIS_4", "EMERGENCY_STOP", "ONE_CHANNEL")
 
 _MOST_PWM_HZ = 200_000
 _MOST_DEAD_TIME_US = 10_000
@@ -48,6 +49,11 @@ def values(board):
     return {name: value for name, value in found.items() if not isinstance(value, module)}
 
 
+def axes(board):
+    """The pins of each axis of a board file, in the order of their numbers."""
+    return [getattr(board, name) for name in AXES if hasattr(board, name)]
+
+
 def fault(values, rp2=True):
     """What is wrong with a board file that says this (name to value), in words; "" if nothing is.
 
@@ -59,12 +65,7 @@ def fault(values, rp2=True):
     for name in REQUIRED:
         if name not in values:
             return "%s is missing" % name
-    return (
-        _fault_of_constants(values)
-        or _fault_of_axis("AXIS_1", values)
-        or _fault_of_axis("AXIS_2", values)
-        or _fault_of_pins(values, rp2)
-    )
+    return _fault_of_constants(values) or _fault_of_axes(values) or _fault_of_pins(values, rp2)
 
 
 def _fault_of_constants(values):
@@ -79,6 +80,19 @@ def _fault_of_constants(values):
         return "ONE_CHANNEL is neither True nor False"
     if not (values["LED"] is None or isinstance(values["LED"], str) or _is_pin(values["LED"])):
         return "LED is %r, neither a pin's number nor its name nor None" % (values["LED"],)
+    return ""
+
+
+def _fault_of_axes(values):
+    before = "AXIS_1"
+    for axis in AXES:
+        if axis in values:
+            if before not in values:
+                return "%s is there, but %s is missing: axes are numbered without a gap" % (axis, before)
+            wrong = _fault_of_axis(axis, values)
+            if wrong:
+                return wrong
+        before = axis
     return ""
 
 
@@ -109,7 +123,7 @@ def _fault_of_pins(values, rp2):
     carriers = {}
     places = [("LED", values["LED"]), ("EMERGENCY_STOP", stop)]
     places += [
-        ("%s: %s" % (axis, name), values[axis][name]) for axis in ("AXIS_1", "AXIS_2") for name in DRIVES + STOPS
+        ("%s: %s" % (axis, name), values[axis][name]) for axis in AXES if axis in values for name in DRIVES + STOPS
     ]
     for place, pin in places:
         if pin is None:

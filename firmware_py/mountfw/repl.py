@@ -1,4 +1,4 @@
-"""The mount at the board's own prompt. Imports app, errors and position, and the port by the interpreter's name.
+"""The mount at the board's own prompt. Imports build, codes and position, and the port by the interpreter's name.
 
     >>> from mountfw.repl import m
     >>> m.x.step(5)              # right; returns when it is done
@@ -12,7 +12,7 @@ them until its move is over, listens to Ctrl-C only, and leaves the motors off.
 
 import sys
 
-from mountfw import app, codes
+from mountfw import build, codes
 from mountfw.motion.position import MAX_STEPS
 
 _SPIN_US = 1_000  # this long before a deadline only the clock is watched: more than one pass takes on an RP2040
@@ -82,7 +82,7 @@ class Mount:
             if a.axis.moving():  # the firmware was cut off so hard that nobody has counted
                 a.axis.position.certainty = codes.UNKNOWN
         self.stop()
-        self._controller.hold(codes.NONE_YET)
+        self._controller.inhibit(codes.NONE_YET)
         self._controller.watch_input(_nothing)  # what is typed is the prompt's
 
     def drive(self, m1, m2, ms):
@@ -98,7 +98,7 @@ class Mount:
 
     def stop(self):
         """Both motors off."""
-        self._port.undisturbed(self._controller.shutdown, codes.ABORTED)
+        self._port.uninterrupted(self._controller.shutdown, codes.ABORTED)
 
     def status(self):
         """Print what is known of both axes, and the errors that wait to be read."""
@@ -151,14 +151,14 @@ def _check_whole(what, value, least, most):
 
 
 def _connect():
-    if app.built is None:  # the firmware has not run since the reset
+    if build.built is None:  # the firmware has not run since the reset
         name = sys.implementation.name
         port = getattr(__import__("mountfw.ports." + name).ports, name)
         board = port.find_board()
         if board is None:
             raise RuntimeError("this board has no board file")
-        app.build(port, board)
-    return Mount(app.built.port, app.built)
+        build.build(port, board)
+    return Mount(build.built.port, build.built)
 
 
 m = _connect()

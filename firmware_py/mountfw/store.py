@@ -134,10 +134,11 @@ class Records:
         lines = unseal(data)
         if lines is None:
             return None
+        numbers = [str(axis.number) for axis in self._axes]
         values = []
         for line in lines:
             words = line.split(" ")
-            if len(words) != 3 or words[0] not in ("1", "2"):
+            if len(words) != 3 or words[0] not in numbers:
                 return None
             try:
                 number, name, value = int(words[0]), _RENAMED.get(words[1], words[1]), int(words[2])
@@ -161,9 +162,9 @@ class Records:
             return
         try:
             lines = unseal(data)
-            if lines is None or len(lines) != len(self._axes):
+            if lines is None or not 2 <= len(lines) <= len(self._axes):
                 raise ValueError
-            for axis, line in zip(self._axes, lines):
+            for axis, line in zip(self._axes, lines):  # an axis that is new in the board file stays unknown
                 axis.position.restore([int(word) for word in line.split(" ")], axis.inverted)
         except ValueError:
             for axis in self._axes:

@@ -68,17 +68,17 @@ def test_a_power_cycle_starts_the_firmware_by_itself(make_board):
 
 LOCKED_LOOP = """
 import micropython, time
-from mountfw import app
+from mountfw.build import build
 from mountfw.ports import micropython as port
 from mountfw.boards import pico
-a = app.build(port, pico)
+a = build(port, pico)
 def go(ms):
     passes = 0
     end = time.ticks_add(time.ticks_ms(), ms)
     while time.ticks_diff(end, time.ticks_ms()) > 0:
         micropython.heap_lock()
         try:
-            a.step()
+            a.run_once()
         finally:
             micropython.heap_unlock()
         passes += 1

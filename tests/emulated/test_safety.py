@@ -9,9 +9,9 @@ BITE_US = 50_000  # within which its reset is seen
 STARTED_US = 3_000_000
 
 HANGS = """
-from mountfw import app
+from mountfw.build import build
 from mountfw.ports import micropython as port
-a = app.build(port, port.find_board())
+a = build(port, port.find_board())
 def show():
     while a.controller.driving():
         %s

@@ -5,7 +5,7 @@ of ports/micropython.py; its clock wraps at 2**30 and starts half a second befor
 costs about what it costs on a board, and an idle wait jumps to the next byte that was scheduled.
 """
 
-from mountfw import app
+from mountfw import build
 from mountfw.boards import pico
 from mountfw.wire import frame
 
@@ -130,7 +130,7 @@ class Port:
     def pause_us(self, us):
         self.us += us
 
-    def undisturbed(self, action, argument):
+    def uninterrupted(self, action, argument):
         action(argument)
 
     def unique_id(self):
@@ -255,9 +255,10 @@ class Rig:
     def __init__(self, board=None, files=None, port=None):
         self.board = board or Board()
         self.port = port or Port(files)
-        self.app = app.build(self.port, self.board)
+        self.app = build.build(self.port, self.board)
         self.controller = self.app.controller
-        self.axis1, self.axis2 = self.controller.axes
+        self.axes = self.controller.axes
+        self.axis1, self.axis2 = self.axes[:2]
         self.answers = self.app.answers
         self.line = self.app._commands._line
         self.about = self.answers.about
@@ -283,11 +284,11 @@ class Rig:
     def step(self):
         """One pass of the loop; under heap_lock if port.locked."""
         if not self.port.locked:
-            self.app.step()
+            self.app.run_once()
             return
         heap_lock()
         try:
-            self.app.step()
+            self.app.run_once()
         finally:
             heap_unlock()
 

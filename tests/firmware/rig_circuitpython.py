@@ -114,7 +114,7 @@ def _port_class(_seam):
             self.ticks_us, self.ticks_ms, self.pause_us = hw.ticks_us, hw.ticks_ms, hw.pause_us
             self.any, self.drain, self.pack = hw.any, hw.drain, hw.pack
             self.writable, self.write = hw.writable, hw.write
-            self.reader, self.on_rise, self.undisturbed = hw.reader, hw.on_rise, hw.undisturbed
+            self.reader, self.on_rise, self.uninterrupted = hw.reader, hw.on_rise, hw.uninterrupted
             self.TwoPwmBridge = hw.TwoPwmBridge
 
         def output(self, number, pwm_hz=0):

@@ -2,7 +2,7 @@
 
 from rig import Board, Port
 
-from mountfw import app, board_file
+from mountfw import board_file, build
 from mountfw.boards import (
     adafruit_feather_esp32s3,
     adafruit_feather_rp2040,
@@ -83,7 +83,7 @@ def test_the_firmware_is_not_built_on_a_bad_board_file():
     board.BRIDGE = "enabel"
     port = Port()
     try:
-        app.build(port, board)
+        build.build(port, board)
     except ValueError as e:
         assert "enabel" in str(e)
     else:

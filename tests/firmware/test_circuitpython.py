@@ -311,7 +311,7 @@ def test_time_that_the_port_tells_is_the_clocks_step_and_never_wrong_by_more(tmp
 WAYS_OUT = """
 import sys, usb_cdc, microcontroller
 from watchdog import WatchDogMode
-from mountfw import app
+from mountfw import build
 from mountfw.ports import circuitpython_pins as pins
 count, delivered, leaving = 0, False, False
 
@@ -339,7 +339,7 @@ def trace(frame, _event, _arg):
     frame.f_trace_opcodes, frame.f_trace_lines = True, False
     return each_bytecode
 
-app.build = lambda _port, _board: App()
+build.build = lambda _port, _board: App()
 code = compile(SOURCE, "code.py", "exec")
 second_at, bad = 0, 0
 while True:

@@ -93,9 +93,9 @@ def run_main(port, second_at: int) -> bool:
         frame.f_trace_opcodes, frame.f_trace_lines = True, False
         return each_bytecode
 
-    from mountfw import app
+    from mountfw import build
 
-    real, app.build = app.build, lambda _port, _board: App()
+    real, build.build = build.build, lambda _port, _board: App()
     code = compile(MAIN.read_text(), str(MAIN), "exec")
     sys.settrace(trace)
     try:
@@ -103,7 +103,7 @@ def run_main(port, second_at: int) -> bool:
             exec(code, {"__name__": "__main__"})
     finally:
         sys.settrace(None)
-        app.build = real
+        build.build = real
     return delivered
 
 

@@ -46,7 +46,7 @@ def test_either_stop_turns_everything_off_at_every_gap_after_anything():
                 rig.take_in()
                 sent = rig.now()
                 while rig.drives() != (0, 0):
-                    rig.app.step()
+                    rig.app.run_once()
                 assert rig.now() - sent < 1_000, (stop, before, gap_us)
                 rig.run(100_000)
                 assert rig.drives() == (0, 0), (stop, before, gap_us)
@@ -186,7 +186,7 @@ def test_a_fault_inside_the_loop_leaves_nothing_running_and_is_told():
         raise ValueError
 
     passed, rig.app._passed = rig.app._passed, broken
-    step = rig.app.step
+    run_once = rig.app.run_once
     calls = [0]
 
     class Enough(BaseException):
@@ -196,14 +196,14 @@ def test_a_fault_inside_the_loop_leaves_nothing_running_and_is_told():
         calls[0] += 1
         if calls[0] > 3:
             raise Enough
-        step()
+        run_once()
 
-    rig.app.step = counted
+    rig.app.run_once = counted
     try:
         rig.app.run()
     except Enough:
         pass
-    rig.app.step, rig.app._passed = step, passed
+    rig.app.run_once, rig.app._passed = run_once, passed
     assert rig.drives() == (0, 0)
     assert rig.errors()[0] == 64
     assert rig.ask(b"1XE?\n").split(b",")[0] == b"9"

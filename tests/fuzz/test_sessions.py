@@ -37,7 +37,7 @@ def session(random_: random.Random) -> list[tuple[int, int]]:
 
 def note_events(rig: Rig, events: list[tuple]) -> None:
     """Write down what the app hands to the controller."""
-    controller, obey = rig.controller, rig.app._obey
+    controller, dispatch = rig.controller, rig.app._dispatch
     words = {1: "stop", 2: "zeros", 5: "bad", 6: "long", 8: "own"}
 
     def noted(message: int) -> None:
@@ -49,11 +49,11 @@ def note_events(rig: Rig, events: list[tuple]) -> None:
             events[-1] = ("own",)
         elif message and message != 7:
             events.append((words[message],))
-        obey(message)
+        dispatch(message)
         if not rig.app._receiver.stops_ahead:
             assert not controller.axes[0].held
 
-    rig.app._obey = noted
+    rig.app._dispatch = noted
 
 
 def play(rig: Rig, data: list[tuple[int, int]]) -> None:

@@ -277,11 +277,11 @@ def test_it_goes_on_where_the_firmware_was(board):
 
 def test_a_firmware_that_was_cut_off_anyhow_is_taken_over_at_rest(board):
     board.interrupt()
-    board.type("from mountfw import app")
-    board.type("c = app.built.controller")
+    board.type("from mountfw import build")
+    board.type("c = build.built.controller")
     board.type("c.axes[0].define(5)")
     board.type("c.axes[0].run(1)")
-    board.type("c.hold(3)")  # a stop was received and not yet parsed
+    board.type("c.inhibit(3)")  # a stop was received and not yet parsed
     assert board.driving()
     board.type("from mountfw.repl import m")
     assert not any(board.bench.duties().values())

@@ -15,7 +15,7 @@ _GPIO = 22  # free: see the table in docs/bring-up.md
 _PROGRAM = """
 import micropython
 from machine import Pin
-from mountfw import app
+from mountfw.build import build
 from mountfw.ports import micropython as port
 pin = Pin(%d, Pin.OUT, value=0)
 low = pin.low
@@ -29,7 +29,7 @@ def any(wait_ms):
     return waits
 port.any = any
 board = port.find_board()
-a = app.build(port, board)
+a = build(port, board)
 try:
     a.run()
 finally:
@@ -38,7 +38,7 @@ finally:
 
 
 _POLLED = """
-from mountfw import app
+from mountfw.build import build
 from mountfw.ports import micropython as port
 from machine import Pin
 for number in (10, 11, 12, 13):  # what ran before has set them
@@ -46,7 +46,7 @@ for number in (10, 11, 12, 13):  # what ran before has set them
 port.on_rise = lambda number, handler: None
 board = port.find_board()
 try:
-    app.build(port, board).run()
+    build(port, board).run()
 finally:
     port.leave(board)
 """

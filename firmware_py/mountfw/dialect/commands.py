@@ -12,10 +12,9 @@ from mountfw.motion.position import MAX_STEPS
 from mountfw.store import SETTINGS, allowed
 
 _ADDRESS = 1  # of this controller, in a line that names one; 0 is the controller at the port, so this one as well
-_CONNECTED = 2  # axes this mount has
 _SHORTEST_US = 200  # pulse of its own length,
 _LONGEST_US = 2_000_000  # as of a step (XP)
-_DIALECT_AXES = 4  # axes the dialect knows; those above _CONNECTED answer as not connected
+_DIALECT_AXES = 4  # axes the dialect knows; those that this mount has not answer as not connected
 
 # one axis's settings by key: attribute, least, most, is it refused while the axis moves?
 _SETTINGS = {key(entry[0]): entry[1:] for entry in SETTINGS}
@@ -50,6 +49,7 @@ class Commands:
         self.busy = False  # is a line in hand?
         self._controller = controller
         self._axes = controller.axes
+        self._connected = len(controller.axes)
         self._records = controller.records
         self._replies = replies
         self._errors = controller.errors
@@ -143,7 +143,7 @@ class Commands:
                 return self._refuse(codes.AXIS_MISSING)
             if not 1 <= line.axis <= _DIALECT_AXES:
                 return self._refuse(codes.NO_SUCH_AXIS)
-            if line.axis > _CONNECTED:
+            if line.axis > self._connected:
                 return self._not_connected(line)
             axis = self._axes[line.axis - 1]
         if line.kind == QUERY:
@@ -216,7 +216,10 @@ class Commands:
         return False
 
     def _any_moves(self):
-        return self._refused(self._axes[0]) or self._refused(self._axes[1])
+        refused = False  # an error for the first that moves
+        for axis in self._axes:
+            refused = refused or self._refused(axis)
+        return refused
 
     # ---- motion
 
@@ -254,8 +257,8 @@ class Commands:
     def _stop(self, axis, line):
         self._nothing(line)  # stopped all the same: a damaged stop must stop
         if axis is None:
-            self._axes[0].stop_soon()
-            self._axes[1].stop_soon()
+            for each in self._axes:
+                each.stop_soon()
         else:
             axis.stop_soon()
 
@@ -323,7 +326,7 @@ class Commands:
 
     def _purge(self, axis, line):
         """The settings as they were made, also on the flash."""
-        if line.kind == NOTHING and not (self._axes[0].moving() or self._axes[1].moving()):
+        if line.kind == NOTHING and not self._controller.moving():
             self._records.factory()
         return self._save(axis, line)  # which refuses it if it was not done
 

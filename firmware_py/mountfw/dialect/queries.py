@@ -83,8 +83,7 @@ class Answers:
     # ---- the mount
 
     def limits(self, _axis):
-        axis1, axis2 = self._controller.axes
-        self._replies.add(axis1.limits() | axis2.limits() << 3)
+        self._replies.add(self._controller.limits())
 
     def keep_alive(self, _axis):
         self._replies.add(self._controller.keep_alive_ms)
@@ -96,10 +95,10 @@ class Answers:
         r.add(self._controller.uptime_ms())
         r.add(b",")
         r.add(self._controller.errors.waiting)
-        axis1, axis2 = self._controller.axes
-        self._status_of(axis1)
-        self._controller.look()
-        self._status_of(axis2)
+        for axis in self._controller.axes:
+            if axis.number > 1:
+                self._controller.poll_input()
+            self._status_of(axis)
 
     def _status_of(self, axis):
         r = self._replies

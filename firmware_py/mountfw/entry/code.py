@@ -11,7 +11,7 @@ if board:
     try:
         try:
             port.motors_off(board)
-            from mountfw.app import build
+            from mountfw.build import build
 
             build(port, board).run()
         finally:

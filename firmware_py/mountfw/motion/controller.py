@@ -1,7 +1,7 @@
-"""The two axes together: what drives, what stops it, what watches over it. Imports axis, codes, ticks.
+"""All axes of a mount together: what drives, what stops it, what watches over it. Imports axis, codes, ticks.
 
 The app hands in what comes over the wire: frame(), stop_all(), malformed(). Command lines are for
-commands.py, which acts on the same axes.
+commands.py, which acts on the same axes. A frame drives axes 1 and 2; every stop is for all axes.
 """
 
 from mountfw import codes
@@ -9,44 +9,62 @@ from mountfw.motion.axis import NEVER_US, REST
 from mountfw.wire.ticks import diff
 
 
-class Controller:
-    """Axes 1 and 2. error_queue is shared with the axes; emergency_stop is an EndStop; records a Records.
+def _chain(items):
+    """(first, (second, (... None))): walked by `item, rest = rest`.
 
+    MicroPython walks that as fast as a line for each item, and a `for` over a tuple takes half as long again, and four
+    words more of the call's state.
+    """
+    chain = None
+    for item in reversed(items):
+        chain = (item, chain)
+    return chain
+
+
+class Controller:
+    """The axes, two or more, in the order of their numbers. error_queue is shared with them.
+
+    emergency_stop is an EndStop; records a Records.
     boot_id (0 ... 2**30-1) differs from boot to boot; ticks_ms is a millisecond clock that wraps at 2**30.
     """
 
-    def __init__(self, axis1, axis2, error_queue, emergency_stop, records, boot_id, ticks_ms):
-        self.axes = (axis1, axis2)
+    def __init__(self, axes, error_queue, emergency_stop, records, boot_id, ticks_ms):
+        self.axes = tuple(axes)
         self.errors = error_queue
         self.records = records
         self.boot_id = boot_id
-        self._axis1 = axis1
-        self._axis2 = axis2
-        self._cut1 = axis1.bridge.cut
-        self._cut2 = axis2.bridge.cut
+        self._axis1 = self.axes[0]  # of a frame
+        self._axis2 = self.axes[1]
+        self._chain = _chain(self.axes)
+        self._cuts = _chain([axis.bridge.cut for axis in axes])
+        self._offs = _chain([axis.bridge.off for axis in axes])
         self._emergency_stop = emergency_stop
         self._ticks_ms = ticks_ms
         self._booted_ms = 0
         self.keep_alive_ms = 0
-        self.heard_at = 0  # when the last byte came: whoever sent it was alive
-        self.held = codes.NONE_YET
-        self.look = records.look  # called in the middle of what takes long: a stop must not wait for it
+        self.received_at = 0  # when the last byte came
+        self.inhibited = codes.NONE_YET  # the reason of a stop that is received but still unparsed
+        self.poll_input = records.look  # called in the middle of longer work: a stop must not wait for it
         self.reset()
 
     # ---- what the app hands in
 
     def off_all(self):
-        """Both drives off: straight-line pin writes, nothing else before the last enable is low."""
-        self._cut1()
-        self._cut2()
-        self._axis1.bridge.off()
-        self._axis2.bridge.off()
+        """All drives off: pin writes, nothing else before the last enable is low."""
+        rest = self._cuts
+        while rest:
+            cut, rest = rest
+            cut()
+        rest = self._offs
+        while rest:
+            off, rest = rest
+            off()
 
     def stop_all(self, reason):
-        """Both drives off and every move ended."""
+        """All drives off and every move ended."""
         self.off_all()
-        self._axis1.end(reason)
-        self._axis2.end(reason)
+        for axis in self.axes:
+            axis.end(reason)
 
     def shutdown(self, reason=codes.FAULT):
         """Leave everything off. May be called again if it was interrupted; the first reason stays."""
@@ -56,9 +74,9 @@ class Controller:
     def reset(self):
         """Off, and everything as at power-up; the link stays as it is."""
         self.off_all()
-        self._axis1.reset()
-        self._axis2.reset()
-        self.hold(self.held)
+        for axis in self.axes:
+            axis.reset()
+        self.inhibit(self.inhibited)
         self.errors.clear()
         self.keep_alive_ms = 0
         self._booted_ms = self._ticks_ms()
@@ -76,36 +94,35 @@ class Controller:
         """Since the start, or the restart; wraps at 2**30."""
         return (self._ticks_ms() - self._booted_ms) & 0x3FFFFFFF
 
-    def watch_input(self, look):
-        """look() takes in what waits at the input: to be called in the middle of what takes long."""
-        self.look = look
-        self.records.look = look
+    def watch_input(self, poll_input):
+        """Call poll_input(), which reads the bytes that wait, in the middle of longer work from now on."""
+        self.poll_input = poll_input
+        self.records.look = poll_input
 
     def guard(self, _pin):
-        """The emergency stop has opened (a hard interrupt, maybe): cut both drives, until reset()."""
+        """The emergency stop has opened (a hard interrupt, maybe): cut all drives, until reset()."""
         if self._emergency_stop.active():
-            self._axis1.emergency = True
-            self._axis2.emergency = True
-            self._cut1()
-            self._cut2()
+            for axis in self.axes:
+                axis.emergency = True
+            rest = self._cuts
+            while rest:
+                cut, rest = rest
+                cut()
 
     def guard_stops(self):
         """Look at the switches ahead, for a port without interrupts: what drives into one is cut."""
-        a = self._axis1
-        b = self._axis2
-        if a.watched and a.state > REST and not a.was_cut:
-            a.guard(None)
-        if b.watched and b.state > REST and not b.was_cut:
-            b.guard(None)
+        for axis in self.axes:
+            if axis.watched and axis.state > REST and not axis.was_cut:
+                axis.guard(None)
 
-    def hold(self, reason):
-        """A stop was received but is not yet parsed: nothing that comes before it may drive. NONE_YET lets go.
+    def inhibit(self, reason):
+        """Inhibit motion: a stop is received but still unparsed. NONE_YET permits motion again.
 
-        What would have driven ends with that stop's reason.
+        A move that would have driven ends with that stop's reason.
         """
-        self.held = reason
-        self._axis1.held = reason
-        self._axis2.held = reason
+        self.inhibited = reason
+        for axis in self.axes:
+            axis.held = reason
 
     def malformed(self, code):
         """A message could not be understood. It may have been a stop, so it stops."""
@@ -120,7 +137,7 @@ class Controller:
             self._axis2.frame(0)
 
     def frame(self, m1, m2):
-        """Obey a frame."""
+        """Obey a frame: the speeds of axes 1 and 2. Two zeros are a stop, so they are for all axes."""
         if m1 == 0 and m2 == 0:
             self.stop_all(codes.STOPPED)
             return
@@ -132,12 +149,12 @@ class Controller:
             axis2.frame(0)
         if m1:
             axis1.lead(m1)
-            self.look()
+            self.poll_input()
         if m2:
             axis2.lead(m2)
         if m1:
             axis1.frame(m1)
-            self.look()
+            self.poll_input()
         if m2:
             axis2.frame(m2)
 
@@ -145,23 +162,39 @@ class Controller:
         """Carry the moves on. Returns the microseconds to the next deadline."""
         if self._emergency_stop.fitted:
             self.guard(None)
-        a = self._axis1
-        b = self._axis2
-        left1_us = a.service(now_us) if a.state or a.resting else NEVER_US
-        left2_us = b.service(now_us) if b.state or b.resting else NEVER_US
-        return left1_us if left1_us < left2_us else left2_us
+        least_us = NEVER_US
+        rest = self._chain
+        while rest:
+            axis, rest = rest
+            if axis.state or axis.resting:
+                left_us = axis.service(now_us)
+                if left_us < least_us:
+                    least_us = left_us
+        return least_us
 
     def ending(self, now_us, within_us):
         """The Axis whose drive ends first of those that end by themselves within within_us; or None."""
-        left1_us = self._axis1.left_us(now_us)
-        left2_us = self._axis2.left_us(now_us)
-        if left1_us < left2_us:
-            return self._axis1 if left1_us < within_us else None
-        return self._axis2 if left2_us < within_us else None
+        first = None
+        rest = self._chain
+        while rest:
+            axis, rest = rest
+            left_us = axis.left_us(now_us)
+            if left_us < within_us:
+                within_us = left_us
+                first = axis
+        return first
+
+    def limits(self):
+        """The end-stops of all axes, three bits each (see Axis.limits()); axis 1 has the lowest."""
+        bits = shift = 0
+        for axis in self.axes:
+            bits |= axis.limits() << shift
+            shift += 3
+        return bits
 
     def silence(self, now_us):
         """Nothing waits to be read: is the keep-alive over? Returns the microseconds it has left."""
-        left_us = self.keep_alive_ms * 1000 - diff(now_us, self.heard_at)
+        left_us = self.keep_alive_ms * 1000 - diff(now_us, self.received_at)
         if left_us > 0:
             return left_us
         self.keep_alive_ms = 0  # a dead client's keep-alive does not cut the next one
@@ -172,13 +205,23 @@ class Controller:
 
     def moving(self):
         """True while any axis moves."""
-        return self._axis1.moving() or self._axis2.moving()
+        moving = False  # a loop, for a generator would allocate
+        for axis in self.axes:
+            moving = moving or axis.moving()
+        return moving
 
     def driving(self):
         """True while any motor has drive."""
-        return self._axis1.state > REST or self._axis2.state > REST
+        rest = self._chain
+        while rest:
+            axis, rest = rest
+            if axis.state > REST:
+                return True
+        return False
 
     def watching(self):
         """True while a switch matters, so that the loop must not sleep."""
-        watched = self._axis1.watched or self._axis2.watched or self._emergency_stop.fitted
+        watched = self._emergency_stop.fitted
+        for axis in self.axes:
+            watched = watched or axis.watched
         return watched and self.driving()

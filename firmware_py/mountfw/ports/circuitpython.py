@@ -145,7 +145,7 @@ def free_memory():
     return gc.mem_free()  # pyright: ignore[reportAttributeAccessIssue]
 
 
-def undisturbed(action, argument):
+def uninterrupted(action, argument):
     """action(argument), from the start again however often Ctrl-C comes meanwhile: it cannot be switched off here."""
     while True:
         try:
@@ -157,7 +157,7 @@ def undisturbed(action, argument):
 
 def leave(board):
     """Motors off and watchdog off on the way to the prompt, however often Ctrl-C comes meanwhile."""
-    undisturbed(_leave, board)
+    uninterrupted(_leave, board)
 
 
 def _leave(board):

@@ -159,7 +159,7 @@ def find_board():
 def motors_off(board):
     """Every drive pin low: the enables first, then the legs."""
     for name in ("en", "pos", "neg"):
-        for wires in (board.AXIS_1, board.AXIS_2):
+        for wires in board_file.axes(board):
             number = wires[name]
             if number in _outputs:
                 _outputs[number].low()

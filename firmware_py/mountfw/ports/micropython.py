@@ -212,12 +212,12 @@ def find_board():
 def motors_off(board):
     """Every drive pin low: the enables first, then the legs."""
     for name in ("en", "pos", "neg"):
-        for pins in (board.AXIS_1, board.AXIS_2):
+        for pins in board_file.axes(board):
             if pins[name] is not None:
                 Pin(pins[name], Pin.OUT, value=0)
 
 
-def undisturbed(action, argument):
+def uninterrupted(action, argument):
     """action(argument), from the start again however often Ctrl-C comes meanwhile."""
     while True:
         try:
@@ -233,7 +233,7 @@ def undisturbed(action, argument):
 
 def leave(board):
     """Motors off and watchdog off on the way to the prompt, however often Ctrl-C comes meanwhile."""
-    undisturbed(_leave, board)
+    uninterrupted(_leave, board)
 
 
 def _leave(board):
