@@ -38,7 +38,7 @@ def hold(worker: Worker) -> Callable[[], None]:
             queued = ui.label().classes("queued").props("role=status")
         for axis in worker.state.axes:
             if axis not in _PAD_AXES:
-                with ui.element("div").classes("row"):
+                with ui.element("div").classes("axis-row"):
                     _press("minus", f"{axis}:-1", "−", f"AXIS {axis} MINUS")
                     ui.label(f"Axis {axis}").classes("name")
                     _press("plus", f"{axis}:1", "+", f"AXIS {axis} PLUS")
