@@ -3,6 +3,7 @@
     >>> from mountfw.repl import m
     >>> m.x.step(5)              # right; returns when it is done
     >>> m.y.jog(-0.3, ms=800)    # downwards at 30 % for 0.8 s
+    >>> m.axes[2].step(1)        # axis 3, on a board that has one
     >>> m.status()
 
 The axes are those of the firmware that was interrupted: same positions, settings and limits. Where the prompt
@@ -23,6 +24,7 @@ REASONS += ("keep-alive lost", "superseded by another command", "fault")
 REASONS += ("emergency stop", "closed loop failed", "homing failed")
 _CERTAINTY = ("unknown", "counted", "homed", "estimated")
 _LIMITS = ("-", "positive", "negative", "both")
+_NAMES = ("y", "x", "axis 3", "axis 4")
 
 
 def _nothing():
@@ -34,7 +36,7 @@ class MoveEnded(Exception):
 
 
 class Axis:
-    """x (right is positive) or y (up is positive). axis is the firmware's own, with its settings."""
+    """One axis: x (right is positive), y (up is positive), axis 3 or axis 4. axis is the firmware's own."""
 
     def __init__(self, mount, name, axis):
         self._mount = mount
@@ -70,15 +72,18 @@ class Axis:
 
 
 class Mount:
-    """Both axes of an App on a port. One move at a time: each call returns when it is over."""
+    """The axes of an App on a port: axes in the order of their numbers; y is the first, x the second.
+
+    One move at a time: each call returns when it is over.
+    """
 
     def __init__(self, port, firmware):
         self._port = port
         self._show = firmware.show
         self._controller = firmware.controller
-        self.y = Axis(self, "y", self._controller.axes[0])
-        self.x = Axis(self, "x", self._controller.axes[1])
-        for a in (self.x, self.y):
+        self.axes = tuple([Axis(self, name, axis) for name, axis in zip(_NAMES, self._controller.axes)])
+        self.y, self.x = self.axes[:2]
+        for a in self.axes:
             if a.axis.moving():  # the firmware was cut off so hard that nobody has counted
                 a.axis.position.certainty = codes.UNKNOWN
         self.stop()
@@ -97,12 +102,12 @@ class Mount:
         self.move([a for duty, a in ((m1, self.y), (m2, self.x)) if duty], start)
 
     def stop(self):
-        """Both motors off."""
+        """All motors off."""
         self._port.uninterrupted(self._controller.shutdown, codes.ABORTED)
 
     def status(self):
-        """Print what is known of both axes, and the errors that wait to be read."""
-        for a in (self.x, self.y):
+        """Print the state of each axis and the errors that wait to be read."""
+        for a in (self.x, self.y) + self.axes[2:]:
             known = (a.name, a.position, _CERTAINTY[a.axis.position.certainty], _LIMITS[a.axis.limits() & 3])
             print("%s: %+.3f steps (%s), end-stops: %s," % known, "last move:", REASONS[a.axis.reason])
         while self._controller.errors.waiting:

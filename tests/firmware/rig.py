@@ -5,7 +5,7 @@ of ports/micropython.py; its clock wraps at 2**30 and starts half a second befor
 costs about what it costs on a board, and an idle wait jumps to the next byte that was scheduled.
 """
 
-from mountfw import build
+from mountfw import board_file, build
 from mountfw.boards import pico
 from mountfw.wire import frame
 
@@ -313,8 +313,8 @@ class Rig:
         return bytes(self.port.sent[start:])
 
     def drives(self):
-        """What the motors get, as the frame's two signed numbers, read from the pins."""
-        return (self._drive(self.board.AXIS_1), self._drive(self.board.AXIS_2))
+        """The drive of each motor, -255 ... 255, read from the pins."""
+        return tuple([self._drive(pins) for pins in board_file.axes(self.board)])
 
     def _drive(self, pins):
         level = self.port.pins

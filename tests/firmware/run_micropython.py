@@ -14,6 +14,7 @@ TESTS = (
     "test_dialect",
     "test_board_file",
     "test_stops",
+    "test_axes",
     "test_motion",
     "test_own_length",
     "test_backlash",

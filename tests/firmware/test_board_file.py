@@ -66,6 +66,50 @@ def test_a_slip_is_refused_in_words():
         assert board_file.fault(said(**changes)) == words, changes
 
 
+def test_axes_are_numbered_without_a_gap_and_a_third_and_fourth_are_checked_as_the_first():
+    third = {"en": 16, "pos": 17, "neg": 18, "stop_pos": 19, "stop_neg": 20}
+    fourth = {"en": 22, "pos": 26, "neg": 27, "stop_pos": None, "stop_neg": None}
+    assert board_file.fault(said(AXIS_3=third)) == ""
+    assert board_file.fault(said(AXIS_3=third, AXIS_4=fourth)) == ""
+    for changes, words in (
+        ({"AXIS_4": fourth}, "AXIS_4 is there, but AXIS_3 is missing: axes are numbered without a gap"),
+        ({"AXIS_3": third, "AXIS_5": fourth}, "AXIS_5 is no name that a board file may have"),
+        ({"AXIS_3": None}, "AXIS_3 is no dictionary of pins"),
+        ({"AXIS_3": dict(third, en=None)}, "AXIS_3: en is None, not a pin's number"),
+        ({"AXIS_3": dict(third, neg=4)}, "pin 4 is used twice, at AXIS_1: neg and at AXIS_3: neg"),
+        ({"AXIS_3": third, "AXIS_4": dict(fourth, pos=17)}, "pin 17 is used twice, at AXIS_3: pos and at AXIS_4: pos"),
+        ({"AXIS_3": third, "EMERGENCY_STOP": 20}, "pin 20 is used twice, at EMERGENCY_STOP and at AXIS_3: stop_neg"),
+        ({"AXIS_3": dict(third, en=21)}, "pins 5 and 21 share one PWM output, so both motors would turn"),
+        (
+            {"AXIS_3": third, "AXIS_4": dict(fourth, en=0)},
+            "pins 16 and 0 share one PWM output, so both motors would turn",
+        ),
+    ):
+        assert board_file.fault(said(**changes)) == words, changes
+
+
+def test_an_app_has_the_axes_that_the_board_file_has():
+    board = Board()
+    assert [axis.number for axis in build.build(Port(), board).controller.axes] == [1, 2]
+    board.AXIS_3 = {"en": 16, "pos": 17, "neg": 18, "stop_pos": None, "stop_neg": None}
+    assert [axis.number for axis in build.build(Port(), board).controller.axes] == [1, 2, 3]
+    assert board_file.axes(board) == [board.AXIS_1, board.AXIS_2, board.AXIS_3]
+
+
+def test_build_knows_the_bridges_that_a_board_file_may_name_and_refuses_others():
+    assert sorted(build.BRIDGES) == sorted(board_file.BRIDGES)
+    board = Board()
+    board.BRIDGE = "three-pwm"
+    port = Port()
+    try:
+        build.make_bridge(port, board, board.AXIS_1)
+    except ValueError as e:
+        assert str(e) == "BRIDGE is 'three-pwm', not one of enable, two-pwm"
+    else:
+        raise AssertionError("was made")
+    assert port.pins == {}
+
+
 def test_every_required_name_is_missed():
     for name in board_file.REQUIRED:
         values = said()

@@ -405,6 +405,15 @@ PINS_THAT_CANNOT_WORK = [
     (FROM_PICO + "AXIS_1 = {'pos': 3}", "AXIS_1 says en, pos, neg, stop_pos, stop_neg"),
     (FROM_PICO + "NAME = b'a,b'", "NAME is"),
     (FROM_PICO + "AXIS_1 = {'en': 21, 'pos': 3, 'neg': 4, 'stop_pos': None, 'stop_neg': None}", "share one PWM output"),
+    (
+        FROM_PICO + "AXIS_4 = {'en': 16, 'pos': 17, 'neg': 18, 'stop_pos': None, 'stop_neg': None}",
+        "AXIS_4 is there, but AXIS_3 is missing: axes are numbered without a gap",
+    ),
+    (
+        FROM_PICO + "AXIS_3 = {'en': 16, 'pos': 17, 'neg': 4, 'stop_pos': None, 'stop_neg': None}",
+        "pin 4 is used twice: AXIS_1 neg and AXIS_3 neg",
+    ),
+    (FROM_PICO + "AXIS_3 = {'en': 16}", "AXIS_3 says en, pos, neg, stop_pos, stop_neg"),
     ("from mountfw.boards.picco import *", "there is no board file 'picco'"),
     ("import os\nos.abort()", "constants only"),
     ("NAME = open('x').read()", "pins.py:1: a board file holds constants only"),

@@ -13,7 +13,7 @@ from mountfw import board_file as on_board
 from mountfw.boards import FILE_OF
 
 _REQUIRED = {"NAME", "BRIDGE", "AXIS_1", "AXIS_2", "PWM_HZ", "DEAD_TIME_US", "LED"}
-_OPTIONAL = {"EMERGENCY_STOP", "ONE_CHANNEL"}
+_OPTIONAL = {"AXIS_3", "AXIS_4", "EMERGENCY_STOP", "ONE_CHANNEL"}
 _BRIDGES = ("enable", "two-pwm")
 _PINS = ("en", "pos", "neg", "stop_pos", "stop_neg")
 _NAME = re.compile(rb"[ -+\--:<-~]{1,40}")  # printable, without the comma and the semicolon of an answer
@@ -128,7 +128,9 @@ def _faults(found: dict[str, object]) -> str:
 def _faults_of_pins(found: dict[str, object]) -> str:
     pins = [("LED", found["LED"], True), ("EMERGENCY_STOP", found.get("EMERGENCY_STOP"), True)]
     two_pwm = found["BRIDGE"] == "two-pwm"
-    for axis in ("AXIS_1", "AXIS_2"):
+    for axis in on_board.AXES:
+        if axis not in found:
+            continue
         wires = found[axis]
         if not isinstance(wires, dict) or set(wires) != set(_PINS):
             return f"{axis} says {', '.join(_PINS)}, each once, and nothing else"
