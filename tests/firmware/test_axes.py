@@ -1,4 +1,4 @@
-"""Boards with three and four axes: what drives, stops and saves two does so for all. Runs under CPython and MicroPython."""
+"""Boards of three and four axes: what drives, stops and saves two does so for all. On CPython and MicroPython."""
 
 from mountfw import codes
 from mountfw.store import SETTINGS

@@ -375,6 +375,18 @@ def test_a_second_ctrl_c_anywhere_on_the_way_out_leaves_no_motor_and_no_watchdog
     assert places > 30
 
 
+def test_motors_off_takes_every_drive_pin_of_every_axis(new, tmp_path):
+    program = "import usb_cdc\nfrom mountfw.boards import pico\nfrom mountfw.ports import circuitpython as port\n"
+    program += "class Board:\n    AXIS_1 = pico.AXIS_1\n    AXIS_2 = pico.AXIS_2\n"
+    program += "    AXIS_3 = {'en': 16, 'pos': 17, 'neg': 18, 'stop_pos': 19, 'stop_neg': None}\n"
+    program += "port.motors_off(Board)\nfrom mountfw.ports import circuitpython_pins as pins\n"
+    program += "usb_cdc.data.write(b'%s\\n' % ' '.join([str(pin) for pin in sorted(pins._outputs)]).encode())\n"
+    (tmp_path / "code.py").write_text(program)
+    board = new()
+    board.run(3_000_000, lambda: b"\n" in board.received)
+    assert bytes(board.received) == b"2 3 4 5 6 7 16 17 18\n"
+
+
 def test_the_mount_is_there_at_the_boards_own_prompt(new, tmp_path):
     session = "from mountfw.repl import m\nm.y.step(2)\nm.x.jog(-0.5, ms=300)\nimport usb_cdc\n"
     session += "usb_cdc.data.write(b'%d\\n' % (m.y.position * 1000))\n"

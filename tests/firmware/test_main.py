@@ -117,6 +117,12 @@ def test_a_second_ctrl_c_anywhere_on_the_way_out_leaves_no_motor_on(port):
     assert places > 30
 
 
+def test_motors_off_puts_every_drive_pin_of_every_axis_low_the_enables_first(port):
+    third = {"en": 16, "pos": 17, "neg": 18, "stop_pos": 19, "stop_neg": None}
+    port.motors_off(SimpleNamespace(AXIS_1=pico.AXIS_1, AXIS_2=pico.AXIS_2, AXIS_3=third))
+    assert list(port.state.levels.items()) == [(pin, 0) for pin in (2, 5, 16, 3, 6, 17, 4, 7, 18)]
+
+
 def move_at_the_prompt(port, second_at: int) -> tuple[bool, Rig]:
     """A step at the prompt with Ctrl-C in mid-pulse and again before the second_at-th bytecode of the way out.
 
