@@ -133,6 +133,10 @@ class Lease:
         if not client.is_person and client.claimed_at != self.stops:
             raise NotInControl(f"nothing was done: after a stop {client.name} must take control again")
 
+    def has_control(self, client: Client) -> bool:
+        """True if check() raises nothing."""
+        return self.holder is client and (client.is_person or client.claimed_at == self.stops)
+
     def end_stopped(self, cause: str) -> None:
         """Release a holder whose control a stop has ended."""
         with self._lock:

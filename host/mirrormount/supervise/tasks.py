@@ -22,10 +22,13 @@ class Tasks:
 
     def __init__(self) -> None:
         self._waiting: queue.SimpleQueue[tuple[Callable[[], None], Callable[[MountError], None]]] = queue.SimpleQueue()
+        self._closed: MountError | None = None
 
     def add(self, run: Callable[[], None], fail: Callable[[MountError], None] = _nobody) -> None:
         """fail(why): called instead of run() if it cannot be run any more."""
         self._waiting.put((run, fail))
+        if self._closed:
+            self.close(self._closed)
 
     def ask(self, connection: Connection, work: Callable[[Mount], T], then: Callable[[Mount], None]) -> "Future[T]":
         """Run work(mount), then then(mount). The future raises MountError, also if another board has come meanwhile."""
@@ -63,8 +66,9 @@ class Tasks:
             run, _ = self._waiting.get(timeout=timeout_s)
             run()
 
-    def fail_all(self, why: MountError) -> None:
-        """Run none of those that wait."""
+    def close(self, why: MountError) -> None:
+        """Run no more: those that wait, and all that are added later, fail."""
+        self._closed = why  # before the queue is emptied: what is added meanwhile finds it
         with contextlib.suppress(queue.Empty):
             while True:
                 self._waiting.get_nowait()[1](why)

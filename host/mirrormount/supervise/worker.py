@@ -101,7 +101,7 @@ class Worker:
             self.connection.close()
         finally:
             self._motions.fail(ConnectionLost("the motion was stopped: the supervisor was closed"))
-            self._tasks.fail_all(ConnectionLost("nothing was done: the supervisor was closed"))
+            self._tasks.close(ConnectionLost("nothing was done: the supervisor was closed"))
 
     # ---- for clients: any thread
 

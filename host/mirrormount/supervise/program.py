@@ -1,0 +1,123 @@
+"""A program as a client of a supervised mount: a camera loop, a scan, a record of a control system."""
+
+from collections.abc import Callable
+from concurrent.futures import Future
+from types import TracebackType
+from typing import Self, TypeVar
+
+from mirrormount.common.errors import BadValue
+from mirrormount.common.validation import whole_number
+from mirrormount.device.mount import Mount
+from mirrormount.supervise.lease import Client
+from mirrormount.supervise.motions import Motion
+from mirrormount.supervise.requests import MOST_STEPS, GoTo, Home, Jog, Steps
+from mirrormount.supervise.worker import Worker
+
+T = TypeVar("T")
+
+
+class Program(Client):
+    """A client that asks from this process; Supervisor.join() makes it. Any thread may use it.
+
+    It has control from take_control() to the next stop by anybody, to a person's claim, or to leave(). It must beat
+    within the patience while it moves something: every request, every call of Motion.wait() and beat() does. A
+    program that does not is taken for dead, and its motion is stopped. Beat in the loop that thinks, not in a thread
+    of its own.
+
+    lost(cause): called when control ends otherwise than by leave(); any thread, must return at once.
+    """
+
+    def __init__(self, name: str, worker: Worker, lost: Callable[[str], object] | None = None) -> None:
+        super().__init__(name)
+        self._worker = worker
+        self._lost = lost
+        worker.lease.join(self, self)
+
+    def take_control(self) -> None:
+        """Ask for control. Raises NotInControl if a person or another live program has it."""
+        self.beat()
+        self._worker.take_control(self)
+
+    @property
+    def in_control(self) -> bool:
+        """True if a request would be carried out now."""
+        return self._worker.lease.has_control(self)
+
+    def beat(self) -> None:
+        """Give a sign of life."""
+        self._worker.lease.beat(self)
+
+    def step(self, axis: str, n: int) -> Motion:
+        """Move an axis ("x", "y") by n steps. Raises BadValue, NotInControl; the motion's outcome has the rest."""
+        n = whole_number(n, MOST_STEPS, "steps")
+        return self._ask(Steps(self._checked(axis), n), n)
+
+    def move_to(self, axis: str, position: int) -> Motion:
+        """Move an axis to a position in whole steps. Raises as step()."""
+        return self._ask(GoTo(self._checked(axis), whole_number(position, MOST_STEPS, "position")))
+
+    def jog(self, axis: str, speed: float) -> Motion:
+        """Run an axis at speed, -1 … 1 of full duty and not 0, until halt(), a stop, a limit, or no beat.
+
+        Raises as step().
+        """
+        if isinstance(speed, bool) or not isinstance(speed, int | float) or not 0 < abs(speed) <= 1:
+            raise BadValue(f"a jog's speed is a number within -1 … 1 other than 0, not {speed!r}")
+        return self._ask(Jog(self._checked(axis), speed))
+
+    def home(self, axis: str) -> Motion:
+        """Find an axis's home. Raises as step()."""
+        return self._ask(Home(self._checked(axis)))
+
+    def halt(self, axis: str) -> "Future[object]":
+        """End the motion of one axis soon: a step that is nearly done is finished. Control stays.
+
+        Raises BadValue, NotInControl; the future has the rest.
+        """
+        axis = self._checked(axis)
+        return self.call(lambda mount: mount.send(f"{getattr(mount, axis).number}ST"))
+
+    def stop(self) -> None:
+        """All motors off, now. With or without control; a program has to take it again afterwards."""
+        self._worker.stop(f"{self.name} asked for it")
+
+    def call(self, work: Callable[[Mount], T], *, changes: bool = False) -> "Future[T]":
+        """Run work(mount), which must neither wait nor move, between two polls: settings, zero.
+
+        changes: it may change settings. Raises NotInControl; the future raises MountError.
+        """
+        self.beat()
+        self._worker.lease.check(self)
+        return self._worker.call(work, changes=changes)
+
+    def leave(self) -> None:
+        """End control; what this program moves is stopped."""
+        if self._worker.lease.leave(self, self):
+            self._worker.client_left(self)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.leave()
+
+    def lost_control(self, cause: str) -> None:
+        """As Client.lost_control()."""
+        if self._lost:
+            self._lost(cause)
+
+    def _checked(self, axis: str) -> str:
+        axes = self._worker.state.axes
+        if axis not in axes:
+            raise BadValue(f"an axis is {' or '.join(axes)}, not {axis!r}")
+        return axis
+
+    def _ask(self, request: "Steps | GoTo | Jog | Home", wanted: int | None = None) -> Motion:
+        self.beat()
+        motion = Motion(
+            request.axis, wanted, self.beat, self._worker.lease.patience_s / 3, jog=isinstance(request, Jog)
+        )
+        self._worker.request(self, request, motion)
+        return motion

@@ -1,0 +1,254 @@
+"""Programs as clients of a supervised mount, on a live virtual board: control, outcomes, and how motions end."""
+
+import threading
+
+import pytest
+from served import PATIENCE_S, ServedBoard, run_cli, wait_for
+
+from mirrormount.common.errors import BadValue, BoardError, ConnectionLost, MoveEnded, NotInControl
+from mirrormount.supervise import Supervisor
+from mirrormount.supervise.lease import Client
+from mirrormount.transport import stop_socket
+from mountfw import codes as wire
+
+
+def drives(board):
+    wait_for(board.driving, "a motor to run")
+
+
+def rests(board):
+    wait_for(lambda: not board.driving(), "the motors to rest")
+
+
+def pulses(board, pin):
+    """Pulses of an enable that are over."""
+    return sum(1 for e in board.edges() if e["pin"] == pin and e["duty"] == 0)
+
+
+def person(supervisor):
+    """A page of a panel that is open on the same mount."""
+    page = Client("page 1 (here)", is_person=True)
+    supervisor.worker.lease.join(page, object())
+    return page
+
+
+def test_the_outcome_of_steps_is_awaited(loop, board):
+    ended = loop.step("x", 3).wait(PATIENCE_S)
+    assert (ended.reason, ended.steps) == (wire.DONE, 3)
+    assert pulses(board, "m2_en") == 3
+
+
+def test_motions_of_two_axes_have_an_outcome_each(loop, board):
+    motions = [loop.move_to("x", 2), loop.move_to("y", -1)]
+    assert [motion.wait(PATIENCE_S).steps for motion in motions] == [2, -1]
+
+
+def test_a_motion_that_the_board_refuses_says_so_in_its_outcome(loop, board):
+    with pytest.raises(BoardError) as e:
+        loop.home("x").wait(PATIENCE_S)
+    assert e.value.code % 100 == 35  # no switch is fitted
+    assert board.edges() == []
+    assert loop.in_control
+
+
+@pytest.mark.parametrize(
+    "ask",
+    [
+        lambda loop: loop.step("z", 1),
+        lambda loop: loop.step("x", 1.5),
+        lambda loop: loop.move_to("x", 10**7),
+        lambda loop: loop.jog("y", 0),
+        lambda loop: loop.halt("w"),
+    ],
+)
+def test_what_no_mount_could_do_is_refused_at_once(loop, board, ask):
+    with pytest.raises(BadValue):
+        ask(loop)
+
+
+def test_without_control_nothing_is_asked_of_the_board(supervisor, loop, board):
+    with supervisor.join("scan") as scan:
+        with pytest.raises(NotInControl, match="camera loop has control"):
+            scan.take_control()
+        for ask in (lambda: scan.step("x", 1), lambda: scan.jog("x", 1), lambda: scan.call(lambda m: m.x.zero(5))):
+            with pytest.raises(NotInControl):
+                ask()
+    loop.step("y", 1).wait(PATIENCE_S)
+    assert {e["pin"] for e in board.edges()} <= {"m1_pos", "m1_neg", "m1_en"}
+
+
+def test_when_the_first_leaves_the_second_can_take_control(supervisor, loop, board):
+    with supervisor.join("scan") as scan:
+        loop.leave()
+        scan.take_control()
+        assert scan.step("x", 1).wait(PATIENCE_S).steps == 1
+        with pytest.raises(NotInControl):
+            loop.step("x", 1)
+        with pytest.raises(NotInControl, match="has left"):
+            loop.take_control()
+
+
+def test_a_program_that_leaves_stops_what_it_moved(loop, board):
+    motion = loop.jog("x", 0.5)
+    drives(board)
+    loop.leave()
+    rests(board)
+    with pytest.raises(MoveEnded):
+        motion.wait(PATIENCE_S)
+
+
+@pytest.mark.parametrize("patience_s", [0.35])
+def test_a_program_that_hangs_is_stopped_and_loses_control(loop, board, told):
+    motion = loop.step("x", 1000)
+    with pytest.raises(MoveEnded) as e:  # without beats: not by wait()
+        motion.future.result(PATIENCE_S)
+    assert e.value.reason == wire.ABORTED
+    assert not board.driving()
+    assert 0 < pulses(board, "m2_en") < 10
+    wait_for(lambda: told, "the cause")
+    assert "out of touch" in told[0] and not loop.in_control
+
+
+@pytest.mark.wall_clock
+@pytest.mark.parametrize("patience_s", [0.35])
+def test_a_program_that_waits_for_its_motion_is_alive(loop, board):
+    assert loop.step("x", 5).wait(PATIENCE_S).steps == 5
+
+
+def test_a_person_takes_over_and_the_program_is_told(supervisor, loop, board, told):
+    motion = loop.jog("x", 0.5)
+    drives(board)
+    page = person(supervisor)
+    supervisor.worker.take_control(page)
+    with pytest.raises(MoveEnded):
+        motion.wait(PATIENCE_S)
+    rests(board)
+    assert told == ["page 1 (here) took control"]
+    for ask in (loop.take_control, lambda: loop.step("x", 1)):
+        with pytest.raises(NotInControl, match="has control"):
+            ask()
+    supervisor.worker.lease.leave(page, page.connection)
+    loop.take_control()
+    assert loop.step("y", 1).wait(PATIENCE_S).steps == 1
+
+
+def test_a_stop_by_anybody_ends_the_motion_and_the_control(supervisor, loop, board, told):
+    motion = loop.jog("x", 0.5)
+    drives(board)
+    supervisor.stop("the test")
+    with pytest.raises(MoveEnded) as e:
+        motion.wait(PATIENCE_S)
+    assert e.value.reason == wire.ABORTED and not board.driving()
+    wait_for(lambda: told == ["stopped: the test"], "the cause")
+    with pytest.raises(NotInControl):
+        loop.step("x", 1)
+    loop.take_control()
+    assert loop.step("x", 1).wait(PATIENCE_S).steps == 1
+
+
+def test_a_stop_wins_over_a_request_that_waits(supervisor, loop, board, monkeypatch):
+    monkeypatch.setattr("mirrormount.supervise.worker.LATE_S", PATIENCE_S)
+    busy = threading.Event()
+    supervisor.ask(lambda mount: busy.wait(PATIENCE_S))
+    motion = loop.step("x", 3)
+    supervisor.stop("the test")
+    busy.set()
+    with pytest.raises(MoveEnded, match="stopped before it began"):
+        motion.wait(PATIENCE_S)
+    supervisor.ask(lambda mount: mount.status()).result(PATIENCE_S)
+    assert board.edges() == []
+
+
+def test_a_stop_between_two_motions_is_not_lost(supervisor, loop, board):
+    """A loop that has asked for nothing at the moment of a STOP does not go on after it."""
+    loop.step("x", 1).wait(PATIENCE_S)
+    supervisor.stop("the test")
+    edges = len(board.edges())
+    with pytest.raises(NotInControl, match="after a stop"):
+        loop.step("x", 1)
+    supervisor.ask(lambda mount: mount.status()).result(PATIENCE_S)
+    assert len(board.edges()) == edges
+
+
+@pytest.mark.skipif(not stop_socket.supported(), reason="no Unix sockets")
+def test_mirrormount_stop_ends_the_motion_of_a_program(supervisor, loop, board):
+    motion = loop.jog("x", 0.5)
+    drives(board)
+    run = run_cli("stop", "--port", str(board.link))
+    assert run.returncode == 0, run.stderr
+    assert not board.driving()
+    with pytest.raises(MoveEnded):
+        motion.future.result(PATIENCE_S)
+    with pytest.raises(NotInControl):
+        loop.step("x", 1)
+
+
+def test_halt_ends_a_jog_as_asked_and_keeps_control(loop, board):
+    motion = loop.jog("x", 0.5)
+    drives(board)
+    loop.halt("x").result(PATIENCE_S)
+    assert motion.wait(PATIENCE_S).reason == wire.STOPPED
+    rests(board)
+    assert loop.step("y", 1).wait(PATIENCE_S).steps == 1
+
+
+def test_a_jog_that_another_one_replaces_is_superseded(loop, board):
+    first, second = loop.jog("x", 0.5), loop.jog("x", -0.5)
+    with pytest.raises(MoveEnded) as e:
+        first.wait(PATIENCE_S)
+    assert e.value.reason == wire.SUPERSEDED
+    assert not second.done
+    loop.halt("x").result(PATIENCE_S)
+    second.wait(PATIENCE_S)
+
+
+def test_a_wait_that_is_over_too_early_leaves_the_motion_alone(loop, board):
+    motion = loop.jog("x", 0.5)
+    with pytest.raises(TimeoutError):
+        motion.wait(0.01)
+    drives(board)
+    assert not motion.done
+    loop.halt("x").result(PATIENCE_S)
+    motion.wait(PATIENCE_S)
+
+
+def test_a_board_that_is_unplugged_ends_motion_and_control_and_comes_back_at_rest(supervisor, loop, board, told):
+    motion = loop.jog("x", 0.5)
+    drives(board)
+    folder = board.link.parent
+    board.end()
+    with pytest.raises(ConnectionLost):
+        motion.wait(PATIENCE_S)
+    wait_for(lambda: told, "the cause")
+    again = ServedBoard(folder)
+    try:
+        wait_for(lambda: supervisor.status, "the board to be back")
+        with pytest.raises(NotInControl):
+            loop.step("x", 1)
+        assert again.edges() == []
+        loop.take_control()
+        assert loop.step("x", 1).wait(PATIENCE_S).steps == 1
+    finally:
+        again.end()
+        again.process.stdout.close()
+
+
+def test_a_supervisor_that_is_closed_leaves_nobody_waiting(board):
+    supervisor = Supervisor(str(board.link), patience_s=5.0).open()
+    loop = supervisor.join("camera loop")
+    loop.take_control()
+    motion = loop.jog("x", 0.5)
+    drives(board)
+    supervisor.close()
+    assert not board.driving()
+    with pytest.raises((ConnectionLost, MoveEnded)):
+        motion.wait(PATIENCE_S)
+    with pytest.raises(ConnectionLost):
+        loop.step("x", 1).wait(PATIENCE_S)
+
+
+def test_without_a_board_nothing_is_left_running(tmp_path):
+    before = threading.active_count()
+    with pytest.raises(Exception, match="there is no such port"):
+        Supervisor(str(tmp_path / "nothing")).open()
+    assert threading.active_count() == before
