@@ -109,14 +109,14 @@ def test_damaged_settings_fail_with_what_to_do(tmp_path, capsys):
 
 
 def test_a_pressed_emergency_stop_fails_and_drives_nothing(mount, capsys, monkeypatch):
-    send = mount._send
+    send = mount.session._send
 
     def pressed(line: str, *gate) -> str:
         if "PR" in line:
             raise errors.BoardError(243, "AXIS 2 EMERGENCY STOP")
         return send(line, *gate)
 
-    monkeypatch.setattr(mount, "_send", pressed)
+    monkeypatch.setattr(mount.session, "_send", pressed)
     lines, passed = check(mount, capsys)
     assert not passed and "*RST" in lines["x emergency stop"]
     assert not drives(mount)

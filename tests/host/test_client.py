@@ -328,7 +328,7 @@ def test_a_stop_of_another_thread_is_not_overtaken_by_the_start_of_a_motion(call
 
 def test_a_motion_that_starts_as_the_feeder_ends_is_fed(mount):
     with Mount.open("virtual://") as mount:
-        status = mount.status
+        status = mount.session.status
         ending, started = threading.Event(), threading.Event()
 
         def held() -> object:
@@ -338,7 +338,7 @@ def test_a_motion_that_starts_as_the_feeder_ends_is_fed(mount):
                 started.wait(20)  # the feeder has seen the end of the first motion
             return answer
 
-        mount.status = held
+        mount.session.status = held
         mount.x.step(1, wait=False)
         assert ending.wait(20)
         mount.send("2XM1500")
@@ -437,7 +437,7 @@ def test_a_program_that_falls_silent_stops_the_mount(mount):
 
 def test_a_board_that_restarts_is_noticed(mount):
     mount.status()
-    mount._boot_id ^= 1  # as if the next answer came from another boot
+    mount.session.board._boot_id ^= 1  # as if the next answer came from another boot
     with pytest.raises(errors.ConnectionLost, match="restarted \\(power, or its reset pin\\)"):
         mount.x.step(1)
 
@@ -457,7 +457,7 @@ def test_the_real_time_board_is_fed_by_itself_while_the_program_does_something_e
     with Mount.open("virtual://") as mount:
         mount.ask("2XM1500;XK?")
         mount.x.jog(1)
-        mount._feeder.join(20)  # ends when the motion does: at the run limit, not at the keep-alive
+        mount.session.keep_alive.join(20)  # ends when the motion does: at the run limit, not at the keep-alive
         assert mount.x.wait().reason == 6
 
 

@@ -71,7 +71,7 @@ def test_what_is_shown_is_the_last_status_with_its_age(mount):
     assert repr(mount).startswith(f"<Mount {mount.identity}: x: +3.000 steps (unknown), at rest; y: +0.000 steps")
     for shown in (mount, mount.x, mount.status(), mount.status().x):
         assert shown._repr_html_().startswith("<table>") and "+3.000" in shown._repr_html_()
-    mount._seen = None
+    mount.session.board.last = None
     assert repr(mount.x) == "<Axis x: not seen yet>"
     assert mount.x._repr_html_() == html.escape(repr(mount.x))
     assert len(mount.link.port.simulation.edges) == edges and mount.link.monotonic() - now < 1

@@ -88,10 +88,10 @@ def test_a_frozen_program_is_named_and_the_keep_alive_ends_what_moves(board, hol
 
 def test_a_motion_that_was_about_to_start_does_not_start_after_the_stop(board):
     with Mount.open(str(board.link)) as mount:
-        stops = mount._count_stops()
+        stops = mount.session.gate.last_stop()
         assert ask(owners(str(board.link))[0]) == STOPPED
         with pytest.raises(errors.MoveEnded):
-            mount._start("1MV+", stops)
+            mount.session.start("1MV+", stops)
     assert not board.edges()
 
 
@@ -174,7 +174,7 @@ def test_an_owner_that_cannot_stop_says_why():
 def test_a_port_works_where_no_socket_can_be_made(board, runtime):
     runtime.symlink_to("/nowhere/at/all")
     with Mount.open(str(board.link)) as mount:
-        assert mount._stoppable.why_not
+        assert mount.session.stoppable.why_not
         mount.x.step(1)
 
 

@@ -11,7 +11,8 @@ from mirrormount.cli.outcomes import NotTested, Wrong
 from mirrormount.common.errors import BoardError, CheckFailed, ConnectionLost, MountError
 from mirrormount.common.printable import printable
 from mirrormount.common.validation import whole_numbers
-from mirrormount.device.mount import RESET_CAUSES, Axis, Mount
+from mirrormount.device.board import RESET_CAUSES
+from mirrormount.device.mount import Axis, Mount
 from mountfw import __version__
 from mountfw import codes as wire
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from mirrormount.common.errors import BadFile, BadValue
 from mirrormount.device.mount import Mount
-from mirrormount.device.settings import AXES, SETTINGS, check, setting
+from mirrormount.device.settings import SETTINGS, check, setting
 
 _LASTS = "until the board restarts; to keep it: mirrormount config save"
 _SAVED = "saved on the board"
@@ -84,8 +84,8 @@ def get(mount: Mount, name: str | None) -> None:
         axis, _, rest = name.partition(".")
         print(values[axis][rest])
         return
-    for axis in AXES:
-        for rest, value in values[axis].items():
+    for axis, named in values.items():
+        for rest, value in named.items():
             print(f"{f'{axis}.{rest} = {value}':28}# {SETTINGS[rest].what}")
 
 

@@ -101,7 +101,7 @@ def watched(mount: Mount, axes: Sequence[Axis]) -> Iterator[StatusLine]:
         line.end()
         mount.stop()
         status = mount.status()
-        places = [(axis, getattr(status, axis.name)) for axis in axes]
+        places = [(axis, status.by_name[axis.name]) for axis in axes]
         where = ", ".join(f"{place(axis, at)} ({at.certainty})" for axis, at in places)
         raise KeyboardInterrupt(f"stopped at {where}") from None
     finally:
@@ -139,7 +139,7 @@ def _watch_run(mount: Mount, axes: Sequence[Axis], seconds: float | None, limit_
         status = mount.status()
         if not status.moving:
             return _how_it_ended(mount, axes, limit_s)
-        where = ", ".join(f"{axis.name}: {getattr(status, axis.name).position:+.1f} steps" for axis in axes)
+        where = ", ".join(f"{axis.name}: {status.by_name[axis.name].position:+.1f} steps" for axis in axes)
         rest_s = min(end, begun + limit_s) - mount.link.monotonic()
         line.show(f"{where}; {max(0.0, rest_s):.0f} s more, Ctrl-C stops")
     mount.stop()

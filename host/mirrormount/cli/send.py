@@ -31,11 +31,11 @@ def run(mount: Mount, line: str) -> None:
     if moves and not keep_alives:
         line = f"{line[:at]}XK{KEEP_ALIVE_MS};{line[at:]}"
     poll_s = min([_POLL_S, *(ms / 5000 for ms in keep_alives if ms)])
-    with watched(mount, [mount.x, mount.y]) as shown:
+    with watched(mount, list(mount.by_name.values())) as shown:
         status = _send(mount, line)
         axes = _moving(mount, status)
         while status.moving:
-            shown.show(", ".join(place(axis, getattr(status, axis.name)) for axis in axes) + "; Ctrl-C stops")
+            shown.show(", ".join(place(axis, status.by_name[axis.name]) for axis in axes) + "; Ctrl-C stops")
             mount.link.sleep(poll_s)
             status = mount.status()
     errors = mount.errors()
@@ -46,8 +46,8 @@ def run(mount: Mount, line: str) -> None:
         ended.codes = tuple(error.code for error in errors)
         raise ended
     if moves:
-        moved = axes or [mount.x, mount.y]
-        print("done; " + ", ".join(place(axis, getattr(status, axis.name)) for axis in moved), file=sys.stderr)
+        moved = axes or list(mount.by_name.values())
+        print("done; " + ", ".join(place(axis, status.by_name[axis.name]) for axis in moved), file=sys.stderr)
 
 
 def start(mount: Mount, line: str) -> None:
@@ -84,7 +84,7 @@ def _send(mount: Mount, line: str) -> Status:
 
 
 def _moving(mount: Mount, status: Status) -> list[Axis]:
-    return [axis for axis in (mount.x, mount.y) if getattr(status, axis.name).moving]
+    return [axis for axis in mount.by_name.values() if status.by_name[axis.name].moving]
 
 
 def _keep_alives(line: str) -> list[int]:
@@ -96,7 +96,7 @@ def _bounds(mount: Mount, keep_alives: list[int]) -> str:
     """What ends a motion that nobody waits for."""
     if keep_alives and keep_alives[-1]:
         return f"the board stops it {keep_alives[-1]} ms after the last byte of this program (keep-alive)"
-    run_s, search_s = (max(axis.ask_whole(query)[0] for axis in (mount.x, mount.y)) / 1000 for query in ("XM?", "XT?"))
+    run_s, search_s = (max(axis.ask_whole(query)[0] for axis in mount.axes) / 1000 for query in ("XM?", "XT?"))
     return (
         f"it goes on without this program: a run for {run_s:g} s at most, a search for a switch for {search_s:g} s"
         " under drive at most, a move until its steps are made; mirrormount stop ends it"

@@ -1,20 +1,18 @@
-"""One axis of a mount: steps, moves, jogs, homing. Imports calibration, errors, status.
+"""One axis of a mount: steps, moves, jogs, homing. Imports calibration, errors, session, settings, status, validation.
 
-An Axis speaks through its Mount, which keeps the motion alive and knows of stops. What waits for a
-motion stops both motors when it is interrupted (Ctrl-C, or an interrupted cell of a notebook).
+An Axis uses a Session, which keeps its motion alive and orders stops before starts. An interrupt (Ctrl-C, or an
+interrupted cell of a notebook) of a method that waits for a motion stops all motors.
 """
 
 import html
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 from mirrormount.common.errors import BadValue, MoveEnded, NoAnswer, NotAMount
 from mirrormount.common.validation import positive_numbers, real_number, whole_number, whole_numbers
+from mirrormount.device import settings
+from mirrormount.device.session import Session
 from mirrormount.device.status import AxisStatus, Ended, Homed, Limits, table
 from mountfw import codes as wire
-
-if TYPE_CHECKING:
-    from mirrormount.device.mount import Mount
 
 Progress = Callable[[AxisStatus], None]  # called with each status that comes while a move is waited for
 
@@ -25,36 +23,36 @@ _SOFT_LIMITS_CHECKED = 8  # the bit of ZH
 
 
 class Axis:
-    """One axis of a Mount: x (right positive) or y (up positive)."""
+    """One axis: x (right positive), y (up positive), axis3 … number: the board's."""
 
-    __slots__ = ("_deadline", "_mount", "name", "number")  # another name that is set is an error, not lost
+    __slots__ = ("_deadline", "_session", "name", "number")  # assigning any other name raises AttributeError
 
-    def __init__(self, mount: "Mount", name: str, number: int) -> None:
-        self._mount = mount
+    def __init__(self, session: Session, name: str, number: int) -> None:
+        self._session = session
         self.name = name
         self.number = number
         self._deadline = 0.0
 
     def __repr__(self) -> str:
-        """What the board last said of it; the board is not asked."""
-        seen = self._mount._seen
-        last = f"{getattr(seen[1], self.name)}, {self._mount._age()}" if seen else "not seen yet"
-        return f"<Axis {self.name}: {last}>"
+        """The last status; the board is not asked."""
+        last = self._session.board.last
+        shown = f"{last[1].by_name[self.name]}, {self._session.age()}" if last else "not seen yet"
+        return f"<Axis {self.name}: {shown}>"
 
     def _repr_html_(self) -> str:
-        seen = self._mount._seen
-        return (
-            table([(self.name, getattr(seen[1], self.name))], self._mount._age()) if seen else html.escape(repr(self))
-        )
+        last = self._session.board.last
+        if not last:
+            return html.escape(repr(self))
+        return table({self.name: last[1].by_name[self.name]}, self._session.age())
 
     @property
     def position(self) -> float:
-        """Where the board counts this axis to be, in steps; status() says how certain that is."""
+        """The counted position, in steps; status() has its certainty."""
         return self.status().position
 
     def status(self) -> AxisStatus:
-        """What the board knows of this axis."""
-        return getattr(self._mount.status(), self.name)
+        """The state of this axis. Raises as Mount.status()."""
+        return self._session.status().by_name[self.name]
 
     def step(self, n: int, *, wait: bool = True, feed: bool = True, progress: Progress | None = None) -> None:
         """Move by n steps. With wait, returns when they are done, else at once.
@@ -80,7 +78,7 @@ class Axis:
             self._move("PA", target, round(target - self.position), wait, feed, progress)
             return target
         wanted = real_number(steps, 1_000_000, "position")
-        stops = self._mount._count_stops()
+        stops = self._session.gate.last_stop()
         (pulse_us,) = self.ask_whole("XP?")
         left = round(wanted * 1000) - round(self.position * 1000)  # thousandths of a step
         n, part = divmod(abs(left), 1000)
@@ -88,7 +86,7 @@ class Axis:
         if part_us < _SHORTEST_US:
             part_us = 0
         sign = 1 if left > 0 else -1
-        with self._mount._stopped_by_interrupt():
+        with self._session.stopped_by_interrupt():
             if isinstance(wanted, int) and not part_us:
                 self._move("PA", wanted, n, wait, feed, progress, stops)
             elif n:
@@ -99,7 +97,7 @@ class Axis:
 
     def zero(self, steps: int = 0) -> None:
         """Call the present position `steps`; from here on it is certain as far as it is counted."""
-        self._mount.send(f"{self.number}DH{whole_number(steps, 1_000_000, 'position')}")
+        self._session.send(f"{self.number}DH{whole_number(steps, 1_000_000, 'position')}")
 
     def move_by(self, amount: float, unit: str = "steps", *, wait: bool = True) -> float:
         """Move by an amount of steps, of mrad or of urad; the angle is the mirror's. Returns what was moved.
@@ -125,7 +123,7 @@ class Axis:
 
     def ask(self, *queries: str) -> list[str]:
         """What queries of this axis answer: axis.ask("XP?", "VA?"). Raises BoardError, NotAMount."""
-        answers = self._mount.send(";".join(f"{self.number}{query}" for query in queries)).split("; ")
+        answers = self._session.send(";".join(f"{self.number}{query}" for query in queries)).split("; ")
         if len(answers) != len(queries):
             raise NotAMount(f"not the answers to {', '.join(queries)}: {'; '.join(answers)[:80]!r}")
         return answers
@@ -140,7 +138,7 @@ class Axis:
         Raises BoardError (n35: no switch fitted), MoveEnded (n45: switch not found, n46: it did not
         release, n04 or n05: the other end's switch came first), ConnectionLost, NoAnswer.
         """
-        with self._mount._stopped_by_interrupt():
+        with self._session.stopped_by_interrupt():
             self.start_homing()
             self._wait_until_done(None, progress)
         known, millisteps = whole_numbers(self.ask("OR?")[0], 2)
@@ -154,7 +152,7 @@ class Axis:
         """Go to the end-stop in direction 1 or -1, and stand at it. Raises as home() does."""
         if isinstance(direction, bool) or direction not in (1, -1):
             raise BadValue(f"an end-stop's direction is 1 or -1, not {direction!r}")
-        with self._mount._stopped_by_interrupt():
+        with self._session.stopped_by_interrupt():
             self._seek("MT+" if direction > 0 else "MT-")
             self._wait_until_done(None)
 
@@ -178,7 +176,7 @@ class Axis:
             "soft_maximum": limits.maximum,
             "checking": checking | (_SOFT_LIMITS_CHECKED if limits.checked else 0),
         }
-        self._mount.apply({self.name: wanted})
+        settings.write(self._session, {self.name: wanted})
 
     @property
     def take_up_us(self) -> int:
@@ -187,12 +185,12 @@ class Axis:
 
     @take_up_us.setter
     def take_up_us(self, us: int) -> None:
-        self._mount.apply({self.name: {"take_up_us": us}})
+        settings.write(self._session, {self.name: {"take_up_us": us}})
 
     @property
     def run_limit_s(self) -> float:
         """How long the board lets one jog or drive run, in seconds (`XM`)."""
-        return whole_numbers(self._mount.ask(f"{self.number}XM?"), 1)[0] / 1000
+        return whole_numbers(self._session.ask(f"{self.number}XM?"), 1)[0] / 1000
 
     def jog(self, speed: float, *, feed: bool = True) -> None:
         """Run at speed, -1 ... 1 of full duty and not 0, until stop(), a limit, or this program's end.
@@ -205,22 +203,22 @@ class Axis:
         duty = round(abs(speed) * 255)
         if duty == 0:
             raise BadValue(f"a jog's speed comes in steps of 1/255: {speed!r} is none")
-        a, mount = self.number, self._mount
-        stops = mount._count_stops()
+        a, session = self.number, self._session
+        stops = session.gate.last_stop()
         if self.status().moving:  # what is under way gives way
             self.stop()
-        run_duty, limit_ms = whole_numbers(mount.ask(f"{a}XV?;{a}XM?"), 2, "; ")
+        run_duty, limit_ms = whole_numbers(session.ask(f"{a}XV?;{a}XM?"), 2, "; ")
         sign = "+" if speed > 0 else "-"
-        with mount._stopped_by_interrupt():
+        with session.stopped_by_interrupt():
             # the stored run duty is put back in the same line
-            mount._start(f"{a}XV{duty};{a}MV{sign};{a}XV{run_duty}", stops)
-            self._deadline = mount.link.monotonic() + limit_ms / 1000 + _SLACK_S
+            session.start(f"{a}XV{duty};{a}MV{sign};{a}XV{run_duty}", stops)
+            self.expect_end(limit_ms / 1000)
             if feed:
-                mount._feed()
+                session.keep_alive.start()
 
     def stop(self) -> None:
-        """End this axis's move soon: a step that is nearly done is finished. mount.stop() is for hurry."""
-        self._mount.ask(f"{self.number}ST;{self.number}MD?")
+        """End this axis's move soon: a step that is nearly done is finished. Mount.stop() is immediate."""
+        self._session.ask(f"{self.number}ST;{self.number}MD?")
         self.wait()
 
     def wait(self, progress: Progress | None = None) -> Ended:
@@ -228,29 +226,33 @@ class Axis:
 
         Raises NoAnswer (and stops) if it takes longer than it can, ConnectionLost. An interrupt stops both motors.
         """
-        mount = self._mount
-        with mount._stopped_by_interrupt():
+        session = self._session
+        with session.stopped_by_interrupt():
             while (status := self.status()).moving:
                 if progress:
                     progress(status)
-                mount._check_lost()
-                if self._deadline and mount.link.monotonic() > self._deadline:
-                    mount.stop()
+                session.keep_alive.check()
+                if self._deadline and session.link.monotonic() > self._deadline:
+                    session.stop()
                     raise NoAnswer(f"{self.name}: still moving when it should have ended; stopped")
-                mount.link.sleep(_POLL_S)
+                session.link.sleep(_POLL_S)
             return self.last_move()
 
     def last_move(self) -> Ended:
         """How this axis's last move ended."""
-        reason, steps, on_us = whole_numbers(self._mount.ask(f"{self.number}XE?"), 3)
+        reason, steps, on_us = whole_numbers(self._session.ask(f"{self.number}XE?"), 3)
         return Ended(reason, steps, on_us * 1e-6)
+
+    def expect_end(self, longest_s: float) -> None:
+        """A motion was started that ends within longest_s: wait() stops it if it does not, after some seconds more."""
+        self._deadline = self._session.link.monotonic() + longest_s + _SLACK_S
 
     def _scale(self, direction: int) -> float:
         """mrad of the mirror a step, in that direction."""
         from mirrormount.device import calibration  # what only stops, or counts in steps, needs no file
 
         step = calibration.Step(*self.ask_whole("XP?", "XD?", "XI?"))
-        return calibration.mrad_per_step(self._mount.board_id, self.number, self.name, direction, step)
+        return calibration.mrad_per_step(self._session.board.id, self.number, self.name, direction, step)
 
     def _move(
         self,
@@ -263,31 +265,31 @@ class Axis:
         stops: int | None = None,
     ) -> None:
         """Start a move of n steps. stops is what _count_stops() said when it was asked for: now, if None."""
-        a, mount = self.number, self._mount
-        stops = mount._count_stops() if stops is None else stops
-        pulse_us, velocity = positive_numbers(mount.ask(f"{a}XP?;{a}VA?"), 2)
+        a, session = self.number, self._session
+        stops = session.gate.last_stop() if stops is None else stops
+        pulse_us, velocity = positive_numbers(session.ask(f"{a}XP?;{a}VA?"), 2)
         period_s = max(1 / velocity, pulse_us * 1e-6 + 1e-3)
-        with mount._stopped_by_interrupt():
-            mount._start(f"{a}{mnemonic}{value}", stops)
-            self._deadline = mount.link.monotonic() + (abs(n) + 1) * period_s + _SLACK_S
+        with session.stopped_by_interrupt():
+            session.start(f"{a}{mnemonic}{value}", stops)
+            self.expect_end((abs(n) + 1) * period_s)
             if wait:
                 self._wait_until_done(n, progress)
             elif feed:
-                mount._feed()
+                session.keep_alive.start()
 
     def _seek(self, command: str) -> None:
         """Begin to look for a switch. The search limit bounds the time under drive; slow pulses have rests between."""
-        mount = self._mount
-        stops = mount._count_stops()
+        session = self._session
+        stops = session.gate.last_stop()
         limit_ms, pulse_us = self.ask_whole("XT?", "XP?")
         slow_us = max(pulse_us // 8, 200)  # a pulse of the search
         longest_s = limit_ms / 1000 * (1 + max(slow_us, 20_000) / slow_us)
-        mount._start(f"{self.number}{command}", stops)
-        self._deadline = mount.link.monotonic() + longest_s + _SLACK_S
+        session.start(f"{self.number}{command}", stops)
+        self.expect_end(longest_s)
 
     def _wait_until_done(self, wanted: int | None, progress: Progress | None = None) -> None:
         ended = self.wait(progress)
         if ended.reason != wire.DONE:
-            errors = self._mount.errors()
+            errors = self._session.errors()
             codes = tuple(error.code for error in errors)
             raise MoveEnded(self.name, ended.reason, ended.steps, wanted, list(map(str, errors)), codes)

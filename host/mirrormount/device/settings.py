@@ -1,22 +1,20 @@
-"""The settings of both axes: the names that a person reads, what each may be, reading and writing them.
+"""The settings of all axes: their names and ranges, reading and writing them. Imports errors, printable, session.
 
-The board has the last word: what it refuses is told, and the settings are put back as they were.
-Imports errors.
+The board decides: if it refuses a setting, all settings are put back as they were.
 """
 
 import contextlib
-from collections.abc import Mapping
+import re
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from mirrormount.common.errors import BadValue, BoardError, NotAMount, NotSupported, SettingRefused
 from mirrormount.common.printable import printable
+from mirrormount.device.session import Session
 from mountfw import codes as wire
 
-if TYPE_CHECKING:
-    from mirrormount.device.mount import Mount
-
-AXES = ("x", "y")
+_AXIS_NAME = re.compile(r"x|y|axis[3-9]")
 _MOST_STEPS = 1_000_000
 
 
@@ -70,14 +68,14 @@ SETTINGS = {
 }
 
 
-def read(mount: "Mount") -> dict[str, dict[str, int | float]]:
-    """{"x": {"pulse_us": …}, "y": {…}}. Raises BoardError, NotAMount."""
-    return {name: _read_axis(mount, getattr(mount, name).number) for name in AXES}
+def read(session: Session) -> dict[str, dict[str, int | float]]:
+    """{"x": {"pulse_us": …}, "y": {…}}, and axis3 … Raises BoardError, NotAMount."""
+    return {name: _read_axis(session, number) for name, number in session.board.numbers.items()}
 
 
-def _read_axis(mount: "Mount", number: int) -> dict[str, int | float]:
+def _read_axis(session: Session, number: int) -> dict[str, int | float]:
     try:
-        answers = mount.send(";".join(f"{number}{setting.command}?" for setting in SETTINGS.values()))
+        answers = session.send(";".join(f"{number}{setting.command}?" for setting in SETTINGS.values()))
     except BoardError as e:
         if e.code == wire.NO_SUCH_COMMAND:
             raise NotSupported("the board's firmware is older than its settings: `mirrormount deploy`") from e
@@ -89,36 +87,39 @@ def _read_axis(mount: "Mount", number: int) -> dict[str, int | float]:
         raise NotAMount(f"not a mount's settings: {answers[:80]!r}") from e
 
 
-def write(mount: "Mount", wanted: Mapping[str, Mapping[str, int | float]]) -> None:
+def write(session: Session, wanted: Mapping[str, Mapping[str, int | float]]) -> None:
     """Change what differs from the board's settings: all of it, or nothing.
 
     Raises BadValue before anything is sent, SettingRefused when the board takes one not.
     """
     check(wanted)
-    before = read(mount)
+    for axis in wanted:
+        if axis not in session.board.numbers:
+            raise _no_axis(axis, session.board.numbers)
+    before = read(session)
     check_together(before, wanted)
     try:
-        _make(mount, wanted)
+        _apply(session, wanted)
     except SettingRefused as e:
         with contextlib.suppress(SettingRefused):  # what was refused now was not changed
-            _make(mount, before)
+            _apply(session, before)
         raise SettingRefused(f"{e}; the settings are as they were") from e
 
 
-def _make(mount: "Mount", wanted: Mapping[str, Mapping[str, int | float]]) -> None:
+def _apply(session: Session, wanted: Mapping[str, Mapping[str, int | float]]) -> None:
     """Set what differs. Inverting an axis swaps its limits, so that comes first, and the rest is compared after it."""
     for names in (["inverted"], [name for name in SETTINGS if name != "inverted"]):
-        now = read(mount)
+        now = read(session)
         for axis in wanted:
             for name in names:
                 if name in wanted[axis] and wanted[axis][name] != now[axis][name]:
-                    _set(mount, axis, name, wanted[axis][name])
+                    _set(session, axis, name, wanted[axis][name])
 
 
-def _set(mount: "Mount", axis: str, name: str, value: int | float) -> None:
+def _set(session: Session, axis: str, name: str, value: int | float) -> None:
     setting = SETTINGS[name]
     try:
-        mount.send(f"{getattr(mount, axis).number}{setting.command}{value:.{setting.decimals}f}")
+        session.send(f"{session.board.numbers[axis]}{setting.command}{value:.{setting.decimals}f}")
     except BoardError as e:
         raise SettingRefused(f"{axis}.{name} = {value}: {e}") from e
 
@@ -128,10 +129,19 @@ def check(wanted: Mapping[str, Any]) -> None:
     if not isinstance(wanted, Mapping):
         raise BadValue(f"settings are a dict of axes, not {wanted!r}")
     for axis, values in wanted.items():
-        if axis not in AXES or not isinstance(values, Mapping):
-            raise BadValue(f"settings are those of x and of y; there is no {axis!r}")
+        if not is_axis(axis) or not isinstance(values, Mapping):
+            raise _no_axis(axis, ("x", "y"))
         for name, value in values.items():
             setting(f"{axis}.{name}").check(f"{axis}.{name}", value)
+
+
+def is_axis(name: object) -> bool:
+    """True for the name of an axis: x, y, axis3 … axis9. Whether a board has it, the board shows."""
+    return isinstance(name, str) and bool(_AXIS_NAME.fullmatch(name))
+
+
+def _no_axis(name: object, names: Iterable[str]) -> BadValue:
+    return BadValue(f"settings are those of {' and of '.join(names)}; there is no {name!r}")
 
 
 def check_together(before: Mapping[str, Mapping[str, Any]], wanted: Mapping[str, Mapping[str, Any]]) -> None:
@@ -151,6 +161,6 @@ def check_together(before: Mapping[str, Mapping[str, Any]], wanted: Mapping[str,
 def setting(name: str) -> Setting:
     """The setting called "x.pulse_us". Raises BadValue that lists what there is."""
     axis, _, rest = name.partition(".")
-    if axis not in AXES or rest not in SETTINGS:
+    if not is_axis(axis) or rest not in SETTINGS:
         raise BadValue(f"there is no setting {name!r}: x. or y. and one of {', '.join(SETTINGS)}")
     return SETTINGS[rest]

@@ -1,22 +1,29 @@
-"""What a board tells of itself and of its axes, as plain data. Imports errors, printable, values."""
+"""What a board reports of itself and of its axes, as plain data. Imports errors, printable, validation."""
 
 import html
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from mirrormount.common.errors import REASONS, NotAMount
 from mirrormount.common.printable import printable
 from mirrormount.common.validation import whole_numbers
 
-_AXIS_NUMBER = re.compile(r"\bAXIS ([12])\b")
+_AXIS_NUMBER = re.compile(r"\bAXIS ([1-9])\b")
 
 CERTAINTY = {0: "unknown", 1: "counted", 2: "homed", 3: "estimated"}
 
 
+def axis_name(number: int, x_axis: int) -> str:
+    """The user's name of a board's axis: x, y, and for those above 2 axis3, axis4 …; x_axis: the number of x."""
+    if number > 2:
+        return f"axis{number}"
+    return "x" if number == x_axis else "y"
+
+
 @dataclass(frozen=True)
 class AxisStatus:
-    """What the board knows of one axis. position in steps; limits bit 0 positive, 1 negative, 2 home."""
+    """State of one axis. position in steps; limits bit 0 positive, 1 negative, 2 home."""
 
     position: float
     moving: bool
@@ -29,29 +36,45 @@ class AxisStatus:
         return f"{self.position:+.3f} steps ({self.certainty}), {'moving' if self.moving else 'at rest'}"
 
     def _repr_html_(self) -> str:
-        return table([("", self)])
+        return table({"": self})
 
 
 @dataclass(frozen=True)
 class Status:
-    """What the board knows of itself."""
+    """State of a board. axes: in the board's order; x_axis: the number (1 or 2) of the one that is called x."""
 
     boot_id: int
     uptime_s: float
     errors_waiting: int
-    x: AxisStatus
-    y: AxisStatus
+    axes: tuple[AxisStatus, ...]
+    x_axis: int
+
+    @property
+    def x(self) -> AxisStatus:
+        """The horizontal axis."""
+        return self.axes[self.x_axis - 1]
+
+    @property
+    def y(self) -> AxisStatus:
+        """The vertical axis."""
+        return self.axes[2 - self.x_axis]
+
+    @property
+    def by_name(self) -> dict[str, AxisStatus]:
+        """All axes by their names: x, y, axis3 …"""
+        others = {axis_name(i, self.x_axis): axis for i, axis in enumerate(self.axes[2:], 3)}
+        return {"x": self.x, "y": self.y, **others}
 
     @property
     def moving(self) -> bool:
-        """True while either axis moves."""
-        return self.x.moving or self.y.moving
+        """True while any axis moves."""
+        return any(axis.moving for axis in self.axes)
 
     def __str__(self) -> str:
-        return f"x: {self.x}; y: {self.y}"
+        return "; ".join(f"{name}: {axis}" for name, axis in self.by_name.items())
 
     def _repr_html_(self) -> str:
-        return table([("x", self.x), ("y", self.y)])
+        return table(self.by_name)
 
 
 @dataclass(frozen=True)
@@ -93,35 +116,37 @@ class QueuedError:
         return f"{self.code}: {self.text.lower()}"
 
 
-def table(axes: Sequence[tuple[str, AxisStatus]], caption: str = "") -> str:
+def table(axes: Mapping[str, AxisStatus], caption: str = "") -> str:
     """Axes as an HTML table, for a notebook; the caption is text."""
     rows = [
         f"<tr><th>{name}</th><td>{axis.position:+.3f}</td><td>{axis.certainty}</td>"
         f"<td>{'moving' if axis.moving else 'at rest'}</td><td>{REASONS.get(axis.reason, axis.reason)}</td></tr>"
-        for name, axis in axes
+        for name, axis in axes.items()
     ]
     titles = "".join(f"<th>{title}</th>" for title in ("axis", "steps", "certainty", "now", "last move"))
     return f"<table><caption>{html.escape(caption)}</caption><tr>{titles}</tr>{''.join(rows)}</table>"
 
 
 def parse_status(line: str, x_axis: int) -> Status:
-    """The answer to XS?, with the axis that the board calls x_axis as x. Raises NotAMount."""
+    """The answer to XS?, of two axes or more; x_axis (1 or 2) is called x. Raises NotAMount."""
     try:
         head, *axes = line.split("|")
         boot_id, uptime_ms, errors_waiting = whole_numbers(head, 3)
-        by_number = [
+        by_number = tuple(
             AxisStatus(position / 1000, bool(moving), direction, limits, reason, CERTAINTY[certainty])
             for position, moving, direction, limits, reason, certainty in (whole_numbers(axis, 6) for axis in axes)
-        ]
-        return Status(boot_id, uptime_ms / 1000, errors_waiting, by_number[x_axis - 1], by_number[2 - x_axis])
-    except (KeyError, IndexError, NotAMount) as e:
+        )
+        if len(by_number) < 2:
+            raise NotAMount("a mount has two axes or more")
+        return Status(boot_id, uptime_ms / 1000, errors_waiting, by_number, x_axis)
+    except (KeyError, NotAMount) as e:
         raise NotAMount(f"not a mount's status: {line[:80]!r}") from e
 
 
 def parse_error(line: str, x_axis: int) -> QueuedError:
-    """The answer to TB?: "62, KEEP-ALIVE LOST", of a board that calls x_axis what is x here. Raises NotAMount."""
+    """The answer to TB?: "62, KEEP-ALIVE LOST", of a board whose axis x_axis is called x. Raises NotAMount."""
     code, _, text = line.partition(",")
-    text = _AXIS_NUMBER.sub(lambda m: "x" if int(m[1]) == x_axis else "y", printable(text.strip()))
+    text = _AXIS_NUMBER.sub(lambda m: axis_name(int(m[1]), x_axis), printable(text.strip()))
     try:
         return QueuedError(int(code), text)
     except ValueError as e:

@@ -295,7 +295,7 @@ class Relay:
         except NotAMount:  # damaged on its way: the next one is not
             return
         if question.motions == self._motions:
-            for axis, is_moving in ((1, seen.x.moving), (2, seen.y.moving)):
+            for axis, is_moving in enumerate((axis.moving for axis in seen.axes), 1):
                 if not is_moving:
                     self._axes.pop(axis, None)
             self.moving = seen.moving

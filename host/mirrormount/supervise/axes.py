@@ -6,9 +6,9 @@ from mirrormount.device.status import AxisStatus, Status
 
 def axis_names(mount: Mount) -> tuple[str, ...]:
     """The names of all axes, those of the pad first: x, y."""
-    return tuple(axis.name for axis in (mount.x, mount.y))
+    return tuple(mount.by_name)
 
 
 def axis_status(status: Status | None, name: str) -> AxisStatus | None:
     """The status of the axis of that name; None if unknown."""
-    return getattr(status, name, None)
+    return status.by_name.get(name) if status else None

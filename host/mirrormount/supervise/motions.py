@@ -114,7 +114,7 @@ class Motions:
     def poll(self, mount: Mount, status: Status, errors: Sequence[QueuedError]) -> None:
         """End those whose axes are at rest. Raises ConnectionLost, NoAnswer."""
         for axis in [axis for axis in self._begun if not moves(status, axis)]:
-            ended = getattr(mount, axis).last_move()
+            ended = mount.axis(axis).last_move()
             self._begun.pop(axis).end(ended, errors)
 
     def fail(self, why: MountError) -> None:
@@ -134,22 +134,22 @@ def start(mount: Mount, request: Request, targets: dict[str, int | None]) -> Non
     match request:
         case Steps(axis, n):
             targets[axis] = None
-            getattr(mount, axis).step(n, wait=False, feed=False)
+            mount.axis(axis).step(n, wait=False, feed=False)
         case GoTo(axis, position):
-            getattr(mount, axis).move_to(position, wait=False, feed=False)
+            mount.axis(axis).move_to(position, wait=False, feed=False)
             targets[axis] = position
         case Jog(axis, speed):
             targets[axis] = None
-            getattr(mount, axis).jog(speed, feed=False)
+            mount.axis(axis).jog(speed, feed=False)
         case Drive(x, y):
             targets.clear()
             duty = {mount.x.number: x, mount.y.number: y}
             mount.drive(duty[1], duty[2], feed=False)
         case Home(axis):
             targets[axis] = None
-            getattr(mount, axis).start_homing()
+            mount.axis(axis).start_homing()
         case Zero(axis):
             targets[axis] = None
-            getattr(mount, axis).zero()
+            mount.axis(axis).zero()
         case _:
             raise TypeError(f"not started here: {request!r}")

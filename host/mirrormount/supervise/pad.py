@@ -61,7 +61,7 @@ class Pad:
         for name, steps in hold.press.steps.items():
             self._state.targets[name] = None
             try:
-                getattr(mount, name).step(steps, wait=False, feed=False)
+                mount.axis(name).step(steps, wait=False, feed=False)
             except BoardError:
                 if len(hold.press.steps) > 1:  # one axis of two
                     self._stop("one axis of a diagonal step was refused")
@@ -81,7 +81,7 @@ class Pad:
         """Begin the run of a button that is held. Raises MountError."""
         for name, speed in hold.press.run.items():
             if not hold.released:
-                getattr(mount, name).jog(speed, feed=False)
+                mount.axis(name).jog(speed, feed=False)
 
     def report_errors(self, moving: bool) -> None:
         """The board has reported errors: no press goes on."""

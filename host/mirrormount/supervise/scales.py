@@ -17,7 +17,7 @@ def read(mount: Mount) -> Scales:
 
 
 def _of_axis(mount: Mount, name: str) -> float | None:
-    axis = getattr(mount, name)
+    axis = mount.axis(name)
     step = calibration.Step(*axis.ask_whole("XP?", "XD?", "XI?"))
     try:
         both = [calibration.mrad_per_step(mount.board_id, axis.number, name, way, step) for way in (1, -1)]

@@ -45,5 +45,5 @@ class WireLog:
         return [entry for entry in list(self._entries) if entry.number > number]
 
     def _line(self, text: str, to_board: bool) -> None:
-        poll = text == "XS?" if to_board else text.count("|") == 2
+        poll = text == "XS?" if to_board else text.count("|") >= 2
         self._entries.append(Entry(next(self._numbers), time.time(), to_board, text, poll))

@@ -1,0 +1,61 @@
+"""State that a board has reported: identity, axes, last status. No I/O. Imports errors, status."""
+
+from mirrormount.common.errors import BadValue, NotAMount
+from mirrormount.device.status import QueuedError, Status, axis_name, parse_error, parse_status
+from mountfw import codes as wire
+
+RESET_CAUSES = {
+    str(wire.POWER): "power, or its reset pin",
+    str(wire.ASKED): "it was told to",
+    str(wire.WATCHDOG): "its watchdog: the firmware had hung",
+}
+
+
+def check_x_axis(x_axis: object) -> None:
+    """Raises BadValue for a number that x cannot have."""
+    if x_axis not in (1, 2):
+        raise BadValue(f"x_axis is 1 or 2, not {x_axis!r}")
+
+
+class Board:
+    """A board with two axes or more. identity: its answer to *IDN?; x_axis: the number of the axis called x.
+
+    last: when the last status came (on the clock of receive_status()), and the status; None before the first.
+    """
+
+    def __init__(self, identity: str, x_axis: int) -> None:
+        self.identity = identity
+        self.x_axis = x_axis
+        self.last: tuple[float, Status] | None = None
+        self.numbers: dict[str, int] = {}  # of the axes, by name: x, y, axis3 …
+        self._boot_id: int | None = None
+
+    @property
+    def id(self) -> str:
+        """The board's unique id."""
+        return self.identity.rsplit(",", 2)[1]
+
+    def receive_status(self, line: str, now_s: float) -> Status:
+        """Parse an answer to XS?. Raises NotAMount, also for another number of axes than before."""
+        status = parse_status(line, self.x_axis)
+        count = len(status.axes)
+        if not self.last:
+            names = {axis_name(number, self.x_axis): number for number in range(1, count + 1)}
+            self.numbers = {name: names[name] for name in status.by_name}
+        elif count != len(self.numbers):
+            raise NotAMount(f"the board had {len(self.numbers)} axes and has {count} now: open it again")
+        self.last = now_s, status
+        return status
+
+    def has_restarted(self, status: Status) -> bool:
+        """True for the first status after a restart that was not expected."""
+        before, self._boot_id = self._boot_id, status.boot_id
+        return before is not None and before != status.boot_id
+
+    def expect_restart(self) -> None:
+        """The next status may have another boot id."""
+        self._boot_id = None
+
+    def parse_error(self, line: str) -> QueuedError:
+        """An entry of the error queue, with the names of the axes. Raises NotAMount."""
+        return parse_error(line, self.x_axis)

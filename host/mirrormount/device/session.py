@@ -1,0 +1,257 @@
+"""A session with a board: the link, the stop, the keep-alive, and one exchange at a time.
+
+A Mount, a worker of a panel, a loop with a camera and a server on the network stand on it. Every line that starts a
+motion sets the board's keep-alive, so that a program that dies stops the mount. Any thread may call any method; a
+stop waits for no other thread's exchange.
+"""
+
+import contextlib
+import logging
+import re
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
+from typing import Self
+
+from mirrormount.common.errors import BadValue, BoardError, ConnectionLost, MountError, NoAnswer, NotAMount
+from mirrormount.common.keep_alive import KEEP_ALIVE_MS
+from mirrormount.common.printable import printable
+from mirrormount.device.board import RESET_CAUSES, Board, check_x_axis
+from mirrormount.device.handshake import identify
+from mirrormount.device.keep_alive import FEED_S, KeepAlive
+from mirrormount.device.status import QueuedError, Status
+from mirrormount.device.stop_gate import StopGate
+from mirrormount.transport.lines import Link
+from mirrormount.transport.stop_socket import SENT, STOPPED, Stoppable
+
+_ANSWER_S = 1.0
+_GATE_S = 0.05  # longest wait of another program's stop for a thread that writes a line
+_ECHO_LINES = 5  # of a frame
+_LONGEST_ANSWER = 4096
+_ERRORS_MOST = 20  # of a board's queue
+_COMMAND_LINE = re.compile(r" *([A-Za-z*1-9]|0[0-9]*>)")  # the table of first bytes in docs/protocol.md
+
+_log = logging.getLogger("mirrormount")
+
+
+class Session:
+    """An open session. Identifying the board stops it. x_axis: the board's number of the axis called x.
+
+    Attributes: link; board (identity, axes, last status); gate (stops before starts); keep_alive.
+    Raises what identify() raises.
+    """
+
+    def __init__(self, link: Link, *, x_axis: int = 2) -> None:
+        check_x_axis(x_axis)
+        self.link = link
+        self.board = Board(identify(link), x_axis)
+        self.gate = StopGate()
+        self.keep_alive = KeepAlive(lambda: self.status().moving, threaded=not link.lockstep)
+        self.stoppable: Stoppable | None = None
+        self._closed = False
+        self.status()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        try:
+            # a stop that fails must not hide the exception that is on its way; the keep-alive stands behind it
+            hidden = kind is not None and kind is not KeyboardInterrupt
+            with contextlib.suppress(MountError) if hidden else contextlib.nullcontext():
+                self.stop()
+        finally:
+            self.close()
+
+    def close(self) -> None:
+        """Close the port. Does not stop: the board's keep-alive will."""
+        self._closed = True
+        self.keep_alive.end()
+        self.keep_alive.join()
+        if self.stoppable:
+            self.stoppable.close()
+        self.link.close()
+
+    def age(self) -> str:
+        """How old the last status is, for a text. The board is not asked."""
+        if self._closed:
+            return "closed"
+        if not self.board.last:
+            return "not seen yet"
+        return f"as it was {self.link.monotonic() - self.board.last[0]:.1f} s ago"
+
+    # ---- stops
+
+    def stop(self) -> None:
+        """All motors off, at once; returns when the board has confirmed it.
+
+        Sent without waiting for any other thread's exchange. Raises ConnectionLost, NoAnswer.
+        """
+        self.halt()
+        with self.link.lock:
+            self.link.write(b"!\n")  # again: another thread may have been in the middle of starting
+            self.link.drain(0.02)
+            if self.status().moving:
+                raise NoAnswer("the board still moves after a stop: cut the motors' supply")
+
+    def halt(self) -> None:
+        """Send the stop and return at once, whatever other threads do; stop() also confirms it.
+
+        A motion that another thread is about to start does not start after it. Raises ConnectionLost.
+        """
+        self._check_open()
+        with self.gate.stopping():
+            self.keep_alive.end()
+            self.link.port.write(b"!\n")
+
+    def accept_stops(self, address: str, also: Callable[[], None] | None = None) -> None:
+        """Let `mirrormount stop` of this user stop the board until close(). A board in lockstep takes none.
+
+        also is called after each such stop, in a thread of its own: for a program that has motions in a queue.
+        """
+        if not self.link.lockstep and self.stoppable is None:
+            self.stoppable = Stoppable([address], lambda: self.stop_for_another_program(also))
+
+    def stop_for_another_program(self, also: Callable[[], None] | None = None) -> str:
+        """Write the stop without waiting for a thread that hangs, then confirm it if the link is free.
+
+        Returns STOPPED or SENT. Raises ConnectionLost, NoAnswer.
+        """
+        with self.gate.stopping(_GATE_S):
+            self.keep_alive.end()
+            self.link.port.write(b"!\n")
+        if also:
+            also()
+        if not self.link.lock.acquire(timeout=_ANSWER_S):
+            return SENT
+        try:
+            if self.status().moving:
+                raise NoAnswer("the board moves again: end that program")
+            return STOPPED
+        finally:
+            self.link.lock.release()
+
+    @contextlib.contextmanager
+    def stopped_by_interrupt(self) -> Iterator[None]:
+        """Inside, an interrupt (KeyboardInterrupt) stops all motors before it propagates."""
+        try:
+            yield
+        except KeyboardInterrupt:
+            with contextlib.suppress(MountError):  # the keep-alive stands behind it
+                self.stop()
+            raise
+
+    # ---- exchanges
+
+    def ask(self, query: str) -> str:
+        """Send a command line with a query; returns the board's one line of answers (docs/protocol.md)."""
+        return self._exchange(query.encode("ascii") + b"\n")
+
+    def send(self, line: str) -> str:
+        """Send a command line of any kind; returns its answers, "" without a query.
+
+        Raises BoardError for the first of its commands that is refused; errors that waited from
+        before are logged. A motion that it starts is not kept alive. Raises BadValue if the line is not
+        printable ASCII, or a frame or a stop; NoAnswer.
+        """
+        if not (line.isascii() and line.isprintable() and line.strip()):
+            raise BadValue(f"a command line is printable ASCII, not {line!r}")
+        if not _COMMAND_LINE.match(line):
+            raise BadValue(f"{line!r} is no command line: a frame is sent by drive, a stop by stop")
+        return self._send(line)
+
+    def start(self, command: str, last_stop: int) -> None:
+        """Send a command that starts a motion, with its keep-alive. Raises BoardError if refused.
+
+        last_stop is gate.last_stop() at the time of the request: MoveEnded if there was a stop since.
+        """
+        self.keep_alive.check()
+        self._send(f"XK{KEEP_ALIVE_MS};{command}", self.gate.starting(last_stop))
+
+    def start_frame(self, frame: bytes, last_stop: int) -> Status:
+        """Send a frame of the paper's protocol with a keep-alive; returns the status after it. Raises as start()."""
+        self.keep_alive.check()
+        with self.link.lock:
+            self._log_old_errors()
+            line = self._exchange(b"XK%d\n%s\nXS?\n" % (KEEP_ALIVE_MS, frame), self.gate.starting(last_stop))
+            if line == frame.decode():
+                for _ in range(_ECHO_LINES - 1):
+                    self.link.read_line(_ANSWER_S)
+                line = self.link.read_line(_ANSWER_S)
+            return self._receive_status(line)
+
+    def status(self) -> Status:
+        """Ask the board. Raises NoAnswer, ConnectionLost (also if the board has restarted since)."""
+        return self._receive_status(self.ask("XS?"))
+
+    def take_errors(self) -> list[str]:
+        """The board's queued errors, oldest first, taken from its queue: "62, KEEP-ALIVE LOST" …"""
+        errors = []
+        while not (line := self.ask("TB?")).startswith("0,"):
+            errors.append(line)
+            if len(errors) > _ERRORS_MOST:
+                raise NotAMount(f"the error queue does not end: {line!r}")
+        return errors
+
+    def errors(self) -> list[QueuedError]:
+        """The same as take_errors(), each with its number and its text. They are taken from the board's queue."""
+        return [self.board.parse_error(line) for line in self.take_errors()]
+
+    def sleep(self, seconds: float) -> None:
+        """Let time pass (the board's own, on a virtual board in lockstep) with the motion kept alive.
+
+        An interrupt (Ctrl-C) stops all motors.
+        """
+        if isinstance(seconds, bool) or not isinstance(seconds, int | float) or not seconds >= 0:
+            raise BadValue(f"a time to sleep is a number of seconds, not {seconds!r}")
+        end = self.link.monotonic() + seconds
+        with self.stopped_by_interrupt():
+            while (left := end - self.link.monotonic()) > 0:
+                if self.link.lockstep and self.keep_alive.active:
+                    self.status()
+                self.keep_alive.check()
+                self.link.sleep(min(left, FEED_S))
+
+    def board_error(self, line: str) -> BoardError:
+        """An entry of the error queue as an exception."""
+        error = self.board.parse_error(line)
+        return BoardError(error.code, error.text)
+
+    def _exchange(self, data: bytes, gate: AbstractContextManager[object] | None = None) -> str:
+        """Send, and return the board's next line, safe to print."""
+        self._check_open()
+        return printable(self.link.ask(data, _ANSWER_S, gate), _LONGEST_ANSWER)
+
+    def _send(self, line: str, gate: AbstractContextManager[object] | None = None) -> str:
+        with self.link.lock:
+            self._log_old_errors()
+            try:
+                *answers, error = self._exchange(f"{line};TB?\n".encode("ascii"), gate).split("; ")
+            except NoAnswer:
+                if errors := self.errors():  # a malformed line is not executed, its TB? included
+                    raise BoardError(errors[0].code, errors[0].text) from None
+                raise
+            if "*RST" in line.upper():
+                self.board.expect_restart()
+            if not error.startswith("0,"):
+                self.take_errors()
+                raise self.board_error(error.rpartition(">")[2])
+            return "; ".join(answers)
+
+    def _check_open(self) -> None:
+        if self._closed:
+            raise ConnectionLost("this Mount was closed: open it again")
+
+    def _log_old_errors(self) -> None:
+        """Empty the error queue, so that an old error is not taken for a refusal of the next line."""
+        if self.status().errors_waiting:
+            for error in self.errors():
+                _log.warning("the board reports %s", error)
+
+    def _receive_status(self, line: str) -> Status:
+        status = self.board.receive_status(line, self.link.monotonic())
+        if self.board.has_restarted(status):
+            cause = RESET_CAUSES.get(self.ask("XH?").split(",")[-1], "it does not say why")
+            raise ConnectionLost(
+                f"the board has restarted ({cause}): what was moving has stopped, positions start anew"
+            )
+        return status
