@@ -5,8 +5,25 @@ with Mount.open() as mount:
     mount.x.step(5)
 """
 
+from typing import TYPE_CHECKING
+
 from mirrormount.common.errors import MountError
-from mirrormount.device.mount import Limits, Mount
 from mountfw import __version__
 
+if TYPE_CHECKING:
+    from mirrormount.device.mount import Limits, Mount
+
 __all__ = ["Limits", "Mount", "MountError", "__version__"]
+
+
+def __getattr__(name: str) -> object:
+    """Limits and Mount, imported at their first use: `mirrormount stop` asks a running program without them."""
+    if name in ("Limits", "Mount"):
+        from mirrormount.device import mount
+
+        return getattr(mount, name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return [*globals(), "Limits", "Mount"]

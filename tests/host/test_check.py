@@ -3,9 +3,9 @@
 import pytest
 
 from mirrormount import Mount
-from mirrormount.cli import check_motion, main
-from mirrormount.cli.check import run
+from mirrormount.cli import main, self_test_motion
 from mirrormount.cli.outcomes import Wrong
+from mirrormount.cli.self_test import run_checks
 from mirrormount.common import errors
 from mirrormount.device.axis import Axis
 
@@ -14,7 +14,7 @@ ADDRESS = "virtual://?speed=max&bench=switches"
 
 @pytest.fixture
 def mount():
-    mount = Mount.open(ADDRESS)  # run() closes it
+    mount = Mount.open(ADDRESS)  # run_checks() closes it
     yield mount
     mount.close()
 
@@ -23,7 +23,7 @@ def check(mount: Mount, capsys, *, move: bool = False) -> tuple[dict[str, str], 
     """({what: line}, did it pass?)"""
     passed = True
     try:
-        run(lambda: mount, move=move)
+        run_checks(lambda: mount, move=move)
     except errors.CheckFailed:
         passed = False
     lines = capsys.readouterr().out.splitlines()
@@ -132,14 +132,14 @@ def test_a_step_that_drives_for_another_time_than_it_should_is_wrong(mount, monk
     ask_whole = mount.x.ask_whole
     monkeypatch.setattr(Axis, "ask_whole", lambda _, *q: [198_500, 0] if q == ("XP?", "XB?") else ask_whole(*q))
     with pytest.raises(Wrong, match="not 198500 us"):
-        check_motion.one_step(mount.x, 1)
+        self_test_motion.one_step(mount.x, 1)
 
 
 def test_a_keep_alive_that_does_not_act_is_wrong_and_the_axis_is_at_rest_after_it(mount, monkeypatch):
     send = mount.send
     monkeypatch.setattr(mount, "send", lambda line: send(line.replace("XK100;", "")))
     with pytest.raises(Wrong, match="keep-alive lost"):
-        check_motion.keep_alive(mount, mount.x)
+        self_test_motion.keep_alive(mount, mount.x)
     assert not mount.status().moving
 
 
@@ -150,10 +150,10 @@ def test_the_moves_that_are_ended_have_drive_when_they_end(mount, capsys):
 
 
 def test_a_move_that_ends_before_the_motor_has_drive_is_no_test(mount, monkeypatch):
-    monkeypatch.setattr(check_motion, "_rest", lambda *_: None)
+    monkeypatch.setattr(self_test_motion, "_rest", lambda *_: None)
     mount.x.step(1)
     with pytest.raises(Wrong, match="nothing was tested"):
-        check_motion.stop(mount, mount.x)
+        self_test_motion.stop(mount, mount.x)
 
 
 def test_a_move_into_a_switch_fails_and_the_other_axis_is_still_tested(mount, capsys):

@@ -176,15 +176,30 @@ def test_the_port_may_come_from_the_environment(board, monkeypatch, capsys):
     assert capsys.readouterr().out == "y: +1.000 steps\n"
 
 
-def test_stopping_imports_nothing_heavy():
+def test_stopping_a_board_imports_nothing_heavy():
     code = (
         "import sys; from mirrormount.cli import main; import mirrormount.device.mount;"
-        "import mirrormount.transport.open; main._parser();"
+        "import mirrormount.transport.open; main.parser();"
         "heavy = ('numpy', 'matplotlib', 'mirrormount.virtual', 'platformdirs', 'tomllib');"
         "print([m for m in heavy if m in sys.modules])"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout == "[]\n"
+
+
+def test_a_stop_by_the_program_that_has_the_port_imports_next_to_nothing():
+    code = (
+        "import sys; from mirrormount.cli import main;"
+        "from mirrormount.transport.stop_socket import Stoppable;"
+        "owner = Stoppable(['/dev/mount'], lambda: 'stopped');"
+        "status = main.main(['stop', '--port', '/dev/mount']); owner.close();"
+        "print(status, sorted(m for m in sys.modules if m.split('.')[0] in ('serial', 'numpy', 'asyncio', 'logging')"
+        " or m.startswith(('mirrormount.device.', 'mirrormount.deploy.', 'mirrormount.network.'))))"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    said, imported = run.stdout.splitlines()
+    assert said.startswith("stopped (by process ")
+    assert imported == "0 []"
 
 
 def test_home_drives_to_the_switch_and_says_so(tmp_path):

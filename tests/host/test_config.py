@@ -7,7 +7,7 @@ import pytest
 
 from mirrormount import Mount
 from mirrormount.cli import main
-from mirrormount.cli.config import export, import_, load
+from mirrormount.cli.config_verbs import export, import_, load
 from mirrormount.common import errors
 from mirrormount.device.mount import Limits
 from mirrormount.device.settings import SETTINGS

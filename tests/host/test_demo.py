@@ -2,7 +2,7 @@
 
 import pytest
 
-from mirrormount.cli import demo
+from mirrormount.cli import demo_square as demo
 from mirrormount.common.errors import BadValue, DemoFailed
 from mirrormount.device.mount import Mount
 from mirrormount.virtual.wiring import DRIVES
@@ -78,21 +78,21 @@ def test_a_wrong_take_up_leaves_it_open():
 def test_a_take_up_that_fails_is_an_error_after_the_picture_was_drawn(tmp_path, monkeypatch):
     monkeypatch.setattr(demo, "take_up", lambda mount, rows: (0, 0))
     with pytest.raises(DemoFailed, match="the backlash was not taken up: left open, horizontal, left open, vertical"):
-        demo.run("virtual://?speed=max", tmp_path / "square.png")
+        demo.demonstrate("virtual://?speed=max", tmp_path / "square.png")
 
 
 def test_a_bad_table_is_an_error_after_the_picture_was_drawn(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(demo, "STEP_X_MRAD", 0.5)
     output = tmp_path / "square.png"
     with pytest.raises(DemoFailed, match="step, horizontal"):
-        demo.run("virtual://?speed=max", output)
+        demo.demonstrate("virtual://?speed=max", output)
     assert output.read_bytes().startswith(b"\x89PNG")
     assert "NOT OK" in capsys.readouterr().out
 
 
 def test_the_demo_runs_on_a_virtual_board_only():
     with pytest.raises(BadValue):
-        demo.run("/dev/ttyACM0", None)
+        demo.demonstrate("/dev/ttyACM0", None)
 
 
 def test_a_spot_is_found_to_a_fraction_of_a_pixel_and_darkness_is_not_a_spot():

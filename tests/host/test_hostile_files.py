@@ -9,8 +9,8 @@ import pytest
 from served import run_cli
 
 from mirrormount import Mount
-from mirrormount.cli import demo
-from mirrormount.cli.config import export
+from mirrormount.cli import demo_square as demo
+from mirrormount.cli.config_verbs import export
 from mirrormount.common import errors, toml_file
 from mirrormount.device import calibration
 
@@ -123,5 +123,5 @@ def test_a_terminal_of_few_characters_gets_every_line():
 def test_a_demo_without_matplotlib_says_what_to_install_from_this_copy(monkeypatch, tmp_path):
     monkeypatch.setattr(demo.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(errors.ExtraMissing, match=r'pip install -e ".*\[plot\]"'):
-        demo.run("virtual://", tmp_path / "square.png")
+        demo.demonstrate("virtual://", tmp_path / "square.png")
     assert not list(tmp_path.iterdir())

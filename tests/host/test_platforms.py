@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import pytest
 import serial
 
-from mirrormount.cli import virtual
+from mirrormount.cli import virtual_board as virtual
 from mirrormount.common import errors
 from mirrormount.transport import failures
 

@@ -8,7 +8,7 @@ from served import run_cli
 
 from mirrormount import Mount
 from mirrormount.cli.dialogue import Dialogue
-from mirrormount.cli.setup import run
+from mirrormount.cli.setup_course import run_course
 from mirrormount.common import errors
 from mirrormount.device import calibration
 from mirrormount.device.scale_fit import Marks, beam_per_mirror, measure
@@ -97,7 +97,7 @@ REPLIES = {
 
 def set_up(mount: Mount, answers: dict[str, list] | None = None, **more) -> Person:
     person = Person(mount, answers, **more)
-    run(mount, person, person.say)
+    run_course(mount, person, person.say)
     return person
 
 
@@ -215,7 +215,7 @@ def test_ctrl_c_leaves_the_motors_off_and_nothing_changed(mount):
     before = mount.settings()
     person = Person(mount, {"Where is": [KeyboardInterrupt()]}, distance_mm=SCREEN_MM)
     with pytest.raises(KeyboardInterrupt):
-        run(mount, person, person.say)
+        run_course(mount, person, person.say)
     assert "nothing was saved" in person.said[-1]
     assert mount.settings() == before
     assert not any(mount.link.port.simulation.bench.duties().values())

@@ -5,7 +5,8 @@ import socket
 
 import pytest
 
-from mirrormount.cli import main, panel
+from mirrormount.cli import main
+from mirrormount.cli import panel_opening as panel
 
 
 class Terminal(io.StringIO):

@@ -1,83 +1,93 @@
-"""The subcommands that move: step, move, home, jog, drive. Imports client, errors, progress, sketch.
-
-A motion is shown on one line while it lasts, if stderr is a terminal. However it ends, the position at the
-end is printed; Ctrl-C stops both motors first.
-"""
+"""The commands that move: step, move, home, jog, drive. moving.py does the work."""
 
 import argparse
-import contextlib
-import math
-from collections.abc import Callable, Iterator, Sequence
 
-from mirrormount.common.errors import REASONS, BadValue, MountError, NotSupported
-from mirrormount.common.progress import StatusLine
-from mirrormount.device.arduino_sketch import LIMITS, SketchMount
-from mirrormount.device.axis import Axis
-from mirrormount.device.mount import AxisStatus, Mount
-from mountfw import codes as wire
-
-_LOOK_S = 0.05
+from mirrormount.cli.command import SECONDS_HELP, Command, axis_argument, number, open_any, port_options, whole
+from mirrormount.common.errors import BadValue
 
 
-def step(mount: Mount | SketchMount, name: str, n: int) -> None:
-    """Move by n steps and print the position."""
-    axis = getattr(mount, name)
-    if isinstance(mount, SketchMount):
-        axis.step(n)
-        print(f"{name}: {n} steps sent ({LIMITS})")
-        return
-    with watched(mount, [axis]) as line:
-        target = axis.position + n
-        axis.step(n, progress=_shown(line, name, f"on the way to {target:+.1f}"))
-    print(place(axis))
+def step_arguments(parser: argparse.ArgumentParser) -> None:
+    """AXIS and N."""
+    port_options(parser)
+    axis_argument(parser)
+    parser.add_argument("n", metavar="N", help="steps, a whole number")
 
 
-def move(mount: Mount | SketchMount, name: str, position: float) -> None:
-    """Move to a position, which may lie between two steps, and print it."""
-    axis = getattr(mount, name)
-    if isinstance(mount, SketchMount):
-        axis.move_to(position)  # raises NotSupported
-        return
-    with watched(mount, [axis]) as line:
-        axis.move_to(position, progress=_shown(line, name, f"on the way to {position:+g}"))
-    print(place(axis))
+def step(args: argparse.Namespace) -> None:
+    """Move by N steps and print the position. Raises MountError."""
+    from mirrormount.cli import moving
+
+    n = whole(args.n, "N")
+    with open_any(args) as mount:
+        moving.step(mount, args.axis, n)
 
 
-def home(mount: Mount | SketchMount, name: str) -> None:
-    """Find the end-stop and print by how much the count was off."""
-    if isinstance(mount, SketchMount):
-        raise NotSupported(f"no end-stops: {LIMITS}")
-    axis = getattr(mount, name)
-    with watched(mount, [axis]) as line:
-        off = axis.home(progress=_shown(line, name, "on the way to the end-stop")).discrepancy_steps
-    print(f"{name}: at home" + ("" if off is None else f"; the count was off by {off:+.3f} steps"))
+def move_arguments(parser: argparse.ArgumentParser) -> None:
+    """AXIS and STEPS."""
+    port_options(parser)
+    axis_argument(parser)
+    parser.add_argument("position", metavar="STEPS", help="a number, such as 5 or -0.25")
 
 
-def jog(mount: Mount | SketchMount, name: str, speed: float, seconds: float | None) -> None:
-    """Run one axis at a speed for some seconds, or until Ctrl-C or the board's run limit."""
-    axis = getattr(mount, name)
-    if isinstance(mount, SketchMount):
-        axis.jog(speed)
-        _let_run(mount, seconds)
-    else:
-        _run(mount, [axis], seconds, lambda: axis.jog(speed))
+def move(args: argparse.Namespace) -> None:
+    """Move to a position in steps and print it. Raises MountError."""
+    from mirrormount.cli import moving
+
+    position = number(args.position, "STEPS")
+    with open_any(args) as mount:
+        moving.move(mount, args.axis, position)
 
 
-def drive(mount: Mount | SketchMount, m1: int, m2: int, seconds: float | None) -> None:
-    """Drive both motors for some seconds, or until Ctrl-C or the board's run limit."""
-    if m1 == 0 and m2 == 0:
-        mount.stop()
-        return
-    if isinstance(mount, SketchMount):
-        mount.drive(m1, m2)
-        _let_run(mount, seconds)
-        return
-    axes = [axis for axis in (mount.x, mount.y) if (m1, m2)[axis.number - 1]]
-    _run(mount, axes, seconds, lambda: mount.drive(m1, m2))
+def home_arguments(parser: argparse.ArgumentParser) -> None:
+    """AXIS."""
+    port_options(parser)
+    axis_argument(parser)
 
 
-def seconds_of(args: argparse.Namespace, number: Callable[[str, str], float]) -> float | None:
-    """What --seconds says, None without it. Raises BadValue."""
+def home(args: argparse.Namespace) -> None:
+    """Home an axis. Raises MountError."""
+    from mirrormount.cli import moving
+
+    with open_any(args) as mount:
+        moving.home(mount, args.axis)
+
+
+def jog_arguments(parser: argparse.ArgumentParser) -> None:
+    """AXIS, SPEED, and for how long."""
+    port_options(parser)
+    axis_argument(parser)
+    parser.add_argument("speed", metavar="SPEED", help="-1 ... 1, of full speed")
+    parser.add_argument("--seconds", metavar="S", help=SECONDS_HELP)
+
+
+def jog(args: argparse.Namespace) -> None:
+    """Run one axis. Raises MountError."""
+    from mirrormount.cli import moving
+
+    speed, seconds = number(args.speed, "SPEED"), _seconds(args)
+    with open_any(args) as mount:
+        moving.jog(mount, args.axis, speed, seconds)
+
+
+def drive_arguments(parser: argparse.ArgumentParser) -> None:
+    """M1, M2, and for how long."""
+    port_options(parser)
+    parser.add_argument("m1", metavar="M1")
+    parser.add_argument("m2", metavar="M2")
+    parser.add_argument("--seconds", metavar="S", help=SECONDS_HELP)
+
+
+def drive(args: argparse.Namespace) -> None:
+    """Drive both motors. Raises MountError."""
+    from mirrormount.cli import moving
+
+    m1, m2, seconds = whole(args.m1, "M1"), whole(args.m2, "M2"), _seconds(args)
+    with open_any(args) as mount:
+        moving.drive(mount, m1, m2, seconds)
+
+
+def _seconds(args: argparse.Namespace) -> float | None:
+    """The value of --seconds, None without it. Raises BadValue."""
     if args.seconds is None:
         return None
     seconds = number(args.seconds, "--seconds")
@@ -86,74 +96,15 @@ def seconds_of(args: argparse.Namespace, number: Callable[[str, str], float]) ->
     return seconds
 
 
-def place(axis: Axis, status: AxisStatus | None = None) -> str:
-    """Where an axis is: "x: +3.000 steps"."""
-    return f"{axis.name}: {(status or axis.status()).position:+.3f} steps"
-
-
-@contextlib.contextmanager
-def watched(mount: Mount, axes: Sequence[Axis]) -> Iterator[StatusLine]:
-    """A line to show a motion on. A KeyboardInterrupt stops both motors, and then says where the axes are."""
-    line = StatusLine()
-    try:
-        yield line
-    except KeyboardInterrupt:
-        line.end()
-        mount.stop()
-        status = mount.status()
-        places = [(axis, status.by_name[axis.name]) for axis in axes]
-        where = ", ".join(f"{place(axis, at)} ({at.certainty})" for axis, at in places)
-        raise KeyboardInterrupt(f"stopped at {where}") from None
-    finally:
-        line.end()
-
-
-def _shown(line: StatusLine, name: str, where_to: str) -> Callable[[AxisStatus], None]:
-    return lambda status: line.show(f"{name}: {status.position:+.1f} steps, {where_to}; Ctrl-C stops")
-
-
-def _let_run(mount: SketchMount, seconds: float | None) -> None:
-    while seconds is None:
-        mount.sleep(3600)
-    mount.sleep(seconds)
-
-
-def _run(mount: Mount, axes: Sequence[Axis], seconds: float | None, start: Callable[[], None]) -> None:
-    """Start a motion that has no end of its own, and wait until it ends."""
-    limit_s = min(axis.run_limit_s for axis in axes)
-    if seconds is not None and seconds > limit_s:
-        name = next(axis.name for axis in axes if axis.run_limit_s == limit_s)
-        raise BadValue(f"the board lets {name} run for {limit_s:g} s at most (setting {name}.run_limit_ms)")
-    with watched(mount, axes) as line:
-        start()
-        ended = _watch_run(mount, axes, seconds, limit_s, line)
-    print(", ".join(place(axis) for axis in axes) + ended)
-
-
-def _watch_run(mount: Mount, axes: Sequence[Axis], seconds: float | None, limit_s: float, line: StatusLine) -> str:
-    """Wait for the end of a run. Returns what is to be said of it; raises MoveEnded if something else ended it."""
-    begun = mount.link.monotonic()
-    end = math.inf if seconds is None else begun + seconds
-    while (left := end - mount.link.monotonic()) > 0:
-        mount.sleep(min(_LOOK_S, left))
-        status = mount.status()
-        if not status.moving:
-            return _how_it_ended(mount, axes, limit_s)
-        where = ", ".join(f"{axis.name}: {status.by_name[axis.name].position:+.1f} steps" for axis in axes)
-        rest_s = min(end, begun + limit_s) - mount.link.monotonic()
-        line.show(f"{where}; {max(0.0, rest_s):.0f} s more, Ctrl-C stops")
-    mount.stop()
-    return ""
-
-
-def _how_it_ended(mount: Mount, axes: Sequence[Axis], limit_s: float) -> str:
-    """The run limit is the bound that a run without --seconds was asked to end at; all else is an error."""
-    reasons = [axis.last_move().reason for axis in axes]
-    errors = mount.errors()
-    if set(reasons) == {wire.RUN_LIMIT}:
-        names = " and ".join(f"{axis.name}.run_limit_ms" for axis in axes)
-        return f" (the run limit of {limit_s:g} s has ended it: setting {names})"
-    whys = [f"{axis.name}: {REASONS.get(reason, reason)}" for axis, reason in zip(axes, reasons, strict=True)]
-    ended = MountError(f"the motion ended early: {'; '.join([*whys, *map(str, errors)])}")
-    ended.codes = tuple(error.code for error in errors)
-    raise ended
+COMMANDS = (
+    Command("step", "move by N steps (may be negative)", step, step_arguments),
+    Command("move", "move to a position, in steps", move, move_arguments),
+    Command("home", "find an axis's end-stop; position 0 is there", home, home_arguments),
+    Command("jog", "run at SPEED until Ctrl-C or the board's run limit, or for S seconds", jog, jog_arguments),
+    Command(
+        "drive",
+        "drive y (motor 1) at M1 and x (motor 2) at M2 (-255 ... 255) until Ctrl-C or the run limit, or for S seconds",
+        drive,
+        drive_arguments,
+    ),
+)

@@ -1,6 +1,6 @@
 """What `mirrormount setup` asks about one axis: which way it goes, which switches it has, how far a step goes.
 
-Each function changes the settings on the board as it learns, and stores nothing; setup_command.py does
+Each function changes the settings on the board as it learns, and stores nothing; setup_course.py does
 that in the end, or puts everything back.
 """
 

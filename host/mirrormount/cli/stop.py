@@ -1,17 +1,30 @@
 """`mirrormount stop`: both motors off, also when another program has the port."""
 
+import argparse
+
+from mirrormount.cli.command import Command, open_any, port_options
 from mirrormount.common.errors import MountError, NoAnswer, NoBoardFound, PortBusy
-from mirrormount.device.mount import Mount
-from mirrormount.transport import stop_socket
-from mirrormount.transport.stop_socket import STOPPED
 
 
-def run(address: str | None) -> None:
+def run(args: argparse.Namespace) -> None:
+    """Stop the mount at --port, or all. Raises MountError."""
+    if args.sketch:
+        with open_any(args):  # opening already stops, and says so if it could not
+            pass
+        print("stopped")
+    else:
+        stop(args.port)
+
+
+def stop(address: str | None) -> None:
     """Stop the mount at address; without one, every mount that this user has open, and the one that is plugged in.
 
     Raises MountError if one of them did not stop, or cannot be known to have; the others are stopped all the same.
-    With several of those, the message has all of them.
+    With several of those, the message has all of them. A program that has the port is asked before anything of the
+    client library is imported.
     """
+    from mirrormount.transport import stop_socket
+
     owners = stop_socket.owners(address)
     problems: list[MountError] = []
     if not address and (why := stop_socket.why_none()):
@@ -20,9 +33,11 @@ def run(address: str | None) -> None:
         if isinstance(answer, MountError):
             problems.append(answer)
         else:
-            how = "stopped" if answer == STOPPED else "stop sent; the board was too busy to confirm it"
+            how = "stopped" if answer == stop_socket.STOPPED else "stop sent; the board was too busy to confirm it"
             print(f"{how} (by {owner}, which has the port)")
     if not owners or address is None:
+        from mirrormount.device.mount import Mount
+
         try:
             Mount.open(address).close()  # opening stops, and says so if it could not
         except PortBusy as e:
@@ -38,3 +53,6 @@ def run(address: str | None) -> None:
         raise MountError("; ".join(str(problem) for problem in problems))
     if problems:
         raise problems[0]
+
+
+COMMAND = Command("stop", "both motors off, now", run, port_options)

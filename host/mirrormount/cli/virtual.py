@@ -1,74 +1,41 @@
-"""`mirrormount virtual`: a virtual board for any client, until Ctrl-C or SIGTERM."""
+"""`mirrormount virtual`: a virtual board for any client, by virtual_board.py."""
 
 import argparse
-import os
-import signal
-import sys
 from pathlib import Path
-from types import FrameType
 
-from mirrormount.common.errors import BadAddress, BadValue, MountError
-from mirrormount.common.validation import digits
-from mirrormount.virtual.board import Options, make_simulation
-from mirrormount.virtual.ports import Port, PtyPort, TcpPort
-from mirrormount.virtual.realtime import serve
-from mirrormount.virtual.simulation import BoardGone
+from mirrormount.cli.command import Command
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """Which board, what it keeps, and where clients reach it."""
+    parser.add_argument(
+        "--machine",
+        choices=("cpython", "micropython", "rp2040", "circuitpython"),
+        default="cpython",
+        help="what runs the firmware (circuitpython: its port for those boards, on fake modules)",
+    )
+    parser.add_argument(
+        "--files", type=Path, metavar="FOLDER", help="the board's file system (cpython, circuitpython: what it saves)"
+    )
+    parser.add_argument(
+        "--image", type=Path, metavar="FILE", help="rp2040: the MicroPython or CircuitPython image, .uf2 or .bin"
+    )
+    parser.add_argument("--flash", type=Path, metavar="FILE", help="rp2040: keeps the flash from run to run")
+    parser.add_argument("--link", type=Path, metavar="PATH", help="make PATH a symlink to the board's pty")
+    parser.add_argument("--tcp", metavar="PORT", help="listen on this loopback port (0: any that is free)")
+    parser.add_argument(
+        "--edges", type=Path, metavar="FILE", help="write every pin edge to FILE, one JSON object a line"
+    )
+    parser.add_argument("--bench", choices=("paper", "switches"), default="paper", help="with or without end-stops")
+    parser.add_argument("--board", choices=("pico", "pico_drv8833"), default="pico", help="which H-bridge")
+    parser.add_argument("--speed", choices=("1", "max"), default="1", help="max is for virtual://?speed=max only")
 
 
 def run(args: argparse.Namespace) -> None:
-    """Serve until told to end. Raises BadAddress, BadValue, MountError."""
-    if args.speed == "max":
-        raise BadValue("a live host needs its own pace: --speed max is for virtual://?speed=max, in one process")
-    signal.signal(signal.SIGTERM, _end)
-    if hasattr(signal, "SIGHUP"):
-        signal.signal(signal.SIGHUP, _end)  # its terminal was closed
-    for name in ("link", "edges", "files", "image", "flash"):
-        if getattr(args, name) == Path(""):
-            raise BadAddress(f"--{name} needs a file's name")
-    ports = _ports(args)
-    try:
-        names = ("machine", "bench", "board", "edges", "files", "image", "flash")
-        simulation = make_simulation(Options(**{name: getattr(args, name) for name in names}))
-        try:
-            print("ready " + " ".join(port.address for port in ports), flush=True)
-            serve(simulation, ports, lambda: False)
-        except BoardGone:
-            raise MountError("the virtual board's firmware has ended unexpectedly") from None
-        except (KeyboardInterrupt, SystemExit):
-            pass
-        finally:
-            simulation.close()
-    finally:
-        for port in ports:
-            port.close()
+    """Serve the board until a signal ends it. Raises MountError."""
+    from mirrormount.cli.virtual_board import serve_board
+
+    serve_board(args)
 
 
-def _ports(args: argparse.Namespace) -> list[Port]:
-    ports: list[Port] = []
-    tcp = args.tcp
-    if tcp is None and args.link is None and os.name != "posix":
-        tcp = "0"
-    if tcp is not None:
-        try:
-            number = digits(tcp, 65535)
-        except BadValue:
-            raise BadValue(f"--tcp is a port number, 0 to 65535, not {tcp[:80]!r}") from None
-        try:
-            ports.append(TcpPort(number))
-        except OSError as e:
-            raise BadAddress(f"cannot listen on 127.0.0.1:{tcp}: {os.strerror(e.errno or 0)}") from e
-    if args.link is not None or not ports:
-        if os.name != "posix":
-            raise BadValue("this system has no pseudo-terminals: use --tcp")
-        if args.link is not None and args.link.exists():
-            what = "is another board's port" if args.link.is_symlink() else "exists and is not a symlink"
-            raise BadAddress(f"{args.link} {what}: not touched")
-        try:
-            ports.append(PtyPort(args.link))
-        except OSError as e:
-            raise BadAddress(f"cannot make {args.link}: {os.strerror(e.errno or 0)}") from e
-    return ports
-
-
-def _end(_signal: int, _frame: FrameType | None) -> None:
-    sys.exit(0)
+COMMAND = Command("virtual", "serve a virtual board until Ctrl-C", run, arguments)

@@ -4,7 +4,6 @@ One client controls at a time. When it goes, the motors stop, and the next one f
 and silent. One thread does all but listening to the board, so nothing here needs a lock.
 """
 
-import argparse
 import contextlib
 import select
 import signal
@@ -15,7 +14,7 @@ from collections.abc import Callable
 from types import FrameType
 
 from mirrormount.common.errors import BadValue, ConnectionLost, MountError
-from mirrormount.common.tokens import SHORT, is_short, read_token
+from mirrormount.common.tokens import SHORT, is_short
 from mirrormount.device.mount import Mount
 from mirrormount.network.client_session import Guest
 from mirrormount.network.listener import Door, parse_where
@@ -38,18 +37,20 @@ _REST_S = 1.5  # how long the board may take to say that it is at rest, for anot
 _SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
 
-def run(args: argparse.Namespace) -> None:
-    """Serve until told to end. Raises MountError."""
-    token = read_token(args.token, args.token_file)
+def serve(address: str | None, where: str, token: bytes | None, *, telnet: bool, finish: bool) -> None:
+    """Serve the board at address (None: the one there is) at where, HOST:PORT, until a signal. Raises MountError.
+
+    token: the first line of a client, if one is asked for. telnet: greet and filter. finish: see Server.
+    """
     if is_short(token):
         _say(SHORT)
-    host, port = parse_where(args.tcp)
+    host, port = parse_where(where)
     for number in _SIGNALS:
         if number == signal.SIGINT or signal.getsignal(number) != signal.SIG_IGN:  # nohup ignores one
             signal.signal(number, _end)
-    door = Door(host, port, token, telnet=args.telnet)
+    door = Door(host, port, token, telnet=telnet)
     try:
-        server = Server(args.at or args.port, door, GREETING if args.telnet else b"", finish=args.on_leave == "finish")
+        server = Server(address, door, GREETING if telnet else b"", finish=finish)
         try:
             print(server.identity)
             print(f"ready {door.address}{' (with a token)' if token else ''}", flush=True)

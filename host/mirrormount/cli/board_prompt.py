@@ -1,0 +1,96 @@
+"""The board's own Python prompt in mpremote's terminal, with the mount at it.
+
+What `m` is there is mountfw/repl.py. The firmware is interrupted meanwhile and started again after.
+"""
+
+import subprocess
+import sys
+import time
+
+from mirrormount.common.child_python import python_module
+from mirrormount.common.errors import AtPrompt, BadAddress, FirmwareMissing, MountError, NoAnswer, NotAMount, PortBusy
+from mirrormount.device.mount import Mount
+from mirrormount.transport.find import find_one
+from mirrormount.transport.lines import Link
+from mirrormount.transport.open import open_port
+from mirrormount.transport.refusals import TAKEN
+
+_GET_M = "from mountfw.repl import m"
+_HELP = """\
+m is the mount: m.x.step(5)  m.x.move_to(0)  m.y.jog(-0.3, ms=800)  m.drive(0, 255, ms=500)  m.status()  m.stop()
+Ctrl-C stops a move. Ctrl-] (or Ctrl-x) leaves, and the firmware starts again."""
+_PROMPT_S = 3.0  # how long a prompt may take to come
+_START_S = 10.0  # and the firmware, after a soft reset
+
+
+def open_prompt(address: str | None) -> None:
+    """Interrupt the firmware, open the prompt, start the firmware again. Raises MountError."""
+    port = find_one() if address is None else address
+    if "://" in port:
+        raise BadAddress(f"{port}: the board's prompt needs a serial port")
+    if not (sys.stdin and sys.stdin.isatty()):
+        raise MountError("repl needs a terminal to type in")
+    link = Link(open_port(port))
+    try:
+        _interrupt(link)
+        try:
+            _check(link)
+            link.close()  # mpremote opens it now
+            print(_HELP, flush=True)
+            status = subprocess.call(python_module("mpremote", "connect", port, "resume", "exec", _GET_M, "repl"))
+        finally:
+            link.close()
+            link = Link(open_port(port))
+            print(f"{_start(link)}: started again", flush=True)
+        if status:
+            raise MountError(f"mpremote has failed (exit status {status})")
+    finally:
+        link.close()
+
+
+def _interrupt(link: Link) -> None:
+    """Stop the motors and the firmware. Returns at the prompt; raises NotAMount if none comes."""
+    link.write(b"!\n")
+    if TAKEN.encode() in link.drain(0.1):
+        raise PortBusy("another program drives this board")
+    link.write(b"\r\x03\x03\x02")  # the last one leaves a raw prompt
+    heard = _hear(link, b">>> ", _PROMPT_S)
+    if b">>> " not in heard:
+        raise NotAMount(f"no Python prompt comes; it answered {heard[-60:]!r}" if heard else "nothing answers")
+
+
+def _check(link: Link) -> None:
+    """See whether m can be had, before a terminal fills with a traceback. Raises FirmwareMissing, MountError."""
+    link.drain(0.1)
+    link.write(_GET_M.encode() + b"\r")
+    said = _hear(link, b"\n>>> ", _PROMPT_S).decode("ascii", "replace")
+    if "Traceback" in said:
+        why = said.strip().removesuffix(">>>").strip().splitlines()[-1]
+        if "ImportError" in why:
+            raise FirmwareMissing(f"this board's firmware has no prompt control ({why}): deploy it")
+        raise MountError(f"the board's prompt has no mount: {why}")
+
+
+def _start(link: Link) -> str:
+    """A soft reset. Returns the firmware's identity; raises what Mount raises if it does not start."""
+    _interrupt(link)
+    link.write(b"\x04")
+    _hear(link, b"soft reboot", _PROMPT_S)
+    end = time.monotonic() + _START_S
+    while True:
+        try:
+            return Mount(link).identity
+        except (AtPrompt, FirmwareMissing):
+            raise
+        except (NotAMount, NoAnswer):  # its first words
+            if time.monotonic() > end:
+                raise
+
+
+def _hear(link: Link, text: bytes, longest_s: float) -> bytes:
+    """What the board says until it has said text, or for longest_s."""
+    heard = b""
+    end = time.monotonic() + longest_s
+    while text not in heard and time.monotonic() < end:
+        heard += link.drain(0.02, 0.1)
+    return heard

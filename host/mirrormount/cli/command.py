@@ -1,0 +1,108 @@
+"""The form of a command, and the arguments that several commands share. Imports only errors.
+
+A command's file is imported to build the parser, whatever command is run: it declares its arguments, and imports in
+run() the modules that do its work.
+"""
+
+import argparse
+import os
+from collections.abc import Callable
+from typing import TYPE_CHECKING, NamedTuple
+
+from mirrormount.common.errors import BadValue, NotSupported
+
+if TYPE_CHECKING:
+    from mirrormount.device.arduino_sketch import SketchMount
+    from mirrormount.device.mount import Mount
+
+AXIS_HELP = "x (right +) or y (up +)"
+SECONDS_HELP = "how long, at most the board's run limit (10 s unless set otherwise)"
+_DEFAULT_PORT = "serial port (default: the one board there is)"
+
+
+class Command(NamedTuple):
+    """One row of the table of commands.
+
+    arguments(parser) adds the command's own; run(arguments) does the work, returns the exit status (None: 0) and may
+    raise MountError.
+    """
+
+    name: str
+    summary: str
+    run: Callable[[argparse.Namespace], int | None]
+    arguments: Callable[[argparse.ArgumentParser], None]
+
+
+def no_arguments(_parser: argparse.ArgumentParser) -> None:
+    """For a command that takes none."""
+
+
+def port_options(parser: argparse.ArgumentParser) -> None:
+    """--port and --sketch, for commands that run on any mount."""
+    parser.add_argument(
+        "--port",
+        default=os.environ.get("MIRRORMOUNT_PORT"),
+        help="serial port, socket://HOST:PORT or virtual:// (default: $MIRRORMOUNT_PORT, else the one board there is)",
+    )
+    parser.add_argument("--sketch", action="store_true", help="the port is an Arduino that runs the paper's sketch")
+
+
+def board_port(parser: argparse.ArgumentParser) -> None:
+    """The port of a board that the command needs for itself: PORT, or --port. See port_of."""
+    parser.add_argument("at", nargs="?", metavar="PORT", help=_DEFAULT_PORT)
+    parser.add_argument("--port", default=os.environ.get("MIRRORMOUNT_PORT"), help="the same")
+
+
+def port_of(args: argparse.Namespace) -> str | None:
+    """The port that board_port's arguments name, or None."""
+    return args.at or args.port
+
+
+def axis_argument(parser: argparse.ArgumentParser) -> None:
+    """AXIS."""
+    parser.add_argument("axis", choices=("x", "y"), help=AXIS_HELP)
+
+
+def open_any(args: argparse.Namespace) -> "Mount | SketchMount":
+    """The mount that port_options' arguments name. Raises MountError."""
+    if not args.sketch:
+        return open_mount(args)
+    from mirrormount.device.arduino_sketch import SketchMount
+
+    if args.port is None:
+        raise BadValue("an Arduino's port must be named: --port PORT --sketch")
+    return SketchMount.open(args.port)
+
+
+def open_mount(args: argparse.Namespace) -> "Mount":
+    """A mount that runs mountfw. Raises NotSupported for a sketch, MountError."""
+    from mirrormount.device.mount import Mount
+
+    if args.sketch:
+        from mirrormount.device.arduino_sketch import LIMITS
+
+        raise NotSupported(f"`{args.command}` needs mountfw on the board: {LIMITS}")
+    return Mount.open(args.port)
+
+
+def whole(text: str, what: str) -> int:
+    """A whole number as it was typed. Raises BadValue."""
+    try:
+        if not text.isascii():
+            raise ValueError
+        return int(text)
+    except ValueError:
+        raise BadValue(f"{what} is a whole number, not {text!r}") from None
+
+
+def number(text: str, what: str) -> float:
+    """A number as it was typed, at most 1e6 in magnitude. Raises BadValue."""
+    try:
+        if not text.isascii():
+            raise ValueError
+        value = float(text)
+    except ValueError:
+        raise BadValue(f"{what} is a number, not {text!r}") from None
+    if not abs(value) <= 1e6:
+        raise BadValue(f"{what} is out of range: {text}")
+    return value

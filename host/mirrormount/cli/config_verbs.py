@@ -1,0 +1,113 @@
+"""The verbs of `mirrormount config`: settings of all axes, shown, changed, saved on the board, kept in a file."""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+from mirrormount.common import toml_file
+from mirrormount.common.errors import BadFile, BadValue
+from mirrormount.device.mount import Mount
+from mirrormount.device.settings import SETTINGS, check, setting
+
+_LASTS = "until the board restarts; to keep it: mirrormount config save"
+_SAVED = "saved on the board"
+
+
+def carry_out(mount: Mount, args: argparse.Namespace) -> None:
+    """Carry out the verb of the command line. Raises MountError."""
+    if args.verb == "get":
+        get(mount, args.name)
+    elif args.verb == "set":
+        axis, _, name = args.name.partition(".")
+        value = number(args.name, args.value)
+        mount.apply({axis: {name: value}})
+        print(f"{args.name} = {value} ({_kept(mount, args.save)})")
+    elif args.verb == "save":
+        mount.save()
+        print(_SAVED)
+    elif args.verb == "restore":
+        mount.recall(factory=args.factory)
+        print("the factory's settings are in use" if args.factory else "the saved settings are in use")
+    elif args.verb == "export":
+        export(mount, args.file)
+    else:
+        import_(mount, args.file, save=args.save)
+
+
+def _kept(mount: Mount, save: bool) -> str:
+    """Save if that is wanted. Returns for how long the settings last."""
+    if save:
+        mount.save()
+    return _SAVED if save else _LASTS
+
+
+def check_arguments(args: argparse.Namespace) -> None:
+    """Find out before a port is opened that something cannot be. Raises BadValue, BadFile."""
+    name = getattr(args, "name", None)
+    if name is not None:
+        known = setting(name)
+        if args.verb == "set":
+            known.check(name, number(name, args.value))
+    elif args.verb == "import" and args.file != "-":
+        load(args.file)
+
+
+def get(mount: Mount, name: str | None) -> None:
+    """Print one setting's value, or all settings with what they are."""
+    values = mount.settings()
+    if name is not None:
+        axis, _, rest = name.partition(".")
+        print(values[axis][rest])
+        return
+    for axis, named in values.items():
+        for rest, value in named.items():
+            print(f"{f'{axis}.{rest} = {value}':28}# {SETTINGS[rest].what}")
+
+
+def export(mount: Mount, name: str) -> None:
+    """Write all settings to a file that import takes, or to standard output."""
+    text = toml_file.text(mount.settings(), f"mirrormount settings of {mount.identity}")
+    if name == "-":
+        print(text, end="")
+    else:
+        toml_file.write(Path(name), text)
+        print(f"settings written to {name}")
+
+
+def import_(mount: Mount, name: str, *, save: bool = False) -> None:
+    """Take settings from a file, or from standard input: all that it names, or none. Raises BadFile, BadValue."""
+    wanted = load(name)
+    mount.apply(wanted)
+    print(f"{sum(map(len, wanted.values()))} settings taken ({_kept(mount, save)})")
+
+
+def load(name: str) -> dict[str, Any]:
+    """The settings of a file (- is standard input), each of them possible. Raises BadFile."""
+    if name == "-":
+        try:
+            given = sys.stdin.read(toml_file.MOST) if sys.stdin else ""
+        except UnicodeDecodeError as e:
+            raise BadFile(f"standard input: not a text (byte {e.start})") from e
+        name, tables = "standard input", toml_file.parse(given, "standard input")
+    else:
+        if not Path(name).exists():
+            raise BadFile(f"{name}: there is no such file")
+        tables = toml_file.read(Path(name))
+    if not tables:
+        raise BadFile(f"{name}: no settings in it: a table [x] or [y] is missing")
+    try:
+        check(tables)
+    except BadValue as e:
+        raise BadFile(f"{name}: {e}") from e
+    return tables
+
+
+def number(name: str, text: str) -> int | float:
+    """A value as it was typed. Raises BadValue."""
+    try:
+        if not text.isascii():
+            raise ValueError
+        return float(text) if "." in text else int(text)
+    except ValueError:
+        raise BadValue(f"{name} is a number, not {text!r}") from None

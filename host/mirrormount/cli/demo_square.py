@@ -1,0 +1,270 @@
+"""`mirrormount demo`: the paper's test on a virtual board. A square of 20 steps, seen on the screen.
+
+It is driven twice: as the paper did, and with the backlash that this has shown taken up by the board.
+Everything in the tables is measured from centroids of pictures of the spot, and the spot is where
+the pins that the firmware drove have put it. If the figures are not the paper's, or the second
+square does not close, the demo fails.
+"""
+
+import importlib.util
+import math
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from mirrormount.common.errors import BadValue, CannotWrite, DemoFailed, ExtraMissing
+from mirrormount.common.extras import install
+from mirrormount.device.mount import Mount
+from mirrormount.virtual.bench import (
+    BACKLASH_X_MRAD,
+    BACKLASH_Y_MRAD,
+    SCREEN_MM,
+    STEP_X_MRAD,
+    STEP_Y_MRAD,
+)
+from mirrormount.virtual.optics import View
+
+STEPS = 20  # the paper, Fig. 5
+_APPROACH = 3  # steps that take up the backlash before the square begins, right and down
+_STEP_TOLERANCE = 0.05
+_BACKLASH_TOLERANCE = 0.15
+_PULSE_US = 200_000  # of a step, as the firmware comes
+CLOSES_MRAD = 0.03  # what may be left of the backlash: 20 steps of 0.5 % spread from pulse to pulse allow that
+_LEGS = (("x", STEPS, "right"), ("y", -STEPS, "down"), ("x", -STEPS, "left"), ("y", STEPS, "up"))
+
+VIEW = View(-100, 100, -100, 100, pixel=0.4)  # mm: the square fits whichever way a swapped wire turns it
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the table: what, measured and the paper's (mrad), relative tolerance."""
+
+    what: str
+    measured: float
+    paper: float
+    tolerance: float
+
+    @property
+    def good(self) -> bool:
+        """True if the measurement agrees with the paper within the tolerance."""
+        return abs(self.measured - self.paper) <= self.tolerance * self.paper
+
+
+@dataclass(frozen=True)
+class Closure:
+    """What is left open along one axis with the backlash taken up, in mrad."""
+
+    what: str
+    measured: float
+
+    @property
+    def good(self) -> bool:
+        """True if the square closes."""
+        return abs(self.measured) <= CLOSES_MRAD
+
+
+Corners = list[tuple[float, float]]
+
+
+def demonstrate(address: str, output: Path) -> None:
+    """Make the square, print the table, draw the picture. Raises DemoFailed if the table is off."""
+    if not address.startswith("virtual://"):
+        raise BadValue("the demo looks at a virtual board's screen: its port is a virtual:// address")
+    if "speed=" not in address:
+        address += ("&" if "?" in address else "?") + "speed=max"
+    if importlib.util.find_spec("matplotlib") is None:
+        raise ExtraMissing(f"the demo draws with matplotlib, which is not installed: {install('plot')}")
+    _check_writable(output)
+    print(f"A virtual board runs the firmware; the square is {STEPS} steps right, down, left, up.")
+    with Mount.open(address) as mount:
+        corners, trail, pictures = square(mount, progress=_progress)
+        rows = table(corners)
+        print_table(rows)
+        x_us, y_us = take_up(mount, rows)
+        print(
+            f"\nThe same, and the board takes up the backlash: XB {x_us / 1000:.0f} and {y_us / 1000:.0f} ms of drive."
+        )
+        closed = square(mount, progress=_progress)
+        seconds = mount.link.port.simulation.us * 1e-6  # type: ignore[attr-defined]
+    closures = closure(closed[0])
+    print_closures(closures)
+    draw(corners, trail, pictures, rows, closed, closures, output)
+    print(f"{seconds:.0f} s of the mount's time. The picture is in {output.resolve()}")
+    if bad := [row.what for row in rows if not row.good]:
+        raise DemoFailed(f"not what the paper measured: {', '.join(bad)}")
+    if bad := [row.what for row in closures if not row.good]:
+        raise DemoFailed(f"the backlash was not taken up: {', '.join(bad)}")
+
+
+def take_up(mount: Mount, rows: list[Row]) -> tuple[int, int]:
+    """Have the board take up the backlash that the table shows. Returns both times, microseconds of drive (x, y).
+
+    A reversal loses as many steps as the backlash is long.
+    """
+    step_x, step_y, lost_x, lost_y, _ = (row.measured for row in rows)
+    times_us = round(_PULSE_US * lost_x / step_x), round(_PULSE_US * lost_y / step_y)
+    mount.x.take_up_us, mount.y.take_up_us = times_us
+    return times_us
+
+
+def square(mount: Mount, progress=lambda text: None):
+    """Drive the square. Returns the five corners and the trail as centroids in mm, and the five pictures."""
+    simulation = mount.link.port.simulation  # type: ignore[attr-defined]
+    noise = np.random.default_rng(7)
+
+    def look() -> tuple[tuple[float, float], np.ndarray]:
+        picture = VIEW.picture(simulation.bench.spot_mm(), noise)
+        spot = VIEW.centroid(picture)
+        if spot is None:
+            raise DemoFailed("no spot on the screen")
+        return spot, picture
+
+    mount.x.step(_APPROACH)
+    mount.y.step(-_APPROACH)
+    spot, picture = look()
+    corners, trail, pictures = [spot], [spot], [picture]
+    for axis, steps, way in _LEGS:
+        for i in range(abs(steps)):
+            getattr(mount, axis).step(1 if steps > 0 else -1)
+            trail.append(look()[0])
+            progress(f"{way}: {i + 1}/{abs(steps)} steps")
+        spot, picture = look()
+        corners.append(spot)
+        pictures.append(picture)
+    progress("")
+    return corners, trail, pictures
+
+
+def _mrad(corners: Corners) -> Corners:
+    return [(math.atan2(x, SCREEN_MM) * 1e3, math.atan2(y, SCREEN_MM) * 1e3) for x, y in corners]
+
+
+def closure(corners: Corners) -> list[Closure]:
+    """What is open between the first and the last corner (mm)."""
+    (x1, y1), *_, (x5, y5) = _mrad(corners)
+    return [Closure("left open, horizontal", x5 - x1), Closure("left open, vertical", y1 - y5)]
+
+
+def table(corners: Corners) -> list[Row]:
+    """What the paper reports, from the five corners (mm): start, right, down, left, up."""
+    (x1, y1), (x2, y2), (_x3, y3), (_x4, _y4), (x5, y5) = _mrad(corners)
+    # signed along the way each leg must go: a swapped motor makes it negative
+    return [
+        Row("step, horizontal", (x2 - x1) / STEPS, STEP_X_MRAD, _STEP_TOLERANCE),
+        Row("step, vertical", (y2 - y3) / STEPS, STEP_Y_MRAD, _STEP_TOLERANCE),
+        Row("backlash, horizontal", x5 - x1, BACKLASH_X_MRAD, _BACKLASH_TOLERANCE),
+        Row("backlash, vertical", y1 - y5, BACKLASH_Y_MRAD, _BACKLASH_TOLERANCE),
+        Row(
+            "closure error",
+            math.hypot(x5 - x1, y5 - y1),
+            math.hypot(BACKLASH_X_MRAD, BACKLASH_Y_MRAD),
+            _BACKLASH_TOLERANCE,
+        ),
+    ]
+
+
+def print_table(rows: list[Row]) -> None:
+    """The table, in mrad of beam angle."""
+    print(f"{'measured from the spot':24}{'here':>12}{'paper':>12}{'within':>9}")
+    for row in rows:
+        verdict = "ok" if row.good else "NOT OK"
+        print(
+            f"{row.what:24}{row.measured:7.3f} mrad{row.paper:7.2f} mrad{row.tolerance:8.0%}  {verdict}",
+        )
+    print("(the paper's closure error is its two backlashes, taken together)")
+
+
+def print_closures(closures: list[Closure]) -> None:
+    """What is left of the backlash, in mrad of beam angle."""
+    for row in closures:
+        print(f"{row.what:24}{row.measured:+7.3f} mrad{'':12}{CLOSES_MRAD:8.2f}  {'ok' if row.good else 'NOT OK'}")
+
+
+def draw(corners, trail, pictures, rows: list[Row], closed, closures: list[Closure], output: Path) -> None:
+    """Like the paper's Fig. 5: the pictures of the corners laid over each other, centroids in red.
+
+    corners, trail and pictures are the first square's; closed has the same of the second one.
+    """
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot as plt
+
+    figure, (ax, zoom, after) = plt.subplots(
+        1, 3, figsize=(15, 5.4), layout="constrained", gridspec_kw={"width_ratios": (1.25, 1, 1)}
+    )
+    _draw_square(ax, corners, trail, pictures)
+    ax.set_title(f"{STEPS} steps right, down, left, up: {rows[0].measured:.2f} and {rows[1].measured:.2f} mrad a step")
+    _draw_gap(zoom, corners, pictures, f"{rows[2].measured:.2f} mrad", f"{rows[3].measured:.2f} mrad")
+    zoom.set_title("the gap that backlash leaves")
+    _draw_gap(after, closed[0], closed[2], f"{closures[0].measured:+.3f} mrad", f"{closures[1].measured:+.3f} mrad")
+    after.set_title("the same corner with the backlash taken up")
+    for a in (ax, zoom, after):
+        a.set_xlabel("right on the screen (mm)")
+        a.set_ylabel("up on the screen (mm)")
+    figure.savefig(output, dpi=120)
+    plt.close(figure)
+
+
+def _show(ax, pictures) -> None:
+    overlay = np.max(np.stack(pictures), axis=0)
+    extent = (VIEW.left, VIEW.right, VIEW.bottom, VIEW.top)
+    ax.imshow(overlay, cmap="gray", extent=extent, vmin=0, vmax=255)
+
+
+def _draw_square(ax, corners, trail, pictures) -> None:
+    """The whole way, its corners numbered."""
+    _show(ax, pictures)
+    x, y = np.array(trail).T
+    ax.plot(x, y, color="tab:orange", lw=0.8, alpha=0.8)
+    places = {0: (14, 12), 1: (-12, 12), 2: (-12, -14), 3: (12, -14), 4: (14, -12)}
+    for number, corner in enumerate(corners):
+        ax.plot(*corner, "+", color="red", ms=12, mew=1.6)
+        label = {"textcoords": "offset points", "color": "white", "ha": "center", "va": "center"}
+        ax.annotate(f"{number + 1}", corner, places[number], **label)
+    x, y = np.array(corners).T
+    ax.set_xlim(x.min() - 12, x.max() + 12)
+    ax.set_ylim(y.min() - 12, y.max() + 12)
+
+
+def _draw_gap(ax, corners, pictures, across: str, up: str) -> None:
+    """The place where the way begins and ends, and how far apart the two are."""
+    _show(ax, pictures)
+    (x1, y1), (x5, y5) = corners[0], corners[4]
+    for corner in corners:
+        ax.plot(*corner, "+", color="red", ms=12, mew=1.6)
+    side = 12
+    ax.set_xlim((x1 + x5) / 2 - side, (x1 + x5) / 2 + side)
+    ax.set_ylim((y1 + y5) / 2 - side, (y1 + y5) / 2 + side)
+    style = {"color": "cyan", "textcoords": "offset points", "fontsize": 10}
+    style["bbox"] = {"boxstyle": "round,pad=0.2", "fc": "black", "ec": "none", "alpha": 0.6}
+    if math.dist((x1, y1), (x5, y5)) < 1:  # too near for arrows between them
+        ax.annotate(f"{across} across, {up} up", (x1, y1), (0, -72), ha="center", **style)
+        ax.annotate("1: start, 5: end", (x1, y1), (0, 62), textcoords="offset points", color="white", ha="center")
+        return
+    arrow = {"arrowstyle": "<->", "color": "cyan", "lw": 1.4}
+    ax.annotate("", (x1, y5), (x5, y5), arrowprops=arrow)
+    ax.annotate("", (x1, y5), (x1, y1), arrowprops=arrow)
+    ax.annotate(across, ((x1 + x5) / 2, y5), (0, -16), ha="center", **style)
+    ax.annotate(up, (x1, (y1 + y5) / 2), (-6, 0), ha="right", va="center", **style)
+    ax.annotate("1: start", (x1, y1), (0, 62), textcoords="offset points", color="white", ha="center")
+    ax.annotate("5: end", (x5, y5), (0, -72), textcoords="offset points", color="white", ha="center")
+
+
+def _check_writable(output: Path) -> None:
+    """Find out before the square, not after it, that the picture cannot be written."""
+    if output.suffix.lower() not in (".png", ".svg", ".pdf"):
+        raise BadValue(f"the picture's name must end in .png, .svg or .pdf, not {str(output)!r}")
+    try:
+        output.open("ab").close()
+    except OSError as e:
+        raise CannotWrite(f"cannot write {output}: {e.strerror}") from e
+
+
+def _progress(text: str) -> None:
+    if sys.stdout.isatty():
+        print(f"\r\x1b[K{text}", end="", flush=True)
+    elif text.startswith(("right: 20", "down: 20", "left: 20", "up: 20")):
+        print(text, flush=True)
