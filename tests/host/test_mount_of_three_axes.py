@@ -1,0 +1,152 @@
+"""A Mount on a board with a third axis, and what its lines look like with two, three and four of them."""
+
+import shutil
+from collections.abc import Iterator
+
+import pytest
+import transcript
+from test_three_axes import BOARD_FILE, THIRD
+from transcript import AT_REST, IDENTITY, TranscriptPort, opened, sent, started
+
+from mirrormount import Limits, Mount
+from mirrormount.cli.config import export, import_
+from mirrormount.common import errors
+from mirrormount.device import calibration
+from mirrormount.device.calibration import Scale, Step
+from mirrormount.transport.lines import Link
+from mirrormount.virtual.board import LockstepPort, Options, make_simulation
+from mirrormount.virtual.files import firmware_folder
+
+THREE_AT_REST = f"{AT_REST}|0,0,0,0,1,1"
+
+
+@pytest.fixture
+def mount(tmp_path, monkeypatch) -> Iterator[Mount]:
+    """A mount on a virtual board whose board file has three axes."""
+    monkeypatch.setenv("MIRRORMOUNT_CONFIG", str(tmp_path / "settings"))
+    shutil.copytree(firmware_folder() / "mountfw", tmp_path / "firmware" / "mountfw")
+    (tmp_path / "firmware" / "mountfw" / "boards" / "this.py").write_text(BOARD_FILE)
+    simulation = make_simulation(Options(files=tmp_path / "files", firmware=tmp_path / "firmware"))
+    simulation.probes.update(THIRD)
+    with Mount(Link(LockstepPort(simulation))) as mount:
+        yield mount
+
+
+def third_is_driven(mount: Mount) -> list[bool]:
+    """The writes to the enable pin of the third motor: on or off, repeated values left out."""
+    writes = [duty > 0 for _, pin, duty in mount.link.port.simulation.edges if pin == "m3_en"]
+    return [on for before, on in zip([False, *writes], writes, strict=False) if on != before]
+
+
+@pytest.mark.parametrize("x_axis", [1, 2])
+@pytest.mark.parametrize("count", [2, 3, 4])
+def test_axes_are_in_the_boards_order_and_x_and_y_by_the_number_of_x(count, x_axis):
+    status = "|".join(["7,100,0", *(f"{number}000,0,0,0,1,1" for number in range(1, count + 1))])
+    port = TranscriptPort([("!", None), ("*IDN?", IDENTITY), *[("XS?", status)] * (count + 1)])
+    mount = Mount(Link(port), x_axis=x_axis)
+    assert [axis.number for axis in mount.axes] == list(range(1, count + 1))
+    assert [axis.position for axis in mount.axes] == list(range(1, count + 1))
+    assert (mount.x.number, mount.y.number) == (x_axis, 3 - x_axis)
+    assert list(mount.by_name) == ["x", "y", "axis3", "axis4"][:count]
+    assert [axis.name for axis in mount.axes[2:]] == ["axis3", "axis4"][: count - 2]
+    mount.close()
+
+
+@pytest.mark.parametrize("status", ["7,100,0", "7,100,0|0,0,0,0,1,1", f"{AT_REST}|0,0,0,0,1", f"{AT_REST}|"])
+def test_less_than_two_axes_or_a_part_of_one_is_no_mount(status):
+    with pytest.raises(errors.NotAMount, match="not a mount's status"):
+        Mount(Link(TranscriptPort([("!", None), ("*IDN?", IDENTITY), ("XS?", status)])))
+
+
+def test_a_board_that_has_another_number_of_axes_than_before_is_to_be_opened_again():
+    mount = opened([("XS?", THREE_AT_REST)])
+    with pytest.raises(errors.NotAMount, match="had 2 axes and has 3 now: open it again"):
+        mount.status()
+
+
+def test_a_step_of_the_third_axis_waits_for_that_axis(monkeypatch):
+    monkeypatch.setattr(transcript, "AT_REST", THREE_AT_REST)
+    moving = f"{AT_REST}|500,1,1,0,0,1"
+    lines = [
+        ("3XP?;3VA?", "200000; 2.00"),
+        *started("3PR1"),
+        ("XS?", moving),
+        ("XS?", THREE_AT_REST),
+        ("3XE?", "1,1,200000"),
+    ]
+    mount = opened(lines)
+    mount.axis("axis3").step(1)
+    mount.close()
+
+
+def test_an_error_of_the_third_axis_has_its_name(monkeypatch):
+    monkeypatch.setattr(transcript, "AT_REST", THREE_AT_REST)
+    mount = opened([*sent("3PR1", error="304, AXIS 3 POSITIVE END-STOP REACHED"), ("TB?", "0, NO ERROR DETECTED")])
+    with pytest.raises(errors.BoardError, match="304: axis3 positive end-stop reached"):
+        mount.send("3PR1")
+    mount.close()
+
+
+def test_the_third_axis_moves_and_the_others_do_not(mount):
+    third = mount.axes[2]
+    third.step(2)
+    assert third_is_driven(mount) == [True, False, True, False]
+    assert [axis.position for axis in mount.axes] == [0, 0, 2]
+    assert repr(third).startswith("<Axis axis3: +2.000 steps")
+    assert str(mount.status()).startswith("x: +0.000") and "; axis3: +2.000 steps" in str(mount.status())
+
+
+def test_a_stop_ends_the_third_axis_and_a_silence_too(mount):
+    mount.axes[2].jog(0.5)
+    assert mount.status().moving
+    mount.stop()
+    assert not mount.status().moving and third_is_driven(mount) == [True, False]
+    mount.axes[2].jog(0.5, feed=False)
+    mount.link.sleep(1)
+    assert mount.status().by_name["axis3"].reason == 7  # keep-alive lost
+
+
+def test_settings_of_all_axes_are_read_written_exported_and_imported(mount, tmp_path):
+    mount.apply({"axis3": {"pulse_us": 50_000}, "x": {"step_duty": 100}})
+    mount.axes[2].limits = Limits(-5, 5)
+    mount.axes[2].take_up_us = 1000
+    mine = mount.settings()
+    assert list(mine) == ["x", "y", "axis3"]
+    assert (mine["axis3"]["pulse_us"], mine["axis3"]["soft_maximum"], mine["axis3"]["take_up_us"]) == (50_000, 5, 1000)
+    assert mine["y"]["pulse_us"] == 200_000
+    export(mount, str(tmp_path / "mine.toml"))
+    mount.recall(factory=True)
+    assert mount.settings() != mine
+    import_(mount, str(tmp_path / "mine.toml"))
+    assert mount.settings() == mine
+    with pytest.raises(errors.BoardError, match="axis3 positive soft limit"):
+        mount.axes[2].step(6)
+
+
+def test_contradictory_settings_of_the_third_axis_are_refused_and_nothing_changes(mount):
+    before = mount.settings()
+    for wanted, why in (
+        ({"soft_minimum": 5, "soft_maximum": 4}, "axis3.soft_minimum 5 is above its maximum 4"),
+        ({"velocity": 1999}, "axis3.velocity 1999 is above"),
+        ({"pulse_us": 199}, "axis3.pulse_us is within"),
+    ):
+        with pytest.raises(errors.BadValue, match=why):
+            mount.apply({"x": {"step_duty": 7}, "axis3": wanted})
+    assert mount.settings() == before
+
+
+def test_a_setting_of_an_axis_that_the_board_has_not_is_refused_before_anything_is_sent():
+    mount = opened([])
+    with pytest.raises(errors.BadValue, match="settings are those of x and of y; there is no 'axis3'"):
+        mount.apply({"axis3": {"pulse_us": 1000}})
+    with pytest.raises(errors.BadValue, match="there is no axis 'axis3': this mount has x, y"):
+        mount.axis("axis3")
+    mount.close()
+
+
+def test_an_angle_of_the_third_axis_is_by_its_own_scale(mount):
+    calibration.write(mount.board_id, {3: Scale(0.1, None, Step(200_000, 255)), 2: Scale(0.2, 0.2, Step(200_000, 255))})
+    assert mount.axes[2].move_by(0.3, "mrad") == pytest.approx(0.3)
+    assert mount.axes[2].position == 3
+    with pytest.raises(errors.NotCalibrated, match=r"axis3: no scale in the negative direction.*\.axis3\]"):
+        mount.axes[2].move_by(-0.3, "mrad")
