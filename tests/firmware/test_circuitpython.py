@@ -313,6 +313,9 @@ import sys, usb_cdc, microcontroller
 from watchdog import WatchDogMode
 from mountfw import build
 from mountfw.ports import circuitpython_pins as pins
+WAY_OUT = ("code.py", "ports/circuitpython.py", "ports/circuitpython_pins.py")
+WAY_OUT += ("ports/shared.py", "mountfw/board_file.py")
+seen = set()
 count, delivered, leaving = 0, False, False
 
 class App:
@@ -334,8 +337,9 @@ def each_bytecode(frame, event, _arg):
     return each_bytecode
 
 def trace(frame, _event, _arg):
-    if not frame.f_code.co_filename.endswith(("code.py", "ports/circuitpython.py", "ports/circuitpython_pins.py")):
+    if not frame.f_code.co_filename.endswith(WAY_OUT):
         return None
+    seen.update([name for name in WAY_OUT if frame.f_code.co_filename.endswith(name)])
     frame.f_trace_opcodes, frame.f_trace_lines = True, False
     return each_bytecode
 
@@ -357,6 +361,7 @@ while True:
     on = [out for out in pins._outputs.values() if getattr(out.io, "_level", False) or getattr(out.io, "_duty", 0)]
     bad += len(on) + (microcontroller.watchdog.mode is not None)
     assert len(pins._outputs) == 6
+    assert len(seen) == len(WAY_OUT)
 usb_cdc.data.write_timeout = 0
 usb_cdc.data.write(b"%d %d\\n" % (second_at, bad))
 """

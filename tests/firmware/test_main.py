@@ -14,6 +14,8 @@ from mountfw.boards import pico
 
 MAIN = Path(mountfw.__file__).parent / "entry" / "main.py"
 PORT = Path(mountfw.__file__).parent / "ports" / "micropython.py"
+SHARED = {str(PORT.parent / "shared.py"), str(PORT.parent.parent / "board_file.py")}
+WAY_OUT = {str(MAIN), str(PORT)} | SHARED
 WATCHDOG_OFF = 0x40058000 + 0x3000  # RP2040: where a write clears bits of its control register
 SCRATCH4 = 0x40058000 + 0x1C  # says, if it is not 0, that a reset would be the watchdog's own
 OFF_AND_UNMARKED = {WATCHDOG_OFF: 1 << 30, SCRATCH4: 0}
@@ -68,6 +70,7 @@ def run_main(port, second_at: int) -> bool:
     False if the way out has fewer.
     """
     count, delivered, leaving = 0, False, False
+    seen = set()
 
     class App:
         def run(self):
@@ -88,8 +91,9 @@ def run_main(port, second_at: int) -> bool:
         return each_bytecode
 
     def trace(frame, _event, _arg):
-        if frame.f_code.co_filename not in (str(MAIN), str(PORT)):
+        if frame.f_code.co_filename not in WAY_OUT:
             return None
+        seen.add(frame.f_code.co_filename)
         frame.f_trace_opcodes, frame.f_trace_lines = True, False
         return each_bytecode
 
@@ -104,6 +108,7 @@ def run_main(port, second_at: int) -> bool:
     finally:
         sys.settrace(None)
         build.build = real
+    assert seen == WAY_OUT
     return delivered
 
 

@@ -10,10 +10,8 @@ import microcontroller
 import storage
 
 from mountfw.ports.circuitpython_nvm import NvmRecords
-from mountfw.ports.shared import firmware_files
+from mountfw.ports.shared import firmware_files, read_file
 
-_NO_SUCH_FILE = 2  # ENOENT
-_MOST_BYTES = 4096  # more than any file of ours: another one of that name must not fill the memory
 _SETTINGS = "mountfw.settings"
 
 _nvm = microcontroller.nvm
@@ -21,21 +19,13 @@ _records = NvmRecords(_nvm) if _nvm and storage.getmount("/").readonly else None
 
 
 def load(name):
-    """The first bytes of a file, up to _MOST_BYTES; none if it cannot be read; None if there is no such file."""
+    """The first bytes of a file, b"" if it cannot be read, None if it is absent."""
     if _records:
         return _records.load(name)
-    data = _read(name)
+    data = read_file(name)
     if data is None and name == _SETTINGS:  # a power cut came in the middle of rename()
-        data = _read(name + ".new")
+        data = read_file(name + ".new")
     return data
-
-
-def _read(name):
-    try:
-        with open(name, "rb") as f:
-            return f.read(_MOST_BYTES)
-    except OSError as e:
-        return None if e.errno == _NO_SUCH_FILE else b""
 
 
 def store(name, data):

@@ -11,8 +11,7 @@ import digitalio
 import microcontroller
 import pwmio
 
-from mountfw import board_file
-from mountfw.boards import FILE_OF
+from mountfw.ports import shared
 
 # A duty takes effect when the PWM's period is over (RP2040 data sheet 4.5.2), and off is a duty here: to put a
 # pin in another's hands takes a new object. So whatever the board file asks for, no period is longer than 50 us.
@@ -135,33 +134,23 @@ def led(on):
 
 
 def find_board():
-    """The board file: boards/this.py if there is one, else that of this board by its board_id.
-
-    None, after a line that says why, if there is none or it cannot be used.
-    """
+    """The board file, as shared.find_board() says, by the board_id; its LED is set up."""
     global _led
-    name = FILE_OF.get(pins.board_id, pins.board_id)
-    found = board_file.find(("this", name), os.listdir, sys.platform[:3] == "RP2")
-    if found:
-        # the LED of a W is the radio chip's: to switch it takes too long for the loop
-        if _led is None and found.LED is not None and not (found.LED == "LED" and pins.board_id.endswith("_w")):
-            try:
-                _led = digitalio.DigitalInOut(_pin(found.LED))
-                _led.switch_to_output(False)
-            except (AttributeError, ValueError):
-                pass  # this board has none of that name, or uses it for something else
-        return found
-    if found is False:
-        print("mountfw: no board file for '%s': write mountfw/boards/%s.py (copy pico.py)" % (name, name))
-    return None
+    found = shared.find_board(pins.board_id, pins.board_id, os.listdir, sys.platform[:3] == "RP2")
+    number = shared.led_of(found, pins.board_id.endswith("_w")) if found else None
+    if _led is None and number is not None:
+        try:
+            _led = digitalio.DigitalInOut(_pin(number))
+            _led.switch_to_output(False)
+        except (AttributeError, ValueError):
+            pass  # this board has none of that name, or uses it for something else
+    return found
 
 
 def motors_off(board):
     """Every drive pin low: the enables first, then the legs."""
-    for name in ("en", "pos", "neg"):
-        for wires in board_file.axes(board):
-            number = wires[name]
-            if number in _outputs:
-                _outputs[number].low()
-            elif number is not None:
-                output(number)
+    for number in shared.drive_pins(board):
+        if number in _outputs:
+            _outputs[number].low()
+        else:
+            output(number)

@@ -15,10 +15,9 @@ import machine
 import micropython
 from machine import PWM, Pin
 
-from mountfw import board_file, codes
-from mountfw.boards import FILE_OF
+from mountfw import codes
+from mountfw.ports import shared
 from mountfw.ports.micropython_console import any, drain, pack, writable, write  # noqa: F401 (verbs of this port, too)
-from mountfw.ports.shared import firmware_files
 
 ticks_us = time.ticks_us  # pyright: ignore[reportAttributeAccessIssue]
 ticks_ms = time.ticks_ms  # pyright: ignore[reportAttributeAccessIssue]
@@ -39,8 +38,6 @@ _SCRATCH4 = 0x1C
 _TIMED_OUT = 0x6AB73121  # what the SDK leaves there: the watchdog was armed, not used for a wanted reset
 
 _HERE = os.getcwd().rstrip("/") + "/"  # the loop's folder: at the prompt, where a drive removes a file, it may change
-_MOST_BYTES = 4096  # more than any file of ours: another one of that name must not fill the memory
-_NO_SUCH_FILE = 2  # ENOENT
 
 _led = None
 
@@ -140,12 +137,8 @@ def free_memory():
 
 
 def load(name):
-    """The first bytes of a file, up to _MOST_BYTES; none if it cannot be read; None if there is no such file."""
-    try:
-        with open(_HERE + name, "rb") as f:
-            return f.read(_MOST_BYTES)
-    except OSError as e:
-        return None if e.errno == _NO_SUCH_FILE else b""
+    """The first bytes of a file, b"" if it cannot be read, None if it is absent."""
+    return shared.read_file(_HERE + name)
 
 
 def store(name, data):
@@ -168,7 +161,7 @@ def firmware_hash():
     For each, in the order of their names from the root on: the name, then the SHA-256 of the file (32 bytes).
     """
     total = hashlib.sha256()
-    for name, path in firmware_files(os.listdir, __file__, ("main.py",)):
+    for name, path in shared.firmware_files(os.listdir, __file__, ("main.py",)):
         total.update(name.encode())
         total.update(_file_hash(path))
     return binascii.hexlify(total.digest())
@@ -187,34 +180,24 @@ def _file_hash(path):
 
 
 def find_board():
-    """The board file: boards/this.py if there is one, else that of this board by its name.
-
-    None, after a line that says why, if there is none or it cannot be used.
-    """
+    """The board file, as shared.find_board() says, by the name of this board; its LED is set up."""
     global _led
-    machine_name = getattr(sys.implementation, "_machine", "unknown board").split(" with ")[0]
-    name = "".join([c.lower() if c.isalpha() or c.isdigit() else "_" for c in machine_name])
-    name = FILE_OF.get(name, name)
-    board = board_file.find(("this", name), os.listdir, True)
-    if board:
-        # the LED of a W is the radio chip's: to switch it takes too long for the loop
-        if board.LED is not None and not (board.LED == "LED" and machine_name.endswith(" W")):
-            try:
-                _led = Pin(board.LED, Pin.OUT, value=0)
-            except ValueError:
-                pass  # this board has none of that name
-        return board
-    if board is False:
-        print("mountfw: no board file for '%s': write mountfw/boards/%s.py (copy pico.py)" % (machine_name, name))
-    return None
+    title = getattr(sys.implementation, "_machine", "unknown board").split(" with ")[0]
+    name = "".join([c.lower() if c.isalpha() or c.isdigit() else "_" for c in title])
+    board = shared.find_board(title, name, os.listdir, True)
+    number = shared.led_of(board, title.endswith(" W")) if board else None
+    if number is not None:
+        try:
+            _led = Pin(number, Pin.OUT, value=0)
+        except ValueError:
+            pass  # this board has none of that name
+    return board
 
 
 def motors_off(board):
     """Every drive pin low: the enables first, then the legs."""
-    for name in ("en", "pos", "neg"):
-        for pins in board_file.axes(board):
-            if pins[name] is not None:
-                Pin(pins[name], Pin.OUT, value=0)
+    for number in shared.drive_pins(board):
+        Pin(number, Pin.OUT, value=0)
 
 
 def uninterrupted(action, argument):

@@ -1,7 +1,49 @@
-"""What the ports share: which files are the firmware. Pure; imports nothing of ours."""
+"""The ports' common part: the board file, its drive pins, reading a file, the list of the firmware's files.
+
+Names no platform. Imports board_file and boards.
+"""
+
+from mountfw import board_file
+from mountfw.boards import FILE_OF
+
+_MOST_BYTES = 4096  # more than any file of ours: another one of that name must not fill the memory
+_NO_SUCH_FILE = 2  # ENOENT
 
 # every folder that an import of ours can find; a test holds them to the tree
 FOLDERS = ("mountfw", "mountfw/boards", "mountfw/dialect", "mountfw/motion", "mountfw/ports", "mountfw/wire")
+
+
+def find_board(title, name, listdir, rp2):
+    """The board file: boards/this.py if there is one, else that of the board `name`, shown to users as title.
+
+    None, after a printed line, if there is none or it cannot be used. listdir is os.listdir; rp2 as in
+    board_file.find().
+    """
+    name = FILE_OF.get(name, name)
+    board = board_file.find(("this", name), listdir, rp2)
+    if board is False:
+        print("mountfw: no board file for '%s': write mountfw/boards/%s.py (copy pico.py)" % (title, name))
+    return board or None
+
+
+def led_of(board, radio):
+    """The LED of a board file, or None. With a radio chip "LED" is the chip's, too slow to switch in the loop."""
+    return None if radio and board.LED == "LED" else board.LED
+
+
+def drive_pins(board):
+    """The pins that drive, of every axis of a board file: the enables first, then the legs."""
+    axes = board_file.axes(board)
+    return [pins[name] for name in board_file.DRIVES for pins in axes if pins[name] is not None]
+
+
+def read_file(path):
+    """The first 4096 bytes of a file, b"" if it cannot be read, None if it is absent."""
+    try:
+        with open(path, "rb") as f:
+            return f.read(_MOST_BYTES)
+    except OSError as e:
+        return None if e.errno == _NO_SUCH_FILE else b""
 
 
 def firmware_files(listdir, here, programs):

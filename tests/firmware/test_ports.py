@@ -1,0 +1,93 @@
+"""Every port has the verbs of port_protocol.py, with the same arity, and the core uses no other."""
+
+import ast
+import inspect
+from pathlib import Path
+
+import port_protocol
+import pytest
+import rig
+
+import mountfw
+
+FIRMWARE = Path(mountfw.__file__).parent
+CORE = ("app.py", "build.py", "store.py", "repl.py")
+Arity = tuple[int, int]  # the fewest and the most arguments
+
+
+def arity_of(arguments: ast.arguments) -> Arity:
+    assert not (arguments.vararg or arguments.kwarg or arguments.kwonlyargs)
+    most = len(arguments.posonlyargs) + len(arguments.args)
+    return most - len(arguments.defaults), most
+
+
+def verbs_of(protocol: type) -> dict[str, Arity]:
+    found = {}
+    for name, method in inspect.getmembers(protocol, inspect.isfunction):
+        if not name.startswith("_"):
+            needed = list(inspect.signature(method).parameters.values())[1:]
+            found[name] = (sum(p.default is p.empty for p in needed), len(needed))
+    return found
+
+
+def public_functions(path: Path) -> dict[str, Arity | None]:
+    """Name to arity of a module's public functions, its own and those that it takes from other modules of ours.
+
+    None is the arity of a function that is only given a name here, as `rename = os.rename`.
+    """
+    found: dict[str, Arity | None] = {}
+    for node in ast.parse(path.read_text()).body:
+        if isinstance(node, ast.FunctionDef):
+            found[node.name] = arity_of(node.args)
+        elif isinstance(node, ast.Assign) and isinstance(node.value, ast.Attribute):
+            found |= {target.id: None for target in node.targets if isinstance(target, ast.Name)}
+        elif isinstance(node, ast.ImportFrom) and (node.module or "").startswith("mountfw."):
+            there = FIRMWARE.joinpath(*(node.module or "").split(".")[1:]).with_suffix(".py")
+            if there.exists():
+                functions = public_functions(there)
+                found |= {alias.name: functions[alias.name] for alias in node.names if alias.name in functions}
+    return {name: arity for name, arity in found.items() if not name.startswith("_")}
+
+
+VERBS = verbs_of(port_protocol.Port)
+ENTRY_VERBS = verbs_of(port_protocol.EntryPort)
+GIVEN = {"ticks_us", "ticks_ms", "pause_us", "rename"}  # the platform's own functions under a verb's name
+
+
+def test_the_protocol_has_the_verbs_of_the_loop_and_of_the_entry_files():
+    assert {"any", "drain", "output", "load", "uninterrupted"} <= VERBS.keys()
+    assert ENTRY_VERBS.keys() - VERBS.keys() == {"find_board", "motors_off", "leave"}
+    assert VERBS["output"] == (1, 2) and VERBS["drain"] == (2, 2) and VERBS["collect"] == (0, 0)
+
+
+@pytest.mark.parametrize("name", ["micropython", "circuitpython"])
+def test_a_port_has_these_verbs_and_no_others(name):
+    functions = public_functions(FIRMWARE / "ports" / f"{name}.py")
+    assert functions.keys() == ENTRY_VERBS.keys()
+    given = {verb for verb, arity in functions.items() if arity is None}
+    assert given <= GIVEN
+    assert {verb: functions[verb] for verb in functions.keys() - given} == {
+        verb: arity for verb, arity in ENTRY_VERBS.items() if verb not in given
+    }
+
+
+def test_the_rigs_port_has_these_verbs():
+    port: port_protocol.Port = rig.Port()  # the type checker compares the types, too
+    for name, (least, most) in VERBS.items():
+        parameters = inspect.signature(getattr(port, name)).parameters.values()
+        assert (sum(p.default is p.empty for p in parameters), len(parameters)) == (least, most), name
+
+
+@pytest.mark.parametrize("name", CORE)
+def test_the_core_uses_no_other_verb(name):
+    used = {
+        node.attr
+        for node in ast.walk(ast.parse((FIRMWARE / name).read_text()))
+        if isinstance(node, ast.Attribute)
+        and (
+            (isinstance(node.value, ast.Name) and node.value.id == "port")
+            or (isinstance(node.value, ast.Attribute) and node.value.attr in ("port", "_port"))
+        )
+    }
+    assert used
+    assert used - ENTRY_VERBS.keys() == set()
