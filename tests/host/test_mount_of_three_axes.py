@@ -9,7 +9,7 @@ from test_three_axes import BOARD_FILE, THIRD
 from transcript import AT_REST, IDENTITY, TranscriptPort, opened, sent, started
 
 from mirrormount import Limits, Mount
-from mirrormount.cli.config import export, import_
+from mirrormount.cli.config_verbs import export, import_
 from mirrormount.common import errors
 from mirrormount.device import calibration
 from mirrormount.device.calibration import Scale, Step
