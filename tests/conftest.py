@@ -3,16 +3,19 @@
 Tests that are marked exhaustive take hours; they are left out without --exhaustive.
 Tests that are marked wall_clock are judged by the time of this computer, and need it for themselves: tools/test.py runs
 all others in two processes with --wall-clock=without, then these alone with --wall-clock=only.
+With --coverage the lines and branches that this process executes are recorded; `coverage report` prints them.
 """
 
 import os
 import signal
+import sys
 import tempfile
 
 import pytest
 
 # what the user's environment may say to a test; all other settings of mirrormount are taken out of it
 KEPT = ("MIRRORMOUNT_CACHE", "MIRRORMOUNT_FUZZ_", "MIRRORMOUNT_IMAGES")
+RECORDED = ("firmware", "host", "repo", "supervise", "tools")  # folders of tests that --coverage looks at
 ENDING = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
 
@@ -24,10 +27,14 @@ def pytest_addoption(parser):
         default="with",
         help="tests that need the computer for themselves: with all others, left out, or they alone",
     )
+    parser.addoption("--coverage", action="store_true", help="record executed lines and branches in .cache/coverage")
 
 
 def pytest_configure(config):
+    if config.getoption("--coverage"):
+        config.pluginmanager.register(Recorder(config), "recorder")
     config.addinivalue_line("markers", "exhaustive: takes hours, left out without --exhaustive")
+    config.addinivalue_line("markers", "repeats: executes the same lines so often that --coverage leaves it out")
     config.addinivalue_line("markers", "wall_clock: judged by this computer's clock, so nothing runs beside it")
 
 
@@ -42,6 +49,52 @@ def pytest_collection_modifyitems(config, items):
     left_out = [item for item in items if not runs(item)]
     items[:] = [item for item in items if item not in left_out]
     config.hook.pytest_deselected(items=left_out)
+
+
+class Recorder:
+    """Records the lines and branches that this process executes while it collects, and in the tests of RECORDED.
+
+    With xdist the workers record, and the first process adds up their files.
+    """
+
+    def __init__(self, config):
+        from coverage import Coverage
+
+        self._adds_up = not hasattr(config, "workerinput")
+        self._records = not (self._adds_up and config.getoption("numprocesses", None))
+        (config.rootpath / ".cache").mkdir(exist_ok=True)
+        self._coverage = Coverage(config_file=str(config.rootpath / "pyproject.toml"), data_suffix=True)
+        if self._adds_up:
+            self._coverage.erase()
+        if self._records:
+            self._coverage.start()
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_protocol(self, item):
+        if not self._records or (item.path.parent.name in RECORDED and not item.get_closest_marker("repeats")):
+            return (yield)
+        self._coverage.stop()
+        try:
+            return (yield)
+        finally:
+            self._coverage.start()
+
+    def pytest_unconfigure(self):
+        if self._records:
+            self._coverage.stop()
+            self._coverage.save()
+        if self._adds_up:
+            self._coverage.combine()
+            self._coverage.save()
+
+
+@pytest.fixture(autouse=True)
+def _tracer_of_coverage():
+    """The trace function of --coverage is set again after a test that sets its own."""
+    tracer = sys.gettrace()
+    yield
+    if sys.gettrace() is not tracer:
+        sys.settrace(tracer)
 
 
 @pytest.fixture(scope="session", autouse=True)

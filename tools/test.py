@@ -1,7 +1,8 @@
 """Check everything: lint, types and every test, from a fresh clone: python tools/test.py
 
 Makes .venv and installs the locked tools of tests/requirements.txt there.  Arguments after `--` go to pytest.
-pytest runs twice: two processes share the tests that no clock on the wall can fail; then one process runs the others.
+pytest runs twice: two processes share the tests that the wall clock cannot fail; then one process runs the others.
+Without arguments for pytest the first run records the coverage, which is printed at the end.
 System packages are installed only with --install-system or with CI=true in the environment; otherwise the
 missing ones are listed, with what is not run without them.  With CI=true, anything not run is a failure.
 """
@@ -72,7 +73,9 @@ CHECKS = (
     ("types", ["basedpyright"]),
     ("tests", ["pytest", "--wall-clock=without", *PARALLEL]),
     ("tests tied to the wall clock", ["pytest", "--wall-clock=only"]),
+    ("coverage", ["coverage", "report"]),
 )
+RECORD = "--coverage"  # pytest's argument in the first run: the second is judged by the clock, which recording slows
 NO_TESTS = 5  # pytest's status when it has nothing to run
 COUNTS = ("passed", "failed", "skipped")
 
@@ -121,9 +124,17 @@ def packages_of(needs: Sequence[Need]) -> str:
     return " ".join(dict.fromkeys(need.package for need in needs))
 
 
-def check(number: int, title: str, words: List[str]) -> Result:
+def chosen(for_pytest: List[str], ci: bool) -> List[Tuple[str, List[str]]]:
+    """The checks. Of some tests no coverage is recorded; its floor counts with CI=true, where no test is skipped."""
+    if for_pytest:
+        return [(title, [*words]) for title, words in CHECKS if title != "coverage"]
+    added = {"tests": [RECORD], "coverage": [] if ci else ["--fail-under=0"]}
+    return [(title, [*words, *added.get(title, [])]) for title, words in CHECKS]
+
+
+def check(step: str, title: str, words: List[str]) -> Result:
     """Run one check under its title."""
-    bootstrap.say(f"\n[{number}/{len(CHECKS) + 2}] {title}: {' '.join(words)}")
+    bootstrap.say(f"\n[{step}] {title}: {' '.join(words)}")
     python = bootstrap.venv_python(bootstrap.ROOT / ".venv")
     # import-linter cannot be run as a module: its script lies beside the Python that it is for
     command = [str(python.parent / words[0]), *words[1:]] if words[0] == "lint-imports" else [str(python), "-m", *words]
@@ -174,12 +185,14 @@ def main(arguments: List[str]) -> int:
     install_system, for_pytest = parse(arguments)
     ci = os.environ.get("CI", "").lower() == "true"
     absent = settle(NEEDS, may_install=install_system or ci)
-    bootstrap.prepare(bootstrap.ROOT, WANTED, len(CHECKS) + 2, may_install=install_system or ci)
+    to_do = chosen(for_pytest, ci)
+    steps = len(to_do) + 2
+    bootstrap.prepare(bootstrap.ROOT, WANTED, steps, may_install=install_system or ci)
     deselected = ["--deselect=" + name for need in absent for name in need.not_run]
     results = []
-    for number, (title, words) in enumerate(CHECKS, 3):
+    for number, (title, words) in enumerate(to_do, 3):
         extra = [*deselected, *for_pytest] if words[0] == "pytest" else []
-        results.append(check(number, title, [*words, *extra]))
+        results.append(check(f"{number}/{steps}", title, [*words, *extra]))
     lines, status = summary(judged(results), absent, ci)
     bootstrap.say("\nSummary\n  " + "\n  ".join(lines[:-1]) + "\n" + lines[-1])
     return status

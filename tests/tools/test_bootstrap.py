@@ -375,6 +375,19 @@ def test_pytest_comes_last_with_its_arguments_and_without_what_cannot_run(shown)
     ]
 
 
+def test_a_whole_run_ends_with_the_coverage_of_its_first_pytest(shown):
+    checks.main([])
+    first, _, last = shown[-3:]
+    assert first == ["pytest", "--wall-clock=without", *checks.PARALLEL, "--coverage", "--deselect=tests/clone"]
+    assert last == ["coverage", "report", "--fail-under=0"]
+
+
+def test_the_floor_of_the_coverage_counts_on_ci(shown, monkeypatch):
+    monkeypatch.setenv("CI", "true")
+    checks.main([])
+    assert shown[-1] == ["coverage", "report"]
+
+
 def test_one_failed_check_fails_the_whole_but_stops_nothing(shown, monkeypatch, capsys):
     monkeypatch.setattr(bootstrap, "run", lambda command: (int("basedpyright" in command), "an error of types"))
     assert checks.main([]) == 1
