@@ -10,9 +10,11 @@ from types import FrameType
 from mirrormount.common.errors import BadAddress, BadValue, MountError
 from mirrormount.common.validation import digits
 from mirrormount.virtual.board import Options, make_simulation
-from mirrormount.virtual.ports import Port, PtyPort, TcpPort
+from mirrormount.virtual.ports import Port
+from mirrormount.virtual.pty_port import PtyPort
 from mirrormount.virtual.realtime import serve
 from mirrormount.virtual.simulation import BoardGone
+from mirrormount.virtual.tcp_port import TcpPort
 
 
 def serve_board(args: argparse.Namespace) -> None:
