@@ -24,7 +24,7 @@ REASONS += ("keep-alive lost", "superseded by another command", "fault")
 REASONS += ("emergency stop", "closed loop failed", "homing failed")
 _CERTAINTY = ("unknown", "counted", "homed", "estimated")
 _LIMITS = ("-", "positive", "negative", "both")
-_NAMES = ("y", "x", "axis 3", "axis 4")
+_NAMES = ("y", "x", "axis3", "axis4")  # as the host names them
 
 
 def _nothing():
@@ -36,7 +36,7 @@ class MoveEnded(Exception):
 
 
 class Axis:
-    """One axis: x (right is positive), y (up is positive), axis 3 or axis 4. axis is the firmware's own."""
+    """One axis: x (right is positive), y (up is positive), axis3 or axis4. axis is the firmware's own."""
 
     def __init__(self, mount, name, axis):
         self._mount = mount

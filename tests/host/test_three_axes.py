@@ -173,4 +173,4 @@ def test_the_prompt_has_the_third_axis_too(board):
     assert [fall - rise for rise, fall in zip(rises, falls, strict=True)] == pytest.approx([STEP_US] * 2, abs=20)
     assert board.off()
     last = say("m.status()").splitlines()[2]
-    assert last.startswith("axis 3: ") and last.endswith("last move: done")
+    assert last.startswith("axis3: ") and last.endswith("last move: done")

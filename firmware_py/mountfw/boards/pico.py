@@ -15,7 +15,7 @@ BRIDGE = "enable"
 
 # Axis 1 is motor 1, up and down; axis 2 is motor 2, right and left. `pos` is the leg that is
 # high for a positive number. stop_pos and stop_neg are end-stop inputs, or None. GP0 and GP1
-# are left for a UART.
+# are left for a UART. A third and a fourth motor are AXIS_3 and AXIS_4, with the same names.
 AXIS_1 = {"en": 2, "pos": 3, "neg": 4, "stop_pos": 10, "stop_neg": 11}
 AXIS_2 = {"en": 5, "pos": 6, "neg": 7, "stop_pos": 12, "stop_neg": 13}
 

@@ -256,11 +256,9 @@ class Commands:
 
     def _stop(self, axis, line):
         self._nothing(line)  # stopped all the same: a damaged stop must stop
-        if axis is None:
-            for each in self._axes:
+        for each in self._axes:
+            if axis is None or axis is each:
                 each.stop_soon()
-        else:
-            axis.stop_soon()
 
     def _abort(self, _axis, line):
         self._nothing(line)
