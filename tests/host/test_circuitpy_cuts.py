@@ -7,6 +7,8 @@ import shutil
 from pathlib import Path
 
 import pytest
+from cut_board import PowerCut
+from cut_drive import CutFiles, put
 from drive_board import THEIRS, contents, make_drive, stand_in_firmware
 
 from mirrormount.common.progress import Progress
@@ -15,52 +17,6 @@ from mirrormount.deploy.circuitpython_copy import Files, WayBack, install, remov
 
 OLD_LIBRARY = {"lib/adafruit_motor/__init__.py": b"", "lib/adafruit_motor/motor.py": b"# old library\n"}
 NEW_LIBRARY = {"lib/adafruit_motor/__init__.py": b"", "lib/adafruit_motor/motor.py": b"# new library\n"}
-
-
-class PowerCut(BaseException):
-    """No code of ours catches it."""
-
-
-class CutFiles(Files):
-    """The power goes at operation number `last`; a write is two of them, its half and its whole."""
-
-    def __init__(self, root: Path, last: int | None = None) -> None:
-        super().__init__(root)
-        self.count, self.last = 0, last
-
-    def operation(self) -> None:
-        self.count += 1
-        if self.count == self.last:
-            raise PowerCut
-
-    def write(self, path: str, content: bytes) -> None:
-        self.operation()
-        (self.root / path).write_bytes(content[: len(content) // 2])
-        self.operation()
-        (self.root / path).write_bytes(content)
-
-    def rename(self, path: str, to: str) -> None:
-        self.operation()
-        (self.root / path).replace(self.root / to)
-
-    def remove(self, path: str) -> None:
-        self.operation()
-        super().remove(path)
-
-    def make_folder(self, path: str) -> None:
-        self.operation()
-        super().make_folder(path)
-
-    def sync(self) -> None:
-        pass
-
-
-def put(files: Files, wanted: dict[str, bytes]) -> None:
-    """A deploy that may replace what it likes."""
-    there, _, old = survey(files)
-    todo = circuitpython_plan.drive_plan(wanted, there, old, lambda _aside: True)
-    if not todo.nothing:
-        install(files, todo, Progress())
 
 
 @pytest.fixture(scope="module")

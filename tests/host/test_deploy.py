@@ -5,8 +5,10 @@ import io
 import json
 import os
 import shutil
+import signal
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
@@ -300,6 +302,45 @@ def test_a_deploy_that_was_ended_before_a_firmware_answered_is_settled_by_the_ne
     assert (deployed.root / KEPT).is_dir()
     assert deployed.deploy().returncode == 0
     assert set(contents(deployed.root)) == listed(deployed.root) | {"mountfw/manifest.json"}
+
+
+def end_by_signal(board: Served, tmp_path: Path, number: int, command: str, under_way) -> subprocess.CompletedProcess:
+    """Run a command, and send it a signal when under_way(lines of stderr so far) is true."""
+    scratch = tmp_path / "scratch"
+    scratch.mkdir()
+    words = [sys.executable, "-m", "mirrormount", *command.split(), board.port]
+    said: list[str] = []
+    with subprocess.Popen(words, stderr=subprocess.PIPE, text=True, env=os.environ | {"TMPDIR": str(scratch)}) as run:
+        assert run.stderr
+        reader = threading.Thread(target=lambda: said.extend(run.stderr))
+        reader.start()
+        wait_for(lambda: under_way(said), f"{command} to be under way")
+        run.send_signal(number)
+        reader.join()
+    assert list(scratch.iterdir()) == []
+    return subprocess.CompletedProcess(words, run.returncode, stderr="".join(said))
+
+
+@pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])
+def test_a_deploy_that_a_signal_ends_leaves_the_firmware_that_ran_and_starts_it(deployed, tmp_path, name):
+    before, number = contents(deployed.root), getattr(signal, name)
+    ended = end_by_signal(
+        deployed, tmp_path, number, "deploy --source", lambda _: list(deployed.root.rglob("*.py.new"))
+    )
+    assert (ended.returncode, ended.stderr.splitlines()[-1]) == (128 + number, f"mirrormount: ended by {name}")
+    assert contents(deployed.root) == before
+    assert deployed.ask("VE?") == f"MM2 Version {mountfw.__version__} mirrormount"
+
+
+@pytest.mark.parametrize("command", ["deploy", "undeploy"])
+def test_a_signal_before_anything_was_changed_starts_the_firmware_again(deployed, tmp_path, command):
+    before = contents(deployed.root)
+    ended = end_by_signal(deployed, tmp_path, signal.SIGTERM, command, len)
+    assert ended.returncode == 128 + signal.SIGTERM, ended.stderr
+    left = contents(deployed.root)
+    assert left.items() <= before.items()  # a late signal may find some files removed
+    if left == before:
+        assert deployed.ask("VE?") == f"MM2 Version {mountfw.__version__} mirrormount"
 
 
 def test_undeploy_gives_a_program_that_was_put_aside_its_name_back(boot, tmp_path):

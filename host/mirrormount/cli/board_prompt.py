@@ -9,6 +9,7 @@ import time
 
 from mirrormount.common.child_python import python_module
 from mirrormount.common.errors import AtPrompt, BadAddress, FirmwareMissing, MountError, NoAnswer, NotAMount, PortBusy
+from mirrormount.deploy import prompt
 from mirrormount.device.mount import Mount
 from mirrormount.transport.find import find_one
 from mirrormount.transport.lines import Link
@@ -19,8 +20,7 @@ _GET_M = "from mountfw.repl import m"
 _HELP = """\
 m is the mount: m.x.step(5)  m.x.move_to(0)  m.y.jog(-0.3, ms=800)  m.drive(0, 255, ms=500)  m.status()  m.stop()
 Ctrl-C stops a move. Ctrl-] (or Ctrl-x) leaves, and the firmware starts again."""
-_PROMPT_S = 3.0  # how long a prompt may take to come
-_START_S = 10.0  # and the firmware, after a soft reset
+_START_S = 10.0  # the longest time until the firmware runs, after a soft reset
 
 
 def open_prompt(address: str | None) -> None:
@@ -53,9 +53,8 @@ def _interrupt(link: Link) -> None:
     link.write(b"!\n")
     if TAKEN.encode() in link.drain(0.1):
         raise PortBusy("another program drives this board")
-    link.write(b"\r\x03\x03\x02")  # the last one leaves a raw prompt
-    heard = _hear(link, b">>> ", _PROMPT_S)
-    if b">>> " not in heard:
+    heard = prompt.interrupt(link)
+    if prompt.SIGN not in heard:
         raise NotAMount(f"no Python prompt comes; it answered {heard[-60:]!r}" if heard else "nothing answers")
 
 
@@ -63,7 +62,7 @@ def _check(link: Link) -> None:
     """See whether m can be had, before a terminal fills with a traceback. Raises FirmwareMissing, MountError."""
     link.drain(0.1)
     link.write(_GET_M.encode() + b"\r")
-    said = _hear(link, b"\n>>> ", _PROMPT_S).decode("ascii", "replace")
+    said = prompt.receive(link, b"\n>>> ").decode("ascii", "replace")
     if "Traceback" in said:
         why = said.strip().removesuffix(">>>").strip().splitlines()[-1]
         if "ImportError" in why:
@@ -74,8 +73,8 @@ def _check(link: Link) -> None:
 def _start(link: Link) -> str:
     """A soft reset. Returns the firmware's identity; raises what Mount raises if it does not start."""
     _interrupt(link)
-    link.write(b"\x04")
-    _hear(link, b"soft reboot", _PROMPT_S)
+    link.write(prompt.RESTART)
+    prompt.receive(link, b"soft reboot")
     end = time.monotonic() + _START_S
     while True:
         try:
@@ -85,12 +84,3 @@ def _start(link: Link) -> str:
         except (NotAMount, NoAnswer):  # its first words
             if time.monotonic() > end:
                 raise
-
-
-def _hear(link: Link, text: bytes, longest_s: float) -> bytes:
-    """What the board says until it has said text, or for longest_s."""
-    heard = b""
-    end = time.monotonic() + longest_s
-    while text not in heard and time.monotonic() < end:
-        heard += link.drain(0.02, 0.1)
-    return heard

@@ -4,6 +4,7 @@ import time
 
 from mirrormount.common.errors import ConnectionLost, DeployError
 from mirrormount.common.printable import printable
+from mirrormount.deploy import prompt
 from mirrormount.transport.lines import Link
 from mirrormount.transport.open import open_port
 
@@ -25,14 +26,14 @@ def interrupt(port: str) -> None:
     try:
         end = time.monotonic() + _PROMPT_S
         while time.monotonic() < end:
-            link.write(b"\x03")
+            link.write(prompt.INTERRUPT)
             heard = link.drain(_QUIET_S)
             # Ctrl-C is given time for the program's `finally`; after the program has ended any key brings the
             # prompt, and Ctrl-B leaves a raw one
             for _ in range(_KEYS):
-                link.write(b"\r\x02")
+                link.write(b"\r" + prompt.FRIENDLY)
                 heard = heard[-200:] + link.drain(_QUIET_S)
-                if heard.rstrip().endswith(b">>>"):
+                if heard.rstrip().endswith(prompt.SIGN):
                     return
     finally:
         link.close()
@@ -46,7 +47,7 @@ def reset(port: str) -> None:
     """Restart the board as its reset button does, from its prompt: only that runs boot.py again."""
     link = Link(open_port(port))
     try:
-        link.write(b"\r\x03\x02")
+        link.write(b"\r" + prompt.INTERRUPT + prompt.FRIENDLY)
         link.drain(_QUIET_S)
         link.write(b"import microcontroller\r")
         link.drain(_QUIET_S)
@@ -63,7 +64,7 @@ def last_words(port: str) -> str:
     interrupt(port)
     link = Link(open_port(port))
     try:
-        link.write(b"\x04")
+        link.write(prompt.RESTART)
         heard = b""
         end = time.monotonic() + _START_S
         while not any(sign in heard for sign in _ENDED) and time.monotonic() < end:

@@ -1,8 +1,8 @@
 """`mirrormount deploy` and `undeploy`: the firmware onto a MicroPython board, and off it.
 
 A CircuitPython board has its own way, through its drive: circuitpython.py. Here the one or the other is chosen.
-remote.py does the work on the board, in two calls of mpremote: look, then upload, commit and reset. deploy_plan.py
-decides what has to be done, and board_side.py tells why a power cut leaves the old firmware or the new one.
+mpremote.py does the work on the board, in two calls of mpremote: survey, then upload, commit and reset.
+micropython_plan.py decides what has to be done; on_board.py says why a power cut leaves one whole firmware.
 """
 
 import dataclasses
@@ -18,7 +18,7 @@ from mirrormount.common.errors import DeployError, NoBoardFound, SeveralBoardsFo
 from mirrormount.common.printable import printable
 from mirrormount.common.progress import Progress
 from mirrormount.common.supported import MICROPYTHON, text
-from mirrormount.deploy import circuitpython
+from mirrormount.deploy import circuitpython, prompt
 from mirrormount.deploy.board_file import check_board_file, read_pins
 from mirrormount.deploy.fileset import THIS, board_choice, boards, firmware, firmware_hash
 from mirrormount.deploy.handshake import STATUS, Options, quiet
@@ -36,7 +36,6 @@ FLASH_IT = (
     " appears (micropython.org/download), or run: uvx mpflash flash"
 )
 OR_CIRCUITPYTHON = "; or CircuitPython in the same way (circuitpython.org/downloads)"
-_PROMPT_S = 3.0  # how long a prompt may take to come
 _SPARE_BLOCKS = 4  # room that the file system needs to rename and to write the journal
 
 
@@ -195,45 +194,33 @@ def _find(address: str | None) -> str:
 def _approach(port: str, stop: bool) -> bool:
     """See to it that a MicroPython is there and no motor moves. Sends no stop unless told to.
 
-    True if the firmware answered. Raises DeployError.
+    True if the firmware answered. Raises DeployError. The board is left at its prompt.
     """
     link = Link(open_port(port))
     try:
         link.drain(0.1)
         heard = quiet(link, stop)
-        if STATUS.search(heard):
+        with prompt.restarted_on_interruption(link):
+            answered = bool(STATUS.search(heard))
+            if not answered:
+                heard += prompt.look(link)
+                if "CircuitPython" in heard:
+                    raise DeployError(
+                        "this board runs CircuitPython, and its drive is not mounted here: mount it, or say --drive"
+                    )
+                if prompt.SIGN.decode() not in heard:
+                    raise DeployError(f"no Python answers on this board. {FLASH_IT}")
             _check_prompt(link)
-            return True
-        link.write(b"\r\x03\x03")
-        heard += link.drain(0.2).decode("ascii", "replace")
-        link.write(b"\x02")
-        heard += link.drain(0.2).decode("ascii", "replace")
-        if "CircuitPython" in heard:
-            raise DeployError(
-                "this board runs CircuitPython, and its drive is not mounted here: mount it, or say --drive"
-            )
-        if ">>>" not in heard:
-            raise DeployError(f"no Python answers on this board. {FLASH_IT}")
-        _check_prompt(link)
     finally:
         link.close()
-    return False
+    return answered
 
 
 def _check_prompt(link: Link) -> None:
     """Interrupt what runs, and see that the prompt takes programs. Raises DeployError; then the firmware goes on."""
-    link.write(b"\r\x03\x03")
-    heard = link.drain(0.2)
-    link.write(b"\x01")
-    end = time.monotonic() + _PROMPT_S
-    while b"raw REPL" not in heard and time.monotonic() < end:
-        heard += link.drain(0.02, 0.1)
-    link.write(b"\x02")
-    link.drain(0.1)
-    if b"raw REPL" in heard:
+    works, heard = prompt.takes_programs(link)
+    if works:
         return
-    link.write(b"\x04")
-    link.drain(0.2)
     if b"(virtual board)" in heard:
         raise DeployError("this virtual board has no MicroPython prompt: start it with --machine micropython")
     raise DeployError(

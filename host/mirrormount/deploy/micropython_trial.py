@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from mirrormount.common.errors import CannotOpen, ConnectionLost, DeployError, FirmwareFailed, MountError, NoAnswer
 from mirrormount.common.printable import printable
 from mirrormount.common.progress import Progress
+from mirrormount.deploy import prompt
 from mirrormount.deploy.handshake import ask, check
 from mirrormount.deploy.mpremote import Mpremote
 from mirrormount.transport.lines import Link
@@ -105,7 +106,7 @@ def come_back(port: str, wanted: Collection[str] | None) -> tuple[str, int]:
                 # that may be the answer to an earlier question, so ask another; an older firmware may not know it
                 axes = check(link, wanted)[0] if wanted is not None else 0
                 return printable(f"{name}, mountfw {version.strip()}"), axes
-            if ">>>" in heard:
+            if prompt.SIGN.decode() in heard:
                 said = _last_words(link)
                 if said is not None:
                     why = f"does not start; it says: {said}" if said else "does not start, and does not say why"
@@ -122,15 +123,13 @@ def _last_words(link: Link) -> str | None:
 
     None if no prompt follows: it may have started this time.
     """
-    link.write(b"\r\x03\x02")
-    link.drain(0.2)
-    link.write(b"\x04")
+    prompt.run_again(link)
     heard = b""
     end = time.monotonic() + _START_S
     while time.monotonic() < end:
         heard += link.drain(0.02, 0.2)
         started = heard.partition(b"soft reboot")[2]
-        if started.rstrip().endswith(b">>>"):
+        if started.rstrip().endswith(prompt.SIGN):
             text = _BANNER.split(started.decode("utf-8", "replace").replace("\r\n", "\n"))[0]
             lines = [line.strip() for line in text.splitlines() if line.strip()]
             return printable(lines[-1]) if lines else ""

@@ -62,6 +62,10 @@ class Mpremote:
                 self._run(*steps, ["reset"], on_line=uploading.heard)
             except MpremoteError as e:
                 self._clean(list(todo.verify), e)
+            except BaseException:  # this program is ended: what it has uploaded goes, and the caller resets the board
+                with contextlib.suppress(MountError):
+                    self._remove_uploads(list(todo.verify))
+                raise
             finally:
                 progress.end()
 
@@ -94,15 +98,19 @@ class Mpremote:
     def _clean(self, paths: list[str], why: MpremoteError) -> None:
         """After a failed upload. Raises DeployError."""
         try:
-            self._tell(f"clean({paths!r}, replay)\nsay(True)")
+            self._remove_uploads(paths)
         except DeployError:
             raise DeployError(
                 f"the upload failed ({why}); the firmware that was there is kept on the board: deploy again"
             ) from why
         raise DeployError(f"the upload failed ({why}); the board has the firmware that it had") from why
 
+    def _remove_uploads(self, paths: list[str]) -> None:
+        """Remove from the board what was uploaded for these paths; a commit that was begun is finished by replay()."""
+        self._tell(f"clean({paths!r}, replay)\nsay(True)")
+
     def _tell(self, code: str, *more: list[str], fresh: bool = False):
-        """Run code after board_side; returns what it tells."""
+        """Run code after the functions of on_board.py that it needs. Returns what it says."""
         said: list[str] = []
         with tempfile.TemporaryDirectory() as scratch:
             self._run(["run", self._script(scratch, "script", code)], *more, on_line=said.append, fresh=fresh)
@@ -139,6 +147,9 @@ class Mpremote:
                 for line in iter(partial(process.stdout.readline, _LONGEST_LINE), ""):
                     on_line(line.strip())
                     last = line.strip() or last
+            except BaseException:
+                process.terminate()  # its work is put in order by the next call, not by its end
+                raise
             finally:
                 timer.cancel()
         if process.returncode:
