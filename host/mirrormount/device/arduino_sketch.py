@@ -1,8 +1,8 @@
-"""An Arduino that runs the paper's own sketch, driven within what that sketch can do.
+"""Drives an Arduino that runs the paper's own sketch, within the limits of that sketch.
 
-The sketch knows frames only. It takes about 143 ms over each, loses what reaches it meanwhile,
+The sketch parses frames only. It takes about 143 ms for each, loses bytes that arrive meanwhile,
 cannot time a pulse and never stops by itself; docs/protocol.md has the measurements. So frames
-are spaced, each is confirmed by its echo, and a stop is sent until it was obeyed.
+are spaced, each is confirmed by its echo, and a stop is repeated until it is confirmed.
 """
 
 from typing import Self
@@ -29,7 +29,7 @@ class SketchMount:
 
     def __init__(self, link: Link) -> None:
         self.link = link
-        self._free_at = 0.0  # when the sketch listens again
+        self._free_at = 0.0  # when the sketch reads again
         link.sleep(_RESET_S)
         link.drain(0.1)
         link.write(b"*IDN?\n")  # to the sketch a frame of zeros
@@ -98,10 +98,10 @@ class SketchMount:
         self.link.sleep(seconds)
 
     def pulse(self, m1: int, m2: int) -> None:
-        """One step: on, 0.2 s by this computer's clock, off. The off is sent whatever happens."""
+        """One step: on, 0.2 s by this computer's clock, off. The off is always sent."""
         try:
             self.drive(m1, m2)
-            # the sketch takes the next frame only when it is done with this one
+            # the sketch reads the next frame only after this one
             self.link.sleep(max(0.0, self._free_at - _SPACING_S + _PULSE_S - self.link.monotonic()))
         finally:
             self._free_at = 0.0

@@ -14,10 +14,10 @@ from mirrormount.device.session import Session
 from mirrormount.device.status import AxisStatus, Ended, Homed, Limits, table
 from mountfw import codes as wire
 
-Progress = Callable[[AxisStatus], None]  # called with each status that comes while a move is waited for
+Progress = Callable[[AxisStatus], None]  # called with each status during a wait
 
 _POLL_S = 0.05
-_SLACK_S = 4.0  # on top of what a move must take, before it is called stuck; 2 s of it for the backlash
+_SLACK_S = 4.0  # beyond the computed time of a move before it counts as stuck; 2 s of it for the backlash
 _SHORTEST_US = 200  # pulse of the board (XU)
 _SOFT_LIMITS_CHECKED = 8  # the bit of ZH
 
@@ -68,9 +68,9 @@ class Axis:
     def move_to(self, steps: float, *, wait: bool = True, feed: bool = True, progress: Progress | None = None) -> float:
         """Move to the position `steps`, which may lie between two steps. Returns the position that is reached.
 
-        What whole steps leave over is one pulse of its own length (`XU`), so that also a whole position is reached
-        from one between two steps, such as a jog's end; the position is an estimate then. The board drives no
-        pulse shorter than 200 us, 0.001 of a step of 200 ms: less than that is left over.
+        The remainder of whole steps is one pulse of its own length (`XU`), so that a whole position is reached
+        also from one between two steps, such as a jog's end; the position is an estimate then. The board's shortest
+        pulse is 200 us, 0.001 of a step of 200 ms: a smaller remainder stays.
         Without wait the nearest whole number of steps is moved to, and `steps` must be whole. Raises as step() does.
         """
         if not wait:
@@ -96,15 +96,15 @@ class Axis:
         return self.position
 
     def zero(self, steps: int = 0) -> None:
-        """Call the present position `steps`; from here on it is certain as far as it is counted."""
+        """Define the present position as `steps`; from here on it is counted."""
         self._session.send(f"{self.number}DH{whole_number(steps, 1_000_000, 'position')}")
 
     def move_by(self, amount: float, unit: str = "steps", *, wait: bool = True) -> float:
-        """Move by an amount of steps, of mrad or of urad; the angle is the mirror's. Returns what was moved.
+        """Move by an amount of steps, of mrad or of urad; the angle is the mirror's. Returns the amount moved.
 
         An angle becomes the nearest whole number of steps, by the scale of that direction in the
         calibration file (docs/calibration.md). Raises NotCalibrated without one that belongs to the
-        board's present step, BadFile, and what step() raises.
+        board's present step, BadFile, and as step() does.
         """
         if unit == "steps":
             self.step(amount, wait=wait)  # type: ignore[arg-type]  # refused there if it is not whole
@@ -122,7 +122,7 @@ class Axis:
         return n * mrad_per_step * per_mrad
 
     def ask(self, *queries: str) -> list[str]:
-        """What queries of this axis answer: axis.ask("XP?", "VA?"). Raises BoardError, NotAMount."""
+        """The answers to queries of this axis: axis.ask("XP?", "VA?"). Raises BoardError, NotAMount."""
         answers = self._session.send(";".join(f"{self.number}{query}" for query in queries)).split("; ")
         if len(answers) != len(queries):
             raise NotAMount(f"not the answers to {', '.join(queries)}: {'; '.join(answers)[:80]!r}")
@@ -145,7 +145,7 @@ class Axis:
         return Homed(millisteps / 1000 if known else None)
 
     def start_homing(self) -> None:
-        """Begin what home() does, and return; the caller keeps it alive, as in Mount.drive(). Raises BoardError."""
+        """Start homing and return; the caller keeps it alive, as in Mount.drive(). Raises BoardError."""
         self._seek("OR")
 
     def find_end_stop(self, direction: int) -> None:
@@ -205,7 +205,7 @@ class Axis:
             raise BadValue(f"a jog's speed comes in steps of 1/255: {speed!r} is none")
         a, session = self.number, self._session
         stops = session.gate.last_stop()
-        if self.status().moving:  # what is under way gives way
+        if self.status().moving:  # the present move is superseded
             self.stop()
         run_duty, limit_ms = whole_numbers(session.ask(f"{a}XV?;{a}XM?"), 2, "; ")
         sign = "+" if speed > 0 else "-"
@@ -222,7 +222,7 @@ class Axis:
         self.wait()
 
     def wait(self, progress: Progress | None = None) -> Ended:
-        """Wait for the end of this axis's move and tell how it ended.
+        """Wait for the end of this axis's move. Returns how it ended.
 
         Raises NoAnswer (and stops) if it takes longer than it can, ConnectionLost. An interrupt stops both motors.
         """
@@ -249,7 +249,7 @@ class Axis:
 
     def _scale(self, direction: int) -> float:
         """mrad of the mirror a step, in that direction."""
-        from mirrormount.device import calibration  # what only stops, or counts in steps, needs no file
+        from mirrormount.device import calibration  # a program that stops, or counts in steps, needs no file
 
         step = calibration.Step(*self.ask_whole("XP?", "XD?", "XI?"))
         return calibration.mrad_per_step(self._session.board.id, self.number, self.name, direction, step)
@@ -264,7 +264,7 @@ class Axis:
         progress: Progress | None = None,
         stops: int | None = None,
     ) -> None:
-        """Start a move of n steps. stops is what _count_stops() said when it was asked for: now, if None."""
+        """Start a move of n steps. stops: gate.last_stop() at the request, None: now."""
         a, session = self.number, self._session
         stops = session.gate.last_stop() if stops is None else stops
         pulse_us, velocity = positive_numbers(session.ask(f"{a}XP?;{a}VA?"), 2)
@@ -278,7 +278,7 @@ class Axis:
                 session.keep_alive.start()
 
     def _seek(self, command: str) -> None:
-        """Begin to look for a switch. The search limit bounds the time under drive; slow pulses have rests between."""
+        """Start a search for a switch. The search limit bounds the drive time; slow pulses have rests between them."""
         session = self._session
         stops = session.gate.last_stop()
         limit_ms, pulse_us = self.ask_whole("XT?", "XP?")

@@ -25,7 +25,7 @@ from mirrormount.common import toml_file
 from mirrormount.common.errors import BadFile, NotCalibrated
 from mirrormount.common.printable import printable
 
-_LEAST, _MOST = 1e-9, 1e9  # mrad a step: beyond what any mirror mount does, within what can be divided by
+_LEAST, _MOST = 1e-9, 1e9  # mrad a step: far beyond any mirror mount, and safe to divide by
 _HEADING = """mirrormount: how far the mirror turns with a step (docs/calibration.md).
 positive, negative: mrad of the mirror a step. pulse_us, step_duty, inverted: the step that was measured.
 Written by `mirrormount setup`, which keeps the numbers of other boards but no remarks."""
@@ -33,7 +33,7 @@ Written by `mirrormount setup`, which keeps the numbers of other boards but no r
 
 @dataclass(frozen=True)
 class Step:
-    """What makes a step of an axis what it is: length in us, duty 1 … 255, and whether the axis is inverted."""
+    """The step that a scale belongs to: length in us, duty 1 … 255, and whether the axis is inverted."""
 
     pulse_us: int
     step_duty: int
@@ -50,13 +50,13 @@ class Scale:
 
 
 def path() -> Path:
-    """Where the scales are."""
+    """The path of the file of scales."""
     folder = os.environ.get("MIRRORMOUNT_CONFIG")
     return (Path(folder) if folder else user_config_path("mirrormount", appauthor=False)) / "calibration.toml"
 
 
 def read(board_id: str, axis: int) -> Scale | None:
-    """The scale of axis 1 or 2 of a board, or None. Raises BadFile."""
+    """The scale of an axis of a board by its number, or None. Raises BadFile."""
     table = _tables().get(board_id, {})
     name = f"axis{axis}"
     where = f"{path()}: [{board_id}.{name}]"
@@ -74,7 +74,7 @@ def read(board_id: str, axis: int) -> Scale | None:
 
 
 def write(board_id: str, scales: Mapping[int, Scale]) -> Path:
-    """Store the scales of some axes of a board; all else in the file stays. Returns its path.
+    """Store the scales of some axes of a board, by their numbers; the rest of the file stays. Returns its path.
 
     Raises BadFile if the file that is there is damaged (it is not touched), CannotWrite.
     """
@@ -127,8 +127,8 @@ def _number(entry: Mapping[str, Any], key: str, where: str) -> float | None:
     if value is None:
         return None
     if isinstance(value, bool) or not isinstance(value, int | float) or not (_LEAST <= value <= _MOST):
-        told = printable(repr(value), 60)
-        raise BadFile(f"{where}: {key} is a number above 0 (mrad a step, {_LEAST:g} … {_MOST:g}), not {told}")
+        shown = printable(repr(value), 60)
+        raise BadFile(f"{where}: {key} is a number above 0 (mrad a step, {_LEAST:g} … {_MOST:g}), not {shown}")
     return float(value)
 
 

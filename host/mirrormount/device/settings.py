@@ -88,9 +88,9 @@ def _read_axis(session: Session, number: int) -> dict[str, int | float]:
 
 
 def write(session: Session, wanted: Mapping[str, Mapping[str, int | float]]) -> None:
-    """Change what differs from the board's settings: all of it, or nothing.
+    """Change the settings that differ from the board's: all of them, or none.
 
-    Raises BadValue before anything is sent, SettingRefused when the board takes one not.
+    Raises BadValue before any byte is sent, SettingRefused when the board refuses one.
     """
     check(wanted)
     for axis in wanted:
@@ -101,13 +101,13 @@ def write(session: Session, wanted: Mapping[str, Mapping[str, int | float]]) -> 
     try:
         _apply(session, wanted)
     except SettingRefused as e:
-        with contextlib.suppress(SettingRefused):  # what was refused now was not changed
+        with contextlib.suppress(SettingRefused):  # a refused setting was not changed
             _apply(session, before)
         raise SettingRefused(f"{e}; the settings are as they were") from e
 
 
 def _apply(session: Session, wanted: Mapping[str, Mapping[str, int | float]]) -> None:
-    """Set what differs. Inverting an axis swaps its limits, so that comes first, and the rest is compared after it."""
+    """Set those that differ. Inverting an axis swaps its limits: it comes first, and the rest is compared after it."""
     for names in (["inverted"], [name for name in SETTINGS if name != "inverted"]):
         now = read(session)
         for axis in wanted:
@@ -159,7 +159,7 @@ def check_together(before: Mapping[str, Mapping[str, Any]], wanted: Mapping[str,
 
 
 def setting(name: str) -> Setting:
-    """The setting called "x.pulse_us". Raises BadValue that lists what there is."""
+    """The setting called "x.pulse_us". Raises BadValue with the names of all."""
     axis, _, rest = name.partition(".")
     if not is_axis(axis) or rest not in SETTINGS:
         raise BadValue(f"there is no setting {name!r}: x. or y. and one of {', '.join(SETTINGS)}")

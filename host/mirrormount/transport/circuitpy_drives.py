@@ -14,7 +14,7 @@ _FIRST_LINE = re.compile(r"Adafruit CircuitPython (\S+) on [^;]*; *(.*)")
 _NUMBER = re.compile(r"(\d{1,4})\.(\d{1,4})")
 _BOARD_ID = re.compile(r"[a-z0-9_]{1,60}")
 _UID = re.compile(r"[0-9A-F]{4,64}")
-_LONGEST = 4096  # the lines that matter come first; what boot.py prints comes after
+_LONGEST = 4096  # the needed lines come first, the output of boot.py after them
 GET_IT = (
     "the .uf2 for the board is at circuitpython.org/downloads: double-press reset, or hold BOOTSEL while plugging in,"
     " and drop it on the drive that appears"
@@ -23,7 +23,7 @@ GET_IT = (
 
 @dataclass(frozen=True)
 class Drive:
-    """A board's drive: where it is mounted, and what its boot_out.txt says. uid is upper-case hex, or "".
+    """A board's drive: where it is mounted, and the contents of its boot_out.txt. uid is upper-case hex, or "".
 
     vouched: a person has named a port as that of this board.
     """
@@ -58,8 +58,8 @@ def read_drive(path: Path) -> Drive | None:
     found = _FIRST_LINE.match(said)
     if not found:
         return None
-    told = dict(line.split(":", 1) for line in said.splitlines() if line.startswith(("Board ID:", "UID:")))
-    board_id, uid = told.get("Board ID", "").strip(), told.get("UID", "").strip().upper()
+    fields = dict(line.split(":", 1) for line in said.splitlines() if line.startswith(("Board ID:", "UID:")))
+    board_id, uid = fields.get("Board ID", "").strip(), fields.get("UID", "").strip().upper()
     return Drive(
         path,
         printable(found[1], 40),

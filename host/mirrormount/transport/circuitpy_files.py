@@ -1,6 +1,6 @@
 """The files of a CircuitPython drive by their paths from its root. No path leaves the drive, and no link is followed.
 
-A drive is input: anybody may have written it. CircuitPython's file system, FAT, has neither links nor device files. So
+A drive is untrusted input. CircuitPython's file system, FAT, has neither links nor device files. So
 a drive on which there are some where the firmware's files belong is refused as a whole.
 """
 
@@ -24,7 +24,7 @@ _DEEPEST = 8  # folders below one another; the firmware has two
 _MOST_FILES = 5_000
 _MOST_BYTES = 16 << 20  # of one file, or of all together: more than the flash of any board
 _GONE = (errno.ENOENT, errno.ENOTEMPTY, errno.EEXIST)
-_IS_A_LINK = (errno.ELOOP, errno.ENOTDIR, errno.EMLINK)  # what systems answer to O_NOFOLLOW
+_IS_A_LINK = (errno.ELOOP, errno.ENOTDIR, errno.EMLINK)  # errors of O_NOFOLLOW
 
 
 def is_path(text: object) -> bool:
@@ -48,16 +48,16 @@ def read_beginning(root: Path, name: str, longest: int) -> bytes:
 
 
 class Files:
-    """A drive's files. Everything that is written is asked to be on the drive on return.
+    """A drive's files. On return of a method that writes, the system was told to flush it to the drive.
 
-    All methods raise OSError, and WrongDrive for a link, a device, or a path that is none.
+    All methods raise OSError, and WrongDrive for a link, a device, or an impossible path.
     """
 
     def __init__(self, root: Path) -> None:
         self.root = root
 
     def read(self, path: str) -> bytes:
-        """A file's content, from the drive itself where the system lets us say so (Linux), else maybe from memory."""
+        """A file's content, from the drive itself if the system allows it (Linux), else possibly from a cache."""
         with self.opened(path, os.O_RDONLY) as descriptor, open(descriptor, "rb", closefd=False) as f:
             if hasattr(os, "posix_fadvise"):
                 os.posix_fadvise(descriptor, 0, 0, os.POSIX_FADV_DONTNEED)
@@ -115,7 +115,7 @@ class Files:
                 raise
 
     def sync(self) -> None:
-        """Have the system write what it still holds back. Windows has no such call: there each file is all there is."""
+        """Flush the system's cache. Windows has no such call: there each file is flushed alone."""
         if hasattr(os, "sync"):
             os.sync()
 
@@ -216,7 +216,7 @@ class Files:
 
 
 def _no_link(path: str, found: os.stat_result) -> int:
-    """The mode of what was found. Raises WrongDrive for what is neither a plain file nor a folder."""
+    """The mode of an entry. Raises WrongDrive for one that is neither a plain file nor a folder."""
     if getattr(found, "st_reparse_tag", 0) or not (stat.S_ISREG(found.st_mode) or stat.S_ISDIR(found.st_mode)):
         raise _link(path)
     return found.st_mode

@@ -1,4 +1,4 @@
-"""Which serial ports belong to which CircuitPython board, from what the system says of them. Opens none.
+"""Which serial ports belong to which CircuitPython board, by the system's lists. Opens none.
 
 A board shows its console, and a second port, the data channel, where its boot.py has switched that on. Both carry
 the board's UID as USB serial number, the same that is in its boot_out.txt. (How CircuitPython makes these
@@ -107,7 +107,7 @@ def mounts(drives: Sequence[Drive], ports: Sequence[Any]) -> list[tuple[str, str
 
 
 def namesakes(drive: Drive, drives: Iterable[Drive]) -> list[Drive]:
-    """Other drives with the same UID: one of them is not what it says, or was copied."""
+    """Other drives with the same UID: one of them is forged or copied."""
     return [other for other in drives if drive.uid and other.uid == drive.uid and not _is_same(other, drive)]
 
 

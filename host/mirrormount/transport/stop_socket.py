@@ -1,17 +1,17 @@
-"""A stop that gets through although another program has the port.
+"""Stops a board whose port another program has open.
 
-Who opens a port holds a Stoppable for as long as it is open: a socket in a folder of this user only, on which any
-program of this user may ask for a stop. `mirrormount stop` does.
+A program that opens a port holds a Stoppable as long as it is open: a socket in a folder of this user only, on which
+any program of this user may request a stop. `mirrormount stop` does.
 
     owner = Stoppable([address], write_stop)   # Mount.open and `serve` do this
     owner.close()
 
-    ask_all(owners(address))                  # what `mirrormount stop` does
-    held_here(address)                         # has this very process the port open? (Mount.open asks)
+    ask_all(owners(address))                  # `mirrormount stop` does this
+    held_here(address)                         # True if this process has the port open (Mount.open)
 
-A Stoppable has a thread of its own, and calls write_stop() there: that must write the stop without waiting for
-anything that a hanging thread may hold. Needs Unix sockets: on Windows there is none (supported() says so), and a
-port that is in use can be stopped by its own program only.
+A Stoppable calls write_stop() in its own thread: it must write the stop without waiting for a lock that a hanging
+thread may hold. Unix sockets are needed: without them (Windows; see supported()) only the program that has a port
+open can stop it.
 """
 
 import contextlib
@@ -32,24 +32,29 @@ from mirrormount.common.keep_alive import KEEP_ALIVE_MS
 from mirrormount.common.printable import printable
 from mirrormount.transport.processes import Owner, command_of
 
-ANSWER_S = 2.0  # how long an owner may take to confirm
+ANSWER_S = 2.0  # longest time in which an owner confirms
 
-STOPPED = "stopped"  # the board has said that both motors are off
-SENT = "sent"  # the stop was written to the port, and nobody could look what came of it
+STOPPED = "stopped"  # the board has confirmed that all motors are off
+SENT = "sent"  # the stop was written to the port, without a confirmation
 _FAILED = "failed: "
-_REQUEST_S = 0.2  # how long one who has connected may take to ask: the next one waits meanwhile
-_AGAIN_S = 0.02  # between two tries where as many ask as can wait
-_PASSING = (errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.ECONNABORTED)  # too many files open, or the asker has gone
+_REQUEST_S = 0.2  # longest time from a connection to its request: the next one waits meanwhile
+_AGAIN_S = 0.02  # between two attempts while the queue is full
+_PASSING = (
+    errno.EMFILE,
+    errno.ENFILE,
+    errno.ENOMEM,
+    errno.ECONNABORTED,
+)  # too many files, or the client has gone
 _ENDING = ".stop"
 _FOLDER_MOST = 68  # bytes: with its name a socket's path may have 103 on macOS, 107 on Linux
 
-_held: dict[str, int] = {}  # ports that this process has open, and how often
+_held: dict[str, int] = {}  # ports that this process has open, with their counts
 _held_lock = threading.Lock()
 _count = 0  # Stoppables that this process has made
 
 
 def supported() -> bool:
-    """Are there Unix sockets here?"""
+    """True if this system has Unix sockets."""
     return hasattr(socket, "AF_UNIX")
 
 
@@ -61,15 +66,15 @@ def real_name(address: str) -> str:
 
 
 def held_here(address: str) -> bool:
-    """Has this process the port open? A virtual:// board is a new one each time, so never."""
+    """True if this process has the port open. Each virtual:// board is a new one: False."""
     return not address.startswith("virtual://") and real_name(address) in _held
 
 
 class Stoppable:
-    """The owner's side: takes stops for a port that is open in this process, until close().
+    """The owner's side: accepts stops for a port that is open in this process, until close().
 
-    names: the addresses that the port goes by. stop: writes the stop, and returns STOPPED or SENT; it may raise
-    MountError. Where no socket can be made the port works all the same, and `why_not` says what is in the way.
+    names: the addresses of the port. stop: writes the stop, and returns STOPPED or SENT; it may raise
+    MountError. Without a socket the port works all the same, and `why_not` has the reason.
     """
 
     def __init__(self, names: Sequence[str], stop: Callable[[], str]) -> None:
@@ -87,14 +92,14 @@ class Stoppable:
         if supported():
             try:
                 self._listen(number)
-            except (OSError, MountError) as e:  # a full disk, a home without a runtime folder: the port is worth more
+            except (OSError, MountError) as e:  # a full disk, a home without a runtime folder: the port works
                 self.why_not = str(e)
                 self._remove()
         else:
             self.why_not = "this system has no Unix sockets"
 
     def close(self) -> None:
-        """Take no more stops."""
+        """Accept no more stops."""
         with _held_lock:
             for name in self._names:
                 _held[name] = _held.get(name, 1) - 1
@@ -134,9 +139,9 @@ class Stoppable:
             except OSError as e:
                 if e.errno not in _PASSING:
                     return  # closed
-                time.sleep(_REQUEST_S)  # nothing tells when there is room again
+                time.sleep(_REQUEST_S)  # no event shows that there is room again
                 continue
-            with asker, contextlib.suppress(OSError):  # it has gone
+            with asker, contextlib.suppress(OSError):  # it has disconnected
                 asker.settimeout(_REQUEST_S)
                 if _user(asker) in (None, os.getuid(), 0) and asker.recv(16).startswith(b"stop"):
                     asker.sendall(self._answer().encode() + b"\n")
@@ -144,12 +149,12 @@ class Stoppable:
     def _answer(self) -> str:
         try:
             return self._stop()
-        except Exception as e:  # whatever it is, the one who asked must get to know
+        except Exception as e:  # of any kind: it is sent to the program that requested the stop
             return _FAILED + (str(e) or type(e).__name__)
 
 
 def owners(address: str | None = None) -> list[Owner]:
-    """The programs of this user that take stops, for the port at address or for any. Removes what dead ones left."""
+    """The programs of this user that accept stops, for one port or for any. Removes the sockets of ended ones."""
     if not supported():
         return []
     try:
@@ -159,7 +164,7 @@ def owners(address: str | None = None) -> list[Owner]:
     found: dict[int, Owner] = {}
     pattern = f"{_key(real_name(address)) if address else '*'}.*{_ENDING}"
     for path in sorted(folder.glob(pattern)):
-        with contextlib.suppress(OSError, ValueError):  # it has gone meanwhile, or is nothing of ours
+        with contextlib.suppress(OSError, ValueError):  # removed meanwhile, or no stop socket
             pid = int(path.name.split(".")[1])
             if _is_left(path):
                 path.unlink(missing_ok=True)
@@ -169,7 +174,7 @@ def owners(address: str | None = None) -> list[Owner]:
 
 
 def why_none() -> str | None:
-    """What keeps programs of this user from being asked; None if nothing does."""
+    """The reason why no program of this user can be asked for a stop; None if they can."""
     try:
         if supported():
             make_folder()
@@ -179,7 +184,7 @@ def why_none() -> str | None:
 
 
 def ask_all(asked: Sequence[Owner], timeout_s: float = ANSWER_S) -> list[str | NoAnswer]:
-    """Ask all of them at the same time: one that does not answer delays no other's stop. In their order."""
+    """Ask all at the same time: one without an answer delays no other's stop. Returns the answers in their order."""
     answers: list[str | NoAnswer] = [NoAnswer(f"{owner} was not asked") for owner in asked]
 
     def ask_one(i: int) -> None:
@@ -257,18 +262,18 @@ def _connect(path: Path, patience_s: float = 0.0) -> socket.socket:
 
 
 def _clear(path: Path) -> None:
-    """Remove what a dead program left, whose process number this one has now (in a container it is often the same)."""
+    """Remove the socket of an ended program whose process number this one has now (common in a container)."""
     with contextlib.suppress(OSError):
         if _is_left(path):
             path.unlink(missing_ok=True)
 
 
 def _is_left(path: Path) -> bool:
-    """Did a dead program leave it? Raises OSError for what is no socket."""
+    """True for the socket of an ended program. Raises OSError if it is no socket."""
     if not stat.S_ISSOCK(path.lstat().st_mode):
         raise FileNotFoundError(f"{path}: no socket")
     try:
-        with _connect(path):  # a frozen program's socket still takes it,
+        with _connect(path):  # a frozen program's socket still accepts,
             return False
     except BlockingIOError:  # until its queue is full
         return False
@@ -277,7 +282,7 @@ def _is_left(path: Path) -> bool:
 
 
 def _user(connection: socket.socket) -> int | None:
-    """The peer's user; None where the system does not tell (the folder's mode stands for it there)."""
+    """The peer's user id; None if the system does not show it (the folder's mode protects the socket there)."""
     if not hasattr(socket, "SO_PEERCRED"):
         return None
     return struct.unpack("3i", connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, struct.calcsize("3i")))[1]

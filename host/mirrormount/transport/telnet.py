@@ -1,25 +1,25 @@
-"""What of a network client's bytes is for the board. Bytes in, bytes out; imports nothing of ours.
+"""Removes telnet's own bytes from a network client's. Bytes in, bytes out; imports nothing of ours.
 
-A New Focus controller on Ethernet speaks telnet (RFC 854): it greets with two offers, and a client may
-answer, in bytes of which the board would take the first for damage and stop.
+A New Focus controller on Ethernet uses telnet (RFC 854): it sends two offers first, and a client may
+answer them. To the board the first byte of such an answer is damage, and it would stop.
 """
 
 import time
 from collections.abc import Callable
 
-GREETING = bytes((0xFF, 0xFB, 0x01, 0xFF, 0xFB, 0x03))  # I will echo, I will suppress go-ahead; published drivers wait
+GREETING = bytes((0xFF, 0xFB, 0x01, 0xFF, 0xFB, 0x03))  # WILL echo, WILL suppress go-ahead; drivers wait for it
 
-_IAC = 0xFF  # begins every command of telnet's
+_IAC = 0xFF  # begins every telnet command
 _WILL, _DONT = 0xFB, 0xFE  # and WONT, DO between them: an option's number follows
 _SB, _SE = 0xFA, 0xF0  # a sub-negotiation's begin and end
-_BRK, _IP, _ABORT = 0xF3, 0xF4, 0xEE  # a person at a telnet program has pressed the key for "interrupt"
+_BRK, _IP, _ABORT = 0xF3, 0xF4, 0xEE  # the "interrupt" keys of a telnet program
 _FIRST_COMMAND = 0xEC
 _STOP = 0x21
-_ZERO = 0x30  # eight in a row stop, too
-_PAUSE_S = 1.0  # a negotiation that stands still for so long is none: what comes next is the board's
-_SUB_MOST = 64  # a longer sub-negotiation is none: it must not swallow what comes, least of all a stop
+_ZERO = 0x30  # eight in a row are a stop
+_PAUSE_S = 1.0  # a negotiation that pauses for longer has ended: the next byte is the board's
+_SUB_MOST = 64  # a longer one has ended: it must not swallow commands, least of all a stop
 
-# Ctrl-C would drop the firmware to its prompt, where text is obeyed as Python; the others are mpremote's keys
+# Ctrl-C would drop the firmware to its prompt, where text is executed as Python; the others are mpremote's keys
 _PASSED = bytes.maketrans(b"\x03", b"!")
 _KEPT_BACK = b"\x01\x02\x04\x05\x18"
 
@@ -29,10 +29,10 @@ def _pass(data: bytes) -> bytes:
 
 
 class Inlet:
-    """The bytes of one client on their way in. With telnet, telnet's own bytes are taken out.
+    """Filters the bytes of one client. With telnet, telnet's own bytes are removed.
 
-    No stop is taken out, wherever it stands: `!` and `0` are no options here (0x21, flow control, asks for nothing
-    that a board has), and a negotiation that never ends is bounded in length and in time.
+    No stop is removed, wherever it stands: `!` and `0` are no options here (a board has no use for 0x21, flow
+    control), and a negotiation without end is bounded in length and in time.
     """
 
     def __init__(self, telnet: bool, clock: Callable[[], float] = time.monotonic) -> None:
@@ -44,14 +44,14 @@ class Inlet:
         self._fed_s = clock()
 
     def feed(self, data: bytes) -> bytes:
-        """What of data is for the board; data may be cut anywhere."""
+        """The bytes of data that are for the board; data may be cut anywhere."""
         now_s = self._clock()
         if now_s - self._fed_s > _PAUSE_S:
             self._state = self._plain
         self._fed_s = now_s
         passed, at = [], 0
         while at < len(data):
-            if self._state == self._plain:  # by far the most: all at once up to telnet's next byte
+            if self._state == self._plain:  # nearly always: all at once up to telnet's next byte
                 end = data.find(_IAC, at) if self._telnet else -1
                 end = len(data) if end < 0 else end
                 passed.append(_pass(data[at:end]))

@@ -1,4 +1,4 @@
-"""Mounted volumes and their room, as each system tells it. Knows nothing of boards; imports nothing of ours."""
+"""Mounted volumes and their free space, on each system. Knows nothing of boards; imports nothing of ours."""
 
 import os
 import re
@@ -6,14 +6,14 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-_FAT = {"vfat", "msdos", "exfat", "fuseblk"}  # others cannot be a board's, and a network's may hang
-_WINDOWS_REMOVABLE = 2  # what GetDriveTypeW says of a USB drive
+_FAT = {"vfat", "msdos", "exfat", "fuseblk"}  # no board has another one, and a network's may hang
+_WINDOWS_REMOVABLE = 2  # GetDriveTypeW of a USB drive
 _WINDOWS_READ_ONLY = 0x80000  # FILE_READ_ONLY_VOLUME of GetVolumeInformationW
 
 
 @dataclass(frozen=True)
 class Room:
-    """What a volume has left. A file takes whole clusters, of which `free` are free, of cluster_bytes each."""
+    """Free space of a volume, in clusters of cluster_bytes; a file takes whole clusters."""
 
     free: int
     cluster_bytes: int
