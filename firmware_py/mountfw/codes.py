@@ -1,91 +1,272 @@
-"""Numbered errors, the queue that holds them, and the reasons why moves end. Pure.
+"""Numbered errors, the reasons why moves end, and what a reset and a position are: one declaration each. Pure.
 
-The numbers are the wire's (docs/errors.md tells cause and remedy of each). An error of one
-axis is 100 times the axis plus its number here.
+The numbers are the wire's. An error of one axis is 100 times the axis plus its number here. TB? sends an error's
+message after the number and a comma: no other comma, because clients split the answer there.
+
+The text after a declaration is for people: cause and remedy of an error, the meaning of a reason. A compiler drops
+such a text, so it takes no memory of a board; the host and docs/errors.md (`python3 tools/tables.py`) read it from
+this source.
 """
 
-NO_SUCH_COMMAND = 6
-OUT_OF_RANGE = 7
-NO_SUCH_AXIS = 9
-AXIS_MISSING = 37
-VALUE_MISSING = 38
-NO_SUCH_CONTROLLER = 48
-MALFORMED = 60
-LINE_TOO_LONG = 61
-KEEP_ALIVE_LOST = 62
-SETTINGS_DAMAGED = 63
-INTERNAL_FAULT = 64
-ANSWER_DROPPED = 65
-WATCHDOG_RESET = 66
-NOT_SAVED = 67
-OWN_REPLY = 68
+MESSAGES = {0: b"NO ERROR DETECTED"}
+AXIS_MESSAGES = {}  # of one axis
+REASONS = {}  # why a move ended, in words
 
-# of one axis
-AXIS_OUT_OF_RANGE = 1
-AXIS_POSITIVE_STOP = 4
-AXIS_NEGATIVE_STOP = 5
-AXIS_POSITIVE_SOFT = 6
-AXIS_NEGATIVE_SOFT = 7
-AXIS_NOT_CONNECTED = 8
-AXIS_TOO_FAST = 10
-AXIS_MOVING = 14
-AXIS_NOT_FITTED = 35
-AXIS_RUN_LIMIT = 40
-AXIS_BOTH_STOPS = 42
-AXIS_EMERGENCY_STOP = 43
-AXIS_NOT_FOUND = 45
-AXIS_NOT_RELEASED = 46
 
-# what TB? says after the number and a comma: no other comma, because clients split the answer there
-MESSAGES = {
-    0: b"NO ERROR DETECTED",
-    6: b"COMMAND DOES NOT EXIST",
-    7: b"PARAMETER OUT OF RANGE",
-    9: b"AXIS NUMBER OUT OF RANGE",
-    37: b"AXIS NUMBER MISSING",
-    38: b"COMMAND PARAMETER MISSING",
-    48: b"CONTROLLER NUMBER OUT OF RANGE",
-    60: b"MALFORMED INPUT: MOTORS STOPPED",
-    61: b"LINE TOO LONG: MOTORS STOPPED",
-    62: b"KEEP-ALIVE LOST: MOTORS STOPPED",
-    63: b"SETTINGS DAMAGED: DEFAULTS IN USE",
-    64: b"INTERNAL FAULT: MOTORS STOPPED",
-    65: b"AN ANSWER WAS DROPPED",
-    66: b"FIRMWARE HAD HUNG: BOARD WAS RESET",
-    67: b"COULD NOT BE SAVED",
-    68: b"OWN REPLY RECEIVED: MOTORS STOPPED",
-}
+def _error(number, message):
+    MESSAGES[number] = message
+    return number
 
-AXIS_MESSAGES = {
-    1: b"OUT OF RANGE",
-    4: b"POSITIVE END-STOP REACHED",
-    5: b"NEGATIVE END-STOP REACHED",
-    6: b"POSITIVE SOFT LIMIT",
-    7: b"NEGATIVE SOFT LIMIT",
-    8: b"MOTOR NOT CONNECTED",
-    10: b"VELOCITY TOO HIGH",
-    14: b"MOTION IN PROGRESS",
-    35: b"NOT FITTED OR SWITCHED OFF",
-    40: b"RUN LIMIT REACHED",
-    42: b"BOTH END-STOPS ACTIVE",
-    43: b"EMERGENCY STOP",
-    45: b"HOMING: SWITCH NOT FOUND",
-    46: b"HOMING: SWITCH NOT RELEASED",
-}
 
-# why a move ended
-NONE_YET = 0
-DONE = 1
-STOPPED = 2
-ABORTED = 3
-END_STOP = 4
-SOFT_LIMIT = 5
-RUN_LIMIT = 6
-KEEP_ALIVE = 7
-SUPERSEDED = 8
-FAULT = 9
-EMERGENCY_STOP = 10
-HOMING_FAILED = 12
+def _axis_error(number, message):
+    AXIS_MESSAGES[number] = message
+    return number
+
+
+def _reason(number, words):
+    REASONS[number] = words
+    return number
+
+
+# ---- errors of the board
+
+NO_SUCH_COMMAND = _error(6, b"COMMAND DOES NOT EXIST")
+"""A mnemonic that this firmware does not know, a query of something that cannot be asked, or the setting of something
+that can only be asked. ModemManager's `AT` ends here. Nothing moved.
+
+Remedy: Look the command up in [protocol.md](protocol.md). If it comes from ModemManager, install the udev file of
+[bring-up.md](bring-up.md).
+"""
+
+OUT_OF_RANGE = _error(7, b"PARAMETER OUT OF RANGE")
+"""A value outside the command's range, or not a whole number where one is needed. The old value stays.
+
+Remedy: The ranges are in [protocol.md](protocol.md).
+"""
+
+NO_SUCH_AXIS = _error(9, b"AXIS NUMBER OUT OF RANGE")
+"""An axis other than 1 to 4.
+
+Remedy: This mount has axes 1 (y) and 2 (x).
+"""
+
+AXIS_MISSING = _error(37, b"AXIS NUMBER MISSING")
+"""The command needs an axis before it.
+
+Remedy: `1PR5`, not `PR5`.
+"""
+
+VALUE_MISSING = _error(38, b"COMMAND PARAMETER MISSING")
+"""The command needs a value after it.
+
+Remedy: `1PR5`, not `1PR`.
+"""
+
+NO_SUCH_CONTROLLER = _error(48, b"CONTROLLER NUMBER OUT OF RANGE")
+"""A line was addressed to another controller than 0 or 1 (`2>1PR5`). Nothing of it was done but `ST` and `AB`.
+
+Remedy: Address 1, or none.
+"""
+
+MALFORMED = _error(60, b"MALFORMED INPUT: MOTORS STOPPED")
+"""A byte that cannot continue the message (a backspace, too), a message that was never finished, or eight zeros in a
+line. It may have been a damaged stop, so both motors were stopped.
+
+Remedy: If it repeats: cable, baud rate, two programs on one port, a frame that is not padded to `sddd sddd`. End
+every frame with a line feed.
+"""
+
+LINE_TOO_LONG = _error(61, b"LINE TOO LONG: MOTORS STOPPED")
+"""A line of more than 128 characters that was good so far.
+
+Remedy: Send it as two lines.
+"""
+
+KEEP_ALIVE_LOST = _error(62, b"KEEP-ALIVE LOST: MOTORS STOPPED")
+"""Something moved under a keep-alive (`XK`) and no byte came for that long: the program died or froze, or the cable
+is out.
+
+Remedy: Find out why the program fell silent; then just go on.
+"""
+
+SETTINGS_DAMAGED = _error(63, b"SETTINGS DAMAGED: DEFAULTS IN USE")
+"""What is on the flash does not match its checksum, or is not for this board. Settings are as made, positions
+unknown. On CircuitPython also: another program had its own in the non-volatile memory, or the power went while that
+was written anew.
+
+Remedy: Set them again (`mirrormount config import` if there is a copy), then `SM`. If it comes back, the flash is
+worn or the board is.
+"""
+
+INTERNAL_FAULT = _error(64, b"INTERNAL FAULT: MOTORS STOPPED")
+"""The firmware's loop raised an exception. It has stopped everything and goes on.
+
+Remedy: Power the board off and on, and report it with the commands that led to it.
+"""
+
+ANSWER_DROPPED = _error(65, b"AN ANSWER WAS DROPPED")
+"""The host did not read, the board's output buffer was full, and an answer did not fit. Told once until it is read;
+never for the echo of a frame.
+
+Remedy: Read the answers, or ask less often.
+"""
+
+WATCHDOG_RESET = _error(66, b"FIRMWARE HAD HUNG: BOARD WAS RESET")
+"""The loop did not come round for a second, so the watchdog reset the board: motors off, positions start anew. Queued
+at the start that follows.
+
+Remedy: Report it with the commands that led to it (`XH?` ends in 3 then). If it repeats, look at what was changed in
+the firmware last.
+"""
+
+NOT_SAVED = _error(67, b"COULD NOT BE SAVED")
+"""The board's file system is full or read-only. What was to be saved was not; what was there before still is. If a
+recorded position could not be taken back, nothing moves: it would be wrong after a power cut. On CircuitPython: the
+non-volatile memory refuses, or has no room.
+
+Remedy: Free some space on the board (`mpremote fs ls`), or redeploy; then again.
+"""
+
+OWN_REPLY = _error(68, b"OWN REPLY RECEIVED: MOTORS STOPPED")
+"""What the board had just sent came back to it: the port is in a terminal's default mode and echoes. The reply to a
+frame is that frame, so it would have driven again; both motors were stopped, and frames get no reply for a second.
+
+Remedy: `stty -F PORT raw -echo` before anything is written to the port, or use a program that opens it raw
+(`mirrormount` does). On a port that does not echo: a frame was followed by its own first number alone on a line.
+"""
+
+# ---- errors of one axis
+
+AXIS_OUT_OF_RANGE = _axis_error(1, b"OUT OF RANGE")
+"""A target beyond ±1 000 000 steps, or a run that reached the edge of what can be counted.
+
+Remedy: Check the number; define a nearer zero with `DH`.
+"""
+
+AXIS_POSITIVE_STOP = _axis_error(4, b"POSITIVE END-STOP REACHED")
+"""The switch at the positive end is active, or its wire is broken.
+
+Remedy: Drive the other way: that is always allowed. If the mount is not at its end, check the wire: an open circuit
+reads as active.
+"""
+
+AXIS_NEGATIVE_STOP = _axis_error(5, b"NEGATIVE END-STOP REACHED")
+"""The switch at the negative end is active, or its wire is broken.
+
+Remedy: As for n04: drive the other way, and check the wire.
+"""
+
+AXIS_POSITIVE_SOFT = _axis_error(6, b"POSITIVE SOFT LIMIT")
+"""A target beyond `SR`, or a run that has reached it, while `ZH` has bit 3 set. A refused move changes nothing.
+
+Remedy: A nearer target, another `SR`, or `ZH0`.
+"""
+
+AXIS_NEGATIVE_SOFT = _axis_error(7, b"NEGATIVE SOFT LIMIT")
+"""A target beyond `SL`, or a run that has reached it, while `ZH` has bit 3 set. A refused move changes nothing.
+
+Remedy: A nearer target, another `SL`, or `ZH0`.
+"""
+
+AXIS_NOT_CONNECTED = _axis_error(8, b"MOTOR NOT CONNECTED")
+"""Motion on axis 3 or 4, which the dialect has and this mount has not; or the axis's motor type was set to 0.
+
+Remedy: Use axis 1 (y) or 2 (x); `QM3` on the axis says that there is a motor.
+"""
+
+AXIS_TOO_FAST = _axis_error(10, b"VELOCITY TOO HIGH")
+"""More steps per second were asked for (`VA`) than pulses of length `XP` fit in. The value is kept, and the axis
+makes as many as are possible.
+
+Remedy: `VA?` says how many. A shorter pulse allows more.
+"""
+
+AXIS_MOVING = _axis_error(14, b"MOTION IN PROGRESS")
+"""The axis moves, and the command would disturb that.
+
+Remedy: Wait for `MD?` to be 1, or stop it.
+"""
+
+AXIS_NOT_FITTED = _axis_error(35, b"NOT FITTED OR SWITCHED OFF")
+"""A switch was declared fitted for which the board has no input; or a search (`MT`, `OR`) needs a switch that is not
+fitted (`XL`) or is ignored (`ZH1`); or a closed loop was asked for, and there is no encoder.
+
+Remedy: Say what is fitted: `mirrormount setup`, or `mirrormount config set x.switches 3` (`XL`). See the board's file
+in `mountfw/boards` for its inputs.
+"""
+
+AXIS_RUN_LIMIT = _axis_error(40, b"RUN LIMIT REACHED")
+"""One run or one frame drove for as long as `XM` allows.
+
+Remedy: Send the next one in time, or raise `XM`.
+"""
+
+AXIS_BOTH_STOPS = _axis_error(42, b"BOTH END-STOPS ACTIVE")
+"""Both switches of an axis are active at once, which no mount can do: a wire or a plug.
+
+Remedy: Check the switches. `ZH1` on that axis ignores them meanwhile.
+"""
+
+AXIS_EMERGENCY_STOP = _axis_error(43, b"EMERGENCY STOP")
+"""The emergency stop was pressed, or its wire is broken. Both motors are off and stay off, whatever is commanded.
+
+Remedy: Find out why it was pressed. Close it, then `mirrormount send '*RST'` (`Mount.reset()`): the positions start
+anew.
+"""
+
+AXIS_NOT_FOUND = _axis_error(45, b"HOMING: SWITCH NOT FOUND")
+"""The axis drove for as long as `XT` allows, and no switch opened.
+
+Remedy: Is it that axis's switch, on that side, with its wires on? `PH?` while you press it tells. A long way needs a
+larger `XT`.
+"""
+
+AXIS_NOT_RELEASED = _axis_error(46, b"HOMING: SWITCH NOT RELEASED")
+"""The axis drove off the switch for 20 steps, or off the one at the other end, and it did not close.
+
+Remedy: A stuck switch or a broken wire; or the motor does not turn, or turns the other way (`XI`).
+"""
+
+# ---- why a move ended
+
+NONE_YET = _reason(0, "none yet")
+"""nothing has moved since the board was switched on"""
+
+DONE = _reason(1, "done")
+"""all of it was done"""
+
+STOPPED = _reason(2, "stopped")
+"""`ST`, eight zeros, a frame of zeros, or malformed input"""
+
+ABORTED = _reason(3, "aborted")
+"""`!` or `AB`"""
+
+END_STOP = _reason(4, "end-stop reached")
+"""see n04, n05"""
+
+SOFT_LIMIT = _reason(5, "soft limit reached")
+"""see n06, n07"""
+
+RUN_LIMIT = _reason(6, "run limit reached")
+"""see n40, n01"""
+
+KEEP_ALIVE = _reason(7, "keep-alive lost")
+"""see 62"""
+
+SUPERSEDED = _reason(8, "superseded by another command")
+"""a frame took over"""
+
+FAULT = _reason(9, "fault")
+"""see 64, n42"""
+
+EMERGENCY_STOP = _reason(10, "emergency stop")
+"""see n43"""
+
+CLOSED_LOOP_FAILED = _reason(11, "closed loop failed")
+"""reserved"""
+
+HOMING_FAILED = _reason(12, "homing failed")
+"""see n45, n46, and n04, n05: the switch at the other end"""
 
 # why the board was reset last
 POWER = 1  # or its reset pin
@@ -97,10 +278,11 @@ UNKNOWN = 0
 COUNTED = 1
 HOMED = 2
 ESTIMATED = 3
+CERTAINTY = ("unknown", "counted", "homed", "estimated")  # in words, by number
 
 
 def message(code):
-    """What error code says (bytes), without the axis."""
+    """The message (bytes) of error code, without the axis."""
     if code < 100:
         return MESSAGES[code]
     return AXIS_MESSAGES[code % 100]

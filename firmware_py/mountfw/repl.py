@@ -19,10 +19,6 @@ from mountfw.motion.position import MAX_STEPS
 _SPIN_US = 1_000  # this long before a deadline only the clock is watched: more than one pass takes on an RP2040
 _PAUSE_US = 500  # the longest pause while something moves: Ctrl-C waits for it
 
-REASONS = ("none yet", "done", "stopped", "aborted", "end-stop reached", "soft limit reached", "run limit reached")
-REASONS += ("keep-alive lost", "superseded by another command", "fault")
-REASONS += ("emergency stop", "closed loop failed", "homing failed")
-_CERTAINTY = ("unknown", "counted", "homed", "estimated")
 _LIMITS = ("-", "positive", "negative", "both")
 _NAMES = ("y", "x", "axis3", "axis4")  # as the host names them
 
@@ -108,8 +104,8 @@ class Mount:
     def status(self):
         """Print the state of each axis and the errors that wait to be read."""
         for a in (self.x, self.y) + self.axes[2:]:
-            known = (a.name, a.position, _CERTAINTY[a.axis.position.certainty], _LIMITS[a.axis.limits() & 3])
-            print("%s: %+.3f steps (%s), end-stops: %s," % known, "last move:", REASONS[a.axis.reason])
+            known = (a.name, a.position, codes.CERTAINTY[a.axis.position.certainty], _LIMITS[a.axis.limits() & 3])
+            print("%s: %+.3f steps (%s), end-stops: %s," % known, "last move:", codes.REASONS[a.axis.reason])
         while self._controller.errors.waiting:
             print("error", self._take_error())
 
@@ -131,7 +127,7 @@ class Mount:
         while True:
             for a in axes:
                 if not a.axis.moving() and a.axis.reason != codes.DONE:
-                    why = self._take_error() or REASONS[a.axis.reason]
+                    why = self._take_error() or codes.REASONS[a.axis.reason]
                     raise MoveEnded("%s: %s after %d steps" % (a.name, why, abs(a.axis.ended_steps)))
             if not self._controller.moving():
                 return

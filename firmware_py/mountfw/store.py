@@ -1,4 +1,4 @@
-"""What outlives a power cut: settings, when told to, and positions, by themselves. Imports errors, position, ticks.
+"""What outlives a power cut: settings, when told to, and positions, by themselves. Imports codes, settings, ticks.
 
 Both are small text files with a checksum in their last line. A file is replaced in two steps, each of
 which the file system does whole or not at all: a new one is written beside it, and renamed.
@@ -11,28 +11,9 @@ the position is unknown. That bounds the flash's wear, too: not more than one re
 from binascii import crc32
 
 from mountfw import codes
-from mountfw.motion.position import MAX_STEPS
+from mountfw.settings import SETTINGS, allowed, named
 from mountfw.wire.ticks import diff
 
-# command, attribute of the axis, least, most, is it refused while the axis moves?
-SETTINGS = (
-    (b"XP", "pulse_us", 200, 2_000_000, True),
-    (b"XD", "step_duty", 1, 255, False),
-    (b"XV", "run_duty", 1, 255, False),
-    (b"XB", "take_up_us", 0, 2_000_000, False),
-    (b"XI", "inverted", 0, 1, True),
-    (b"XL", "switches", 0, 7, True),
-    (b"XM", "run_limit_ms", 1, 400_000, False),
-    (b"XT", "search_limit_ms", 1, 400_000, False),
-    (b"VA", "velocity", 1, 200_000, False),
-    (b"AC", "acceleration", 1, 200_000, False),
-    (b"SL", "soft_minimum", -MAX_STEPS, MAX_STEPS, False),
-    (b"SR", "soft_maximum", -MAX_STEPS, MAX_STEPS, False),
-    (b"ZH", "checking", 0, 11, True),
-    (b"QM", "motor_type", 0, 3, True),
-)
-
-_CHECKING_BITS = 1 | 2 | 8
 _RENAMED = {"move_limit_ms": "search_limit_ms"}  # what an older firmware has saved
 
 _SETTINGS = "mountfw.settings"
@@ -45,14 +26,6 @@ _NOTHING = 0
 _WAIT = 1
 _WRITE = 2
 _RENAME = 3
-
-
-def allowed(name, value):
-    """May the setting of this name (of its attribute) have this value?"""
-    for _, attribute, least, most, _ in SETTINGS:
-        if attribute == name:
-            return least <= value <= most and (name != "checking" or value & ~_CHECKING_BITS == 0)
-    return False
 
 
 def seal(text):
@@ -144,7 +117,12 @@ class Records:
                 number, name, value = int(words[0]), _RENAMED.get(words[1], words[1]), int(words[2])
             except ValueError:
                 return None
-            if not allowed(name, value) or (name == "switches" and not self._axes[number - 1].can_fit(value)):
+            entry = named(name)
+            if (
+                entry is None
+                or not allowed(entry, value)
+                or (name == "switches" and not self._axes[number - 1].can_fit(value))
+            ):
                 return None
             values.append((number, name, value))
         return values

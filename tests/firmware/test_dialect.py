@@ -3,7 +3,7 @@
 from mountfw import codes
 from mountfw.dialect.line import HUGE
 from mountfw.motion.position import MAX_STEPS
-from mountfw.store import SETTINGS
+from mountfw.settings import SETTINGS
 
 from rig import Rig  # isort: skip
 
@@ -61,7 +61,7 @@ def test_a_number_out_of_range_is_refused_and_stops_nothing():
 
 
 def test_no_range_takes_the_number_that_stands_for_all_larger_ones():
-    for name, _, least, most, _ in SETTINGS:
+    for name, _, least, most, _, _ in SETTINGS:
         assert least > -HUGE and most < HUGE
         if name == b"VA":
             assert most < HUGE * 100

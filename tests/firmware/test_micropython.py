@@ -35,6 +35,7 @@ WORDS_OF_A_TRY = 3  # mp_exc_stack_t
     [
         "app",
         "codes",
+        "settings",
         "store",
         "dialect/commands",
         "dialect/queries",

@@ -1,6 +1,7 @@
 """Settings over a restart. Runs under CPython and MicroPython."""
 
-from mountfw.store import SETTINGS, seal
+from mountfw.settings import SETTINGS
+from mountfw.store import seal
 
 from rig import Rig  # isort: skip
 
@@ -181,7 +182,7 @@ def test_a_right_checksum_over_wrong_lines_gives_the_settings_as_made_and_error_
 
 
 def test_a_right_checksum_over_a_value_out_of_range_gives_the_settings_as_made_and_error_63():
-    for _, name, least, most, _ in SETTINGS:
+    for _, name, least, most, _, _ in SETTINGS:
         for value in (least - 1, most + 1, 1 << 40, -(1 << 40)):
             for number in (1, 2):
                 assert_as_made(Rig(files={FILE: seal("%d %s %d\n" % (number, name, value))}), DAMAGED)
@@ -190,7 +191,7 @@ def test_a_right_checksum_over_a_value_out_of_range_gives_the_settings_as_made_a
 
 
 def test_every_setting_at_either_end_of_its_range_can_be_saved():
-    for _, name, least, most, _ in SETTINGS:
+    for _, name, least, most, _, _ in SETTINGS:
         for value in (least, 3 if name == "switches" else most):
             rig = Rig()
             rig.axis2.set(name, value)

@@ -21,19 +21,19 @@ def mount():
 
 OTHER = {
     "inverted": 1,
+    "switches": 3,
     "motor_type": 0,
     "pulse_us": 150_000,
     "step_duty": 200,
-    "run_duty": 100,
-    "take_up_us": 250_000,
-    "run_limit_ms": 5000,
-    "search_limit_ms": 60_000,
     "velocity": 3.25,
     "acceleration": 10,
-    "switches": 3,
+    "run_duty": 100,
+    "take_up_us": 250_000,
+    "checking": 8,
     "soft_minimum": -40,
     "soft_maximum": 60,
-    "checking": 8,
+    "run_limit_ms": 5000,
+    "search_limit_ms": 60_000,
 }
 
 

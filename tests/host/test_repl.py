@@ -328,8 +328,8 @@ def test_the_led_blinks_while_a_motor_is_driven(prompt):
 
 
 def test_its_words_are_the_hosts(prompt):
-    prompt.type("from mountfw.repl import REASONS")
-    assert eval(prompt.type("REASONS")) == tuple(REASONS[n] for n in range(13))
+    prompt.type("from mountfw.codes import REASONS")
+    assert eval(prompt.type("REASONS")) == REASONS
 
 
 def test_the_readmes_session_is_what_a_board_says(board):

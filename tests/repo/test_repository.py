@@ -6,11 +6,8 @@ import re
 import tomllib
 from pathlib import Path
 
-from mirrormount.common import errors as host
-from mirrormount.common.remedies import REMEDIES
 from mirrormount.virtual.wiring import DRIVES, SWITCHES
 from mountfw import app
-from mountfw import codes as wire
 from mountfw.boards import pico, pico_drv8833
 
 ROOT = Path(__file__).parent.parent.parent
@@ -75,7 +72,7 @@ def test_what_is_shared_uses_nothing_that_circuitpython_lacks():
 
 
 def test_the_host_takes_only_the_wire_from_the_firmware():
-    allowed = {"mountfw", "mountfw.__version__", "mountfw.codes"}
+    allowed = {"mountfw", "mountfw.__version__", "mountfw.codes", "mountfw.settings"}
     allowed |= {"mountfw.board_file", "mountfw.boards", "mountfw.boards.FILE_OF"}  # the names of boards
     wire = (
         "mountfw.wire.frame",
@@ -111,50 +108,6 @@ def test_the_bench_is_wired_as_the_board_files_say():
                 assert pins[name] is None or DRIVES[pins[name]] == f"m{axis}_{name}"
             for name in ("pos", "neg"):
                 assert SWITCHES[pins[f"stop_{name}"]] == f"m{axis}_sw_{name}"
-
-
-def documented(heading: str) -> dict[str, list[str]]:
-    """The rows of the tables under a heading of docs/errors.md: first cell to the others."""
-    text = (ROOT / "docs" / "errors.md").read_text()
-    section = text.split(f"## {heading}\n")[1].split("\n## ")[0]
-    rows = [[c.strip() for c in line.strip("|").split("|")] for line in section.splitlines() if line.startswith("|")]
-    return {row[0].strip("`"): row[1:] for row in rows if not set(row[0]) <= {"-", ":", " "}}
-
-
-def test_every_numbered_error_is_documented_with_cause_and_remedy():
-    rows = documented("Numbered errors of the board")
-    numbers = {str(n) for n in wire.MESSAGES if n} | {f"n{n:02d}" for n in wire.AXIS_MESSAGES}
-    assert {n for n in rows if re.fullmatch(r"n?\d+", n)} == numbers
-    for number, (message, cause, remedy) in ((n, r) for n, r in rows.items() if n in numbers):
-        code = int(number.strip("n"))
-        assert message.encode() == (wire.AXIS_MESSAGES if number[0] == "n" else wire.MESSAGES)[code]
-        assert cause and remedy
-
-
-def test_every_error_of_the_host_is_documented_with_cause_and_remedy():
-    rows = documented("Errors of the host")
-    kinds = {
-        name
-        for name, kind in vars(host).items()
-        if isinstance(kind, type)
-        and issubclass(kind, host.MountError)
-        and kind not in (host.MountError, host.CannotOpen)
-    }
-    assert set(rows) - {"error"} == kinds
-    assert all(cause and remedy for cause, remedy in (r for n, r in rows.items() if n in kinds))
-
-
-def test_cause_and_remedy_that_a_program_shows_are_those_of_the_page():
-    rows = documented("Numbered errors of the board") | documented("Errors of the host")
-    for error, shown in REMEDIES.items():
-        page = [re.sub(r"\[([^]]*)\]\([^)]*\)", r"\1", cell).replace("`", "") for cell in rows[error][-2:]]
-        assert page == [shown.cause, shown.remedy]
-    assert {n for n in documented("Numbered errors of the board") if re.fullmatch(r"n?\d+", n)} <= set(REMEDIES)
-
-
-def test_every_reason_is_documented():
-    rows = documented("Reasons why a move ended")
-    assert {n: r[0] for n, r in rows.items() if n.isdecimal()} == {str(n): t for n, t in host.REASONS.items()}
 
 
 def test_relative_links_of_the_documents_lead_somewhere():

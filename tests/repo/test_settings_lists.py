@@ -1,81 +1,63 @@
-"""The settings of an axis are listed by the firmware, the host, the panel and the documentation: all say the same."""
+"""A setting is declared once, in mountfw/settings.py: the axis, the host and the wire have what it says."""
 
+import itertools
 import re
-from pathlib import Path
 
 import pytest
 
 from mirrormount.device import settings as host
-from mirrormount.panel.card_of_settings import GROUPS
-from mountfw.motion.axis_settings import Parameters
+from mountfw import settings as declared
+from mountfw.motion.axis_settings import AxisSettings
 from mountfw.motion.endstop import EndStop
-from mountfw.store import SETTINGS, allowed
 
-ROOT = Path(__file__).parent.parent.parent
-FIRMWARE = {entry[0].decode(): entry[1:] for entry in SETTINGS}
-HUNDREDTHS = {"VA"}  # kept so by the firmware; the wire and the host have decimals
+NAMES = [entry[1] for entry in declared.SETTINGS]
 
 
-def made() -> Parameters:
-    parameters = Parameters(EndStop(None), EndStop(None))
-    parameters.factory()
-    return parameters
+def made() -> AxisSettings:
+    settings = AxisSettings(EndStop(None), EndStop(None))
+    settings.factory()
+    return settings
 
 
-def number(text: str) -> int:
-    return int(text.replace(" ", "").replace("\N{MINUS SIGN}", "-"))
+def test_no_name_and_no_mnemonic_is_declared_twice():
+    assert len(NAMES) == len(set(NAMES)) >= 14
+    assert len({entry[0] for entry in declared.SETTINGS}) == len(NAMES)
 
 
-def documented() -> dict[str, list[str]]:
-    """The rows of protocol.md's two tables of commands: mnemonic to the other cells."""
-    rows = {}
-    for line in (ROOT / "docs" / "protocol.md").read_text().splitlines():
-        cells = [cell.strip() for cell in line.strip("|").split("|")]
-        for name in re.findall(r"`n([A-Z]{2})v`", cells[0]) if line.startswith("| `") else ():
-            rows[name] = cells[1:]
-    return rows
+def test_the_host_has_the_settings_that_the_firmware_has():
+    assert [(s.name, s.command.encode()) for s in host.SETTINGS.values()] == [(e[1], e[0]) for e in declared.SETTINGS]
+    assert list(host.SETTINGS) == NAMES
 
 
-def test_firmware_and_host_have_the_same_settings_by_the_same_names():
-    assert {(s.command, name) for name, s in host.SETTINGS.items()} == {(c, e[0]) for c, e in FIRMWARE.items()}
+@pytest.mark.parametrize("entry", declared.SETTINGS, ids=NAMES)
+def test_a_setting_is_what_it_is_declared_to_be(entry):
+    command, name, least, most, default, _ = entry
+    assert re.fullmatch(rb"[A-Z]{2}", command) and re.fullmatch(r"[a-z_]+", name)
+    assert -(1 << 30) < least < most < 1 << 30  # a board's integers are small ones
+    assert declared.allowed(entry, default)
+    assert declared.named(name) is entry
+    assert getattr(made(), name) == default
 
 
-@pytest.mark.parametrize("name", host.SETTINGS)
-def test_a_setting_has_one_range(name):
+@pytest.mark.parametrize("entry", declared.SETTINGS, ids=NAMES)
+def test_the_host_allows_what_the_board_allows(entry):
+    setting = host.SETTINGS[entry[1]]
+    scale = 10**setting.decimals
+    assert (round(setting.least * scale), round(setting.most * scale)) == (entry[2], entry[3])
+    assert setting.default * scale == entry[4]
+    if entry[3] - entry[2] < 20:  # where only some of the range is allowed
+        taken = {n for n in range(entry[2] - 2, entry[3] + 20) if declared.allowed(entry, n)}
+        assert taken == set(setting.among or range(entry[2], entry[3] + 1))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_setting_has_words_for_a_person_and_a_group(name):
     setting = host.SETTINGS[name]
-    _, least, most, _ = FIRMWARE[setting.command]
-    scale = 100 if setting.command in HUNDREDTHS else 1
-    assert (round(setting.least * scale), round(setting.most * scale)) == (least, most)
-    assert setting.decimals == (2 if scale == 100 else 0)
-    if most - least < 20:  # where only some of the range is allowed
-        taken = {n for n in range(least - 2, most + 20) if allowed(name, n)}
-        assert taken == set(setting.among or range(least, most + 1))
+    assert 5 < len(setting.what) < 60 and setting.group
+    for ending, unit in (("_us", "us"), ("_ms", "ms")):
+        assert not name.endswith(ending) or re.search(rf", {unit}\b", setting.what)
 
 
-def test_the_panel_shows_every_setting_once():
-    shown = [name for _, names in GROUPS for name in names]
-    assert sorted(shown) == sorted(host.SETTINGS)
-
-
-def test_every_setting_is_documented():
-    assert set(FIRMWARE) <= set(documented())
-
-
-@pytest.mark.parametrize("command", [command for command in FIRMWARE if command.startswith("X")])
-def test_range_and_default_of_a_setting_are_documented(command):
-    attribute, least, most, _ = FIRMWARE[command]
-    _, span, default = documented()[command]
-    assert [number(text) for text in re.split(r"…|,", span)] == [least, most]
-    assert number(default) == getattr(made(), attribute)
-
-
-def test_what_a_setting_is_as_made_is_allowed():
-    for attribute, *_ in FIRMWARE.values():
-        assert allowed(attribute, getattr(made(), attribute)), attribute
-
-
-def test_the_documented_range_and_default_of_the_velocity_are_the_firmwares():
-    _, least, most, _ = FIRMWARE["VA"]
-    (text,) = documented()["VA"]
-    assert text.startswith(f"steps per second, {least / 100:g} … {most // 100}, kept in hundredths; default ")
-    assert f"default {made().velocity // 100}." in text
+def test_the_settings_of_a_group_stand_together():
+    groups = [setting.group for setting in host.SETTINGS.values()]
+    assert sum(a != b for a, b in itertools.pairwise(groups)) == len(set(groups)) - 1

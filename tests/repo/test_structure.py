@@ -145,7 +145,7 @@ def contracts() -> dict[str, dict]:
 
 
 def test_the_contracts_forbid_the_host_all_of_the_firmware_but_what_is_named():
-    shared = {"wire", "codes", "board_file", "boards", "own_reply", "dialect.line"}
+    shared = {"wire", "codes", "settings", "board_file", "boards", "own_reply", "dialect.line"}
     forbidden = {name.removeprefix("mountfw.") for name in contracts()["host-takes-the-wire"]["forbidden_modules"]}
     files = [p for p in modules(FIRMWARE) if p.name != "__init__.py" and p.parent.name != "entry"]
     for path in files:
@@ -156,4 +156,4 @@ def test_the_contracts_forbid_the_host_all_of_the_firmware_but_what_is_named():
 def test_no_part_of_the_core_may_name_a_port():
     parts = {p.stem for p in FIRMWARE.glob("*.py")} | {p.parent.name for p in FIRMWARE.glob("*/__init__.py")}
     held = {name.removeprefix("mountfw.") for name in contracts()["firmware-core-names-no-port"]["source_modules"]}
-    assert held == parts - {"__init__", "ports", "codes", "board_file", "boards"}
+    assert held == parts - {"__init__", "ports", "codes", "settings", "board_file", "boards"}

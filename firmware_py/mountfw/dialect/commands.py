@@ -9,15 +9,13 @@ from mountfw import codes
 from mountfw.dialect.line import COMMAND, END, MINUS, NOTHING, NUMBER, PLUS, QUERY, key
 from mountfw.dialect.queries import Answers
 from mountfw.motion.position import MAX_STEPS
-from mountfw.store import SETTINGS, allowed
+from mountfw.settings import AT_REST, HUNDREDTHS, SETTINGS, allowed
 
 _ADDRESS = 1  # of this controller, in a line that names one; 0 is the controller at the port, so this one as well
-_SHORTEST_US = 200  # pulse of its own length,
-_LONGEST_US = 2_000_000  # as of a step (XP)
 _DIALECT_AXES = 4  # axes the dialect knows; those that this mount has not answer as not connected
 
-# one axis's settings by key: attribute, least, most, is it refused while the axis moves?
-_SETTINGS = {key(entry[0]): entry[1:] for entry in SETTINGS}
+_SETTINGS = {key(entry[0]): entry for entry in SETTINGS}
+_PULSE = _SETTINGS[key(b"XP")]  # a pulse of its own length (XU) is as long as a step's may be
 _VA = key(b"VA")
 _XL = key(b"XL")
 _MD = key(b"MD")
@@ -94,7 +92,6 @@ class Commands:
         self._commands = {key(name): entry for name, entry in commands.items()}
         for name in _SETTINGS:
             self._commands[name] = (True, self._set, self._ask_setting)
-        self._commands[_VA] = (True, self._velocity, answers.velocity)
         for name in _CONSTANTS:
             self._commands[name] = (False, self._accept, self._ask_constant)
 
@@ -228,9 +225,9 @@ class Commands:
             axis.steps(line.rounded())
 
     def _pulse(self, axis, line):
-        if self._integer(line, -_LONGEST_US, _LONGEST_US):
+        if self._integer(line, -_PULSE[3], _PULSE[3]):
             us = line.rounded()
-            if abs(us) < _SHORTEST_US:
+            if abs(us) < _PULSE[2]:
                 self._errors.push(codes.OUT_OF_RANGE)
             else:
                 axis.one_pulse(us)
@@ -272,30 +269,26 @@ class Commands:
 
     def _set(self, axis, line):
         entry = _SETTINGS[line.name]
-        if not self._integer(line, entry[1], entry[2]) or (entry[3] and self._refused(axis)):
+        if not (self._number(line) if entry[5] & HUNDREDTHS else self._integer(line, entry[2], entry[3])):
             return
-        n = line.rounded()
+        if entry[5] & AT_REST and self._refused(axis):
+            return
+        n = line.hundredths() if entry[5] & HUNDREDTHS else line.rounded()
         if line.name == _XL and not axis.can_fit(n):
             axis.error(codes.AXIS_NOT_FITTED)
-        elif not allowed(entry[0], n):
+        elif not allowed(entry, n):
             self._errors.push(codes.OUT_OF_RANGE)
         else:
-            axis.set(entry[0], n)
+            axis.set(entry[1], n)
+            if line.name == _VA and axis.possible_velocity() < n:  # kept: the pulses may become shorter
+                axis.error(codes.AXIS_TOO_FAST)
 
     def _ask_setting(self, axis):
-        self._replies.add(getattr(axis, _SETTINGS[self._line.name][0]))
-
-    def _velocity(self, axis, line):
-        if not self._number(line):
-            return
-        entry = _SETTINGS[_VA]
-        n = line.hundredths()
-        if not entry[1] <= n <= entry[2]:
-            self._errors.push(codes.OUT_OF_RANGE)
-            return
-        axis.set("velocity", n)  # kept, also if the pulses do not fit in yet: they may become shorter
-        if axis.possible_velocity() < n:
-            axis.error(codes.AXIS_TOO_FAST)
+        entry = _SETTINGS[self._line.name]
+        if entry[5] & HUNDREDTHS:
+            self.answers.hundredths(axis.possible_velocity() if self._line.name == _VA else getattr(axis, entry[1]))
+        else:
+            self._replies.add(getattr(axis, entry[1]))
 
     def _define(self, axis, line):
         if (line.kind != NOTHING and not self._number(line)) or self._refused(axis):

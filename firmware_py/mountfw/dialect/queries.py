@@ -54,11 +54,11 @@ class Answers:
         d = axis.direction()
         self._replies.add(b"+" if d > 0 else b"-" if d else b"0")
 
-    def velocity(self, axis):
+    def hundredths(self, n):
+        """Add n hundredths (not negative) as a decimal number."""
         r = self._replies
-        velocity = axis.possible_velocity()
-        r.add(velocity // 100)
-        part = velocity % 100
+        r.add(n // 100)
+        part = n % 100
         if part:
             r.add(b".")
             r.add(part // 10)

@@ -15,7 +15,7 @@ They cut the drive and leave the rest to service(); _started() looks again after
 """
 
 from mountfw import codes
-from mountfw.motion.axis_settings import Parameters
+from mountfw.motion.axis_settings import AxisSettings
 from mountfw.motion.homing import Homing
 from mountfw.motion.position import MAX_STEPS
 from mountfw.wire.ticks import add, diff
@@ -40,7 +40,7 @@ def _nothing():
     pass
 
 
-class Axis(Parameters):
+class Axis(AxisSettings):
     """Axis number (1 or 2) on a bridge, with its two EndStops named for the electrical direction.
 
     ticks_us is the clock. error_queue takes this axis's errors.

@@ -9,8 +9,8 @@ No sum here reaches 2**30, where MicroPython's integers begin to allocate: a pul
 """
 
 from mountfw import codes
+from mountfw.settings import MAX_STEPS
 
-MAX_STEPS = 1_000_000  # either way; millisteps then still fit a small integer
 _MOST = MAX_STEPS * 1000
 MOST_US = 400_000_000  # nothing drives longer: the greatest run limit
 

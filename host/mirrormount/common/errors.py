@@ -1,24 +1,36 @@
-"""What can go wrong, as one tree. Each message is one line; docs/errors.md has cause and remedy."""
+"""The errors of this package, as one tree. A message is one line.
+
+The docstring of an error is its cause and its remedy, in the words of docs/errors.md: the page is made from these
+(`python3 tools/tables.py`), and remedies.py shows them.
+"""
 
 from mountfw import codes as wire
 
+REASONS = wire.REASONS
+
 
 class MountError(Exception):
-    """Whatever this package raises on purpose. codes: the numbers of the board's errors that it is about."""
+    """Base of all errors that this package raises. codes: the numbers of the board's errors that it is about."""
 
     codes: tuple[int, ...] = ()
 
 
 class BadAddress(MountError):
-    """The port's address cannot be understood."""
+    """The port's name is empty, or its form or options are not known.
+    Remedy: `mirrormount ports` lists ports; `socket://HOST:PORT` and `virtual://` are the other forms.
+    """
 
 
 class BadValue(MountError, ValueError):
-    """A value that no mount could take; nothing was sent."""
+    """A number that no mount could take (text, 256, a fraction of a step). Nothing was sent.
+    Remedy: Correct the number. Nothing is rounded or clamped for you.
+    """
 
 
 class NotSupported(MountError):
-    """The firmware at the other end cannot do this."""
+    """The paper's sketch cannot do this.
+    Remedy: Put `mountfw` on a board that runs MicroPython.
+    """
 
 
 class CannotOpen(MountError):
@@ -26,55 +38,90 @@ class CannotOpen(MountError):
 
 
 class NoBoardFound(CannotOpen):
-    """No board with a known USB id is plugged in."""
+    """No board with a known USB id, and no CircuitPython drive with `mountfw` on it, is there.
+    Remedy: Plug it in, try another cable (some only charge), or name its port. `--port virtual://` needs no board.
+    """
 
 
 class SeveralBoardsFound(CannotOpen):
-    """More than one is: it takes a name."""
+    """More than one is.
+    Remedy: Name one with `--port`; for `deploy`, the port or `--drive`.
+    """
 
 
 class PortAbsent(CannotOpen):
-    """There is no such port."""
+    """There is no such port, or nothing listens at that address, or the program that serves the board there has
+    lost it.
+    Remedy: `mirrormount ports`; plug the board in.
+    """
 
 
 class PortBusy(CannotOpen):
-    """Another program has the port."""
+    """Another program has the port open, or drives the served board.
+    Remedy: Close it: a serial monitor, an editor's REPL, another panel. The line names the process where the system
+    tells it. `mirrormount stop` gets through all the same.
+    """
 
 
 class PermissionDenied(CannotOpen):
-    """This user may not open the port."""
+    """This user may not open serial ports.
+    Remedy: Linux: `sudo usermod -aG dialout $USER` and log in again, or the udev file of
+    [bring-up.md](bring-up.md).
+    """
 
 
 class NotAMount(MountError):
-    """What answers at the port is not this firmware."""
+    """Something else answers, or nothing does.
+    Remedy: Check that it is the right port. A board that hangs: unplug it and plug it in. An Arduino with the
+    paper's sketch: `--sketch`.
+    """
 
 
 class AtPrompt(NotAMount):
-    """MicroPython answers, with mountfw on board but not running."""
+    """The board is at its Python prompt: somebody pressed Ctrl-C, or the firmware could not start.
+    Remedy: Press Ctrl-D there, or unplug it and plug it in. If it comes back to the prompt, the prompt says why,
+    for instance that the board has no board file.
+    """
 
 
 class FirmwareMissing(NotAMount):
-    """MicroPython answers, without mountfw."""
+    """The board's Python runs, but `mountfw` is not on the board.
+    Remedy: `mirrormount deploy`: [bring-up.md](bring-up.md).
+    """
 
 
 class CannotListen(MountError):
-    """The board cannot be served at this network address."""
+    """`mirrormount serve` or `mirrormount panel` cannot listen where it should: the port is in use, or below 1024
+    and this user is no administrator.
+    Remedy: Another one, as the line says: `--tcp 127.0.0.1:5023` or `--http 8081`.
+    """
 
 
 class TokenNeeded(MountError):
-    """A network wider than this computer, and no token, or not the right one."""
+    """`mirrormount serve` should listen to more than this computer, without a token (`mirrormount panel` makes
+    one); or a board is served with one, which `Mount` does not send.
+    Remedy: `--token TOKEN` or `MIRRORMOUNT_TOKEN`; or serve on 127.0.0.1 and go through `ssh -L`:
+    [network.md](network.md).
+    """
 
 
 class ConnectionLost(MountError):
-    """The port has gone. The board's keep-alive stops what was moving."""
+    """The port has gone (cable, power, the program that served it), the board has restarted, or this `Mount` was
+    closed (its `with` block has ended). The board's keep-alive stops what was moving.
+    Remedy: Plug it in and open it again. Positions start anew after a restart.
+    """
 
 
 class NoAnswer(MountError):
-    """The board did not answer in time."""
+    """The board did not answer in time, or a move did not end when it should have; then a stop has been sent.
+    Remedy: Unplug it and plug it in; if it repeats, report it.
+    """
 
 
 class BoardError(MountError):
-    """The board refused, or reports an error of its own. code is its number (docs/errors.md)."""
+    """The board refused a command, or reports an error of its own; `code` is its number.
+    Remedy: See the error of that number.
+    """
 
     def __init__(self, code: int, text: str) -> None:
         super().__init__(f"the board says {code}: {text.lower()}")
@@ -82,25 +129,10 @@ class BoardError(MountError):
         self.codes = (code,)
 
 
-REASONS = {
-    wire.NONE_YET: "none yet",
-    wire.DONE: "done",
-    wire.STOPPED: "stopped",
-    wire.ABORTED: "aborted",
-    wire.END_STOP: "end-stop reached",
-    wire.SOFT_LIMIT: "soft limit reached",
-    wire.RUN_LIMIT: "run limit reached",
-    wire.KEEP_ALIVE: "keep-alive lost",
-    wire.SUPERSEDED: "superseded by another command",
-    wire.FAULT: "fault",
-    wire.EMERGENCY_STOP: "emergency stop",
-    11: "closed loop failed",
-    wire.HOMING_FAILED: "homing failed",
-}
-
-
 class MoveEnded(MountError):
-    """A move ended before it was done. reason is the board's number, steps what was made of it."""
+    """A move ended before it was done; `reason` and `steps` tell how and where.
+    Remedy: See the reason, and the error if the line names one.
+    """
 
     def __init__(
         self, axis: str, reason: int, steps: int, wanted: int | None, errors: list[str], codes: tuple[int, ...] = ()
@@ -114,84 +146,152 @@ class MoveEnded(MountError):
 
 
 class SettingRefused(MountError):
-    """The board does not take a setting; all settings are as they were."""
+    """The board does not take a setting: it moves, or the value does not go with the others (error n10, n35). The
+    line names setting and error; all settings are as they were.
+    Remedy: See the board's error of that number.
+    """
 
 
 class NotCalibrated(MountError):
-    """An angle was asked for, and there is no scale for the step that the board makes now."""
+    """An angle was asked for, and nobody has measured that axis in that direction, or the scale is that of another
+    pulse or duty than the board has now.
+    Remedy: `mirrormount setup`, or write the lines that the message names into the file
+    ([calibration.md](calibration.md)); or set the pulse and duty of the scale again.
+    """
 
 
 class BadFile(MountError):
-    """A file of settings or of scales cannot be read, or says what cannot be."""
+    """A file of settings or of scales is not there, is not TOML, or says what cannot be; the line tells where. It
+    was not changed.
+    Remedy: Correct it, or move it away: `mirrormount setup` makes new scales, `mirrormount config export` a new
+    file of settings.
+    """
 
 
 class ExtraMissing(MountError):
-    """This part of mirrormount needs a package that was not installed with it."""
+    """A part of mirrormount needs a package that is not installed: the panel needs NiceGUI, the demo Matplotlib.
+    Remedy: What the line says: `pip install -e ".[gui]"` or `".[plot]"`, in the copy of the repository.
+    """
 
 
 class NotInControl(MountError):
-    """Another client of the mount's supervisor has control, or a stop has ended it; nothing was sent."""
+    """A program asked a supervised mount for a motion without having control: another client has it, or a stop or a
+    lost board has ended it. Nothing was sent.
+    Remedy: Take control again when the cause is gone; on the panel, press `Take control`.
+    """
 
 
 class SupervisorFault(MountError):
-    """The program that owns the mount failed; the motors were stopped."""
+    """The program that owns the mount failed. The motors were stopped; it connects to the board again by itself.
+    Remedy: Report it, with the traceback in that program's log.
+    """
 
 
 class PanelFault(MountError):
-    """The panel's own program failed; the motors were stopped."""
+    """The panel's own program failed. The motors were stopped; it connects to the board again by itself.
+    Remedy: Report it, with the file that the line in the terminal names.
+    """
 
 
 class CheckFailed(MountError):
-    """The self-test found something wrong."""
+    """`mirrormount check` found something wrong: each line that begins with FAILED says what, and what to do.
+    Remedy: What that line says.
+    """
 
 
 class SetupEnded(MountError):
-    """`mirrormount setup` ended before its end; the message says what was saved."""
+    """`mirrormount setup` cannot go on: the motors are exchanged, nothing moves, the input has ended, or something
+    could not be saved. The line says what was saved and what was not.
+    Remedy: What the line says, then `mirrormount setup` again.
+    """
 
 
 class EmulatorMissing(MountError):
-    """The rp2040 machine cannot be started: something that it is made of is missing."""
+    """The machine of a virtual board cannot be started: no MicroPython VM, no Node.js, no `adafruit_motor`, no
+    image, or what came in place of the official image is not that image (a portal that wants a login, a damaged
+    download).
+    Remedy: The line says what to install, or name an image with `--image FILE`; `--machine cpython` needs nothing.
+    """
 
 
 class DeployError(MountError):
-    """The firmware was not put on the board, or not taken off it."""
+    """The firmware was not put on the board, or not taken off it: a motor moves, no MicroPython is there, the flash
+    is full, a `main.py` or `code.py` of somebody else is in the way, or what runs afterwards is not what was sent.
+    The line says which. The board has what it had before, unless the line says otherwise.
+    Remedy: What the line says. Deploying again repairs a deploy that was cut.
+    """
 
 
 class MpremoteError(DeployError):
-    """A call of mpremote failed."""
+    """mpremote, which does the work on the board, failed: the board was unplugged, or another program has its port.
+    The line is mpremote's last one.
+    Remedy: Deploy again. A board that hangs: unplug it and plug it in.
+    """
 
 
 class FirmwareFailed(DeployError):
-    """The new firmware did not answer after a deploy; the message says what the board has now."""
+    """The new firmware did not answer after a deploy. The line has the last line of its error, and says what the
+    board has now: the files that were there before were put back.
+    Remedy: Nothing needs to be mended, unless the line says so. Report the line; with `--pins`, check that file.
+    """
 
 
 class WrongDrive(DeployError):
-    """Not the drive of a CircuitPython board, or its CircuitPython is too old."""
+    """The drive is not that of a CircuitPython board (no `boot_out.txt` of CircuitPython, or the drive of a
+    bootloader), its CircuitPython is older than 9.1, there are links or device files on it, or only its own text
+    says which port is its board's. Nothing was written.
+    Remedy: What the line says: install CircuitPython or a newer one, name the right drive with `--drive`, or name
+    the port as well if it is that board's.
+    """
 
 
 class DriveReadOnly(DeployError):
-    """The drive of a CircuitPython board cannot be written to."""
+    """The drive cannot be written to: its `boot.py` keeps it for the board (`storage.remount`), the system has
+    mounted it read-only, or for another user.
+    Remedy: Start the board in safe mode ([circuitpython.md](circuitpython.md)), unplug it and plug it in, or mount
+    it for this user.
+    """
 
 
 class DriveFull(DeployError):
-    """The drive of a CircuitPython board has no room for the firmware."""
+    """The drive has no room for the firmware, counted in whole clusters. The line says whether anything was
+    changed.
+    Remedy: Remove files of your own from the drive, then deploy again.
+    """
 
 
 class DriveFailed(DeployError):
-    """The drive of a CircuitPython board has gone, or does not keep what is written to it."""
+    """The drive has gone, gives an error, or does not give back what was written to it. The line says what the
+    board is left with.
+    Remedy: Plug it in and deploy again. If it repeats: another cable; then let CircuitPython make the drive anew
+    ([circuitpython.md](circuitpython.md)).
+    """
 
 
 class LibraryMissing(DeployError):
-    """Adafruit's motor library, which goes to CircuitPython boards, is not installed."""
+    """`adafruit-circuitpython-motor`, two files of which go to a CircuitPython board, is not installed on this
+    computer.
+    Remedy: `pip install -e ".[circuitpython]"` in the copy of the repository, or `pip install --no-deps
+    adafruit-circuitpython-motor`: its files are copied, not run.
+    """
 
 
 class NotSeenRunning(DeployError):
-    """The files are on the drive, but the board was not heard to run them."""
+    """The files are on the drive and were read back, but the board did not answer with the hash of what was sent:
+    no port of it was seen, another program has it, or the firmware does not start. The line says which.
+    Remedy: Press reset and deploy again: without changes that only asks. If the firmware does not start, its
+    console says why.
+    """
 
 
 class CannotWrite(MountError):
-    """A file could not be written."""
+    """The demo's picture, the file of pin edges, of settings or of scales cannot be written: no such folder, no
+    room, or a link stands in its place, which is not followed. Standard output, too.
+    Remedy: Another place, or room on the disk.
+    """
 
 
 class DemoFailed(MountError):
-    """The demo's figures are not the paper's."""
+    """The demo's figures are not the paper's.
+    Remedy: On an unchanged copy this is a defect: report it with the table.
+    """

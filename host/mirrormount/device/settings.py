@@ -1,6 +1,6 @@
-"""The settings of all axes: their names and ranges, reading and writing them. Imports errors, printable, session.
+"""The settings of all axes: their table, reading and writing them.
 
-The board decides: if it refuses a setting, all settings are put back as they were.
+mountfw/settings.py declares them. The board decides: if it refuses a setting, all settings are restored.
 """
 
 import contextlib
@@ -9,25 +9,52 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from mirrormount.common.declared import one_line, texts
 from mirrormount.common.errors import BadValue, BoardError, NotAMount, NotSupported, SettingRefused
 from mirrormount.common.printable import printable
 from mirrormount.device.session import Session
 from mountfw import codes as wire
+from mountfw import settings as declared
 
 _AXIS_NAME = re.compile(r"x|y|axis[3-9]")
-_MOST_STEPS = 1_000_000
 
 
 @dataclass(frozen=True)
 class Setting:
-    """One setting of an axis. command: its mnemonic on the wire; decimals: how many it keeps; among: all it may be."""
+    """One setting of an axis, as mountfw/settings.py declares it.
 
+    command: its mnemonic on the wire; decimals: how many it keeps; among: all values that it may have, if not
+    each within least … most; at_rest: refused while the axis moves.
+    """
+
+    name: str
     command: str
-    least: float
-    most: float
-    what: str
-    decimals: int = 0
-    among: tuple[int, ...] = ()
+    least: int | float
+    most: int | float
+    default: int | float
+    decimals: int
+    among: tuple[int, ...]
+    at_rest: bool
+
+    @property
+    def group(self) -> str:
+        """The settings that belong together, for the panel."""
+        return self._words()[0]
+
+    @property
+    def what(self) -> str:
+        """Its words for a person, with the unit."""
+        return self._words()[1]
+
+    @property
+    def details(self) -> str:
+        """What else docs/protocol.md says of it, in Markdown; "" if nothing."""
+        return self._words()[2]
+
+    def _words(self) -> tuple[str, str, str]:
+        words, _, details = texts("settings", "_setting")[self.name].partition("\n\n")
+        group, _, what = one_line(words).partition(": ")
+        return group, what, one_line(details)
 
     def check(self, name: str, value: object) -> None:
         """Raises BadValue that names the setting; nothing is rounded."""
@@ -48,24 +75,15 @@ class Setting:
         return int(value) if value.is_integer() else value
 
 
-# In the order in which they are written: the axis's direction first, because limits follow it, and the
-# pulse before the velocity that it bounds.
-SETTINGS = {
-    "inverted": Setting("XI", 0, 1, "1: the axis runs the other way", among=(0, 1)),
-    "motor_type": Setting("QM", 0, 3, "3: DC motor connected, 0: none"),
-    "pulse_us": Setting("XP", 200, 2_000_000, "length of a step's pulse, us"),
-    "step_duty": Setting("XD", 1, 255, "duty of a step, 1 … 255"),
-    "run_duty": Setting("XV", 1, 255, "duty of a run, 1 … 255"),
-    "take_up_us": Setting("XB", 0, 2_000_000, "drive that takes up the backlash, us; 0: off"),
-    "run_limit_ms": Setting("XM", 1, 400_000, "longest run, ms"),
-    "search_limit_ms": Setting("XT", 1, 400_000, "longest search for a switch, ms of drive"),
-    "velocity": Setting("VA", 0.01, 2000, "steps per second", decimals=2),
-    "acceleration": Setting("AC", 1, 200_000, "kept for other programs; pulses do not ramp"),
-    "switches": Setting("XL", 0, 7, "switches fitted: 1 positive + 2 negative + 4 home"),
-    "soft_minimum": Setting("SL", -_MOST_STEPS, _MOST_STEPS, "negative soft limit, steps"),
-    "soft_maximum": Setting("SR", -_MOST_STEPS, _MOST_STEPS, "positive soft limit, steps"),
-    "checking": Setting("ZH", 0, 11, "1 ignores end-stops + 8 checks soft limits", among=(0, 1, 2, 3, 8, 9, 10, 11)),
-}
+def _setting(command: bytes, name: str, least: int, most: int, default: int, flags: int) -> Setting:
+    decimals = 2 if flags & declared.HUNDREDTHS else 0
+    lower, upper, made = (n / 10**decimals if n % 10**decimals else n // 10**decimals for n in (least, most, default))
+    among = tuple(n for n in range(most + 1) if not n & ~most) if flags & declared.BITS else ()
+    return Setting(name, command.decode(), lower, upper, made, decimals, among, bool(flags & declared.AT_REST))
+
+
+# in the order in which they are written: the direction first, because limits follow it
+SETTINGS = {entry[1]: _setting(*entry) for entry in declared.SETTINGS}
 
 
 def read(session: Session) -> dict[str, dict[str, int | float]]:

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 from mirrormount.common.errors import REASONS, NotAMount
 from mirrormount.common.printable import printable
 from mirrormount.common.validation import whole_numbers
+from mountfw import codes as wire
 
 _AXIS_NUMBER = re.compile(r"\bAXIS ([1-9])\b")
 
-CERTAINTY = {0: "unknown", 1: "counted", 2: "homed", 3: "estimated"}
+CERTAINTY = dict(enumerate(wire.CERTAINTY))
 
 
 def axis_name(number: int, x_axis: int) -> str:

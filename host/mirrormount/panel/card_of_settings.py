@@ -12,14 +12,6 @@ from mirrormount.panel.cards_of_motion import card
 from mirrormount.panel.run_on_mount import ask, confirm, warn
 from mirrormount.supervise.board_settings import BoardSettings
 
-# the board's names in the order and the words of a person at the bench
-GROUPS = (
-    ("Pulse and speed", ("pulse_us", "step_duty", "velocity", "acceleration", "run_duty")),
-    ("Take-up", ("take_up_us",)),
-    ("Limits", ("checking", "soft_minimum", "soft_maximum", "run_limit_ms", "search_limit_ms")),
-    ("Wiring", ("inverted", "switches", "motor_type")),
-)
-_NAMES = [name for _, names in GROUPS for name in names]
 _DONE = "done"
 
 
@@ -83,10 +75,12 @@ class _Form:
         self._axes = settings.axes
         self._fields: dict[tuple[str, str], ui.input] = {}
         self._read: dict[tuple[str, str], str] = {}  # what the board had when it was last asked
-        for title, names in GROUPS:
-            ui.label(title).classes("group")
-            for name in names:
-                self._row(name)
+        title = ""
+        for name, setting in SETTINGS.items():
+            if setting.group != title:
+                title = setting.group
+                ui.label(title).classes("group")
+            self._row(name)
 
     def _row(self, name: str) -> None:
         what = SETTINGS[name].what
@@ -111,7 +105,7 @@ class _Form:
         """
         try:
             wanted = {
-                axis: {name: self._typed(axis, name) for name in _NAMES if self._edited(axis, name)}
+                axis: {name: self._typed(axis, name) for name in SETTINGS if self._edited(axis, name)}
                 for axis in self._axes
             }
         except BadValue as e:

@@ -80,6 +80,7 @@ import sys  # noqa: E402
 _kept = set(sys.modules)
 _byte = bytearray(1)
 _globals = {"__name__": "__main__"}
+gc.threshold(32 * 1024)  # a VM keeps its names where they were put: collect early, so that the heap stays in one piece
 
 
 def _soft_reset():

@@ -1,0 +1,111 @@
+"""The settings of an axis: one declaration each. Pure; imports nothing of ours.
+
+Everything that lists settings reads this file: the axis (its attributes and their defaults), the command set, the
+store, the host's names and ranges, `mirrormount config`, the panel and docs/protocol.md (`python3 tools/tables.py`).
+
+The text after a declaration is for people: `group: words with the unit`, and below it what else protocol.md says.
+A compiler drops such a text, so it takes no memory of a board; the host reads it from this source.
+"""
+
+MAX_STEPS = 1_000_000  # either way; millisteps then still fit a small integer
+
+# flags of a setting
+HUNDREDTHS = 1  # kept in hundredths; the wire and the host have two decimals
+BITS = 2  # a sum of bits: of those that its greatest value has
+AT_REST = 4  # refused (n14) while the axis moves; other changes count from the next move on
+
+SETTINGS = []  # (mnemonic, name, least, most, default, flags), as they are to be set: limits follow the direction
+
+
+def _setting(mnemonic, name, least, most, default, flags=0):
+    SETTINGS.append((mnemonic, name, least, most, default, flags))
+
+
+_setting(b"XI", "inverted", 0, 1, 0, BITS | AT_REST)
+"""Wiring: 1: the axis runs the other way
+
+The spot stays where it is, so the position changes sign, and so do the soft limits.
+"""
+
+_setting(b"XL", "switches", 0, 7, 0, AT_REST)
+"""Wiring: switches fitted: 1 positive + 2 negative + 4 home
+
+Bit 0 is at the input named `stop_pos` in the board file, bit 1 at `stop_neg`; others are not read. Bit 2, a home
+switch, is refused with n35: no board has one.
+"""
+
+_setting(b"QM", "motor_type", 0, 3, 3, AT_REST)
+"""Wiring: 3: DC motor connected, 0: none
+
+Lines that would move an axis without a motor are refused with n08.
+"""
+
+_setting(b"XP", "pulse_us", 200, 2_000_000, 200_000, AT_REST)
+"""Pulse and speed: length of a step's pulse, us"""
+
+_setting(b"XD", "step_duty", 1, 255, 255)
+"""Pulse and speed: duty of a step, 1 … 255"""
+
+_setting(b"VA", "velocity", 1, 200_000, 200, HUNDREDTHS)
+"""Pulse and speed: steps per second
+
+More than the pulses fit in is kept, with n10, and the axis makes as many as are possible: 1/(`XP` + 1 ms), rounded
+down to a whole number if that is not 0. `VA?` answers the possible velocity
+([why](decisions/2026-11-22-values-of-other-motors.md)).
+"""
+
+_setting(b"AC", "acceleration", 1, 200_000, 100_000)
+"""Pulse and speed: kept for other programs; pulses do not ramp"""
+
+_setting(b"XV", "run_duty", 1, 255, 255)
+"""Pulse and speed: duty of a run, 1 … 255"""
+
+_setting(b"XB", "take_up_us", 0, 2_000_000, 0)
+"""Take-up: drive that takes up the backlash, us; 0: off
+
+After a change of direction the motor turns so long, at duty `XD`, before the mirror does. Not counted as steps.
+"""
+
+_setting(b"ZH", "checking", 0, 1 | 2 | 8, 0, BITS | AT_REST)
+"""Limits: 1 ignores end-stops + 8 checks soft limits
+
+Bit 1 (2) would ignore the following error: it is kept, and there is none. Other bits are refused with 7.
+"""
+
+_setting(b"SL", "soft_minimum", -MAX_STEPS, MAX_STEPS, -MAX_STEPS)
+"""Limits: negative soft limit, steps
+
+Checked if `ZH` has bit 3: a target beyond it is refused (n07), a run ends at it (reason 5), the time through the
+backlash included.
+"""
+
+_setting(b"SR", "soft_maximum", -MAX_STEPS, MAX_STEPS, MAX_STEPS)
+"""Limits: positive soft limit, steps
+
+As `SL`; the error is n06.
+"""
+
+_setting(b"XM", "run_limit_ms", 1, 400_000, 10_000)
+"""Limits: longest run, ms
+
+One run or one frame drives no longer.
+"""
+
+_setting(b"XT", "search_limit_ms", 1, 400_000, 120_000)
+"""Limits: longest search for a switch, ms of drive
+
+Of `MT` and `OR`. `PR` and `PA` have no limit of time: their steps bound them, and the soft limits.
+"""
+
+
+def named(name):
+    """The setting of this name, as in SETTINGS; None if there is none."""
+    for entry in SETTINGS:
+        if entry[1] == name:
+            return entry
+    return None
+
+
+def allowed(entry, value):
+    """True if this setting (an item of SETTINGS) may have this value."""
+    return entry[2] <= value <= entry[3] and not (entry[5] & BITS and value & ~entry[3])

@@ -1,0 +1,116 @@
+"""Write the tables of docs/ that say what the code declares: .venv/bin/python tools/tables.py [--check]
+
+Errors and reasons (docs/errors.md), settings (docs/protocol.md), boards (docs/versions.md). --check changes nothing
+and fails if a table is another one.
+"""
+
+import importlib
+import re
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+
+from mirrormount.common import remedies
+from mirrormount.common.declared import one_line, texts
+from mirrormount.deploy.fileset import boards, firmware
+from mirrormount.device.settings import SETTINGS
+from mountfw import codes
+from mountfw.boards import FILE_OF
+
+DOCS = Path(__file__).resolve().parent.parent / "docs"
+Rows = Iterable[tuple[str, ...]]
+
+
+def board_errors() -> Rows:
+    """The board's numbered errors."""
+    yield "number", "message", "cause", "remedy"
+    messages = {str(n): text for n, text in codes.MESSAGES.items()}
+    messages |= {f"n{n:02d}": text for n, text in codes.AXIS_MESSAGES.items()}
+    for number, remedy in remedies.of_the_board().items():
+        yield number, messages[number].decode(), *remedy
+
+
+def reasons() -> Rows:
+    """Why a move ended."""
+    yield "number", "words", "meaning"
+    for name, text in texts("codes", "_reason").items():
+        number = vars(codes)[name]
+        yield str(number), codes.REASONS[number], one_line(text)
+
+
+def host_errors() -> Rows:
+    """The errors of the host."""
+    yield "error", "cause", "remedy"
+    for name, remedy in remedies.of_the_host().items():
+        yield f"`{name}`", *remedy
+
+
+def settings() -> Rows:
+    """The settings of an axis."""
+    yield "command", "name", "meaning", "range", "default", "in a move"
+    for name, s in SETTINGS.items():
+        bounds = ", ".join(map(str, s.among)) if s.among else f"{_number(s.least)} … {_number(s.most)}"
+        meaning = f"{s.what}. {s.details}" if s.details else s.what
+        yield f"`n{s.command}v`", f"`{name}`", meaning, bounds, _number(s.default), "n14" if s.at_rest else ""
+
+
+def board_files() -> Rows:
+    """The board files."""
+    yield "board file", "`*IDN?` says", "names that platforms give the board", "tried"
+    for name in boards(firmware(None)):
+        module = importlib.import_module(f"mountfw.boards.{name}")
+        tried = re.search(r"(?:Not tried|Tried) .*?\.(?=\s|$)", one_line(module.__doc__ or ""))
+        if not tried:
+            raise SystemExit(f"mountfw/boards/{name}.py does not say what it was tried on")
+        names = [f"`{other}`" for other, file in FILE_OF.items() if file == name] or ["–"]
+        yield f"`{name}`", module.NAME.decode(), ", ".join(names), tried[0].rstrip(".")
+
+
+def _number(n: float) -> str:
+    """A number with its thousands apart, and the minus sign of a text."""
+    text = f"{n:,}".replace(",", " ")
+    return "\N{MINUS SIGN}" + text[1:] if text.startswith("-") else text
+
+
+TABLES: dict[str, tuple[Callable[[], Rows], ...]] = {
+    "errors.md": (board_errors, reasons, host_errors),
+    "protocol.md": (settings,),
+    "versions.md": (board_files,),
+}
+
+
+def written(page: str, tables: Iterable[Callable[[], Rows]]) -> str:
+    """A page with its tables as the code declares them. Raises SystemExit if it has no place for one."""
+    for table in tables:
+        begin, end = f"<!-- {table.__name__}: made by tools/tables.py -->\n", "<!-- end -->"
+        before, found, rest = page.partition(begin)
+        if not found or end not in rest:
+            raise SystemExit(f"no place for the table {table.__name__}: {begin.strip()} ... {end}")
+        page = before + begin + "".join(_markdown(table())) + end + rest.partition(end)[2]
+    return page
+
+
+def _markdown(rows: Rows) -> Iterator[str]:
+    for n, row in enumerate(rows):
+        yield f"| {' | '.join(row)} |\n"
+        if n == 0:
+            yield f"|{'---|' * len(row)}\n"
+
+
+def main(arguments: list[str]) -> int:
+    """Returns the exit status: 1 if --check found a difference."""
+    different = []
+    for name, tables in TABLES.items():
+        page = (DOCS / name).read_text(encoding="utf-8")
+        wanted = written(page, tables)
+        if page != wanted:
+            different.append(name)
+            if "--check" not in arguments:
+                (DOCS / name).write_text(wanted, encoding="utf-8")
+    for name in different:
+        print(f"docs/{name} {'differs: python tools/tables.py' if '--check' in arguments else 'is written anew'}")
+    return 1 if different and "--check" in arguments else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
