@@ -1,6 +1,10 @@
 """How many pages there may be, and which of them the panel knows."""
 
+import socket
+from concurrent.futures import ThreadPoolExecutor
+
 from mirrormount.panel.pages import CONNECTED, WAITING, WAITING_HERE, Pages
+from mirrormount.panel.server import Server
 from mirrormount.supervise.lease import Lease
 
 
@@ -34,3 +38,33 @@ def test_a_page_of_another_run_is_not_known():
     page = pages.add("here")
     assert pages.find(page.key) is page
     assert Pages(Lease()).find(page.key) is None
+
+
+def test_pages_that_are_closed_are_all_dropped():
+    lease, dropped = Lease(), []
+    pages = Pages(lease)
+    for n in range(3):
+        page = pages.add("here")
+        page.drop = lambda page=page: (dropped.append(page), pages.forget(page))
+        if n:
+            lease.join(page, object())
+    pages.close()
+    assert len(dropped) == 3 and len(pages) == 0 and lease.clients == ()
+
+
+def test_pages_are_dropped_before_the_web_server_ends_its_tasks():
+    """The outbox of a page that lives on may go on for 2 s, and a line on stderr says so."""
+    pages, left = Pages(Lease()), []
+
+    async def app(_scope, receive, send) -> None:
+        await receive()
+        await send({"type": "lifespan.startup.complete"})
+        assert (await receive())["type"] == "lifespan.shutdown"
+        left.append(len(pages))
+        await send({"type": "lifespan.shutdown.complete"})
+
+    server = Server(app, None, pages)
+    server.when_ready(lambda: (pages.add("here"), setattr(server, "should_exit", True)))
+    with socket.create_server(("127.0.0.1", 0)) as listener, ThreadPoolExecutor(1) as pool:
+        pool.submit(server.run, [listener]).result()  # the browser of other tests has a loop in this thread
+    assert left == [0]

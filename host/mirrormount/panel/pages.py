@@ -62,3 +62,9 @@ class Pages:
         self._lease.leave(page, page.connection)
         if page in self._pages:
             self._pages.remove(page)
+
+    def close(self) -> None:
+        """The panel is ending: free what all pages take."""
+        for page in list(self._pages):
+            page.drop()
+            self.forget(page)

@@ -10,6 +10,7 @@ from fastapi import FastAPI
 from nicegui import app as gui
 from nicegui import core, ui
 from platformdirs import user_log_path
+from starlette.types import ASGIApp
 
 from mirrormount.common.errors import CannotListen
 from mirrormount.common.printable import printable
@@ -24,45 +25,51 @@ _LOG_MOST = 1 << 20  # bytes of the log; one older file of this size is kept
 _MESSAGE_MOST = 1 << 16  # bytes of a message of a socket
 
 
-class Server:
-    """Serves until a signal ends it; the motors are stopped before the pages are seen off."""
+class Server(uvicorn.Server):
+    """Serves until a signal ends it; the motors are stopped before the pages are closed."""
 
-    def __init__(self, app: Auth, worker: Worker) -> None:
-        config = uvicorn.Config(
-            app,
-            log_config=None,
-            lifespan="on",
-            timeout_graceful_shutdown=1,
-            ws_ping_interval=10,
-            ws_max_size=_MESSAGE_MOST,
-            server_header=False,
-            proxy_headers=False,  # a client says who it is by its address alone: sign-ins are slowed down by it
+    def __init__(self, app: ASGIApp, worker: Worker, pages: Pages) -> None:
+        super().__init__(
+            uvicorn.Config(
+                app,
+                log_config=None,
+                lifespan="on",
+                timeout_graceful_shutdown=1,
+                ws_ping_interval=10,
+                ws_max_size=_MESSAGE_MOST,
+                server_header=False,
+                proxy_headers=False,  # a client is known by its address alone: sign-ins are slowed down by it
+            )
         )
-        self._uvicorn = _Uvicorn(config, worker)
+        self._worker = worker
+        self._pages = pages
+        self._ready: Callable[[], object] = lambda: None
 
     def when_ready(self, action: Callable[[], object]) -> None:
-        """Call it when the first page can be had."""
-        self._uvicorn.ready = action
+        """Call it when the first page can be loaded."""
+        self._ready = action
 
-    def run(self, sockets: list[socket.socket]) -> None:
+    def run(self, sockets: list[socket.socket] | None = None) -> None:
         """Serve. Returns when told to end. Raises CannotListen, KeyboardInterrupt."""
-        self._uvicorn.run(sockets)
-        if not self._uvicorn.started:
+        super().run(sockets)
+        if not self.started:
             raise CannotListen("the panel's web server did not start")
 
-
-class _Uvicorn(uvicorn.Server):
-    def __init__(self, config: uvicorn.Config, worker: Worker) -> None:
-        super().__init__(config)
-        self._worker = worker
-        self.ready: Callable[[], object] | None = None
-
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """As uvicorn's."""
         await super().startup(sockets)
-        if self.started and self.ready:
-            self.ready()
+        if self.started:
+            self._ready()
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """As uvicorn's, after the pages."""
+        # Before NiceGUI cancels its tasks: asyncio.wait_for() of Python 3.11 loses a cancellation that comes together
+        # with the awaited event, and a page's outbox that had an update then goes on until its page is deleted.
+        self._pages.close()
+        await super().shutdown(sockets)
 
     def handle_exit(self, sig: int, frame: object) -> None:
+        """As uvicorn's, after a stop."""
         self._worker.stop("the panel is being ended", tell=False)
         super().handle_exit(sig, frame)  # type: ignore[arg-type]
 
@@ -88,7 +95,7 @@ def make_server(worker: Worker, sign_in: SignIn, link: Callable[[], str] | None)
     ui.run_with(app, title="Mirror mount", dark=None, tailwind=False, show_welcome_message=False, favicon="🎯")
     core.app.config.message_history_length = 0  # what was sent to a page that was away is not true any more
     core.sio.on("log", lambda _sid, _message: None)  # what a page would write to this program's log
-    return Server(Auth(app, sign_in), worker)
+    return Server(Auth(app, sign_in), worker, pages)
 
 
 def _log_to_file() -> None:
