@@ -12,7 +12,6 @@ from mirrormount.device.status import AxisStatus
 from mirrormount.panel.cards_of_motion import card, number, send
 from mirrormount.panel.pages import Page
 from mirrormount.panel.run_on_mount import warn
-from mirrormount.supervise.axes import axis_status
 from mirrormount.supervise.notices import Notice
 from mirrormount.supervise.state import Point
 from mirrormount.supervise.worker import Worker
@@ -60,7 +59,7 @@ def axis(worker: Worker, name: str) -> Refresh:
         state = worker.state
         known = state.is_known
         box.classes(toggle=None, add="" if known else "stale", remove="stale" if known else "")
-        status = axis_status(state.last, name)
+        status = state.last.by_name.get(name) if state.last else None
         position.set_text("–" if status is None else f"{status.position:+.3f}".replace("-", "−"))
         mrad.set_text("" if status is None else state.mrad_text(name, status.position))
         wanted = state.targets.get(name)

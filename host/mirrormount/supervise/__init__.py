@@ -16,7 +16,6 @@ tasks.py           its queue; questions to the mount
 brake.py           the thread that stops it
 reconnect.py       the board as it comes and goes
 state.py           the last known state, for display
-axes.py            the axes by their names
 notices.py         the last events in words
 wire_log.py        the last lines on the wire
 scales.py          mrad a step

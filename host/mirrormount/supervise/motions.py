@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from mirrormount.common.errors import MountError, MoveEnded
 from mirrormount.device.mount import Mount
 from mirrormount.device.status import Ended, QueuedError, Status
-from mirrormount.supervise.axes import axis_status
 from mirrormount.supervise.lease import Client
 from mirrormount.supervise.requests import Drive, GoTo, Home, Jog, Request, Steps, Zero
 from mountfw import codes as wire
@@ -113,7 +112,7 @@ class Motions:
 
     def poll(self, mount: Mount, status: Status, errors: Sequence[QueuedError]) -> None:
         """End those whose axes are at rest. Raises ConnectionLost, NoAnswer."""
-        for axis in [axis for axis in self._begun if not moves(status, axis)]:
+        for axis in [axis for axis in self._begun if not status.by_name[axis].moving]:
             ended = mount.axis(axis).last_move()
             self._begun.pop(axis).end(ended, errors)
 
@@ -121,12 +120,6 @@ class Motions:
         """The board has gone: nothing is known of their ends."""
         while self._begun:
             self._begun.popitem()[1].fail(why)
-
-
-def moves(status: Status, axis: str) -> bool:
-    """True while that axis moves."""
-    known = axis_status(status, axis)
-    return known is not None and known.moving
 
 
 def start(mount: Mount, request: Request, targets: dict[str, int | None]) -> None:

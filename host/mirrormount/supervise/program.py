@@ -75,7 +75,7 @@ class Program(Client):
         Raises BadValue, NotInControl; the future has the rest.
         """
         axis = self._checked(axis)
-        return self.call(lambda mount: mount.send(f"{getattr(mount, axis).number}ST"))
+        return self.call(lambda mount: mount.send(f"{mount.axis(axis).number}ST"))
 
     def stop(self) -> None:
         """All motors off, now. With or without control; a program has to take it again afterwards."""

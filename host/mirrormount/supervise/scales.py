@@ -3,7 +3,6 @@
 from mirrormount.common.errors import BadFile, NotCalibrated
 from mirrormount.device import calibration
 from mirrormount.device.mount import Mount
-from mirrormount.supervise.axes import axis_names
 
 Scales = dict[str, float | None]
 
@@ -13,7 +12,7 @@ def read(mount: Mount) -> Scales:
 
     Raises MountError.
     """
-    return {name: _of_axis(mount, name) for name in axis_names(mount)}
+    return {name: _of_axis(mount, name) for name in mount.by_name}
 
 
 def _of_axis(mount: Mount, name: str) -> float | None:

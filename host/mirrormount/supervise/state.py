@@ -7,7 +7,6 @@ from collections.abc import Callable
 from mirrormount.device.mount import Mount
 from mirrormount.device.status import Status
 from mirrormount.supervise import scales
-from mirrormount.supervise.axes import axis_names, axis_status
 
 POLL_S = 0.05  # period of the status polls
 _KNOWN_S = 0.6  # an older status is not the present one
@@ -36,7 +35,7 @@ class State:
     def connect(self, mount: Mount) -> None:
         """A board has come. Raises MountError."""
         self.read_scales(mount)
-        self.axes = axis_names(mount)
+        self.axes = tuple(mount.by_name)
         self.targets = {}
 
     def read_scales(self, mount: Mount) -> None:
@@ -46,8 +45,7 @@ class State:
     def update(self, status: Status) -> None:
         """A status has come."""
         self.seen_s = self._clock()
-        positions = [axis_status(status, name) for name in self.axes]
-        self.positions.append((self.seen_s, tuple(axis.position for axis in positions if axis)))
+        self.positions.append((self.seen_s, tuple(axis.position for axis in status.by_name.values())))
         self.status = self.last = status
 
     def lose(self) -> None:
