@@ -43,7 +43,10 @@ def _has_browser() -> bool:
 
 
 _EMULATED = ("tests/emulated",)
-_IN_A_BROWSER = tuple(f"tests/panel/test_{name}.py" for name in ("driving", "safety", "door", "cards"))
+_IN_A_BROWSER = tuple(
+    f"tests/panel/test_{name}.py"
+    for name in ("driving", "safety", "door", "cards", "looks", "foreign_pages", "third_axis")
+)
 NEEDS: Tuple[Need, ...] = (
     Need("node", "nodejs", "runs the emulated RP2040", _EMULATED),
     Need("npm", "npm", "installs the emulator's core", _EMULATED),

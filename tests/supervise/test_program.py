@@ -4,6 +4,7 @@ import threading
 
 import pytest
 from served import PATIENCE_S, ServedBoard, run_cli, wait_for
+from supervised import with_third_axis
 
 from mirrormount.common.errors import BadValue, BoardError, ConnectionLost, MoveEnded, NotInControl
 from mirrormount.supervise import Supervisor
@@ -252,3 +253,18 @@ def test_without_a_board_nothing_is_left_running(tmp_path):
     with pytest.raises(Exception, match="there is no such port"):
         Supervisor(str(tmp_path / "nothing")).open()
     assert threading.active_count() == before
+
+
+def test_a_third_axis_is_moved_by_its_name(tmp_path):
+    (tmp_path / "files").mkdir()
+    board = ServedBoard(tmp_path, *with_third_axis(tmp_path / "files"))
+    try:
+        with Supervisor(str(board.link), patience_s=5.0) as supervisor, supervisor.join("camera loop") as loop:
+            assert supervisor.worker.state.axes == ("x", "y", "axis3")
+            loop.take_control()
+            motions = [loop.step(axis, n) for axis, n in (("x", 1), ("y", -1), ("axis3", 2))]
+            assert [motion.wait(PATIENCE_S).steps for motion in motions] == [1, -1, 2]
+            wait_for(lambda: supervisor.worker.state.positions[-1][1] == (1.0, -1.0, 2.0), "the three positions")
+    finally:
+        board.end()
+        board.process.stdout.close()
