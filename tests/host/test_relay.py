@@ -23,7 +23,7 @@ class Board:
     def sent(self, data: bytes) -> bytes:
         """What the board gets when the client sends data."""
         before = len(self.taken)
-        self.relay.take(data)
+        self.relay.from_client(data)
         return self.taken[before:]
 
     def answers(self, status: bytes = REST) -> bytes:
@@ -33,7 +33,7 @@ class Board:
         said = b"".join(
             b"01>" + (status if line.endswith(b"XS?") else b"500\r\n") for line in lines if line.startswith(b"01>")
         )
-        return self.relay.hear(said)
+        return self.relay.from_board(said)
 
     def passes(self, seconds: float, *, answers: bytes | None = None) -> bytes:
         """What the board gets while time passes."""
@@ -171,20 +171,20 @@ def test_a_keep_alive_that_the_board_refuses_is_none(board):
 def test_answers_to_questions_of_the_relay_are_taken_out_and_no_others(board):
     board.sent(b"1MV+\n")
     board.passes(0.15)
-    assert board.relay.hear(b"7\r\n01>" + MOVES + b"1>8\r\n01") == b"7\r\n1>8\r\n"
-    assert board.relay.hear(b"9\r\n") == b"019\r\n"
+    assert board.relay.from_board(b"7\r\n01>" + MOVES + b"1>8\r\n01") == b"7\r\n1>8\r\n"
+    assert board.relay.from_board(b"9\r\n") == b"019\r\n"
 
 
 def test_a_client_that_uses_the_address_of_the_relay_gets_its_answers(board):
     board.sent(b"01>1TP?\n1MV+\n")
     board.passes(0.15)
-    assert board.relay.hear(b"01>7\r\n01>" + MOVES) == b"01>7\r\n"
+    assert board.relay.from_board(b"01>7\r\n01>" + MOVES) == b"01>7\r\n"
 
 
 def test_when_the_client_leaves_moves_of_known_length_go_on_and_runs_end(board):
     board.sent(b"1PR20;2MV+\n")
     before = len(board.taken)
-    assert board.relay.leave()
+    assert board.relay.client_left()
     assert board.taken[before:] == b"2ST\nXK500\n"
     assert board.passes(1, answers=MOVES).count(b"01>XS?\n") >= 8
 
@@ -192,7 +192,7 @@ def test_when_the_client_leaves_moves_of_known_length_go_on_and_runs_end(board):
 @pytest.mark.parametrize("sent", [b"1MV+\n", b"02550255", b"1MV+\n1PR5\n", b"1TP?\n", b"", b"1PR5\n02550255", b"1PR"])
 def test_when_the_client_leaves_without_such_a_move_all_stops(board, sent):
     board.sent(sent)
-    assert not board.relay.leave()
+    assert not board.relay.client_left()
     assert board.taken.endswith(b"!\n")
 
 
@@ -201,26 +201,26 @@ def test_what_a_client_that_leaves_has_not_finished_is_not_finished_for_it(board
     board.sent(b"2PR20\n" + begun)
     board.passes(0.6, answers=MOVES)
     before = len(board.taken)
-    assert not board.relay.leave()
+    assert not board.relay.client_left()
     assert board.taken[before:] == b"!\n"
 
 
 def test_a_client_that_leaves_behind_a_flood_stops_all(board):
     board.sent(b"1PR20\n" + b"02550255" * 1000)
-    assert not board.relay.leave()
+    assert not board.relay.client_left()
     assert board.taken.endswith(b"!\n")
 
 
 def test_the_keep_alive_of_a_client_that_left_does_not_end_its_move(board):
     board.sent(b"XK300;1PR20\n")
-    assert board.relay.leave()
+    assert board.relay.client_left()
     assert board.passes(2, answers=MOVES).count(b"01>XS?\n") >= 18
 
 
 def test_answers_for_the_client_before_are_not_given_to_the_next_one(board):
     board.sent(b"1PR20;1TP?\n")
-    board.relay.leave()
-    board.relay.forget_answers()
-    assert board.relay.hear(b"7\r\n") == b""
+    board.relay.client_left()
+    board.relay.mute_old_replies()
+    assert board.relay.from_board(b"7\r\n") == b""
     board.answers(MOVES)
-    assert board.relay.hear(b"8\r\n") == b"8\r\n"
+    assert board.relay.from_board(b"8\r\n") == b"8\r\n"

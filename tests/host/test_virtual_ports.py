@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import pytest
 from served import PATIENCE_S, wait_for
 
-from mirrormount.network.client_session import Guest
+from mirrormount.network.client_session import ClientSession
 from mirrormount.network.server import Server
 from mirrormount.transport.telnet import Inlet
 from mirrormount.virtual import pty_port, tcp_port
@@ -155,6 +155,6 @@ def test_a_client_that_never_ends_does_not_keep_the_board_from_its_work(port):
 
 
 def test_a_client_that_never_ends_does_not_keep_the_server_from_the_others():
-    guest = Guest(Endless(), "a client", Inlet(telnet=True))
-    server = SimpleNamespace(_client=guest, _take=lambda sent: sent == b"" or pytest.fail(sent))
-    Server._hear_client(server, guest)
+    session = ClientSession(Endless(), "a client", Inlet(telnet=True))
+    server = SimpleNamespace(_client=session, _forward=lambda sent: sent == b"" or pytest.fail(sent))
+    Server._receive_from_client(server, session)

@@ -15,10 +15,9 @@ TOOLS = ROOT / "tools"
 MOST_LINES = {HOST: 300, FIRMWARE: 350}
 # Files that are still longer. A line is deleted when its file is short enough; none is added.
 STILL_LONGER = {
-    "host/mirrormount/network/relay.py",
     "firmware_py/mountfw/motion/axis.py",
 }
-EVENING = 2660  # lines of app, build, wire/ and motion/, which somebody reads in an evening; it only falls, to 1800
+EVENING = 2350  # lines of app, build, wire/ and motion/, which somebody reads in an evening; it only falls, to 1800
 
 # the one import by a name in a string: a scheme of addresses that is opened by a floor above (virtual://)
 DYNAMIC = {"transport/open.py": 1}

@@ -1,6 +1,6 @@
-"""Where network clients come in: a listening socket, the token that a wider network needs, one line for who may not.
+"""Accepts network clients: a listening socket, the token for addresses beyond loopback, one line to rejected clients.
 
-Knows nothing of boards. What a client sends before it is let in is compared, never obeyed.
+Knows no board. Bytes from a client before its admission are compared with the token, never executed.
 """
 
 import contextlib
@@ -13,18 +13,18 @@ from collections import Counter
 
 from mirrormount.common.errors import BadAddress, BadValue, CannotListen, TokenNeeded
 from mirrormount.common.tokens import LONGEST, Guesses, same
-from mirrormount.network.client_session import Guest
+from mirrormount.network.client_session import ClientSession
 from mirrormount.transport.first_bytes import FirstBytes
 from mirrormount.transport.refusals import TOKEN_REFUSED, refusal_line
 from mirrormount.transport.rejected import GRACE_S, Rejected
 from mirrormount.transport.telnet import Inlet
 
-TOKEN_S = 10.0  # how long a client may take to send its token: a person may be typing
-_LINE_MOST = LONGEST + 2  # and how long that line may be
-_CROWD = 64  # clients at the door at a time; more, and one of them goes
+TOKEN_S = 10.0  # until a client must have sent its token, which may be typed
+_LINE_MOST = LONGEST + 2  # the longest line with a token
+_NEWCOMERS_MOST = 64  # clients that wait at a time; beyond that, one is disconnected
 _BACKLOG = 8
 
-_UNSENT = 1 << 14  # bytes on their way to a client, beside those that a Guest keeps
+_UNSENT = 1 << 14  # bytes that the system buffers for a client, beside those of its ClientSession
 _LOST_AFTER = (10, 5, 3)  # a silent connection is probed after 10 s, then each 5 s; 3 times in vain, it is dead
 
 
@@ -38,7 +38,7 @@ def parse_where(text: str) -> tuple[str, int]:
     return host.strip("[]"), int(port)
 
 
-class Door:
+class Listener:
     """Listens at host and port (0: any that is free). Needs a token unless that is loopback.
 
     Raises BadAddress, CannotListen, TokenNeeded.
@@ -49,99 +49,99 @@ class Door:
         self._telnet = telnet
         self._server = _listen(host, port, token)
         self._server.setblocking(False)
-        self._asked: list[Guest] = []  # for their token
+        self._unauthenticated: list[ClientSession] = []  # without a valid token yet
         self._guesses = Guesses()
-        self._waiting: list[Guest] = []  # for the board to be free
+        self._waiting: list[ClientSession] = []  # until the board is free
         self._rejected = Rejected()
         name, number = self._server.getsockname()[:2]
         self.address = f"socket://[{name}]:{number}" if ":" in name else f"socket://{name}:{number}"
 
     def watched(self) -> list[socket.socket]:
-        """Sockets that may have news."""
-        return [self._server, *(guest.socket for guest in self._asked)]
+        """Sockets to wait for."""
+        return [self._server, *(session.socket for session in self._unauthenticated)]
 
     def busy(self) -> bool:
-        """True if somebody's time may run out: look() again soon, news or not."""
-        return bool(self._asked or self._waiting or self._rejected)
+        """True if a time limit is running: poll() again soon, with or without events."""
+        return bool(self._unauthenticated or self._waiting or self._rejected)
 
-    def look(self) -> None:
-        """Accept who has come, read their tokens, see off who is leaving."""
+    def poll(self) -> None:
+        """Accept new clients, read tokens, close rejected ones."""
         self._accept()
-        for guest in list(self._asked):
-            self._ask(guest)
+        for session in list(self._unauthenticated):
+            self._read_token(session)
         self._rejected.poll()
 
-    def next(self) -> Guest | None:
-        """The next one to be let in."""
+    def next(self) -> ClientSession | None:
+        """The next client to be admitted, or None."""
         return self._waiting.pop(0) if self._waiting else None
 
-    def turn_away(self, line: bytes) -> None:
-        """Tell those who have waited long enough that there is no place."""
+    def reject_waiting(self, line: bytes) -> None:
+        """Reject clients that have waited longer than GRACE_S, with this line."""
         now = time.monotonic()
-        for guest in [g for g in self._waiting if now - g.since_s > GRACE_S]:
-            self._waiting.remove(guest)
-            self._rejected.add(guest.socket, line)
+        for session in [g for g in self._waiting if now - g.since_s > GRACE_S]:
+            self._waiting.remove(session)
+            self._rejected.add(session.socket, line)
 
     def close(self) -> None:
-        """Listen no more, and close all who stand here."""
+        """Stop listening, and close all clients that wait."""
         self._server.close()
-        for guest in self._asked + self._waiting:
-            guest.socket.close()
+        for session in self._unauthenticated + self._waiting:
+            session.socket.close()
         self._rejected.close()
 
     def _accept(self) -> None:
         try:
             client, peer = self._server.accept()
-        except OSError:  # nobody, or gone already, or too many files are open
+        except OSError:  # none, or gone already, or too many files are open
             return
         client.setblocking(False)
-        _watch_over(client)
-        guest = Guest(client, f"{peer[0]}:{peer[1]}", Inlet(self._telnet))
-        guest.address = str(peer[0])
-        guest.first = FirstBytes() if self._token is None else None  # a page has no token
-        place = self._waiting if self._token is None else self._asked
-        place.append(guest)
-        if len(place) > _CROWD:
-            goes = _who_goes(place)
+        _set_options(client)
+        session = ClientSession(client, f"{peer[0]}:{peer[1]}", Inlet(self._telnet))
+        session.address = str(peer[0])
+        session.first = FirstBytes() if self._token is None else None  # a page has no token
+        place = self._waiting if self._token is None else self._unauthenticated
+        place.append(session)
+        if len(place) > _NEWCOMERS_MOST:
+            goes = _least_proven(place)
             place.remove(goes)
             goes.socket.close()
 
-    def _ask(self, guest: Guest) -> None:
+    def _read_token(self, session: ClientSession) -> None:
         try:
-            data = guest.socket.recv(_LINE_MOST)
+            data = session.socket.recv(_LINE_MOST)
         except BlockingIOError:
             data = None
         except OSError:
             data = b""
         if data == b"":
-            self._asked.remove(guest)
-            guest.socket.close()
+            self._unauthenticated.remove(session)
+            session.socket.close()
             return
-        guest.held += guest.inlet.feed(data or b"")
-        line, end, rest = guest.held.partition(b"\n")
-        late = time.monotonic() - guest.since_s > TOKEN_S
+        session.pending += session.inlet.feed(data or b"")
+        line, end, rest = session.pending.partition(b"\n")
+        late = time.monotonic() - session.since_s > TOKEN_S
         if not end and not late and len(line) <= _LINE_MOST:
             return
-        if end and not late and self._guesses.wait_s(guest.address):
-            return  # its turn to guess comes
-        self._asked.remove(guest)
+        if end and not late and self._guesses.wait_s(session.address):
+            return  # guesses from its address are delayed
+        self._unauthenticated.remove(session)
         if end and not late and same(line.rstrip(b"\r"), self._token or b""):
-            guest.held = rest
-            guest.since_s = time.monotonic()
-            self._waiting.append(guest)
+            session.pending = rest
+            session.since_s = time.monotonic()
+            self._waiting.append(session)
         else:
             if end and not late:
-                self._guesses.wrong(guest.address)
-            self._rejected.add(guest.socket, refusal_line(TOKEN_REFUSED))
+                self._guesses.wrong(session.address)
+            self._rejected.add(session.socket, refusal_line(TOKEN_REFUSED))
 
 
-def _who_goes(crowd: list[Guest]) -> Guest:
-    """Of too many the one who has proved least: has sent nothing, comes from where most do, has stood there longest.
+def _least_proven(crowd: list[ClientSession]) -> ClientSession:
+    """The client to disconnect when there are too many: of the address with most, without bytes sent, waiting longest.
 
-    So whoever opens many connections closes his own ones, and not that of a slow client that has the token.
+    A computer that opens many connections so closes its own, not that of a slow client with the token.
     """
-    many = Counter(guest.address for guest in crowd)
-    return min(crowd, key=lambda guest: (-many[guest.address], bool(guest.held), guest.since_s))
+    many = Counter(session.address for session in crowd)
+    return min(crowd, key=lambda session: (-many[session.address], bool(session.pending), session.since_s))
 
 
 def _listen(host: str, port: int, token: bytes | None) -> socket.socket:
@@ -150,7 +150,7 @@ def _listen(host: str, port: int, token: bytes | None) -> socket.socket:
     except (OSError, UnicodeError) as e:
         raise BadAddress(f"{host}: there is no such host to listen at") from e
     family, _, _, _, where = found[0]
-    # what is looked at here is what is bound below: a name could mean something else the second time
+    # the address that is checked is the one that is bound: a name could resolve differently the second time
     if token is None and not ipaddress.ip_address(str(where[0]).partition("%")[0]).is_loopback:
         raise TokenNeeded(
             f"{host} is more than this computer, and whoever reaches it could drive the mount: give --token TOKEN"
@@ -171,9 +171,9 @@ def _why(e: OSError) -> str:
     return f"{os.strerror(e.errno or 0)}: {other}"
 
 
-def _watch_over(client: socket.socket) -> None:
-    """Send small answers at once, and notice a client whose computer has vanished."""
-    with contextlib.suppress(OSError):  # gone already: whoever reads from it will see
+def _set_options(client: socket.socket) -> None:
+    """Send small replies at once, and detect a client whose computer is gone."""
+    with contextlib.suppress(OSError):  # gone already: the next read shows it
         client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         client.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _UNSENT)
         client.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)

@@ -1,6 +1,6 @@
-"""Where in a stream of bytes the board's messages end, and what its command lines say. No I/O.
+"""Splits a stream of bytes into the board's messages, and parses its command lines. No I/O.
 
-The firmware's own parser looks at the bytes, so that it cannot be of another opinion than the board.
+The parser is the firmware's own, so that host and board split the same bytes in the same way.
 """
 
 from collections.abc import Iterator
@@ -23,7 +23,7 @@ class Command(NamedTuple):
     value: int
 
     def is_a(self, *names: bytes) -> bool:
-        """Is it one of these mnemonics?"""
+        """True if its name is one of these mnemonics."""
         return self.name in [key(name) for name in names]
 
 
@@ -32,11 +32,11 @@ class Messages:
 
     def __init__(self) -> None:
         self._frame, self._line = Frame(pack), Line()
-        own = OwnReply(pack)  # which knows of no reply, so doubts no frame
+        own = OwnReply(pack)  # without any reply sent, it accepts every frame
         self._receiver = Receiver(self._frame, self._line, pack, own, 64)
 
     def feed(self, c: int) -> int:
-        """Take a byte. Returns the kind of the message that it ends, or NEED_BYTES."""
+        """Parse a byte. Returns the kind of the message that it ends, or NEED_BYTES."""
         self._receiver.receive(c)
         message = NEED_BYTES
         while self._receiver.unparsed:
@@ -45,15 +45,15 @@ class Messages:
 
     @property
     def gap_s(self) -> float:
-        """How long a silence may last here before the board gives the message up; 0 between messages."""
+        """The longest silence before the board drops the unfinished message; 0 between messages."""
         return self._receiver.gap_us() * 1e-6
 
     def gap(self) -> None:
-        """The board has given the message up."""
+        """The board has dropped the unfinished message: drop it here."""
         self._receiver.gap()
 
     def frame_drives(self) -> bool:
-        """Does the last frame drive a motor?"""
+        """True if the last frame drives a motor."""
         return any(c not in b"0+-" for c in self._frame.text)
 
     def address(self) -> bytes:

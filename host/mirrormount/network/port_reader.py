@@ -1,4 +1,4 @@
-"""Listens to a board in a thread, for a program that waits for sockets: a Port cannot be waited for with them."""
+"""Reads a board's port in a thread and writes to a socket: select() cannot wait for a Port."""
 
 import socket
 import threading
@@ -6,40 +6,40 @@ import threading
 from mirrormount.common.errors import ConnectionLost
 from mirrormount.transport.port import Port
 
-_WAIT_S = 0.05  # how often it looks whether to go on
+_WAIT_S = 0.05  # the longest read, after which close() is noticed
 
 
-class Ear:
-    """What the board says comes out of `end`; when the board has gone, `end` ends and `lost` says why."""
+class PortReader:
+    """The board's bytes come out of `end`. After the board is lost, `end` is at its end and `lost` has the cause."""
 
     def __init__(self, port: Port) -> None:
-        self.end, self._mouth = socket.socketpair()
+        self.end, self._output = socket.socketpair()
         self.lost = "the board has gone"
         self._port = port
         self._tail = b""
         self._closing = False
-        self._thread = threading.Thread(target=self._listen, name="ear", daemon=True)
+        self._thread = threading.Thread(target=self._read, name="port reader", daemon=True)
         self._thread.start()
 
     def at_prompt(self, data: bytes) -> bool:
-        """True if Python's prompt is in what the board says; it is in no answer of the firmware."""
-        heard = self._tail + data
-        self._tail = heard[-3:]
-        return b">>> " in heard
+        """True if Python's prompt is in the board's bytes; it is in no reply of the firmware."""
+        received = self._tail + data
+        self._tail = received[-3:]
+        return b">>> " in received
 
     def close(self) -> None:
-        """Stop listening; what was heard and not taken is forgotten."""
+        """Stop reading; bytes that were read and not taken are lost."""
         self._closing = True
         self.end.close()
         self._thread.join()
 
-    def _listen(self) -> None:
+    def _read(self) -> None:
         try:
             while not self._closing:
-                self._mouth.sendall(self._port.read(_WAIT_S))
+                self._output.sendall(self._port.read(_WAIT_S))
         except ConnectionLost as e:
             self.lost = str(e)
         except OSError:  # closed
             pass
         finally:
-            self._mouth.close()
+            self._output.close()

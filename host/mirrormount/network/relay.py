@@ -1,12 +1,11 @@
-"""Between a network client and a board: gives the board no more than it obeys, and keeps it alive meanwhile.
+"""Relays between a network client and a board: limits the bytes on their way, feeds the keep-alive.
 
-- A stop overtakes what waits, and no more than AHEAD bytes are before it on their way to the board.
-- While something moves that a client has started, the board has a keep-alive that this program feeds, so that it
-  ends within 0.5 s if this program dies or hangs.
-- A client's own keep-alive (XK) stays the client's: the board fires it as if nobody were between.
+- A stop overtakes waiting bytes; at most AHEAD bytes are before it on their way to the board.
+- While a motion of the client lasts, this program feeds the board's keep-alive: the motion ends within 0.5 s if this
+  program dies or hangs.
+- A client's own keep-alive (XK) stays the client's: it fires as on the board's own port.
 
-To know what the board has obeyed, and whether it moves, this program asks it, under an address that clients do
-not use, and takes those answers out.
+Progress and motion of the board are asked for under an address that clients do not use; those replies are removed.
 """
 
 import math
@@ -20,13 +19,13 @@ from mirrormount.common.keep_alive import KEEP_ALIVE_MS
 from mirrormount.device.status import parse_status
 from mirrormount.network.messages import FRAME, LINE, Messages
 
-AHEAD = 512  # bytes that the board may have received or have on their way, and not obeyed
-_ASK_AFTER = 128  # bytes; then the board is asked whether it has got there
+AHEAD = 512  # bytes sent to the board and not yet executed
+_ASK_AFTER = 128  # bytes; then a query shows when the board has executed them
 _ADDRESS = b"01>"  # the board's own address, written as nobody else does
 _FEED_S = 0.1
-_ANSWER_S = 0.5  # an answer that has not come by then was dropped by the board
+_ANSWER_S = 0.5  # a later reply was dropped by the board
 _HOLD_LINE_S, _HOLD_FRAME_S = 0.5, 0.05  # then an unfinished message goes to the board as it is
-_MARGIN_S = 0.3  # how much later than the board its gaps are taken to be over here
+_MARGIN_S = 0.3  # added to the board's gap before it counts as over here
 _LAPSE_S = 0.05
 _DAMAGE = 0x7F  # malformed wherever it stands: the board stops, and skips up to a line end or a silence
 _SKIP_S = 0.02  # in which a board skips AHEAD bytes
@@ -34,7 +33,7 @@ _SKIP_S = 0.02  # in which a board skips AHEAD bytes
 
 class _Question(NamedTuple):
     ours: bool
-    size: int = 0  # bytes that the board has obeyed when it answers
+    size: int = 0  # bytes executed by the board when it replies
     motions: int = 0  # that were started before it was asked
     at_s: float = 0.0
     unmutes: bool = False
@@ -51,7 +50,7 @@ class Relay:
         self._messages = Messages()
         self._held = bytearray()  # of a message that is not complete
         self._raw = False  # the board is in the middle of a message, or skips the rest of one
-        self._heard_s = self._written_s = self._fed_s = clock()
+        self._received_s = self._written_s = self._fed_s = clock()
         self._asked: deque[_Question] = deque()  # answers with our address that will come
         self._ahead = self._unasked = 0
         self._line = b""
@@ -64,18 +63,18 @@ class Relay:
 
     # ---- from the client
 
-    def take(self, data: bytes) -> None:
-        """Put bytes in line for the board. A stop overtakes, and what waited before it is void."""
+    def from_client(self, data: bytes) -> None:
+        """Queue bytes for the board. A stop overtakes, and drops the bytes that waited before it."""
         now_s = self._clock()
-        if now_s - self._heard_s > self.client_ms * 1e-3:
+        if now_s - self._received_s > self.client_ms * 1e-3:
             self.client_ms = 0  # it has fired or lapsed
-        self._heard_s = now_s
+        self._received_s = now_s
         waited = len(self._waiting)
         self._waiting += data
         zeros = self._waiting.rfind(b"00000000", max(0, waited - 7))
         stop = max(self._waiting.rfind(b"!", waited), zeros)
         if stop > AHEAD:
-            self.void()
+            self.discard_partial()
             self._waiting[:stop] = b"!\n"  # the board may be in the middle of a message: this ends it
             stop = 2
         if stop >= 0:
@@ -86,26 +85,26 @@ class Relay:
 
     @property
     def waiting(self) -> int:
-        """Bytes in line."""
+        """Bytes in the queue."""
         return len(self._waiting)
 
-    def void(self) -> None:
-        """A stop has gone to the board, or is about to: an unfinished message is none any more."""
+    def discard_partial(self) -> None:
+        """Drop an unfinished message: a stop is sent to the board."""
         self._held.clear()
         self._messages = Messages()
         self._raw = False
 
     def stop(self) -> None:
-        """Stop the motors; what waits is void."""
+        """Stop the motors and drop the queue."""
         self._waiting.clear()
         self._urgent = 0
-        self.void()
+        self.discard_partial()
         self._send(b"!\n")
         self._axes.clear()
         self.client_ms = 0
 
-    def leave(self) -> bool:
-        """The client has gone: moves of known length go on, all else is ended. True if a move goes on."""
+    def client_left(self) -> bool:
+        """The client is gone: moves of known length go on, all else ends. True if a move goes on."""
         if len(self._waiting) > AHEAD:
             self.stop()
             return False
@@ -114,26 +113,26 @@ class Relay:
         if self._raw or "move" not in self._axes.values():  # the board refuses half a message, and stops; so does this
             self.stop()
             return False
-        self.void()
+        self.discard_partial()
         runs = b"".join(b"%dST\n" % axis for axis, kind in self._axes.items() if kind == "run")
         self.client_ms = 0
         self._send(runs + b"XK%d\n" % KEEP_ALIVE_MS)
         return True
 
-    def look_again(self) -> None:
-        """Find out whether the board moves, whatever is known."""
+    def query_motion(self) -> None:
+        """Query the board's motion at the next pump(), whatever is known of it."""
         self._motions += 1
         self.moving = True
 
-    def forget_answers(self) -> None:
-        """What the board has still to say is not for the client that comes now."""
+    def mute_old_replies(self) -> None:
+        """Drop replies to earlier clients, up to the reply to a query that is sent now."""
         self._mute = True
         self._ask(b"XK?", unmutes=True)
 
     # ---- to the board
 
     def pump(self) -> None:
-        """Give the board what it has room for, and what keeps its motion alive. Raises ConnectionLost."""
+        """Send queued bytes up to AHEAD, and feed the keep-alive. Raises ConnectionLost."""
         now_s = self._clock()
         if self._asked and now_s - self._asked[0].at_s > _ANSWER_S:
             self._asked.clear()
@@ -161,7 +160,7 @@ class Relay:
             self._feed(now_s)
 
     def due_s(self) -> float:
-        """How soon pump() has something to do, news or not."""
+        """Seconds until pump() must be called, with or without events."""
         if self._held or self._raw:
             return 0.02
         if self.moving or self._asked:
@@ -169,7 +168,7 @@ class Relay:
         return 0.5
 
     def _complete(self, message: int) -> bytes:
-        """What is held, with what keeps alive the motion that it starts."""
+        """The held bytes, with the keep-alive for the motion that they start."""
         data = bytes(self._held)
         self._held.clear()
         self._raw = bool(self._messages.gap_s)
@@ -219,17 +218,17 @@ class Relay:
         """
         silence_s, gap_s = now_s - self._written_s, self._messages.gap_s
         if silence_s > gap_s:
-            self.void()
+            self.discard_partial()
             self._send(b"!\n")  # the board has given the message up, and has stopped
         elif silence_s > gap_s / 2:
             self._messages.feed(_DAMAGE)
             self._send(bytes((_DAMAGE,)))
 
     def _give_up(self, now_s: float) -> None:
-        """What the client does not finish is given to the board, which refuses it."""
+        """Send a message that the client does not finish to the board, which refuses it."""
         gap_s = self._messages.gap_s
         hold_s = _HOLD_LINE_S if gap_s > 0.1 else _HOLD_FRAME_S
-        if self._held and not self._waiting and now_s - self._heard_s > hold_s:
+        if self._held and not self._waiting and now_s - self._received_s > hold_s:
             self._send(bytes(self._held))
             self._held.clear()
             self._raw = True
@@ -238,14 +237,14 @@ class Relay:
             self._raw = False
 
     def _feed(self, now_s: float) -> None:
-        """Ask the board whether it moves while it may; that is also what keeps it alive."""
+        """Query the motion while there may be one; the query also feeds the keep-alive."""
         if self.client_ms:
-            silence_s = now_s - self._heard_s
+            silence_s = now_s - self._received_s
             if silence_s > self.client_ms * 1e-3 + _LAPSE_S:
                 self.client_ms = 0  # it has fired or lapsed: it is fed no more for this motion
                 self.moving = False
                 return
-            last_s = self._heard_s + (self.client_ms - KEEP_ALIVE_MS) * 1e-3
+            last_s = self._received_s + (self.client_ms - KEEP_ALIVE_MS) * 1e-3
             if now_s >= last_s:  # once more, and the board's keep-alive ends when the client's does
                 if self.moving and self._fed_s < last_s:
                     self._fed_s = now_s
@@ -271,8 +270,8 @@ class Relay:
 
     # ---- from the board
 
-    def hear(self, data: bytes) -> bytes:
-        """What of the board's answers is for the client: whole lines."""
+    def from_board(self, data: bytes) -> bytes:
+        """The client's part of the board's replies: whole lines."""
         whole, end, self._line = (self._line + data).rpartition(b"\n")
         return b"".join([line for line in (whole + end).splitlines(keepends=True) if self._is_the_clients(line)])
 
@@ -284,12 +283,12 @@ class Relay:
             return not self._mute
         self._ahead = max(0, self._ahead - question.size)
         if b"|" in line:
-            self._look_at(line.decode("ascii", "replace").removeprefix(_ADDRESS.decode()).strip(), question)
+            self._see_status(line.decode("ascii", "replace").removeprefix(_ADDRESS.decode()).strip(), question)
         if question.unmutes:
             self._mute = False
         return False
 
-    def _look_at(self, status: str, question: _Question) -> None:
+    def _see_status(self, status: str, question: _Question) -> None:
         try:
             seen = parse_status(status, 1)
         except NotAMount:  # damaged on its way: the next one is not

@@ -1,7 +1,7 @@
-"""`mirrormount serve`: the board's stream of bytes on TCP, for software that drives a New Focus controller on Ethernet.
+"""A board on TCP, for software that drives a New Focus controller on Ethernet.
 
-One client controls at a time. When it goes, the motors stop, and the next one finds the board at rest
-and silent. One thread does all but listening to the board, so nothing here needs a lock.
+One client at a time has control. When it disconnects, the motors stop, and the next one starts with the board at
+rest and silent. One thread does all but reading the port, so nothing here needs a lock.
 """
 
 import contextlib
@@ -16,9 +16,9 @@ from types import FrameType
 from mirrormount.common.errors import BadValue, ConnectionLost, MountError
 from mirrormount.common.tokens import SHORT, is_short
 from mirrormount.device.mount import Mount
-from mirrormount.network.client_session import Guest
-from mirrormount.network.listener import Door, parse_where
-from mirrormount.network.port_reader import Ear
+from mirrormount.network.client_session import ClientSession
+from mirrormount.network.listener import Listener, parse_where
+from mirrormount.network.port_reader import PortReader
 from mirrormount.network.relay import Relay
 from mirrormount.transport.find import find_one
 from mirrormount.transport.first_bytes import NotAClient
@@ -29,11 +29,11 @@ from mirrormount.transport.stop_socket import SENT, STOPPED, Stoppable
 from mirrormount.transport.tcp_port import acknowledge
 from mirrormount.transport.telnet import GREETING
 
-_WAITING_MOST = 1 << 20  # bytes of a client that may wait for the board
-_RECEIVED_MOST = 1 << 18  # bytes of a client that are received at once; then the others have their turn
-_QUIET_S, _QUIET_LONGEST_S = 0.1, 10.0  # the board has no more to say to the client before
-_RETRY_S, _GIVE_UP_S = 1.0, 600.0  # looking for a board that has gone
-_REST_S = 1.5  # how long the board may take to say that it is at rest, for another program that asked for a stop
+_WAITING_MOST = 1 << 20  # bytes of a client that wait for the board
+_RECEIVED_MOST = 1 << 18  # bytes of a client that are received at once, before other events are served
+_QUIET_S, _QUIET_LONGEST_S = 0.1, 10.0  # then the replies to the client before are over
+_RETRY_S, _GIVE_UP_S = 1.0, 600.0  # for opening the port of a lost board
+_REST_S = 1.5  # until the board must be known to be at rest, when another program asked for a stop
 _SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
 
@@ -48,71 +48,71 @@ def serve(address: str | None, where: str, token: bytes | None, *, telnet: bool,
     for number in _SIGNALS:
         if number == signal.SIGINT or signal.getsignal(number) != signal.SIG_IGN:  # nohup ignores one
             signal.signal(number, _end)
-    door = Door(host, port, token, telnet=telnet)
+    listener = Listener(host, port, token, telnet=telnet)
     try:
-        server = Server(address, door, GREETING if telnet else b"", finish=finish)
+        server = Server(address, listener, GREETING if telnet else b"", finish=finish)
         try:
             print(server.identity)
-            print(f"ready {door.address}{' (with a token)' if token else ''}", flush=True)
+            print(f"ready {listener.address}{' (with a token)' if token else ''}", flush=True)
             while True:
-                server.look()
+                server.run_once()
         finally:
             server.close()
     finally:
-        door.close()
+        listener.close()
 
 
 class Server:
     """One board and the client that controls it. finish: moves of known length go on when the client leaves."""
 
-    def __init__(self, address: str | None, door: Door, greeting: bytes, *, finish: bool = False) -> None:
+    def __init__(self, address: str | None, listener: Listener, greeting: bytes, *, finish: bool = False) -> None:
         self._address = find_one() if address is None else address
-        self._door = door
+        self._listener = listener
         self._greeting = greeting
         self._finish = finish
-        self._client: Guest | None = None
-        self._ear: Ear | None = None
+        self._client: ClientSession | None = None
+        self._reader: PortReader | None = None
         self._mount: Mount | None = Mount(Link(open_port(self._address)))
         self.identity = self._mount.identity
         if self._mount.link.lockstep:
             self._mount.close()
             raise BadValue("a live client needs its own pace: speed=max is for use in one process")
         self._relay = Relay(self._mount.link.port.write)
-        self._ear = Ear(self._mount.link.port)
+        self._reader = PortReader(self._mount.link.port)
         self._retry_at_s = self._give_up_at_s = 0.0
         self._asked: list[threading.Event] = []  # by other programs, for a stop: to be set when the board is at rest
         self._confirming: list[threading.Event] = []
-        self._stoppable = Stoppable([self._address, door.address], self._stop_for_another_program)
+        self._stoppable = Stoppable([self._address, listener.address], self._stop_for_another_program)
         if self._stoppable.why_not:
             _say(f"`mirrormount stop` does not get through this program: {self._stoppable.why_not}")
 
-    def look(self) -> None:
-        """Wait for news and do what they ask for, once round. Raises ConnectionLost if the board stays away."""
-        client, ear = self._client, self._ear
-        watched = [s for s in (client and client.socket, ear and ear.end) if s]
+    def run_once(self) -> None:
+        """Wait for events and serve them once. Raises ConnectionLost if the board stays lost."""
+        client, reader = self._client, self._reader
+        watched = [s for s in (client and client.socket, reader and reader.end) if s]
         eager = [client.socket] if client and client.unread else []
-        wait_s = min(self._relay.due_s(), 0.05 if self._door.busy() else 0.5)
-        readable, _, _ = select.select([*watched, *self._door.watched()], eager, [], wait_s)
+        wait_s = min(self._relay.due_s(), 0.05 if self._listener.busy() else 0.5)
+        readable, _, _ = select.select([*watched, *self._listener.watched()], eager, [], wait_s)
         if client and client.socket in readable:
-            self._hear_client(client)
-        self._tell_board(self._relay.pump)
-        if ear and ear.end in readable and ear is self._ear:
-            self._hear_board(ear)
+            self._receive_from_client(client)
+        self._with_board(self._relay.pump)
+        if reader and reader.end in readable and reader is self._reader:
+            self._receive_from_board(reader)
         if self._client:
             self._client.flush()
         self._confirm_stops()
         if self._mount is None:
             self._look_for_board()
-        self._door.look()
-        self._let_in()
+        self._listener.poll()
+        self._admit()
 
     def close(self) -> None:
         """Stop the motors and close. Raises MountError if they did not stop."""
         try:
             if self._mount:
                 self._mount.link.port.write(b"!\n")
-            if self._ear:
-                self._ear.close()
+            if self._reader:
+                self._reader.close()
             if self._mount:
                 self._mount.link.drain(_QUIET_S)
                 self._mount.stop()
@@ -125,8 +125,8 @@ class Server:
 
     # ---- the client
 
-    def _hear_client(self, client: Guest) -> None:
-        """Take all that is there: the last of it may be a stop. Bounded, because of much of it nothing may be left."""
+    def _receive_from_client(self, client: ClientSession) -> None:
+        """Receive all that is there, up to a bound: the last byte may be a stop."""
         sent, why, received = b"", "", 0
         while not why and received < _RECEIVED_MOST:
             try:
@@ -141,48 +141,48 @@ class Server:
             except NotAClient as e:  # a web page may make a browser on this computer post commands here
                 why = str(e)
         acknowledge(client.socket)
-        self._take(sent)
+        self._forward(sent)
         if why and client is self._client:
             self._dismiss(why)
 
-    def _take(self, data: bytes) -> None:
-        self._tell_board(lambda: self._relay.take(data))
+    def _forward(self, data: bytes) -> None:
+        self._with_board(lambda: self._relay.from_client(data))
         if self._relay.waiting > _WAITING_MOST:
             self._dismiss("sends more than the board can take")
 
     def _dismiss(self, why: str) -> None:
-        """The client goes: stop what it has started, or finish it."""
+        """Disconnect the client: stop its motion, or let moves of known length finish."""
         client, self._client = self._client, None
         what = "motors stopped"
         if not self._finish:
-            self._tell_board(self._relay.stop)
-        elif self._mount and self._tell_board(self._relay.leave):
+            self._with_board(self._relay.stop)
+        elif self._mount and self._with_board(self._relay.client_left):
             what = "its move is finished"
         if client:
             client.socket.close()
             _say(f"{client.name} {why}{f': {what}' if self._mount else ''}")
 
-    def _let_in(self) -> None:
+    def _admit(self) -> None:
         if self._client or self._mount is None:
-            self._door.turn_away(refusal_line(TAKEN if self._client else NO_BOARD))
+            self._listener.reject_waiting(refusal_line(TAKEN if self._client else NO_BOARD))
             return
-        guest = self._door.next()
-        if guest:
-            self._client = guest
-            guest.unread += self._greeting
-            guest.flush()  # first of all: a driver waits for it
-            _say(f"{guest.name} controls the board")
+        session = self._listener.next()
+        if session:
+            self._client = session
+            session.unread += self._greeting
+            session.flush()  # first of all: a driver waits for it
+            _say(f"{session.name} controls the board")
             if self._finish and self._relay.moving:
-                self._tell_board(self._relay.forget_answers)
+                self._with_board(self._relay.mute_old_replies)
             else:
                 self._settle()
             if self._mount:
-                self._take(guest.held)
+                self._forward(session.pending)
 
     # ---- the board
 
-    def _tell_board(self, tell: Callable[[], object]) -> object:
-        """Do what writes to the board, if it is there. Returns what that does."""
+    def _with_board(self, tell: Callable[[], object]) -> object:
+        """Call a function that writes to the board, if there is one. Returns its result."""
         if self._mount:
             try:
                 return tell()
@@ -190,49 +190,49 @@ class Server:
                 self._lose_board(e)
         return None
 
-    def _hear_board(self, ear: Ear) -> None:
-        data = ear.end.recv(1 << 16)
+    def _receive_from_board(self, reader: PortReader) -> None:
+        data = reader.end.recv(1 << 16)
         if not data:
-            self._lose_board(ear.lost)
+            self._lose_board(reader.lost)
             return
-        if ear.at_prompt(data):  # what a client sends there would be obeyed as Python
+        if reader.at_prompt(data):  # bytes of a client would be executed as Python there
             self._lose_board("the board is at its Python prompt")
             return
-        answers = self._relay.hear(data)
+        answers = self._relay.from_board(data)
         if self._client and self._client.answer(answers):
             _say(f"{self._client.name} does not read: answers are dropped")
 
     def _settle(self) -> None:
-        """Stop what moves, let the board finish its answers to the client before, see that it is well."""
-        mount, ear = self._mount, self._ear
-        if mount is None or ear is None:
+        """Stop the motors, wait for the end of replies to the client before, check the board."""
+        mount, reader = self._mount, self._reader
+        if mount is None or reader is None:
             return
-        ear.close()
+        reader.close()
         try:
             mount.link.port.write(b"!\n")
             mount.link.drain(_QUIET_S, _QUIET_LONGEST_S)
             self._mount = Mount(mount.link)
             self._mount.ask("XK0;XK?")  # the keep-alive of a client that fed it, for one that may not
             self._relay = Relay(mount.link.port.write)
-            self._ear = Ear(mount.link.port)
+            self._reader = PortReader(mount.link.port)
         except MountError as e:
             self._lose_board(e)
 
     def _lose_board(self, why: object) -> None:
         _say(f"{why}: what moves is ended by the board's own keep-alive or run limit; waiting for the board")
-        if self._ear:
-            self._ear.close()
+        if self._reader:
+            self._reader.close()
         if self._mount:
             self._mount.close()
         if self._client:
             self._client.socket.close()
-        self._ear = self._mount = self._client = None
+        self._reader = self._mount = self._client = None
         self._relay = Relay(_nowhere)
         self._retry_at_s = time.monotonic() + _RETRY_S
         self._give_up_at_s = time.monotonic() + _GIVE_UP_S
 
     def _look_for_board(self) -> None:
-        """Open the same board again if it is back; it is stopped then, and nothing goes on by itself."""
+        """Open the same board again if it is back. It is stopped then; no motion resumes."""
         if time.monotonic() < self._retry_at_s:
             return
         try:
@@ -243,7 +243,7 @@ class Server:
                 link.close()
                 raise
             if _who(mount.identity) == _who(self.identity):
-                self._mount, self._ear = mount, Ear(mount.link.port)
+                self._mount, self._reader = mount, PortReader(mount.link.port)
                 self._relay = Relay(mount.link.port.write)
                 _say("the board is back")
                 return
@@ -256,7 +256,7 @@ class Server:
         self._retry_at_s = time.monotonic() + _RETRY_S
 
     def _stop_for_another_program(self) -> str:
-        """Called in a thread of its own: the stop goes to the port whatever the others do."""
+        """Write the stop to the port at once. Runs in a thread of the stop socket."""
         mount = self._mount
         if mount is None:
             raise ConnectionLost("the board is not there")
@@ -269,29 +269,29 @@ class Server:
         if self._asked:
             while self._asked:  # another thread may add to it
                 self._confirming.append(self._asked.pop())
-            self._tell_board(self._relay.stop)
-            self._relay.look_again()
+            self._with_board(self._relay.stop)
+            self._relay.query_motion()
         elif self._confirming and not self._relay.moving:
             while self._confirming:
                 self._confirming.pop().set()
 
 
 def _nowhere(_data: bytes) -> None:
-    """Where what is for a board goes that is not there."""
+    """Drop bytes for a board that is lost."""
 
 
 def _who(identity: str) -> str:
-    """Which board it is, whatever the version of its firmware."""
+    """The board in an identity, without the version of its firmware."""
     return identity.rpartition(",")[0]
 
 
 def _say(line: str) -> None:
-    with contextlib.suppress(OSError):  # a log that nobody takes must not end the service
+    with contextlib.suppress(OSError):  # a closed log must not end the service
         print(f"mirrormount: {line}", file=sys.stderr, flush=True)
 
 
 def _end(number: int, _frame: FrameType | None) -> None:
-    for every in _SIGNALS:  # one is enough: nothing may interrupt the stop that follows
+    for every in _SIGNALS:  # no further signal may interrupt the stop that follows
         signal.signal(every, signal.SIG_IGN)
     if number == signal.SIGINT:
         raise KeyboardInterrupt

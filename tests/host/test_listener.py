@@ -7,8 +7,8 @@ from served import PATIENCE_S, wait_for
 
 from mirrormount.common import errors
 from mirrormount.network import listener
-from mirrormount.network.client_session import Guest
-from mirrormount.network.listener import Door
+from mirrormount.network.client_session import ClientSession
+from mirrormount.network.listener import Listener
 from mirrormount.transport.telnet import Inlet
 
 
@@ -66,7 +66,7 @@ def test_without_telnet_only_the_keys_of_the_boards_prompt_are_kept_back():
 
 @pytest.fixture
 def at_door():
-    here = Door("127.0.0.1", 0, b"secret", telnet=True)
+    here = Listener("127.0.0.1", 0, b"secret", telnet=True)
     clients: list[socket.socket] = []
 
     def come() -> socket.socket:
@@ -82,9 +82,9 @@ def at_door():
 def test_a_token_that_comes_too_late_is_not_taken(at_door, monkeypatch):
     here, come = at_door
     client = come()
-    wait_for(lambda: here.look() or here.busy(), "the client to be seen")
+    wait_for(lambda: here.poll() or here.busy(), "the client to be seen")
     monkeypatch.setattr(listener, "TOKEN_S", 0.0)
-    here.look()
+    here.poll()
     assert client.recv(100) == b"mirrormount: the first line must be the token\r\n"
     client.sendall(b"secret\n")
     assert client.recv(100) == b""
@@ -96,45 +96,45 @@ def test_what_follows_the_token_is_kept_for_the_board(at_door):
     client = come()
     for part in (b"\xff\xfd\x03sec", b"ret\r\n1TP?\n"):
         client.sendall(part)
-        here.look()
-    guest = wait_for(lambda: here.look() or here.next(), "the client to be let in")
-    assert guest.held == b"1TP?\n"
-    guest.socket.close()
+        here.poll()
+    session = wait_for(lambda: here.poll() or here.next(), "the client to be let in")
+    assert session.pending == b"1TP?\n"
+    session.socket.close()
 
 
 def test_a_crowd_without_a_token_does_not_keep_out_the_one_who_has_it(at_door):
     here, come = at_door
     for _ in range(40):
         come()
-        here.look()
+        here.poll()
     come().sendall(b"secret\n")
-    guest = wait_for(lambda: here.look() or here.next(), "the client to be let in")
-    guest.socket.close()
+    session = wait_for(lambda: here.poll() or here.next(), "the client to be let in")
+    session.socket.close()
 
 
 def test_silent_newcomers_do_not_close_the_connection_of_a_slow_one_who_types_the_token(at_door):
     here, come = at_door
     slow = come()
     slow.sendall(b"sec")
-    wait_for(lambda: here.look() or any(guest.held for guest in here._asked), "the first letters")
-    for _ in range(listener._CROWD + 8):
+    wait_for(lambda: here.poll() or any(session.pending for session in here._unauthenticated), "the first letters")
+    for _ in range(listener._NEWCOMERS_MOST + 8):
         come()
-        here.look()
+        here.poll()
     slow.sendall(b"ret\n")
-    guest = wait_for(lambda: here.look() or here.next(), "the client to be let in")
-    guest.socket.close()
+    session = wait_for(lambda: here.poll() or here.next(), "the client to be let in")
+    session.socket.close()
 
 
 def test_who_opens_many_connections_closes_his_own():
     crowd = []
     for n in range(5):
-        crowd.append(Guest(socket.socket(), f"many:{n}", Inlet(True)))
+        crowd.append(ClientSession(socket.socket(), f"many:{n}", Inlet(True)))
         crowd[-1].address = "192.0.2.1"
-    silent = Guest(socket.socket(), "one", Inlet(True))
+    silent = ClientSession(socket.socket(), "one", Inlet(True))
     silent.address, silent.since_s = "192.0.2.2", 0.0
-    assert listener._who_goes([silent, *crowd]) is crowd[0]
-    for guest in [silent, *crowd]:
-        guest.socket.close()
+    assert listener._least_proven([silent, *crowd]) is crowd[0]
+    for session in [silent, *crowd]:
+        session.socket.close()
 
 
 def test_guesses_are_slowed_down(at_door, monkeypatch):
@@ -143,9 +143,9 @@ def test_guesses_are_slowed_down(at_door, monkeypatch):
     monkeypatch.setattr(here._guesses, "wait_s", lambda _who: waits.append(1) or (len(waits) < 3))
     client = come()
     client.sendall(b"secret\n")
-    guest = wait_for(lambda: here.look() or here.next(), "the client to be let in")
+    session = wait_for(lambda: here.poll() or here.next(), "the client to be let in")
     assert len(waits) == 3
-    guest.socket.close()
+    session.socket.close()
 
 
 def test_a_port_that_this_user_may_not_use_is_an_error_with_the_remedy(monkeypatch):
@@ -154,22 +154,22 @@ def test_a_port_that_this_user_may_not_use_is_an_error_with_the_remedy(monkeypat
 
     monkeypatch.setattr(socket, "create_server", refuse)
     with pytest.raises(errors.CannotListen, match=r"below 1024.*another port"):
-        Door("127.0.0.1", 23, None, telnet=True)
+        Listener("127.0.0.1", 23, None, telnet=True)
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "::", "192.0.2.1"])
 def test_more_than_this_computer_needs_a_token(host):
     with pytest.raises(errors.TokenNeeded, match="--token"):
-        Door(host, 0, None, telnet=True)
+        Listener(host, 0, None, telnet=True)
 
 
 def test_answers_that_nobody_takes_are_dropped_in_whole_lines():
     ours, theirs = socket.socketpair()
     with ours, theirs:
         ours.setblocking(False)
-        guest = Guest(ours, "a client", Inlet(True))
-        assert [guest.answer(b"12345\r\n" * 10_000) for _ in range(3)] == [True, False, False]
-        assert not guest.answer(b"1")
-        assert not guest.answer(b"7\r\n2")
-        guest.flush()
+        session = ClientSession(ours, "a client", Inlet(True))
+        assert [session.answer(b"12345\r\n" * 10_000) for _ in range(3)] == [True, False, False]
+        assert not session.answer(b"1")
+        assert not session.answer(b"7\r\n2")
+        session.flush()
         assert theirs.recv(100) == b"17\r\n"
