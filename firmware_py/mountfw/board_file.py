@@ -1,7 +1,7 @@
-"""What a board file says, which of them is used, and what is wrong with one. Pure; imports nothing of ours.
+"""Board files: which one is used, its values, its axes, its faults. Pure; imports nothing of ours.
 
 A motor must not turn because of a slip in a board file: a file that cannot be used is refused, with one line that
-says why, before any pin is touched, and no other file takes its place. `mirrormount deploy` asks fault(), too.
+says why, before any pin is touched, and no other file takes its place. `mirrormount deploy` calls fault(), too.
 """
 
 # each bridge, and which pins of an axis carry its duty
@@ -43,7 +43,7 @@ def _load(name, rp2):
 
 
 def values(board):
-    """What a board file says: name to value. Modules that it imports and names with an underscore do not count."""
+    """The constants of a board file: name to value, without imported modules and names with an underscore."""
     module = type(__import__("mountfw"))
     found = {name: getattr(board, name) for name in dir(board) if name[0] != "_"}
     return {name: value for name, value in found.items() if not isinstance(value, module)}
@@ -55,7 +55,7 @@ def axes(board):
 
 
 def fault(values, rp2=True):
-    """What is wrong with a board file that says this (name to value), in words; "" if nothing is.
+    """The first fault in the constants of a board file (name to value), in words; "" if there is none.
 
     rp2: is it for an RP2040 or RP2350?
     """

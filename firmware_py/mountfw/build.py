@@ -56,7 +56,7 @@ def make_axis(number, port, board, pins, error_queue):
 
 
 def build(port, board):
-    """An App on a port (see ports/), wired as a board file says (see boards/), with as many axes as that has.
+    """An App on a port (see ports/), wired and with as many axes as a board file says (see boards/).
 
     Raises ValueError if the board file has a fault; then no pin is touched.
     """

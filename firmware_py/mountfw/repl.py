@@ -80,7 +80,7 @@ class Mount:
         self.axes = tuple([Axis(self, name, axis) for name, axis in zip(_NAMES, self._controller.axes)])
         self.y, self.x = self.axes[:2]
         for a in self.axes:
-            if a.axis.moving():  # the firmware was cut off so hard that nobody has counted
+            if a.axis.moving():  # the firmware was cut off before it could count
                 a.axis.position.certainty = codes.UNKNOWN
         self.stop()
         self._controller.inhibit(codes.NONE_YET)

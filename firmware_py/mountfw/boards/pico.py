@@ -4,7 +4,7 @@ Not tried on hardware; in the emulator, with official images of MicroPython and 
 
 To fit another board, copy this file under the name that the firmware asks for and change it. To
 change the wiring of one mount, copy it to this.py on the board: that goes before every other. A file
-that says something else than these names, or uses a pin twice, is refused (board_file.py).
+with other names than these, or that uses a pin twice, is refused (board_file.py).
 """
 
 NAME = b"Raspberry Pi Pico"

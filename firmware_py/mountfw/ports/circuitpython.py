@@ -41,7 +41,7 @@ _HUNG_S = 4
 class _Clock:
     """Time that wraps at 2**30, without an integer that would allocate, in the steps that CircuitPython's clock has.
 
-    Those are 1/1024 s, told as whole milliseconds, rounded down: 128 steps are 125 ms, in which three of them do not
+    Those are 1/1024 s, read as whole milliseconds, rounded down: 128 steps are 125 ms, in which three of them do not
     show. So the milliseconds come at uneven times, but known ones: the microseconds are those of the step that was
     seen last. It must be asked at least each 17 minutes: after a longer silence some of the microseconds are lost.
     """
@@ -82,7 +82,7 @@ class _Clock:
 
 
 def _steps_us(ms):
-    """When, in microseconds, the step comes with which the clock tells ms (0 ... 124)."""
+    """The time in microseconds of the step at which the clock reads ms (0 ... 124)."""
     return (ms * 128 + 124) // 125 * 15625 // 16
 
 
@@ -130,7 +130,7 @@ def start_watchdog():
 
 
 def stop_watchdog():
-    """Nobody feeds any more: at the prompt."""
+    """No feeding is needed from here on: at the prompt."""
     if microcontroller.watchdog is not None:
         microcontroller.watchdog.mode = None
 

@@ -3,8 +3,8 @@
 It is usb_cdc.data where boot.py has switched that on: then the console is left to the REPL, and 0x03 is a stop.
 Where there are too few USB endpoints for two channels it is the console's: then 0x03 is the interpreter's.
 
-A host that goes (its program ends, its port closes, the cable is out) stops what moves: that is told to the loop as
-if the host had sent a last `!`, after all that it really has sent.
+A host that goes (its program ends, its port closes, the cable is out) stops what moves: the loop gets a last
+`!`, after all bytes that the host has sent.
 """
 
 import select
@@ -15,7 +15,7 @@ from mountfw.wire.frame import pack  # noqa: F401 (a verb of this port, too: the
 
 
 class _Nobody:
-    """What stands for a channel where boot.py has left none: nobody ever says anything."""
+    """The channel where boot.py has left none: no byte ever arrives."""
 
     connected = False
     in_waiting = 0
@@ -39,7 +39,7 @@ _there = False  # was a host there when we looked last?
 
 
 def _prepare():
-    """Have reading and writing never wait. Returns the ipoll() of a poll object for input.
+    """Make reading and writing never block. Returns the ipoll() of a poll object for input.
 
     ipoll() allocates nothing once it has given an answer: so it gives one here, about output.
     """
@@ -89,7 +89,7 @@ def drain(receiver, most):
 
 
 def _has_left():
-    """Was a host there, and is none now? Remembers one that has come."""
+    """True if a host was connected and none is now. A host that has connected is noted."""
     global _there
     if _channel.connected:
         _there = True
@@ -98,7 +98,7 @@ def _has_left():
 
 
 def _take_leave():
-    """The same, and forgets the one that has gone."""
+    """As _has_left(), once for each host that has left."""
     global _there
     left = _has_left()
     if left:

@@ -1,4 +1,4 @@
-"""What a CircuitPython board keeps: on its drive if that is the board's own, in its non-volatile memory if a PC has it.
+"""Files of a CircuitPython board: on its drive if the board may write there, in its non-volatile memory if a PC may.
 
 A drive is the board's where boot.py has said so (storage.remount, or storage.disable_usb_drive).
 """
@@ -39,7 +39,7 @@ def store(name, data):
 
 
 def rename(old, new):
-    """Have a file under a new name, instead of the one that has it now. Raises OSError.
+    """Rename a file, replacing one that has the new name. Raises OSError.
 
     FAT does that in two steps, and a power cut between them leaves the old name: load() knows.
     """

@@ -16,7 +16,7 @@ _NEW = ".new"
 _FILE = 0xC0  # kinds: in the upper bits, so that neither an erased byte nor a zero is one
 _REMOVED = 0xA0
 _BLANK = b"\xff"
-_END = 0x5A  # never blank: where the last record ends can be told from what is erased
+_END = 0x5A  # never blank: marks the end of the last record, before the erased bytes
 _AROUND = 8  # bytes of a record that are not content
 
 _NO_SUCH_FILE = 2  # ENOENT
@@ -71,7 +71,7 @@ class NvmRecords:
         del self._waiting[old]
 
     def remove(self, name):
-        """Have the file no longer. Raises OSError if there is none."""
+        """Remove the file. Raises OSError if there is none."""
         number = _number(name)
         if number not in self._found:
             raise OSError(_NO_SUCH_FILE)

@@ -1,4 +1,4 @@
-"""A CircuitPython board's pins: outputs, bridges, inputs, and which board file tells what they are for.
+"""A CircuitPython board's pins: outputs, bridges, inputs, and its board file.
 
 boot.py takes this much of the port, before USB is there.
 """
@@ -124,7 +124,7 @@ def reader(number):
 
 
 def on_rise(_number, _handler):
-    """Nothing: no Python code can be called by a pin here, so the loop looks at the switches itself."""
+    """No action: a pin cannot call Python code here, so the loop polls the switches."""
 
 
 def led(on):

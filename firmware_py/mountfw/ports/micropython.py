@@ -80,7 +80,7 @@ def reader(number):
 
 
 def on_rise(number, handler):
-    """Have handler(pin) called from a hard interrupt when input pin `number` rises. It must not allocate."""
+    """Call handler(pin) from a hard interrupt when input pin `number` rises. It must not allocate."""
     Pin(number, Pin.IN, Pin.PULL_UP).irq(handler, Pin.IRQ_RISING, hard=True)
 
 
@@ -117,7 +117,7 @@ def start_watchdog():
 
 
 def stop_watchdog():
-    """Nobody feeds any more: at the prompt, in a deploy. MicroPython has no verb for it.
+    """No feeding is needed from here on: at the prompt, in a deploy. MicroPython has no verb for it.
 
     The mark goes as well: a soft reset keeps reset_cause() of the reset before it, which need not have been a hang.
     """

@@ -46,7 +46,7 @@ def any(wait_ms):
 
 @micropython.viper
 def drain(receiver, most: int) -> int:
-    """What Receiver.receive() does with each byte that waits, at most `most` and no further than to a stop.
+    """Do as Receiver.receive() with each byte that waits, at most `most` and no further than to a stop.
 
     Returns that stop, or NEED_BYTES.
     """
@@ -91,7 +91,7 @@ def drain(receiver, most: int) -> int:
 
 @micropython.viper
 def pack(ring: ptr8, at: int, mask: int) -> int:  # noqa: F821 # pyright: ignore[reportUndefinedVariable]
-    """What frame.pack() does."""
+    """As frame.pack()."""
     packed = 0
     for _ in range(2):
         sign = ring[at & mask]
