@@ -1,4 +1,4 @@
-"""Who may come in, and what every answer says to the browser: an ASGI layer around everything else, sockets included.
+"""Refuses requests that are not allowed, and adds security headers to every reply: an ASGI layer around all others.
 
 On the loopback interface any program of this computer may come in. A page of another site, open in the same browser,
 may not: browsers name it by Origin and Sec-Fetch-Site, and one that hides behind a name of its own is known by Host.
@@ -34,7 +34,7 @@ _Headers = list[tuple[bytes, bytes]]
 
 
 class Auth:
-    """Lets requests through to app, or refuses them."""
+    """Passes requests on to app, or refuses them."""
 
     def __init__(self, app: ASGIApp, sign_in: SignIn) -> None:
         self._app = app
@@ -94,7 +94,7 @@ class Auth:
         return sign_in.token is None or same(_cookie(scope, sign_in.cookie_name), sign_in.cookie)
 
     def _foreign(self, scope: Scope) -> bool:
-        """Does it come from a page of another origin, or by another name?"""
+        """True if it comes from a page of another origin, or by another name of this computer."""
         host = _header(scope, b"host") or ""
         origin = _header(scope, b"origin")
         try:
@@ -108,7 +108,7 @@ class Auth:
 
 
 def _is_visit(scope: Scope) -> bool:
-    """Somebody follows a link to the panel: a whole page in a tab of its own."""
+    """True for a link to the panel that was followed: a whole page in a tab of its own."""
     return (
         scope["type"] == "http"
         and scope["method"] == "GET"
@@ -119,7 +119,7 @@ def _is_visit(scope: Scope) -> bool:
 
 
 def _is_loopback(host: str) -> bool:
-    """A name may be anybody's; an address of this computer is its own."""
+    """True for a loopback address and localhost; any other name may be another site's."""
     if host == "localhost":
         return True
     try:
@@ -137,13 +137,13 @@ def _header(scope: Scope, name: bytes) -> str | None:
 
 
 def _cookie(scope: Scope, name: str) -> bytes:
-    """The value of that cookie. Not by http.cookies: that gives up at another program's cookie that it dislikes."""
+    """The value of that cookie, b"" without it. http.cookies stops at a malformed cookie of another program."""
     pairs = (pair.strip().partition("=") for pair in (_header(scope, b"cookie") or "").split(";"))
     return next((value.encode() for key, _, value in pairs if key == name), b"")
 
 
 async def _body(receive: Receive) -> bytes:
-    """What was posted, as far as it can be of use."""
+    """The posted bytes, at most one more than a sign-in may have."""
     body, more = b"", True
     while more and len(body) <= _POST_MOST:
         message = await receive()
@@ -153,7 +153,7 @@ async def _body(receive: Receive) -> bytes:
 
 
 def _bounded(receive: Receive, send: Send) -> Receive:
-    """The messages of one socket: after too many of them it is closed. Between two of them others have their turn."""
+    """The messages of one socket, which is closed after too many. Between two of them other tasks run."""
     rate = Rate(*_MESSAGES)
 
     async def bounded() -> Message:
@@ -172,7 +172,7 @@ _HTML = (b"content-type", b"text/html; charset=utf-8")
 
 
 class _Hardened:
-    """A send() that adds to every answer what the browser shall not do, and lets the page's own scripts run."""
+    """A send() that adds security headers to every reply, and a nonce to the page's own scripts."""
 
     def __init__(self, scope: Scope, send: Send) -> None:
         self._send = send
@@ -184,7 +184,7 @@ class _Hardened:
         self._sockets = f" ws://{host} wss://{host}" if re.fullmatch(r"[\w.:\[\]-]+", host) else ""
 
     async def __call__(self, message: Message) -> None:
-        """ASGI's send. A page is kept until it is whole: its scripts get the nonce."""
+        """ASGI's send. A page is buffered until it is complete: its scripts get the nonce."""
         if message["type"] == "http.response.start":
             message = {**message, "headers": self._headers(message.get("headers", []))}
             if self._is_page:
@@ -201,15 +201,15 @@ class _Hardened:
         await self._send(message)
 
     async def page(self, status: int, text: str) -> None:
-        """A page of one sentence."""
+        """Send a page of one sentence."""
         await self.html(status, _MESSAGE.format(text))
 
     async def html(self, status: int, html: str) -> None:
-        """A page of our own."""
+        """Send an HTML page."""
         await self.answer(status, html.encode(), [_HTML])
 
     async def answer(self, status: int, body: bytes, headers: _Headers) -> None:
-        """An answer of the panel's own; it is not kept by the browser."""
+        """Send a reply, which the browser does not cache."""
         headers = [*headers, (b"cache-control", b"no-store"), (b"content-length", str(len(body)).encode())]
         await self._send({"type": "http.response.start", "status": status, "headers": self._headers(headers)})
         await self._send({"type": "http.response.body", "body": body})

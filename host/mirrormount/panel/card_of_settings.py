@@ -9,7 +9,7 @@ from nicegui.events import GenericEventArguments
 from mirrormount.common.errors import BadValue
 from mirrormount.device.settings import SETTINGS
 from mirrormount.panel.cards_of_motion import card
-from mirrormount.panel.run_on_mount import ask, confirm, warn
+from mirrormount.panel.run_on_mount import confirm, run_on_mount, warn
 from mirrormount.supervise.board_settings import BoardSettings
 
 _DONE = "done"
@@ -91,17 +91,17 @@ class _Form:
                 self._fields[axis, name] = field.props("hide-bottom-space")
 
     async def read(self) -> None:
-        """Show what the board has now."""
-        settings = await ask(self._settings.read())
+        """Show the board's present settings."""
+        settings = await run_on_mount(self._settings.read())
         if settings:
             for (axis, name), field in self._fields.items():
                 self._read[axis, name] = str(settings[axis][name])
                 field.set_value(self._read[axis, name])
 
     async def apply(self, done: str = "applied") -> bool:
-        """Have the board take what was edited: all of it, or nothing. True if it did.
+        """Apply all edited settings, or none. True if the board took them.
 
-        What was not edited is not sent: another page may have changed it meanwhile.
+        Others are not sent: another page may have changed them meanwhile.
         """
         try:
             wanted = {
@@ -114,30 +114,30 @@ class _Form:
         return await self._made(self._settings.change(lambda mount: mount.apply(wanted)), done)
 
     async def save(self) -> None:
-        """Apply, and keep it on the board for its next start."""
+        """Apply, and save on the board."""
         if await self.apply(""):
             await self._made(self._settings.change(lambda mount: mount.save()), "saved on the board")
 
     async def restore(self) -> None:
-        """Back to what is saved on the board."""
+        """Load the settings that are saved on the board."""
         await self._made(self._settings.replace(lambda mount: mount.recall()), "restored")
 
     async def factory(self) -> None:
-        """Back to the settings as made; what is saved stays."""
+        """Load the defaults; saved settings stay."""
         await self._made(self._settings.replace(lambda mount: mount.recall(factory=True)), "factory settings")
 
     async def undo(self) -> None:
-        """Back to what restore() or factory() has replaced."""
+        """Apply the settings from before restore() or factory()."""
         await self._made(self._settings.undo(), "the earlier settings are back")
 
     async def _made(self, change: Awaitable[None], done: str) -> bool:
-        """Show what the board has after a change. True if it took it."""
+        """Await a change and show the settings after it. True if the board took it."""
 
         async def make() -> str:
             await change
             return _DONE
 
-        if await ask(make()) != _DONE:
+        if await run_on_mount(make()) != _DONE:
             return False
         await self.read()
         if done:
@@ -148,7 +148,7 @@ class _Form:
         return (self._fields[axis, name].value or "").strip() != self._read.get((axis, name), "")
 
     def _typed(self, axis: str, name: str) -> Any:
-        """The number that was typed. Raises BadValue; whether it may be, SETTINGS and the board say."""
+        """The typed number; its range is checked elsewhere. Raises BadValue."""
         text = (self._fields[axis, name].value or "").strip()
         try:
             return float(text) if SETTINGS[name].decimals else int(text)

@@ -1,4 +1,4 @@
-"""The wire log: what the panel and the board have said to each other."""
+"""The card with the wire log."""
 
 import time
 from collections.abc import Callable

@@ -30,7 +30,7 @@ _SLIDER = (
 
 
 def hold(worker: Worker) -> Callable[[], None]:
-    """The pad: a short press is one step, a long one runs at the slider's speed while it lasts. Shows how many wait."""
+    """The pad: a short press is one step, a long one runs at the slider's speed. Shows how many presses wait."""
     with card("Press and hold"):
         with ui.element("div").classes("pad"):
             for place, press, arrow, word in _PAD:
@@ -67,7 +67,7 @@ def _press(place: str, press: str, arrow: str, name: str, *, shows_word: bool = 
 
 
 def by_numbers(worker: Worker) -> None:
-    """Steps by a stated number, and speeds for both motors with OK."""
+    """Two cards: steps by a number, and speeds of x and y."""
     with card("Fine steps"):
         with ui.element("div").classes("line"):
             ui.label("Steps").classes("name")
@@ -90,7 +90,7 @@ def by_numbers(worker: Worker) -> None:
 
 
 def card(title: str) -> ui.element:
-    """A box with a title, to be filled."""
+    """An empty card with a title."""
     box = ui.element("section").classes("card")
     with box:
         ui.label(title).classes("title").props("role=heading aria-level=2")
@@ -98,7 +98,7 @@ def card(title: str) -> ui.element:
 
 
 def number(name: str, value: str, label: str, keyboard: str = "text") -> ui.input:
-    """A field for a whole number, as text: what is in it is checked when it is sent, and never changed unasked.
+    """A text field for a whole number; it is checked when it is sent, and never rounded or clamped.
 
     keyboard: a phone's; "numeric" has no minus on some.
     """

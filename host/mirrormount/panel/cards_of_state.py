@@ -113,7 +113,7 @@ class _Lamp:
 
 
 def plot(worker: Worker) -> Refresh:
-    """The last minute of both positions."""
+    """The positions of the last minute."""
     with card("Position over time"):
         chart = ui.echart(_empty_plot(worker.state.axes)).classes("plot")
     drawn = [0.0, 0.0]  # when, and up to which point

@@ -1,4 +1,4 @@
-"""How often something may happen: a token bucket. Told the time; it waits for nothing."""
+"""Rate limits: token buckets with a clock that is passed in. Pure."""
 
 import time
 from collections import OrderedDict
@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 
 class Rate:
-    """At most `burst` at once, and `per_s` a second over a long time."""
+    """At most `burst` events at once, and `per_s` a second over a long time."""
 
     def __init__(self, burst: float, per_s: float, clock: Callable[[], float] = time.monotonic) -> None:
         self._burst = self._left = burst
@@ -15,7 +15,7 @@ class Rate:
         self._at_s = clock()
 
     def take(self) -> bool:
-        """Count one. False if it is too many."""
+        """Count one event. False if it is above the rate."""
         now_s = self._clock()
         self._left = min(self._burst, self._left + (now_s - self._at_s) * self._per_s)
         self._at_s = now_s
@@ -26,7 +26,7 @@ class Rate:
 
 
 class Rates:
-    """A Rate for each client, of the last `clients` that came."""
+    """A Rate for each of the last `clients` clients."""
 
     def __init__(self, burst: float, per_s: float, clients: int = 256) -> None:
         self._new = lambda: Rate(burst, per_s)
@@ -34,7 +34,7 @@ class Rates:
         self._rates: OrderedDict[str, Rate] = OrderedDict()
 
     def take(self, client: str) -> bool:
-        """Count one of this client. False if it is too many."""
+        """Count one event of this client. False if it is above its rate."""
         rate = self._rates.pop(client, None) or self._new()
         self._rates[client] = rate
         if len(self._rates) > self._clients:

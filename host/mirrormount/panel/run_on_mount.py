@@ -1,4 +1,4 @@
-"""What a page says to its user for a moment, and how a question to the mount ended."""
+"""A page's question to the mount, and the messages that a page shows for some seconds."""
 
 from collections.abc import Awaitable
 from typing import TypeVar
@@ -11,17 +11,17 @@ T = TypeVar("T")
 
 
 def warn(text: str) -> None:
-    """Show this page why nothing was done."""
+    """Show a refusal on this page."""
     _show(text, "refused", 6000)
 
 
 def confirm(text: str) -> None:
-    """Show this page what was done."""
+    """Show a confirmation on this page."""
     _show(text, "done", 2500)
 
 
-async def ask(question: Awaitable[T], done: str = "") -> T | None:
-    """What the question returns; None after an error, which the page shows."""
+async def run_on_mount(question: Awaitable[T], done: str = "") -> T | None:
+    """Await a question. Returns its result; None after an error, which the page shows."""
     try:
         result = await question
     except MountError as e:
@@ -33,6 +33,6 @@ async def ask(question: Awaitable[T], done: str = "") -> T | None:
 
 
 def _show(text: str, kind: str, for_ms: int) -> None:
-    """At the bottom, above STOP: no key of the pad is covered there, nor what is in the header."""
+    """Show a message at the bottom, above STOP, where it covers neither the pad nor the header."""
     ok = [{"label": "OK", "color": "white", "noCaps": True}]
     ui.notify(text, position="bottom", timeout=for_ms, classes=f"toast {kind}", actions=ok, badgeColor="grey-10")

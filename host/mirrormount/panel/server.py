@@ -99,7 +99,7 @@ def make_server(worker: Worker, sign_in: SignIn, link: Callable[[], str] | None)
 
 
 def _log_to_file() -> None:
-    """What the libraries and this panel log goes to a file, with tracebacks; an error is a line on stderr, too."""
+    """Log to a file, with tracebacks; an error is also one line on stderr."""
     path = user_log_path("mirrormount") / "panel.log"
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -123,14 +123,14 @@ def _log_to_file() -> None:
 
 
 class _Printable(logging.Formatter):
-    """Lines in which nothing controls a terminal, wherever they came from."""
+    """Log lines without control characters."""
 
     def format(self, record: logging.LogRecord) -> str:
         return "\n".join(printable(line, 500) for line in super().format(record).splitlines())
 
 
 class _OneLine(logging.Formatter):
-    """A fault in one line; how it came about is in the file."""
+    """One line for an error; the file has the traceback."""
 
     def __init__(self, more: str) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""How a browser signs in to a panel that needs a token: by a link with a one-time code, or by typing the token.
+"""Sign-in of a browser to a panel that needs a token: by a link with a one-time code, or by the typed token.
 
 The code is in the link's fragment (`/enter#CODE`). A browser sends no fragment to a server, so it is in no log and
 in no Referer. The page at /enter takes it out of the address bar and posts it; the reply is a cookie, by which the
@@ -52,7 +52,7 @@ form.addEventListener("submit", (event) => {{
 
 @dataclass(frozen=True)
 class Answer:
-    """To a posted code or token. key: for the page's storage, None if it was refused."""
+    """The reply to a posted code or token. key: for the page's storage, None if refused."""
 
     status: int
     text: str
@@ -60,9 +60,9 @@ class Answer:
 
 
 class SignIn:
-    """The sign-in of one run of the panel, and what it gives. token None: no sign-in, only this computer may come in.
+    """The sign-in of one run of the panel: its codes, cookie and key. token None: loopback only, without sign-in.
 
-    told: called with the client's address when somebody has signed in by the terminal's link, and with a new code.
+    told(address, code): called after a sign-in by the terminal's link; code is the new one for that link.
     """
 
     def __init__(self, token: bytes | None, clock: Callable[[], float] = time.monotonic) -> None:
@@ -99,7 +99,7 @@ class SignIn:
         return self._terminal
 
     def judge(self, client: str, secret: bytes) -> Answer:
-        """Judge what a client (its IP address) has posted: a code or the token."""
+        """The reply to a secret (a code or the token) that a client (its IP address) has posted."""
         wait_s = self.guesses.wait_s(client)
         if wait_s > 0:
             return Answer(429, f"Too many wrong tokens: wait {wait_s:.0f} s, then try again.")

@@ -29,9 +29,9 @@ _UNKNOWN_PAGE = 4404  # a close code: the page is of another run of the panel: r
 
 
 def routes(pages: Pages, worker: Worker, key: str | None) -> APIRouter:
-    """/drive, and /stop as a second way for the same word.
+    """The routes /drive, and /stop as a second way for a stop.
 
-    key: what only a page of this panel's own origin has, beside its number (sign_in.py); None: no sign-in is needed.
+    key: a secret in the storage of this panel's origin (sign_in.py), None if no sign-in is needed.
     """
     router = APIRouter()
 
@@ -139,7 +139,7 @@ def _parsed(text: str) -> dict[str, Any]:
 
 
 async def _tick(socket: WebSocket, worker: Worker) -> None:
-    """Send the time, and where the virtual board's spot is, until the page has gone."""
+    """Send ticks, and the position of a virtual board's spot, until the page disconnects."""
     with contextlib.suppress(WebSocketDisconnect, RuntimeError):
         while True:
             message: dict[str, Any] = {"tick": worker.lease.tick()}

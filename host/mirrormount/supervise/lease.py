@@ -67,7 +67,7 @@ class Lease:
         return int(self._clock() * 1000)
 
     def join(self, client: Client, connection: object) -> None:
-        """Connect a client; an older connection of it counts no more. A person gets control if nobody has it."""
+        """Connect a client; an older connection of it counts no more. A person gets control if it is free."""
         with self._lock:
             client.connection = connection
             client.seen_s = self._clock()

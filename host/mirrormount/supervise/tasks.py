@@ -13,8 +13,8 @@ from mirrormount.supervise.reconnect import Connection
 T = TypeVar("T")
 
 
-def _nobody(_why: MountError) -> None:
-    """Nobody waits for the outcome."""
+def _ignore(_why: MountError) -> None:
+    """The outcome is not awaited."""
 
 
 class Tasks:
@@ -24,7 +24,7 @@ class Tasks:
         self._waiting: queue.SimpleQueue[tuple[Callable[[], None], Callable[[MountError], None]]] = queue.SimpleQueue()
         self._closed: MountError | None = None
 
-    def add(self, run: Callable[[], None], fail: Callable[[MountError], None] = _nobody) -> None:
+    def add(self, run: Callable[[], None], fail: Callable[[MountError], None] = _ignore) -> None:
         """fail(why): called instead of run() if it cannot be run any more."""
         self._waiting.put((run, fail))
         if self._closed:

@@ -146,7 +146,7 @@ class Worker:
             self.stop(f"{client.name}, which had asked for the motion, has gone")
 
     def call(self, work: Callable[[Mount], T], *, changes: bool = False) -> "Future[T]":
-        """Run work(mount) in the mount's thread. The future raises MountError; nobody else is told.
+        """Run work(mount) in the mount's thread. The future raises MountError; no notice is added.
 
         changes: it may change settings, and with them the size of a step.
         """
