@@ -133,11 +133,11 @@ class Bench:
             train.pull = 1 + train.noise * float(self._noise.standard_normal())
 
     def duties(self) -> dict[str, float]:
-        """What every drive pin shows, 0 ... 1."""
+        """Duty of every drive pin, 0 ... 1."""
         return self._duty
 
     def drive(self, motor: str) -> float | None:
-        """What motor `m1` or `m2` gets: -1 ... 1, 0 short-circuited (brake), None coasting."""
+        """Drive of motor `m1` or `m2`: -1 ... 1, 0 short-circuited (brake), None coasting."""
         pos, neg, enable = (self._duty[f"{motor}_{leg}"] for leg in ("pos", "neg", "en"))
         if self.two_pwm:
             return pos - neg if pos or neg else None

@@ -35,7 +35,7 @@ BOARD_IDS = {"pico": machines.PICO_ID, "pico_drv8833": "pico_drv8833"}  # what C
 
 @dataclass(frozen=True)
 class Options:
-    """What a virtual board is. machine: see machines.py. files: its file system (default: a new one with the
+    """The kind of a virtual board. machine: see machines.py. files: its file system (default: a new one with the
     firmware on it; the cpython and circuitpython machines keep what they save there). image and flash are the rp2040
     machine's. firmware: the folder that holds `mountfw` (those two; default: the installed one)."""
 
@@ -50,7 +50,7 @@ class Options:
     firmware: Path | None = None
 
     def check(self) -> None:
-        """Raises BadAddress for a machine, bench or board that there is not."""
+        """Raises BadAddress for an unknown machine, bench or board."""
         for what, value, known in (
             ("machine", self.machine, machines.NAMES),
             ("bench", self.bench, BENCHES),
@@ -99,7 +99,7 @@ def make_simulation(options: Options | None = None) -> Simulation:
         raise BadAddress(f"cannot write pin edges to {options.edges}: {e.strerror}") from e
     optics = Bench(switches=options.bench == "switches", two_pwm=options.board == "pico_drv8833", seed=options.seed)
     simulation = Simulation(command, optics, edges=file, scratch=scratch)
-    if options.machine == "rp2040":  # a real image takes its time to start; nobody waits for it in real time
+    if options.machine == "rp2040":  # a real image starts slowly: in lockstep, not in real time
         board = Lockstep(simulation)
         try:
             if options.image and is_circuitpython(options.image):
@@ -148,7 +148,7 @@ class RealtimePort(SocketPort):
         try:
             serve(self.simulation, [port], self._stopping.is_set)
         except (BoardGone, MountError):
-            pass  # whoever talks to it sees that it has gone
+            pass  # its client's port is closed
         finally:
             port.close()
 
@@ -161,7 +161,7 @@ class RealtimePort(SocketPort):
 
 
 class LockstepPort:
-    """A virtual board whose time passes only while somebody reads or sleeps."""
+    """A virtual board whose time passes only in read() and sleep()."""
 
     lockstep = True
 

@@ -20,7 +20,7 @@ MODULES = "board digitalio microcontroller pwmio select storage supervisor time 
 
 
 class _Exactly:
-    """readinto() that fills the buffer, or says 0 at the end."""
+    """readinto() that fills the buffer; 0 at the end."""
 
     def __init__(self, stream):
         self.readinto = stream.readinto
@@ -58,7 +58,7 @@ class _Hashlib:
 
 
 def _prepare_cpython():
-    """What CPython has otherwise. Returns both ends of the seam."""
+    """Sets up the fakes under CPython. Returns both ends of the seam."""
     import signal
     import types
 
@@ -130,7 +130,7 @@ _kept = None
 
 
 def _say(text):
-    """What print() writes: to the console, which the host may read."""
+    """Output of print(): to the console, which the host may read."""
     if not _chip.in_boot_py and usb_cdc.data is None:
         _console.stdout.write(text)
 
@@ -163,7 +163,7 @@ def _run(name):
 
 
 def _prompt(on_console):
-    """Until Ctrl-D, where somebody can reach the console; otherwise for ever."""
+    """Wait for Ctrl-D on the console; for ever if no host reads the console."""
     _seam.seam.interrupt_char = -1
     _say("\nAdafruit CircuitPython (virtual board); %s\n>>> " % BOARD_ID)
     line = ""

@@ -22,7 +22,7 @@ FAKES = os.path.join(os.path.dirname(os.path.abspath(__file__)), "fakes")
 
 
 class _Exactly:
-    """readinto() that fills the buffer, or says 0 at the end."""
+    """readinto() that fills the buffer; 0 at the end."""
 
     def __init__(self, stream):
         self.readinto = stream.readinto  # a buffered reader's fills it unless the stream ends

@@ -19,7 +19,7 @@ _PASTE_WINDOW = 128
 
 
 class _SoftReset(Exception):
-    """What SystemExit means on a board."""
+    """SystemExit as on a board."""
 
 
 class _Implementation:
@@ -226,7 +226,7 @@ def _friendly():
 
 
 def _prompt(raw):
-    """Until somebody asks for a soft reset. True if he did so at the raw prompt."""
+    """Serve the prompt until a soft reset. True if it was requested at the raw prompt."""
     while True:
         if raw and _raw():
             return True

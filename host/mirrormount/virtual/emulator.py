@@ -27,7 +27,7 @@ _BOOTROM_BYTES = 16384
 _BOOTROM_SHA256 = "90b31e108faedfa6bbcfcc33ba05dac61e645108cfbbdc385f8dafc71fde44ae"
 _PATIENCE_US = 30_000_000  # of the board's time
 _MPY = 6  # the .mpy version of every image from 1.22 on
-_FIRST_BOOT_US = 8_000_000  # until it has said something, if it ever does so unasked
+_FIRST_BOOT_US = 8_000_000  # until its first output, if it has one without a request
 
 
 def command(image: Path | None, flash: Path | None, start_us: int, keep: bool = True) -> list[str]:
@@ -179,7 +179,7 @@ def _make_flash(kept: Path, image: Path, files: dict[str, bytes], drive: bool) -
 
 
 def _compiled_firmware() -> dict[str, bytes]:
-    """What deploy puts on a board of this emulator: {path: content}, .mpy files. Raises EmulatorMissing."""
+    """The files that deploy puts on a board of this emulator: {path: content}, .mpy files. Raises EmulatorMissing."""
     try:
         return firmware(_MPY)
     except DeployError as e:

@@ -120,7 +120,7 @@ def is_circuitpython(image: Path) -> bool:
 
 
 def _content(data: bytes) -> bytes:
-    """What the blocks of a .uf2 hold, one after the other; of any other file all."""
+    """The contents of the blocks of a .uf2, joined; of any other file all of it."""
     if not data.startswith(b"UF2\n"):
         return data
     return b"".join(data[at + 32 : at + 32 + 256] for at in range(0, len(data), 512))
@@ -162,7 +162,7 @@ def build(folder: Path) -> Path:
 
 
 def last_line(text: str) -> str:
-    """The last line that says anything."""
+    """The last line that is not empty."""
     lines = [line.strip() for line in text.splitlines() if line.strip()]
     return lines[-1][:200] if lines else "no reason given"
 

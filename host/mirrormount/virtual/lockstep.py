@@ -24,7 +24,7 @@ class Lockstep:
         self._wants_us = simulation.next_wait()
 
     def boot(self) -> None:
-        """Let the board start: until its LED says that the firmware is ready, or for as long as that may take."""
+        """Run until the LED shows that the firmware is ready, for _BOOT_US at most."""
         self.run(_BOOT_US, lambda: self.simulation.lit)
 
     def send(self, data: bytes) -> None:

@@ -34,7 +34,7 @@ def cpython(files: Path, name: str = PICO, firmware: Path | None = None) -> list
 
 
 def micropython(root: Path, name: str = PICO, heap_kb: int = HEAP_KB) -> list[str]:
-    """A MicroPython VM whose file system is the folder root. Raises EmulatorMissing if there is none."""
+    """A MicroPython VM whose file system is the folder root. Raises EmulatorMissing without a VM."""
     here = Path(__file__).parent
     boot = [str(here / "boot_micropython.py"), str(here / "fakes"), str(root.absolute()), name, str(START_US)]
     return _vm(heap_kb, boot)

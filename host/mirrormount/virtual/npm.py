@@ -11,7 +11,7 @@ _OLDEST_NODE = 18  # that rp2040js runs on
 
 
 def node() -> str:
-    """The path of Node. Raises EmulatorMissing if there is none, or too old a one."""
+    """The path of Node. Raises EmulatorMissing if it is missing or too old."""
     found = shutil.which("node")
     if not found:
         raise EmulatorMissing(f"the rp2040 machine needs Node.js {_OLDEST_NODE} or newer, and there is no `node`")

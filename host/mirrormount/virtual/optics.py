@@ -1,4 +1,4 @@
-"""The screen as a camera sees it: pictures of the spot, and where a picture says the spot is."""
+"""Camera pictures of the screen, and the position of the spot in a picture."""
 
 from dataclasses import dataclass
 

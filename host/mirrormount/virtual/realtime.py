@@ -36,7 +36,7 @@ def serve(simulation: Simulation, ports: Sequence[Port], stopped: Callable[[], b
     while not stopped():
         wants_us = simulation.next_event_us(simulation.next_wait())
         now_us = simulation.now_us
-        if wall_us() - now_us > _LAG_US:  # a slow machine: its time goes slower than the wall's
+        if wall_us() - now_us > _LAG_US:  # a slow computer: virtual time runs slower than the wall clock
             start_us -= wall_us() - now_us
         if simulation.usb != plugged:
             plugged = simulation.usb
@@ -53,7 +53,7 @@ def serve(simulation: Simulation, ports: Sequence[Port], stopped: Callable[[], b
         watched = [fd for port in ports for fd in port.watched()] if room > 0 else []
         _wait(watched, min(wait_s, _HANGUP_S) if client is None or unread else wait_s)
         client = choice.look(simulation.at_prompt)
-        simulation.opened(client is not None)  # before the first byte of somebody who has just come
+        simulation.opened(client is not None)  # before the first byte of a new client
         data = client.take(room, at_prompt=simulation.at_prompt) if client and room > 0 else b""
         t = max(now_us, min(now_us + wants_us, wall_us()))
         simulation.collects(len(unread) < _UNREAD)

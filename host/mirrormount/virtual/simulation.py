@@ -64,7 +64,7 @@ class Simulation:
         self.flash_operations = 0  # erases and programs so far, of a machine that has a flash
         self._wants_us: int | None = None  # while the firmware waits to go on
         self.lit = False  # the board's LED
-        self.at_prompt = False  # of Python, on the port: what is sent there is obeyed as such
+        self.at_prompt = False  # of Python, on the port: input is executed as Python
         self._tail = bytearray()  # what the board sent last
         try:
             self._child = subprocess.Popen(machine, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
@@ -113,7 +113,7 @@ class Simulation:
         return self._wants_us
 
     def _watch_prompt(self, c: int) -> None:
-        """Is the board at its Python prompt? No answer of the firmware looks like one, or like a soft reset."""
+        """Set at_prompt from the output: no answer of the firmware resembles a prompt or a soft reset."""
         tail = self._tail
         tail.append(c)
         if c in b" >" and tail.endswith((b">>> ", b"exit\r\n>")):
@@ -178,11 +178,11 @@ class Simulation:
         self._to_child.write(_RECORD.pack(_EJECT, 0, 0, 0, 0))
 
     def remember_flash(self) -> None:
-        """What the flash holds now is what start_over() gives back; at first, what it held in the beginning."""
+        """Save the contents of the flash for start_over(). Before the first call those at the start are saved."""
         self._to_child.write(_RECORD.pack(_REMEMBER, 0, 0, 0, 0))
 
     def start_over(self) -> None:
-        """Cut the power for a moment, and give the flash back what it held; happens with the next go()."""
+        """Cut the power for a moment, and restore the saved contents of the flash; happens with the next go()."""
         self._to_child.write(_RECORD.pack(_RESET, 2, 0, 0, 0))
 
     def cut_power(self, operations: int, *, half: bool) -> None:
@@ -193,7 +193,7 @@ class Simulation:
         self._to_child.write(_RECORD.pack(_CUT, int(half), 0, operations, 0))
 
     def close(self) -> None:
-        """Power off: what was driven is not driven any more."""
+        """Power off: every drive ends."""
         self._child.kill()
         self._child.communicate()
         try:
@@ -202,7 +202,7 @@ class Simulation:
                     self._edge(self.now_us, pin, 0)
         finally:
             if self._edges_file:
-                with contextlib.suppress(OSError):  # what could not be written was told when it happened
+                with contextlib.suppress(OSError):  # a failed write was reported when it happened
                     self._edges_file.close()
                 self._edges_file = None
             if self._scratch:

@@ -70,7 +70,7 @@ class TcpPort:
 
     def _receive(self, client: socket.socket) -> None:
         received = 0
-        while not self._ended and received <= WAITING_MOST:  # all there is: its last may be a stop
+        while not self._ended and received <= WAITING_MOST:  # everything received: the last byte may be a stop
             try:
                 data = client.recv(1 << 16)
                 received += len(data)

@@ -1,4 +1,4 @@
-"""What of the host a board on a MicroPython VM can reach: the files under its root, and nothing else.
+"""Limits a board on a MicroPython VM to the files under its root.
 
 install() is called once, by boot_micropython.py, before anything of the board runs. The VM's own modules live on in the
 closures below only: MicroPython gives no way into those, and functions' globals, `__main__` or a deleted entry
@@ -30,7 +30,7 @@ class Delegate:
 
 
 def normal(path, folder):
-    """An absolute path under the root, whatever path says: `..` does not lead out of it."""
+    """An absolute path under the root, for any path: `..` does not leave it."""
     parts = []
     for part in (path if path.startswith("/") else folder + "/" + path).split("/"):
         if part == "..":

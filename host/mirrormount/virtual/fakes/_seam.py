@@ -43,7 +43,7 @@ class Seam:
         self.interrupt_char = 3
         self._interrupted = False
         self._risen = []  # interrupts that are to be served
-        self._off = False  # the simulation is gone: nothing to talk to any more
+        self._off = False  # the simulation is gone: no reader any more
         self.locks = 0  # how deep the firmware has locked the heap
 
     def tick(self, us):
@@ -86,7 +86,7 @@ class Seam:
         self._lock(locks)
 
     def unlatch(self, pin):
-        """What was latched for a pin will not come."""
+        """Drop the latched level of a pin."""
         self.latched = [item for item in self.latched if item[1] != pin]
 
     def _show_latched(self):
@@ -97,11 +97,11 @@ class Seam:
         self.t = now
 
     def sent(self, c):
-        """Byte c goes to the host."""
+        """Send byte c to the host."""
         self._record(SENT, c, 0)
 
     def forget(self):
-        """What was received and not yet read is lost."""
+        """Drop received bytes that are not read yet."""
         self._tail = self._head
 
     def waiting(self):
@@ -113,7 +113,7 @@ class Seam:
         return self._head != self._tail
 
     def take(self):
-        """The byte that waits; blocks until there is one."""
+        """The next received byte; blocks until there is one."""
         while self._head == self._tail:
             self.wait(self.t + 1_000_000)
         c = self._rx[self._tail]

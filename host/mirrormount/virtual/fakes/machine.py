@@ -33,7 +33,7 @@ def unique_id():
 
 
 class Pin:
-    """One GPIO. What it shows follows from its function: the output register, or the PWM behind it."""
+    """One GPIO. Its level depends on its function: the output register, or the PWM behind it."""
 
     IN = 0
     OUT = 1

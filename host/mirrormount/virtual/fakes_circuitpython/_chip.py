@@ -1,4 +1,4 @@
-"""What the fakes of CircuitPython's modules share: who has which pin, and what a build lets one do when."""
+"""Shared by the fakes of CircuitPython's modules: owners of pins, and the limits of a build."""
 
 import _seam
 
@@ -15,7 +15,7 @@ def claim(pin, owner):
 
 
 def release(pin):
-    """The pin belongs to nobody and drives nothing: the resistor outside holds it low."""
+    """The pin has no owner and does not drive: the external resistor pulls it low."""
     del claimed[pin.number]
     _seam.seam.unlatch(pin.number)
     _seam.seam.edge(pin.number, 0)
@@ -36,7 +36,7 @@ gpio = {number: Pin(number) for number in range(49)}
 
 
 def reset():
-    """What CircuitPython does with pins when a program has ended."""
+    """Release the pins, as CircuitPython does at the end of a program."""
     for number in list(claimed):
         owner = claimed[number]
         owner.deinit()

@@ -89,7 +89,7 @@ watchdog = _Watchdog()
 
 
 class _Nvm:
-    """One flash sector in a file. What is erased can be programmed; anything else costs an erase of it all."""
+    """One flash sector in a file. Erased bytes can be programmed; any other write erases the whole sector."""
 
     def __init__(self, path, size=4096):
         self._path = path

@@ -25,7 +25,7 @@ class _Poll:
         until = s.t + (timeout * 1000 if timeout >= 0 else 1 << 40)
         while self._channel.wired and not s.received() and s.t < until:
             if s.wait(until):
-                break  # a test wants its turn
+                break  # return to the test
         return self._ready if self._channel.wired and s.received() else ()
 
 

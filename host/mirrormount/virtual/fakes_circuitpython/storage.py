@@ -1,4 +1,4 @@
-"""storage on the virtual CircuitPython board: whose the drive is. The PC's, unless boot.py says otherwise."""
+"""storage on the virtual CircuitPython board: who may write on the drive: the PC, unless boot.py remounts it."""
 
 import _chip
 

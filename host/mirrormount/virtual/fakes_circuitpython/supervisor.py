@@ -1,4 +1,4 @@
-"""supervisor on the virtual CircuitPython board. Its clock is the real one's: ticks of 1/1024 s, told in whole ms."""
+"""supervisor on the virtual CircuitPython board. Its clock is the real one's: ticks of 1/1024 s, given in whole ms."""
 
 import _seam
 
