@@ -46,8 +46,8 @@ class App:
         self._drain = port.drain
         self._poll_input = self.poll_input
         controller.watch_input(self.poll_input)
-        self.answers = commands.answers
-        self._passed = commands.answers.passed
+        self.queries = commands.queries
+        self._passed = commands.queries.passed
         self._feed = _no_watchdog
         self._streams = False  # will more input follow at once?
         self._sleep_ms = 0
@@ -151,7 +151,7 @@ class App:
             if self._receiver.unparsed < _BEHIND and not self._own.muted:
                 self._replies.echo(frame.packed)  # best effort: one that does not fit is dropped
         elif message == wire.LINE:
-            self._commands.take()
+            self._commands.start()
         elif message == wire.STOP:
             controller.stop_all(codes.ABORTED)
         elif message == wire.ZEROS:

@@ -259,9 +259,9 @@ class Rig:
         self.controller = self.app.controller
         self.axes = self.controller.axes
         self.axis1, self.axis2 = self.axes[:2]
-        self.answers = self.app.answers
+        self.queries = self.app.queries
         self.line = self.app._commands._line
-        self.about = self.answers.about
+        self.about = self.queries.about
 
     def now(self):
         """Microseconds since the start."""

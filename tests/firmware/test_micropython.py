@@ -23,9 +23,21 @@ def micropython():
 
 
 # functions that run at start-up, or never on a board
-AT_START = {"<module>", "__init__", "build", "run", "_table", "_class_of", "<listcomp>", "<dictcomp>", "pack", "encode"}
+AT_START = {
+    "<module>",
+    "__init__",
+    "build",
+    "run",
+    "_table",
+    "_class_of",
+    "<listcomp>",
+    "<dictcomp>",
+    "pack",
+    "encode",
+    "_setting",
+}
 # file work, while all rests
-AT_START |= {"load", "allowed", "save_begin", "recall", "_parsed", "restore", "recorded", "record", "_try"}
+AT_START |= {"load", "save_begin", "recall", "_parsed", "restore", "recorded", "record", "_try"}
 MOST_WORDS = 11  # of a call's state that MicroPython keeps on the C stack (VM_MAX_STATE_ON_STACK)
 WORDS_OF_A_TRY = 3  # mp_exc_stack_t
 
@@ -39,6 +51,7 @@ WORDS_OF_A_TRY = 3  # mp_exc_stack_t
         "store",
         "dialect/commands",
         "dialect/queries",
+        "dialect/newfocus",
         "wire/frame",
         "dialect/line",
         "wire/receiver",

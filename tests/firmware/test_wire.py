@@ -337,9 +337,9 @@ def test_memory_is_not_counted_while_a_motor_has_drive():
 
 def test_passes_wrap_before_they_would_need_memory():
     rig = Rig()
-    rig.answers._passes = (1 << 30) - 1
+    rig.queries._passes = (1 << 30) - 1
     rig.step()
-    assert rig.answers._passes == 0
+    assert rig.queries._passes == 0
 
 
 def test_the_text_after_a_long_name_moves_nothing_and_hides_nothing():

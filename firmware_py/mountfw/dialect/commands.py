@@ -1,18 +1,16 @@
-"""The command set: what each command of a line does. Imports answers, command, codes, settings.
+"""The command set: each command of a line is executed here. Imports codes, line, newfocus, queries, settings.
 
-A line is executed little by little: go_on() does one piece of it, while busy is set. Answers
-go to a Replies, errors to an ErrorQueue. The table in __init__ is the command set: each command
+A line is executed piece by piece: go_on() does one of them, while busy is set. Answers go
+to a Replies, errors to an ErrorQueue. The table in __init__ is the command set: each command
 says whether it needs an axis, what sets it and what answers its query.
 """
 
 from mountfw import codes
 from mountfw.dialect.line import COMMAND, END, MINUS, NOTHING, NUMBER, PLUS, QUERY, key
-from mountfw.dialect.queries import Answers
+from mountfw.dialect.newfocus import ADDRESS, AXES, NewFocus
+from mountfw.dialect.queries import Queries
 from mountfw.motion.position import MAX_STEPS
 from mountfw.settings import AT_REST, HUNDREDTHS, SETTINGS, allowed
-
-_ADDRESS = 1  # of this controller, in a line that names one; 0 is the controller at the port, so this one as well
-_DIALECT_AXES = 4  # axes the dialect knows; those that this mount has not answer as not connected
 
 _SETTINGS = {key(entry[0]): entry for entry in SETTINGS}
 _PULSE = _SETTINGS[key(b"XP")]  # a pulse of its own length (XU) is as long as a step's may be
@@ -22,29 +20,12 @@ _MD = key(b"MD")
 _ST = key(b"ST")
 _STOPS = (_ST, key(b"AB"))
 
-# what a controller with a network, other motors or an encoder has: nothing is set, a query is answered so
-_CONSTANT = {
-    b"SA": b"%d" % _ADDRESS,
-    b"SC": b"%d" % (1 << _ADDRESS),  # a bit for each address that is in use
-    b"SD": b"1",
-    b"RS": b"0",
-    b"ZZ": b"0",
-    b"IPMODE": b"0",
-    b"HOSTNAME": b"mirrormount",
-    b"IPADDR": b"0.0.0.0",
-    b"GATEWAY": b"0.0.0.0",
-    b"NETMASK": b"0.0.0.0",
-    b"MACADDR": b"00,00,00,00,00,00",
-}
-_CONSTANTS = {key(name): answer for name, answer in _CONSTANT.items()}
-_NO_ENCODER = (b"SN", b"MM", b"DB", b"CL", b"FE")
-
 
 class Commands:
-    """Executes a Line on a Controller's axes. about is what answers.py is to tell of the board."""
+    """Executes a Line on a Controller's axes. about is an About."""
 
     def __init__(self, controller, line, replies, about):
-        self.busy = False  # is a line in hand?
+        self.busy = False  # True while a line is executed
         self._controller = controller
         self._axes = controller.axes
         self._connected = len(controller.axes)
@@ -52,64 +33,59 @@ class Commands:
         self._replies = replies
         self._errors = controller.errors
         self._line = line
-        self._read = False  # is its next command read and to be executed?
+        self._read = False  # True if its next command is read and not yet executed
         self._stage = 0  # of a command that takes several pieces
-        self._answers = 0  # of the line in hand
-        self._elsewhere = False  # is it addressed to another controller?
-        self.answers = answers = Answers(controller, replies, about)
+        self._answers = 0  # of this line so far
+        self._elsewhere = False  # True if it is addressed to another controller
+        self.queries = queries = Queries(controller, replies, about)
         # (needs an axis, set, query); set(axis, line) and query(axis) of the axis, or of None
         commands = {
-            b"*IDN": (False, None, answers.identity),
+            b"*IDN": (False, None, queries.identity),
             b"*RST": (False, self._restart, None),
             b"*RCL": (False, self._recall, None),
             b"SM": (False, self._save, None),
             b"XX": (False, self._purge, None),
-            b"VE": (False, self._version, answers.version),
-            b"PR": (True, self._move_by, answers.relative),
-            b"PA": (True, self._move_to, answers.target),
-            b"TP": (True, None, answers.position),
-            b"MD": (True, None, answers.done),
-            b"MV": (True, self._run, answers.direction),
+            b"VE": (False, self._version, queries.version),
+            b"PR": (True, self._move_by, queries.relative),
+            b"PA": (True, self._move_to, queries.target),
+            b"TP": (True, None, queries.position),
+            b"MD": (True, None, queries.done),
+            b"MV": (True, self._run, queries.direction),
             b"MT": (True, self._find_stop, None),
-            b"OR": (True, self._home, answers.home_offset),
+            b"OR": (True, self._home, queries.home_offset),
             b"ST": (False, self._stop, None),
             b"AB": (False, self._abort, None),
-            b"DH": (True, self._define, answers.defined),
-            b"TE": (False, None, answers.error),
-            b"TB": (False, None, answers.error_text),
-            b"PH": (False, None, answers.limits),
-            b"MC": (False, self._accept, None),
-            b"MZ": (True, self._accept, answers.zero),
-            b"XK": (False, self._keep_alive, answers.keep_alive),
+            b"DH": (True, self._define, queries.defined),
+            b"TE": (False, None, queries.error),
+            b"TB": (False, None, queries.error_text),
+            b"PH": (False, None, queries.limits),
+            b"XK": (False, self._keep_alive, queries.keep_alive),
             b"XU": (True, self._pulse, None),
-            b"XS": (False, None, answers.status),
-            b"XE": (True, None, answers.ended),
-            b"XF": (False, None, answers.firmware_hash),
-            b"XH": (False, None, answers.health),
+            b"XS": (False, None, queries.status),
+            b"XE": (True, None, queries.ended),
+            b"XF": (False, None, queries.firmware_hash),
+            b"XH": (False, None, queries.health),
         }
-        for name in _NO_ENCODER:
-            commands[name] = (True, self._open_loop, answers.zero)
+        commands.update(NewFocus(line, replies, self._number).rows())
         self._commands = {key(name): entry for name, entry in commands.items()}
         for name in _SETTINGS:
             self._commands[name] = (True, self._set, self._ask_setting)
-        for name in _CONSTANTS:
-            self._commands[name] = (False, self._accept, self._ask_constant)
 
     # ---- a line
 
-    def take(self):
-        """The line is whole, and good: go_on() executes it, and its queries are answered in one line."""
+    def start(self):
+        """Start to execute the line, which is complete and good. Its queries are answered in one line."""
         self._line.rewind()
         self._answers = 0
         self._stage = 0
         self._read = False
         self.busy = True
-        self._elsewhere = self._line.address() > _ADDRESS
+        self._elsewhere = self._line.address() > ADDRESS
         if self._elsewhere:
             self._errors.push(codes.NO_SUCH_CONTROLLER)
 
     def go_on(self):
-        """Go on with the line in hand: read a little of it, or execute a command or a piece of it, or end it."""
+        """Do one piece: read some bytes of the line, or execute a command or a piece of it, or end the line."""
         if self._read:
             self._read = False  # what fails within is not begun again
             self._read = self._execute(self._line) is True
@@ -138,7 +114,7 @@ class Commands:
         if entry[0] or (line.axis >= 0 and line.kind != QUERY):
             if line.axis < 0:
                 return self._refuse(codes.AXIS_MISSING)
-            if not 1 <= line.axis <= _DIALECT_AXES:
+            if not 1 <= line.axis <= AXES:
                 return self._refuse(codes.NO_SUCH_AXIS)
             if line.axis > self._connected:
                 return self._not_connected(line)
@@ -286,7 +262,7 @@ class Commands:
     def _ask_setting(self, axis):
         entry = _SETTINGS[self._line.name]
         if entry[5] & HUNDREDTHS:
-            self.answers.hundredths(axis.possible_velocity() if self._line.name == _VA else getattr(axis, entry[1]))
+            self.queries.hundredths(axis.possible_velocity() if self._line.name == _VA else getattr(axis, entry[1]))
         else:
             self._replies.add(getattr(axis, entry[1]))
 
@@ -303,7 +279,7 @@ class Commands:
         """VE without `?`: its controllers answer that as well, and a driver asks so."""
         if self._nothing(line):
             self._next_answer()
-            self.answers.version(axis)
+            self.queries.version(axis)
 
     def _keep_alive(self, _axis, line):
         if self._integer(line, 0, 60_000):
@@ -327,16 +303,3 @@ class Commands:
                 self._records.recall()
             else:
                 self._records.factory()
-
-    # ---- what the dialect has and this mount has not
-
-    def _accept(self, _axis, _line):
-        pass
-
-    def _open_loop(self, axis, line):
-        """0 is how it is: nothing is measured, and no loop is closed. All else needs an encoder."""
-        if self._number(line) and (line.whole or line.millionths):
-            axis.error(codes.AXIS_NOT_FITTED)
-
-    def _ask_constant(self, _axis):
-        self._replies.add(_CONSTANTS[self._line.name])

@@ -1,4 +1,4 @@
-"""What queries are answered with. Each answer adds its parts to a Replies. Imports errors."""
+"""The answers to queries. Each query adds the parts of its answer to a Replies. Imports codes."""
 
 from mountfw import __version__, codes
 
@@ -6,8 +6,8 @@ _VERSION = __version__.encode()
 
 
 class About:
-    """What a board tells of itself: board, unique_id and firmware_hash are bytes, reset_cause one of codes.py's
-    numbers, free_memory() the heap's free bytes."""
+    """Facts of the board: board (its name), unique_id and firmware_hash are bytes, reset_cause is a number of
+    codes.py, free_memory() the heap's free bytes."""
 
     def __init__(self, board, unique_id, firmware_hash, reset_cause, free_memory):
         self.identity = b"mirrormount," + board + b"," + unique_id + b"," + _VERSION
@@ -16,8 +16,8 @@ class About:
         self.free_memory = free_memory
 
 
-class Answers:
-    """One method a query; axis is the Axis that was asked about, or None."""
+class Queries:
+    """One method a query; axis is the query's Axis, or None."""
 
     def __init__(self, controller, replies, about):
         self._controller = controller
@@ -155,6 +155,3 @@ class Answers:
         r.add(b",")
         r.add(self.about.reset_cause)
         self._longest_us = -1
-
-    def zero(self, _axis):
-        self._replies.add(0)

@@ -1,0 +1,62 @@
+"""Commands of New Focus 8742/8743-CL controllers for parts that this mount has not. Imports codes, line.
+
+Drivers written for these controllers send them at start-up: for a network, other motors, an encoder. They set
+nothing, and a query answers as one unit without these parts would.
+"""
+
+from mountfw import codes
+from mountfw.dialect.line import key
+
+ADDRESS = 1  # of this controller, in a line that names one; 0 is the controller at the port, so this one as well
+AXES = 4  # of such a controller; an axis that this mount has not answers as not connected
+
+_CONSTANTS = {
+    b"SA": b"%d" % ADDRESS,
+    b"SC": b"%d" % (1 << ADDRESS),  # a bit for each address that is in use
+    b"SD": b"1",
+    b"RS": b"0",
+    b"ZZ": b"0",
+    b"IPMODE": b"0",
+    b"HOSTNAME": b"mirrormount",
+    b"IPADDR": b"0.0.0.0",
+    b"GATEWAY": b"0.0.0.0",
+    b"NETMASK": b"0.0.0.0",
+    b"MACADDR": b"00,00,00,00,00,00",
+}
+_ENCODER = (b"SN", b"MM", b"DB", b"CL", b"FE")
+
+
+class NewFocus:
+    """The rows of the command table for parts that this mount has not.
+
+    line is the Line that is executed. number(line) says whether it carries a number, and queues an error if not.
+    """
+
+    def __init__(self, line, replies, number):
+        self._line = line
+        self._replies = replies
+        self._number = number
+        self._constants = {key(name): answer for name, answer in _CONSTANTS.items()}
+
+    def rows(self):
+        """{mnemonic: (needs an axis, set, query)}, as in Commands."""
+        rows = {b"MC": (False, self._accept, None), b"MZ": (True, self._accept, self._zero)}
+        for name in _ENCODER:
+            rows[name] = (True, self._open_loop, self._zero)
+        for name in _CONSTANTS:
+            rows[name] = (False, self._accept, self._constant)
+        return rows
+
+    def _accept(self, _axis, _line):
+        pass
+
+    def _open_loop(self, axis, line):
+        """Accept 0, the open loop that this mount is. Everything else needs an encoder."""
+        if self._number(line) and (line.whole or line.millionths):
+            axis.error(codes.AXIS_NOT_FITTED)
+
+    def _zero(self, _axis):
+        self._replies.add(0)
+
+    def _constant(self, _axis):
+        self._replies.add(self._constants[self._line.name])
