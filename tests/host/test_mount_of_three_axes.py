@@ -1,14 +1,16 @@
 """A Mount on a board with a third axis, and what its lines look like with two, three and four of them."""
 
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import pytest
 import transcript
+from served import run_cli
 from test_three_axes import BOARD_FILE, THIRD
 from transcript import AT_REST, IDENTITY, TranscriptPort, opened, sent, started
 
 from mirrormount import Limits, Mount
+from mirrormount.cli import main
 from mirrormount.cli.config_verbs import export, import_
 from mirrormount.common import errors
 from mirrormount.device import calibration
@@ -21,14 +23,24 @@ THREE_AT_REST = f"{AT_REST}|0,0,0,0,1,1"
 
 
 @pytest.fixture
-def mount(tmp_path, monkeypatch) -> Iterator[Mount]:
-    """A mount on a virtual board whose board file has three axes."""
+def new_port(tmp_path, monkeypatch) -> Callable[[], LockstepPort]:
+    """Switches on a virtual board whose board file has three axes."""
     monkeypatch.setenv("MIRRORMOUNT_CONFIG", str(tmp_path / "settings"))
     shutil.copytree(firmware_folder() / "mountfw", tmp_path / "firmware" / "mountfw")
     (tmp_path / "firmware" / "mountfw" / "boards" / "this.py").write_text(BOARD_FILE)
-    simulation = make_simulation(Options(files=tmp_path / "files", firmware=tmp_path / "firmware"))
-    simulation.probes.update(THIRD)
-    with Mount(Link(LockstepPort(simulation))) as mount:
+
+    def switch_on() -> LockstepPort:
+        simulation = make_simulation(Options(files=tmp_path / "files", firmware=tmp_path / "firmware"))
+        simulation.probes.update(THIRD)
+        return LockstepPort(simulation)
+
+    return switch_on
+
+
+@pytest.fixture
+def mount(new_port) -> Iterator[Mount]:
+    """A mount on that board."""
+    with Mount(Link(new_port())) as mount:
         yield mount
 
 
@@ -142,6 +154,22 @@ def test_a_setting_of_an_axis_that_the_board_has_not_is_refused_before_anything_
     with pytest.raises(errors.BadValue, match="there is no axis 'axis3': this mount has x, y"):
         mount.axis("axis3")
     mount.close()
+
+
+def test_the_shell_moves_and_shows_the_third_axis(new_port, monkeypatch, capsys):
+    monkeypatch.setattr("mirrormount.device.mount.open_port", lambda _: new_port())
+    assert main.main(["step", "axis3", "2", "--port", "virtual://"]) == 0
+    assert capsys.readouterr().out == "axis3: +2.000 steps\n"
+    assert main.main(["status", "--port", "virtual://"]) == 0
+    _, *axes = capsys.readouterr().out.splitlines()
+    assert [line.partition(": +0.000 steps")[0] for line in axes] == ["x", "y", "axis3"]
+
+
+@pytest.mark.parametrize("name", ["axis4", "axis2", "z"])
+def test_an_axis_that_is_not_there_is_one_line_in_the_shell(name):
+    run = run_cli("step", name, "1", "--port", "virtual://?speed=max")
+    assert run.returncode
+    assert f"'{name}'" in run.stderr.splitlines()[-1] and "Traceback" not in run.stderr
 
 
 def test_an_angle_of_the_third_axis_is_by_its_own_scale(mount):

@@ -2,6 +2,8 @@
 drive a virtual board, and what differs between systems is chosen rightly."""
 
 import argparse
+import errno
+import socket
 import subprocess
 import sys
 from types import SimpleNamespace
@@ -67,3 +69,23 @@ def test_on_windows_a_port_that_does_not_open_is_busy_if_it_is_there_and_absent_
 
 def test_on_windows_permission_denied_does_not_name_linux(windows):
     assert "dialout" not in str(failures.open_error("COM4", PermissionError(13, "Access is denied")))
+
+
+@pytest.mark.parametrize(
+    ("cause", "error"),
+    [
+        (OSError(errno.EBUSY, "Device or resource busy"), errors.PortBusy),
+        (OSError(errno.EAGAIN, "Resource temporarily unavailable"), errors.PortBusy),
+        (OSError(errno.EPERM, "Operation not permitted"), errors.PermissionDenied),
+        (OSError(errno.EACCES, "Permission denied"), errors.PermissionDenied),
+        (OSError(errno.ENOENT, "No such file or directory"), errors.PortAbsent),
+        (OSError(errno.ECONNREFUSED, "Connection refused"), errors.PortAbsent),
+        (OSError(errno.ENOTTY, "Inappropriate ioctl for device"), errors.CannotOpen),
+        (TimeoutError(), errors.PortAbsent),
+        (socket.gaierror(socket.EAI_NONAME, "Name or service not known"), errors.PortAbsent),
+        (serial.SerialException("no number"), errors.CannotOpen),
+    ],
+)
+def test_each_cause_of_a_port_that_does_not_open_has_its_error(monkeypatch, cause, error):
+    monkeypatch.setattr(failures.sys, "platform", "linux")
+    assert type(failures.open_error("/dev/ttyTEST", cause)) is error

@@ -9,13 +9,14 @@ import os
 from collections.abc import Callable
 from typing import TYPE_CHECKING, NamedTuple
 
+from mirrormount.common.axis_names import is_axis
 from mirrormount.common.errors import BadValue, NotSupported
 
 if TYPE_CHECKING:
     from mirrormount.device.arduino_sketch import SketchMount
     from mirrormount.device.mount import Mount
 
-AXIS_HELP = "x (right +) or y (up +)"
+AXIS_HELP = "x (right +), y (up +), or a further one: axis3 …"
 SECONDS_HELP = "how long, at most the board's run limit (10 s unless set otherwise)"
 _DEFAULT_PORT = "serial port (default: the one board there is)"
 
@@ -58,9 +59,15 @@ def port_of(args: argparse.Namespace) -> str | None:
     return args.at or args.port
 
 
+def _axis(text: str) -> str:
+    if not is_axis(text):
+        raise argparse.ArgumentTypeError(f"{text!r} is no axis: choose x, y, or axis3 … of a board with more")
+    return text
+
+
 def axis_argument(parser: argparse.ArgumentParser) -> None:
     """AXIS."""
-    parser.add_argument("axis", choices=("x", "y"), help=AXIS_HELP)
+    parser.add_argument("axis", type=_axis, metavar="AXIS", help=AXIS_HELP)
 
 
 def open_any(args: argparse.Namespace) -> "Mount | SketchMount":

@@ -127,7 +127,7 @@ def square(mount: Mount, progress=lambda text: None):
     corners, trail, pictures = [spot], [spot], [picture]
     for axis, steps, way in _LEGS:
         for i in range(abs(steps)):
-            getattr(mount, axis).step(1 if steps > 0 else -1)
+            mount.axis(axis).step(1 if steps > 0 else -1)
             trail.append(look()[0])
             progress(f"{way}: {i + 1}/{abs(steps)} steps")
         spot, picture = look()

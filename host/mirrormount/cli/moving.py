@@ -20,11 +20,11 @@ _LOOK_S = 0.05
 
 def step(mount: Mount | SketchMount, name: str, n: int) -> None:
     """Move by n steps and print the position."""
-    axis = getattr(mount, name)
     if isinstance(mount, SketchMount):
-        axis.step(n)
+        mount.axis(name).step(n)
         print(f"{name}: {n} steps sent ({LIMITS})")
         return
+    axis = mount.axis(name)
     with watched(mount, [axis]) as line:
         target = axis.position + n
         axis.step(n, progress=_shown(line, name, f"on the way to {target:+.1f}"))
@@ -33,10 +33,10 @@ def step(mount: Mount | SketchMount, name: str, n: int) -> None:
 
 def move(mount: Mount | SketchMount, name: str, position: float) -> None:
     """Move to a position, which may lie between two steps, and print it."""
-    axis = getattr(mount, name)
     if isinstance(mount, SketchMount):
-        axis.move_to(position)  # raises NotSupported
+        mount.axis(name).move_to(position)  # raises NotSupported
         return
+    axis = mount.axis(name)
     with watched(mount, [axis]) as line:
         axis.move_to(position, progress=_shown(line, name, f"on the way to {position:+g}"))
     print(place(axis))
@@ -46,7 +46,7 @@ def home(mount: Mount | SketchMount, name: str) -> None:
     """Find the end-stop and print by how much the count was off."""
     if isinstance(mount, SketchMount):
         raise NotSupported(f"no end-stops: {LIMITS}")
-    axis = getattr(mount, name)
+    axis = mount.axis(name)
     with watched(mount, [axis]) as line:
         off = axis.home(progress=_shown(line, name, "on the way to the end-stop")).discrepancy_steps
     print(f"{name}: at home" + ("" if off is None else f"; the count was off by {off:+.3f} steps"))
@@ -54,11 +54,11 @@ def home(mount: Mount | SketchMount, name: str) -> None:
 
 def jog(mount: Mount | SketchMount, name: str, speed: float, seconds: float | None) -> None:
     """Run one axis at a speed for some seconds, or until Ctrl-C or the board's run limit."""
-    axis = getattr(mount, name)
     if isinstance(mount, SketchMount):
-        axis.jog(speed)
+        mount.axis(name).jog(speed)
         _let_run(mount, seconds)
     else:
+        axis = mount.axis(name)
         _run(mount, [axis], seconds, lambda: axis.jog(speed))
 
 

@@ -55,7 +55,7 @@ def _checks(mount: Mount, move: bool) -> Iterator[tuple[str, Callable[[], str]]]
     yield "settings", lambda: saved_settings([error.code for error in waiting])
     others = [error for error in waiting if error.code != _SETTINGS_DAMAGED]
     yield "errors waiting", lambda: errors_waiting([f"{error.code} {error.text}" for error in others])
-    axes = (mount.x, mount.y)
+    axes = mount.by_name.values()
     for axis in axes:
         yield f"{axis.name} emergency stop", lambda axis=axis: emergency_stop(axis)
     for axis in axes:

@@ -18,8 +18,7 @@ def run(args: argparse.Namespace) -> None:
             return
         status = mount.status()
         print(mount.identity)
-        for name in ("x", "y"):
-            axis = getattr(status, name)
+        for name, axis in status.by_name.items():
             print(
                 f"{name}: {axis.position:+.3f} steps ({axis.certainty}),"
                 f" {'moving' if axis.moving else 'at rest'}, last move: {REASONS.get(axis.reason, axis.reason)},"

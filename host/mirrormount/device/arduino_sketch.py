@@ -7,7 +7,7 @@ are spaced, each is confirmed by its echo, and a stop is repeated until it is co
 
 from typing import Self
 
-from mirrormount.common.errors import ConnectionLost, MountError, NoAnswer, NotAMount, NotSupported
+from mirrormount.common.errors import BadValue, ConnectionLost, MountError, NoAnswer, NotAMount, NotSupported
 from mirrormount.common.validation import whole_number
 from mirrormount.transport.lines import Link
 from mirrormount.transport.open import open_port
@@ -62,6 +62,12 @@ class SketchMount:
     def close(self) -> None:
         """Close the port. A running motor runs on: stop() first."""
         self.link.close()
+
+    def axis(self, name: str) -> "SketchAxis":
+        """x or y. Raises BadValue."""
+        if name not in ("x", "y"):
+            raise BadValue(f"there is no axis {name!r}: the sketch has x, y")
+        return self.x if name == "x" else self.y
 
     def drive(self, m1: int, m2: int) -> None:
         """Drive both motors at -255 ... 255. Raises BadValue, NoAnswer if the sketch did not echo it."""
@@ -156,6 +162,6 @@ class SketchAxis:
         """Raises NotSupported."""
         raise NotSupported(f"no position: {LIMITS}")
 
-    def move_to(self, steps: int, *, wait: bool = True) -> None:
+    def move_to(self, steps: float, *, wait: bool = True) -> None:
         """Raises NotSupported."""
         raise NotSupported(f"no absolute moves: {LIMITS}")

@@ -1,7 +1,8 @@
 """State that a board has reported: identity, axes, last status. No I/O. Imports errors, status."""
 
+from mirrormount.common.axis_names import axis_name
 from mirrormount.common.errors import BadValue, NotAMount
-from mirrormount.device.status import QueuedError, Status, axis_name, parse_error, parse_status
+from mirrormount.device.status import QueuedError, Status, parse_error, parse_status
 from mountfw import codes as wire
 
 RESET_CAUSES = {

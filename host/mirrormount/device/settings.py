@@ -4,19 +4,17 @@ mountfw/settings.py declares them. The board decides: if it refuses a setting, a
 """
 
 import contextlib
-import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from mirrormount.common.axis_names import is_axis
 from mirrormount.common.declared import one_line, texts
 from mirrormount.common.errors import BadValue, BoardError, NotAMount, NotSupported, SettingRefused
 from mirrormount.common.printable import printable
 from mirrormount.device.session import Session
 from mountfw import codes as wire
 from mountfw import settings as declared
-
-_AXIS_NAME = re.compile(r"x|y|axis[3-9]")
 
 
 @dataclass(frozen=True)
@@ -151,11 +149,6 @@ def check(wanted: Mapping[str, Any]) -> None:
             raise _no_axis(axis, ("x", "y"))
         for name, value in values.items():
             setting(f"{axis}.{name}").check(f"{axis}.{name}", value)
-
-
-def is_axis(name: object) -> bool:
-    """True for the name of an axis: x, y, axis3 … axis9. Whether a board has it, the board shows."""
-    return isinstance(name, str) and bool(_AXIS_NAME.fullmatch(name))
 
 
 def _no_axis(name: object, names: Iterable[str]) -> BadValue:

@@ -1,10 +1,11 @@
-"""What a board reports of itself and of its axes, as plain data. Imports errors, printable, validation."""
+"""What a board reports of itself and of its axes, as plain data. Imports axis_names, errors, printable, validation."""
 
 import html
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from mirrormount.common.axis_names import axis_name
 from mirrormount.common.errors import REASONS, NotAMount
 from mirrormount.common.printable import printable
 from mirrormount.common.validation import whole_numbers
@@ -13,13 +14,6 @@ from mountfw import codes as wire
 _AXIS_NUMBER = re.compile(r"\bAXIS ([1-9])\b")
 
 CERTAINTY = dict(enumerate(wire.CERTAINTY))
-
-
-def axis_name(number: int, x_axis: int) -> str:
-    """The user's name of a board's axis: x, y, and for those above 2 axis3, axis4 …; x_axis: the number of x."""
-    if number > 2:
-        return f"axis{number}"
-    return "x" if number == x_axis else "y"
 
 
 @dataclass(frozen=True)
