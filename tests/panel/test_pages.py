@@ -33,11 +33,12 @@ def test_the_number_of_open_pages_is_bounded():
     assert pages.full
 
 
-def test_a_page_of_another_run_is_not_known():
-    pages = Pages(Lease())
-    page = pages.add("here")
-    assert pages.find(page.key) is page
-    assert Pages(Lease()).find(page.key) is None
+def test_a_page_is_found_by_its_own_key_alone():
+    pages, other_run = Pages(Lease()), Pages(Lease())
+    known = [pages.add("here") for _ in range(3)]
+    assert [pages.find(page.key) for page in known] == known
+    for key in ("", "x", known[0].key[:-1], known[0].key + "x", "\ud800", other_run.add("here").key):
+        assert pages.find(key) is None
 
 
 def test_pages_that_are_closed_are_all_dropped():
