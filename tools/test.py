@@ -45,7 +45,7 @@ def _has_browser() -> bool:
 _EMULATED = ("tests/emulated",)
 _IN_A_BROWSER = tuple(
     f"tests/panel/test_{name}.py"
-    for name in ("driving", "safety", "door", "cards", "looks", "foreign_pages", "third_axis")
+    for name in ("driving", "safety", "auth", "cards", "looks", "foreign_pages", "third_axis")
 )
 NEEDS: Tuple[Need, ...] = (
     Need("node", "nodejs", "runs the emulated RP2040", _EMULATED),
