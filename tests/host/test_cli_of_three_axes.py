@@ -1,0 +1,78 @@
+"""The commands on a board whose board file has a third axis."""
+
+import shutil
+
+import pytest
+from test_three_axes import BOARD_FILE, THIRD
+
+from mirrormount import Mount
+from mirrormount.cli import main
+from mirrormount.transport.lines import Link
+from mirrormount.virtual.board import LockstepPort, Options, make_simulation
+from mirrormount.virtual.files import firmware_folder
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch, capsys):
+    """Runs a command on a virtual board with three axes that has just started: (exit status, output, errors)."""
+    monkeypatch.setenv("MIRRORMOUNT_CONFIG", str(tmp_path / "settings"))
+    shutil.copytree(firmware_folder() / "mountfw", tmp_path / "firmware" / "mountfw")
+    (tmp_path / "firmware" / "mountfw" / "boards" / "this.py").write_text(BOARD_FILE)
+
+    def open_board(_address: str | None) -> Mount:
+        simulation = make_simulation(Options(files=tmp_path / "files", firmware=tmp_path / "firmware"))
+        simulation.probes.update(THIRD)
+        return Mount(Link(LockstepPort(simulation)))
+
+    monkeypatch.setattr(Mount, "open", open_board)
+
+    def run(*words: str) -> tuple[int, str, str]:
+        capsys.readouterr()
+        status = main.main([*words])
+        return status, *capsys.readouterr()
+
+    return run
+
+
+def test_status_has_a_line_for_each_axis(run):
+    status, out, _ = run("status")
+    assert status == 0
+    assert [line.split(":")[0] for line in out.splitlines()[1:]] == ["x", "y", "axis3"]
+
+
+def test_a_step_and_a_move_of_the_third_axis_say_where_it_is(run):
+    assert run("step", "axis3", "2") == (0, "axis3: +2.000 steps\n", "")
+    assert run("move", "axis3", "-1")[:2] == (0, "axis3: -1.000 steps\n")
+
+
+def test_a_jog_of_the_third_axis_ends_after_its_seconds(run):
+    status, out, _ = run("jog", "axis3", "0.5", "--seconds", "0.2")
+    assert status == 0
+    assert out.startswith("axis3: ")
+
+
+def test_config_shows_and_changes_settings_of_the_third_axis(run):
+    assert run("config", "set", "axis3.pulse_us", "150000", "--save")[0] == 0
+    assert run("config", "get", "axis3.pulse_us")[1] == "150000\n"
+    shown = run("config", "get")[1].splitlines()
+    assert {line.split(".")[0] for line in shown} == {"x", "y", "axis3"}
+
+
+def test_check_tests_the_third_axis_too(run):
+    out = run("check")[1]
+    for name in ("x", "y", "axis3"):
+        assert f"{name} emergency stop: not pressed" in out and f"{name} keep-alive: this one moves" in out
+
+
+def test_an_axis_that_the_board_lacks_is_one_line_of_error(run):
+    status, out, err = run("step", "axis4", "1")
+    assert (status, out) == (1, "")
+    assert err == "mirrormount: there is no axis 'axis4': this mount has x, y, axis3\n"
+
+
+@pytest.mark.parametrize("name", ["z", "axis", "axis2", "axis33", "3"])
+def test_a_name_that_no_axis_can_have_is_wrong_usage(run, capsys, name):
+    with pytest.raises(SystemExit) as ended:
+        run("step", name, "1")
+    assert ended.value.code == 2
+    assert f"'{name}' is no axis" in capsys.readouterr().err
