@@ -8,7 +8,8 @@ few bytes are sent. So the input and the switches are polled again in less than 
 """
 
 from mountfw import codes
-from mountfw.motion.axis import NEVER_US, REST
+from mountfw.motion.axis import REST
+from mountfw.motion.drive import NEVER_US
 from mountfw.wire import receiver as wire
 from mountfw.wire.ticks import diff
 
@@ -176,13 +177,13 @@ class App:
         """
         axis = self.controller.ending(now_us, _SPIN_US)
         while axis:
-            while axis.state > REST and diff(axis.ends_at, self._ticks_us()) > _CLOCK_US:
+            while axis.state > REST and diff(axis.drive.ends_at, self._ticks_us()) > _CLOCK_US:
                 if self._any(0):
                     self._read(_READ_SPINNING)
                 else:
                     self.controller.guard_stops()
             if axis.driving():
-                axis.cut_on_time()
+                axis.drive.cut_on_time()
                 self._poll_input()
             axis = self.controller.ending(self._ticks_us(), _SPIN_US)
         left_us = self.controller.service(self._ticks_us())

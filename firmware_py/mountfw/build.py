@@ -51,7 +51,7 @@ def make_axis(number, port, board, pins, error_queue):
     axis = Axis(number, make_bridge(port, board, pins), positive, negative, error_queue, port.ticks_us)
     for name in ("stop_pos", "stop_neg"):
         if pins[name] is not None:
-            port.on_rise(pins[name], axis.guard)
+            port.on_rise(pins[name], axis.drive.guard)
     return axis
 
 
@@ -89,6 +89,6 @@ def build(port, board):
     for thing, most in ((receiver, 18), (frame, 13), (replies, 13), (own, 24), (controller, 18)):
         presize(thing, most)
     for axis in axes:
-        for thing, most in ((axis, 60), (axis.position, 18), (axis.bridge, 13)):
+        for thing, most in ((axis, 60), (axis.drive, 28), (axis.position, 18), (axis.drive.bridge, 13)):
             presize(thing, most)
     return built

@@ -52,7 +52,7 @@ class Axis:
     def move_to(self, position):
         """Move to a position in steps, by the nearest whole number of steps. Raises ValueError, MoveEnded."""
         _check_whole("a position", position, -MAX_STEPS, MAX_STEPS)
-        self._mount.move((self,), self.axis.to, position)
+        self._mount.move((self,), self.axis.move_to, position)
 
     def jog(self, speed, ms):
         """Run at speed, -1 ... 1 of full speed, for ms milliseconds. Raises ValueError, MoveEnded."""
@@ -135,7 +135,7 @@ class Mount:
             left_us = self._controller.service(now_us)
             ending = self._controller.ending(now_us, _SPIN_US)
             if ending:
-                ending.cut_on_time()
+                ending.drive.cut_on_time()
                 continue
             self._show()
             if left_us > _SPIN_US and not self._controller.watching():

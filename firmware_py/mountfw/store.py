@@ -45,6 +45,37 @@ def unseal(data):
         return None
 
 
+def position_line(axis):
+    """The line of an axis in the record of the positions."""
+    p = axis.position
+    return "%d %d %d %d %d %d %d %d %d %d %d %d\n" % (
+        (axis.number, axis.inverted, p.step, p.gap, p.gap_known, p.inside)
+        + (p.millisteps, p.certainty, p.target, p.defined, p.home_known, p.home)
+    )
+
+
+def restore_position(axis, numbers):
+    """Set an axis's position to the numbers of such a line, unless a step is another now. Raises ValueError."""
+    _, inverted, step, gap, gap_known, inside, millisteps, certainty, target, defined, home_known, home = numbers
+    if not (codes.UNKNOWN <= certainty <= codes.ESTIMATED and 0 <= inside <= gap):
+        raise ValueError
+    for n in numbers:
+        if not -(1 << 30) <= n < 1 << 30:
+            raise ValueError
+    p = axis.position
+    if step != p.step or inverted != axis.inverted:
+        return
+    p.millisteps = millisteps
+    p.certainty = certainty
+    p.target = target
+    p.defined = defined
+    p.home_known = home_known != 0
+    p.home = home
+    if gap == p.gap:
+        p.gap_known = gap_known != 0
+        p.inside = inside
+
+
 def _no_look():
     pass
 
@@ -67,7 +98,7 @@ class Records:
         self._rested_at = 0  # since when nothing moves
         self._on_flash = False  # may there be a record of the positions?
         for axis in axes:
-            axis.forget = self.forget
+            axis.drive.drop_record = self.drop_record
 
     # ---- settings
 
@@ -77,7 +108,7 @@ class Records:
         Stage 0 is the first. Returns the next stage; 0 when it is over (an error says if it could not be done).
         """
         if stage == 0:
-            return 1 if self.forget() else 0
+            return 1 if self.drop_record() else 0
         if stage == 1:
             lines = [
                 "%d %s %d\n" % (a.number, entry[1], getattr(a, entry[1])) for a in self._axes for entry in SETTINGS
@@ -132,7 +163,7 @@ class Records:
     def restore(self):
         """Know the positions again, if they were recorded and nothing has driven since."""
         for axis in self._axes:
-            axis.recorded = True
+            axis.drive.on_flash = True
         self.waiting = False
         data = self._port.load(_POSITION)
         self._on_flash = data is not None
@@ -143,18 +174,18 @@ class Records:
             if lines is None or not 2 <= len(lines) <= len(self._axes):
                 raise ValueError
             for axis, line in zip(self._axes, lines):  # an axis that is new in the board file stays unknown
-                axis.position.restore([int(word) for word in line.split(" ")], axis.inverted)
+                restore_position(axis, [int(word) for word in line.split(" ")])
         except ValueError:
             for axis in self._axes:
                 axis.position.reset()
             self._errors.push(codes.SETTINGS_DAMAGED)
 
-    def forget(self):
+    def drop_record(self):
         """The positions are to change: take them off the flash. False if that could not be done."""
         if self._on_flash and not self._remove():
             return False
         for axis in self._axes:
-            axis.recorded = False
+            axis.drive.on_flash = False
         self.waiting = True
         self._next = _WAIT
         self._rested_at = None
@@ -176,8 +207,8 @@ class Records:
         elif self._next == _WRITE:
             self.waiting = False  # if this fails it is not tried again before something has moved
             for axis in self._axes:
-                axis.recorded = True  # from here on all that moves or counts anew comes to forget() first
-            lines = [a.position.recorded(a.number, a.inverted) for a in self._axes]
+                axis.drive.on_flash = True  # from here on all that moves or counts anew comes to drop_record() first
+            lines = [position_line(a) for a in self._axes]
             if self._try(self._port.store, _POSITION + _NEW, seal("".join(lines))):
                 self._next = _RENAME
                 self.waiting = True

@@ -16,6 +16,7 @@ TESTS = (
     "test_stops",
     "test_axes",
     "test_motion",
+    "test_axis_table",
     "test_own_length",
     "test_backlash",
     "test_homing",

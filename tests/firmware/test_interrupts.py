@@ -10,8 +10,9 @@ import mountfw
 from mountfw import codes
 
 FOLDER = Path(mountfw.__file__).parent
-NAMES = ("app.py", "motion/axis.py", "motion/controller.py", "motion/bridge.py", "motion/endstop.py")
-FILES = {str(FOLDER / name) for name in NAMES}
+MOTION = ("axis", "actions", "drive", "controller", "endstop")
+FILES = {str(FOLDER / "app.py"), *(str(FOLDER / "motion" / f"{name}.py") for name in MOTION)}
+seen: set[str] = set()
 END_STOP = 10  # GPIO of axis 1's positive one
 
 
@@ -32,6 +33,7 @@ def interrupted(rig: Rig, passes: int, before: int) -> bool:
     def trace(frame, _event, _arg):
         if frame.f_code.co_filename not in FILES:
             return None
+        seen.add(frame.f_code.co_filename)
         frame.f_trace_opcodes, frame.f_trace_lines = True, False
         return each_bytecode
 
@@ -72,3 +74,4 @@ def test_an_end_stop_that_opens_before_any_bytecode_ends_the_move_as_an_end_stop
         assert rig.errors() == ([] if ended_by_itself else [104]), before
         assert abs(rig.axis1.ended_on_us - rig.on_times(2)[0]) < 30, before
     assert before > 500 or after_us > 100_000
+    assert seen == FILES, "a file that is traced has another name now"

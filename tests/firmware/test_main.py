@@ -136,9 +136,9 @@ def move_at_the_prompt(port, second_at: int) -> tuple[bool, Rig]:
     count, delivered, leaving = 0, False, False
     rig = Rig()
     folder = Path(mountfw.__file__).parent
-    files = {
-        str(folder / name) for name in ("repl.py", "motion/controller.py", "motion/axis.py", "motion/bridge.py")
-    } | {str(PORT)}
+    motion = (f"motion/{name}.py" for name in ("controller", "axis", "actions", "drive", "bridge"))
+    files = {str(PORT), *(str(folder / name) for name in ("repl.py", *motion))}
+    assert all(Path(file).is_file() for file in files)
 
     def pause_us(us):
         nonlocal leaving

@@ -59,7 +59,20 @@ WORDS_OF_A_TRY = 3  # mp_exc_stack_t
         "wire/error_queue",
         "own_reply",
     ]
-    + [f"motion/{name}" for name in ("axis", "axis_settings", "bridge", "controller", "endstop", "homing", "position")]
+    + [
+        f"motion/{name}"
+        for name in (
+            "axis",
+            "actions",
+            "axis_settings",
+            "bridge",
+            "controller",
+            "drive",
+            "endstop",
+            "homing",
+            "position",
+        )
+    ]
     + ["ports/circuitpython", "ports/circuitpython_console"],
 )
 def test_no_call_in_the_loop_needs_the_heap_for_its_state(micropython, name):

@@ -210,12 +210,12 @@ class Commands:
 
     def _move_to(self, axis, line):
         if self._number(line):
-            axis.to(line.rounded())
+            axis.move_to(line.rounded())
 
     def _run(self, axis, line):
         sign = self._sign(line)
         if sign:
-            axis.run(sign)
+            axis.jog(sign)
 
     def _find_stop(self, axis, line):
         sign = self._sign(line)
@@ -272,7 +272,7 @@ class Commands:
         n = line.rounded()
         if not -MAX_STEPS <= n <= MAX_STEPS:
             axis.error(codes.AXIS_OUT_OF_RANGE)
-        elif not axis.recorded or self._records.forget():  # the record would tell another number
+        elif not axis.drive.on_flash or self._records.drop_record():  # the record would tell another number
             axis.position.define(n)
 
     def _version(self, axis, line):

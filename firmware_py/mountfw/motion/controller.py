@@ -1,11 +1,12 @@
-"""All axes of a mount together: what drives, what stops it, what watches over it. Imports axis, codes, ticks.
+"""All axes of a mount together: what drives, what stops it, what watches over it. Imports axis, codes, drive, ticks.
 
 The app hands in what comes over the wire: frame(), stop_all(), malformed(). Command lines are for
 commands.py, which acts on the same axes. A frame drives axes 1 and 2; every stop is for all axes.
 """
 
 from mountfw import codes
-from mountfw.motion.axis import NEVER_US, REST
+from mountfw.motion.axis import REST
+from mountfw.motion.drive import NEVER_US
 from mountfw.wire.ticks import diff
 
 
@@ -36,8 +37,8 @@ class Controller:
         self._axis1 = self.axes[0]  # of a frame
         self._axis2 = self.axes[1]
         self._chain = _chain(self.axes)
-        self._cuts = _chain([axis.bridge.cut for axis in axes])
-        self._offs = _chain([axis.bridge.off for axis in axes])
+        self._cuts = _chain([axis.drive.bridge.cut for axis in axes])
+        self._offs = _chain([axis.drive.bridge.off for axis in axes])
         self._emergency_stop = emergency_stop
         self._ticks_ms = ticks_ms
         self._booted_ms = 0
@@ -64,7 +65,7 @@ class Controller:
         """All drives off and every move ended."""
         self.off_all()
         for axis in self.axes:
-            axis.end(reason)
+            axis.abort(reason)
 
     def shutdown(self, reason=codes.FAULT):
         """Leave everything off. May be called again if it was interrupted; the first reason stays."""
@@ -103,7 +104,7 @@ class Controller:
         """The emergency stop has opened (a hard interrupt, maybe): cut all drives, until reset()."""
         if self._emergency_stop.active():
             for axis in self.axes:
-                axis.emergency = True
+                axis.drive.emergency = True
             rest = self._cuts
             while rest:
                 cut, rest = rest
@@ -112,8 +113,8 @@ class Controller:
     def guard_stops(self):
         """Look at the switches ahead, for a port without interrupts: what drives into one is cut."""
         for axis in self.axes:
-            if axis.watched and axis.state > REST and not axis.was_cut:
-                axis.guard(None)
+            if axis.watched and axis.state > REST and not axis.drive.was_cut:
+                axis.drive.guard(None)
 
     def inhibit(self, reason):
         """Inhibit motion: a stop is received but still unparsed. NONE_YET permits motion again.
@@ -122,7 +123,7 @@ class Controller:
         """
         self.inhibited = reason
         for axis in self.axes:
-            axis.held = reason
+            axis.drive.inhibited = reason
 
     def malformed(self, code):
         """A message could not be understood. It may have been a stop, so it stops."""
@@ -148,10 +149,10 @@ class Controller:
         elif m2 == 0:
             axis2.frame(0)
         if m1:
-            axis1.lead(m1)
+            axis1.drive.predrive(m1)
             self.poll_input()
         if m2:
-            axis2.lead(m2)
+            axis2.drive.predrive(m2)
         if m1:
             axis1.frame(m1)
             self.poll_input()
@@ -178,7 +179,7 @@ class Controller:
         rest = self._chain
         while rest:
             axis, rest = rest
-            left_us = axis.left_us(now_us)
+            left_us = axis.drive.left_us(now_us)
             if left_us < within_us:
                 within_us = left_us
                 first = axis

@@ -1,4 +1,4 @@
-"""Homing: an end-stop is found so that the same place is found again. Imports errors.
+"""Homing: finds an end-stop, at the same place each time. Imports codes.
 
     FAST       run towards the switch until it opens
     CONFIRM    at rest: is it still open? If not, it was a bump, and the run goes on
@@ -6,7 +6,7 @@
     RELEASED   at rest: is it still closed?
     SLOW       towards it in short pulses; where it opens is the place
 
-The axis drives, counts and ends the move; this only says what comes next. In all it may drive for
+The axis drives, counts and ends the move; this only decides the next leg. In all it may drive for
 search_limit_ms. A switch at the other end that opens meanwhile is a fault of the wiring, and ends it.
 """
 
@@ -51,34 +51,32 @@ class Homing:
         self._back_off_us = axis.pulse_us * _BACK_OFF_STEPS + axis.take_up_us
         self._go(_FAST)
 
-    # ---- what the axis tells
+    # ---- events of the axis
 
     def hit(self):
         """The switch ahead has opened, and must not be driven into."""
         if self.phase == _BACK:
-            self._axis.finish(codes.HOMING_FAILED)
-            self._axis.stop_error(-self._direction)
+            self._wrong_end()
         elif self.phase == _SLOW:
             self._found()
         else:
             self.phase = _CONFIRM
-            self._axis.rest(_SETTLE_US)
+            self._axis.settle_for(_SETTLE_US)
 
     def watch(self):
-        """While it drives: True if that was ended, because of what a switch says."""
+        """While it drives: True if a switch has ended this leg."""
         if self.phase == _BACK:
             if self._opened(self._direction):
                 return False
             self.phase = _RELEASED
-            self._axis.rest(_SETTLE_US)
+            self._axis.settle_for(_SETTLE_US)
             return True
         if not self._opened(-self._direction):
             self._other_was_closed = True
             return False
         if self._other_was_closed:
-            self._axis.finish(codes.HOMING_FAILED)
-            self._axis.stop_error(-self._direction)
-        elif self._axis.driven_us() > self._back_off_us:
+            self._wrong_end()
+        elif self._axis.drive.on_us > self._back_off_us:
             self._fail(codes.AXIS_NOT_RELEASED)
         else:
             return False
@@ -96,7 +94,7 @@ class Homing:
     def ran_out(self, pulse):
         """The drive has come to its end: a slow pulse, or as much as there may be."""
         if pulse:
-            self._axis.rest(max(self._slow_us(), _SETTLE_US))
+            self._axis.settle_for(max(self._slow_us(), _SETTLE_US))
         else:
             self._fail(codes.AXIS_NOT_RELEASED if self.phase == _BACK else codes.AXIS_NOT_FOUND)
 
@@ -104,15 +102,15 @@ class Homing:
 
     def _go(self, phase):
         self.phase = phase
-        left_us = self._limit_us - self._axis.driven_us()
+        left_us = self._limit_us - self._axis.drive.on_us
         if left_us <= 0:
             self.ran_out(False)
         elif phase == _FAST:
-            self._axis.leg(self._direction, self._run_duty, left_us)
+            self._axis.run_for(self._direction, self._run_duty, left_us)
         elif phase == _BACK:
-            self._axis.leg(-self._direction, self._run_duty, min(left_us, self._back_off_us))
+            self._axis.run_for(-self._direction, self._run_duty, min(left_us, self._back_off_us))
         else:
-            self._axis.pulse(self._direction, self._step_duty, min(left_us, self._slow_us()))
+            self._axis.pulse_for(self._direction, self._step_duty, min(left_us, self._slow_us()))
 
     def _opened(self, direction):
         return self._axis.stop_towards(direction).active()
@@ -121,11 +119,15 @@ class Homing:
         return max(self._axis.pulse_us // _SLOW_PART, _SHORTEST_US)
 
     def _fail(self, error):
-        self._axis.finish(codes.HOMING_FAILED)
+        self._axis.abort(codes.HOMING_FAILED)
         self._axis.error(error)
+
+    def _wrong_end(self):
+        self._axis.abort(codes.HOMING_FAILED)
+        self._axis.error_of(codes.END_STOP, -self._direction)
 
     def _found(self):
         axis = self._axis
-        axis.finish(codes.DONE)
+        axis.abort(codes.DONE)
         if self._home:
             axis.position.homed()

@@ -15,6 +15,11 @@ _MOST = MAX_STEPS * 1000
 MOST_US = 400_000_000  # nothing drives longer: the greatest run limit
 
 
+def rounded(millisteps):
+    """In steps, halves away from zero."""
+    return (millisteps + 500) // 1000 if millisteps >= 0 else -((500 - millisteps) // 1000)
+
+
 class Position:
     """Position of one axis in millisteps, and target in steps."""
 
@@ -78,20 +83,12 @@ class Position:
             self.is_at_edge = not -_MOST < self.millisteps < _MOST
         self.part = part
         if over and part:
-            self.millisteps += direction * self._part_millisteps()
+            self.millisteps += direction * self._thousandths(self.part)
             self.part = 0
 
     def now(self, direction):
         """Millisteps, with the part of a step so far."""
-        return self.millisteps + direction * self._part_millisteps()
-
-    def whole_steps(self, direction=0):
-        """The position rounded to steps, halves away from zero."""
-        p = self.now(direction)
-        return (p + 500) // 1000 if p >= 0 else -((500 - p) // 1000)
-
-    def _part_millisteps(self):
-        return self._thousandths(self.part)
+        return self.millisteps + direction * self._thousandths(self.part)
 
     def _thousandths(self, part):
         """A part of a step in thousandths."""
@@ -189,35 +186,6 @@ class Position:
         if self.millisteps and self.certainty:
             self.certainty = codes.ESTIMATED
         self.home_known = False
-
-    def recorded(self, number, inverted):
-        """A line that restore() understands, for axis `number`."""
-        numbers = (number, inverted, self.step, self.gap, self.gap_known, self.inside, self.millisteps, self.certainty)
-        return "%d %d %d %d %d %d %d %d %d %d %d %d\n" % (
-            numbers + (self.target, self.defined, self.home_known, self.home)
-        )
-
-    def restore(self, numbers, inverted):
-        """Be what such a line says. Nothing is known if a step is another thing now. Raises ValueError."""
-        _, was_inverted, step, gap, gap_known, inside, millisteps, certainty, target, defined, home_known, home = (
-            numbers
-        )
-        if not (codes.UNKNOWN <= certainty <= codes.ESTIMATED and 0 <= inside <= gap):
-            raise ValueError
-        for n in numbers:
-            if not -(1 << 30) <= n < 1 << 30:
-                raise ValueError
-        if step != self.step or was_inverted != inverted:
-            return
-        self.millisteps = millisteps
-        self.certainty = certainty
-        self.target = target
-        self.defined = defined
-        self.home_known = home_known != 0
-        self.home = home
-        if gap == self.gap:
-            self.gap_known = gap_known != 0
-            self.inside = inside
 
     def mirror(self):
         """The axis's direction was swapped. The spot has not moved: the position changes sign."""

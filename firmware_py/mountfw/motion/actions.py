@@ -1,0 +1,247 @@
+"""The actions of the axis's table: begin, drive, count, end. Imports codes, axis_settings, drive, homing, ticks.
+
+Each action takes the value of its event and returns True if the table's next state is right. False means that the
+state stays, or that another event was handled meanwhile. Which action is due when stands in axis.py alone.
+"""
+
+from mountfw import codes
+from mountfw.motion.axis_settings import AxisSettings
+from mountfw.motion.drive import Drive
+from mountfw.motion.homing import Homing
+from mountfw.wire.ticks import add
+
+_SHORT_US = 900  # a drive that may be over before the loop comes round is waited for where it begins
+
+# the errors of reasons, in the positive and the negative direction
+_ERRORS = {
+    codes.END_STOP: (codes.AXIS_POSITIVE_STOP, codes.AXIS_NEGATIVE_STOP),
+    codes.SOFT_LIMIT: (codes.AXIS_POSITIVE_SOFT, codes.AXIS_NEGATIVE_SOFT),
+    codes.RUN_LIMIT: (codes.AXIS_RUN_LIMIT, codes.AXIS_RUN_LIMIT),
+    codes.EMERGENCY_STOP: (codes.AXIS_EMERGENCY_STOP, codes.AXIS_EMERGENCY_STOP),
+}
+
+
+class Actions(AxisSettings):
+    """An axis's settings, its drive, and the move under way. Arguments as of Axis."""
+
+    def __init__(self, number, bridge, positive_stop, negative_stop, error_queue, ticks_us):
+        super().__init__(positive_stop, negative_stop)
+        self.number = number
+        self._errors = error_queue
+        self._ticks_us = ticks_us
+        self.drive = Drive(bridge, self.stop_towards, ticks_us)
+        self.homing = Homing(self)
+        self.has_moved = False  # has a move ended since store.py asked last?
+        self.reset()
+
+    def reset(self):
+        """Off, and everything as at power-up."""
+        self.drive.reset()
+        self.state = 0
+        self.factory()
+        self.apply()
+        self.position.reset()
+        self.last_relative = 0  # steps
+
+        # how the last move ended
+        self.reason = codes.NONE_YET
+        self.ended_steps = 0
+        self.ended_on_us = 0
+
+        # the move under way
+        self.homing.phase = 0
+        self.ends_as = codes.DONE  # its reason if it comes to its own end
+        self.pulses_left = 0
+        self.length_us = 0  # of its pulses, but for the backlash's
+        self.period_us = 0
+        self.next_at = 0  # when its rest is over
+        self.resting = False  # is the period of the last pulse still running, whether or not a move is under way?
+        self.counting = False  # is a drive that is over being counted?
+
+    def apply(self):
+        """The settings have changed."""
+        super().apply()
+        self.drive.watched = self.watched
+        self.drive.inverted = self.inverted
+
+    def error(self, number):
+        """Queue error `number` of this axis."""
+        self._errors.push(self.number * 100 + number)
+
+    def error_of(self, reason, direction):
+        """Queue the error of a reason in that direction, if it has one."""
+        errors = _ERRORS.get(reason)
+        if errors:
+            self.error(errors[0] if direction > 0 else errors[1])
+
+    # ---- may it, and when it may not
+
+    def may_begin(self, _value):
+        """May a move begin? If not, an error says why."""
+        if self.drive.emergency:
+            self.error(codes.AXIS_EMERGENCY_STOP)
+        elif not self.motor_type:
+            self.error(codes.AXIS_NOT_CONNECTED)
+        else:
+            return True
+        return False
+
+    def refuse(self, _value):
+        """A move is under way."""
+        self.error(codes.AXIS_MOVING)
+        return False
+
+    def nothing(self, _value):
+        """There is no move to end."""
+        return False
+
+    def cannot_happen(self, _value):
+        """The loop turns this into an internal fault: all off, error 64."""
+        raise RuntimeError
+
+    # ---- begin
+
+    def begin(self, speed):
+        """A move is accepted: from here on it must reach _close()."""
+        drive = self.drive
+        drive.direction = 1 if speed > 0 else -1
+        drive.duty = speed * drive.direction
+        drive.tripped = False
+        drive.on_us = 0
+        self.position.made = 0
+        return True
+
+    def supersede(self, speed):
+        """The move ends, and a frame's begins. The drive stays on: the new one may go the same way."""
+        drive = self.drive
+        goes_on = drive.measuring and not drive.was_cut and (speed > 0) == (drive.direction > 0)
+        self._close(codes.SUPERSEDED)
+        drive.measuring = goes_on
+        return self.begin(speed)
+
+    def turn_on(self, us):
+        """Drive for us at most. If the gate forbids it, the move ends."""
+        self.resting = False
+        reason = self.drive.on(us)
+        if not reason:
+            if us < _SHORT_US:
+                self.drive.cut_on_time()
+            return True
+        self.forbidden(reason)
+        return False
+
+    # ---- a drive is over
+
+    def taken_up(self, _value):
+        """Count a whole take-up. The rest after it is that between two steps: a motor still turning adds to a step."""
+        self.counting = True
+        drive = self.drive
+        drive.off()
+        drive.measured_us(True)
+        self.position.taken_up(drive.direction)
+        self.next_at = add(drive.cut_at, self.period_us - self.length_us)
+        self.counting = False
+        return True
+
+    def pulsed(self, _value):
+        """Count a whole pulse."""
+        self.counting = True
+        drive = self.drive
+        drive.off()
+        drive.measured_us(True)
+        if self.length_us == self.pulse_us:
+            self.position.pulsed(drive.direction)
+        else:
+            self.position.pulsed_by(drive.direction, self.length_us * drive.duty)
+        self.pulses_left -= 1
+        self.keep_period()
+        self.counting = False
+        return True
+
+    def last_pulsed(self, _value):
+        """Count the last pulse, and end the move."""
+        self.pulsed(0)
+        return self.finish(self.ends_as)
+
+    def ran_out(self, _value):
+        """A run has come to its own end."""
+        return self.finish(self.ends_as)
+
+    def homing_ran_out(self, _value):
+        """So has a run of homing, which says what comes next."""
+        self.homing.ran_out(False)
+        return False
+
+    def homing_pulsed(self, _value):
+        """A slow pulse of homing is over."""
+        self.homing.ran_out(True)
+        return False
+
+    def homing_hit(self, _value):
+        """Homing is at a switch."""
+        self.homing.hit()
+        return False
+
+    def settle(self, us):
+        """Off for us, in the middle of homing."""
+        self.drive.off()
+        self.count(True)
+        self.next_at = add(self._ticks_us(), us)
+        return True
+
+    # ---- end
+
+    def make_last(self, reason):
+        """This pulse is the last one."""
+        if self.pulses_left > 1:
+            self.pulses_left = 1
+            self.ends_as = reason
+        return True
+
+    def cut_short(self, reason):
+        """Off in the middle of a pulse, which has its period all the same; and the move is over."""
+        self.drive.off()
+        self.keep_period()
+        return self.finish(reason)
+
+    def finish(self, reason):
+        """Off, and the move is over."""
+        self.drive.off()
+        self._close(reason)
+        if reason == codes.RUN_LIMIT and self.at_edge():
+            self.error(codes.AXIS_OUT_OF_RANGE)
+        else:
+            self.error_of(reason, self.drive.direction)
+        return True
+
+    def _close(self, reason):
+        """Count what the move has driven, and note how it ended."""
+        self.counting = True
+        self.count(True)
+        self.ended_steps = self.position.made
+        self.ended_on_us = self.drive.on_us
+        self.reason = reason
+        self.homing.phase = 0
+        self.has_moved = True
+        self.counting = False
+        if self.changed:
+            self.changed = False
+            self.measure()
+
+    # ---- count
+
+    def count(self, over):
+        """Count the on-time since it was counted last, if there is any."""
+        drive = self.drive
+        if drive.measuring:
+            us = drive.measured_us(over)
+            self.position.driven(drive.direction, us * drive.duty, over)
+
+    def keep_period(self):
+        """The next pulse must wait until this one's period is over."""
+        self.next_at = add(self.drive.on_at, self.period_us)
+        self.resting = True
+
+    def at_edge(self):
+        """True if a run has come to the edge of what can be counted, and goes on outwards."""
+        return self.position.is_at_edge and self.position.millisteps * self.drive.direction > 0

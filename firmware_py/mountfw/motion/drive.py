@@ -1,0 +1,180 @@
+"""The drive of one motor: a gate, on, cut, a deadline and the measured on-time. Imports codes, ticks.
+
+A pulse, a run and a frame are one on() with its deadline; whoever began it asks measured_us() how long the motor had
+drive. Only _set() turns a motor on. Times are microseconds of a clock that wraps (ticks.py).
+
+The clock is read right before each pin write, the one that drives and the one that cuts, so that an on-time is the
+pin's: the code between clock and pin is the same on both sides.
+
+Between any two lines here an interrupt may run guard(), or set `emergency`. Both only cut; on() checks again after it
+has driven, and the axis's service() does the rest.
+"""
+
+from mountfw import codes
+from mountfw.wire.ticks import add, diff
+
+NEVER_US = 1 << 29  # "no deadline"
+
+_MOST_ON_US = 1_000_000_000  # a move's on-time is measured up to here: its sum stays a small integer
+_TURN_US = 5  # half a turn of cut_on_time()'s loop on an RP2040
+
+
+def _nothing():
+    pass
+
+
+class Drive:
+    """The drive on a bridge. stop_towards(direction) is the EndStop in the axis's own direction 1 or -1.
+
+    ticks_us is the clock. direction (1, -1) and duty (1 ... 255) are those of the next on().
+    """
+
+    def __init__(self, bridge, stop_towards, ticks_us):
+        self.bridge = bridge
+        self._cut = bridge.cut
+        self._stop_towards = stop_towards
+        self._ticks_us = ticks_us
+        self.inverted = 0  # is the axis's positive direction the motor's negative one?
+        self.watched = False  # is there an end-stop to look at?
+        self.on_flash = False  # is the position recorded, or about to be? Then drop_record() comes first
+        self.drop_record = _nothing  # store.py sets it
+        self.direction = 0
+        self.duty = 0
+        self.on_us = 0  # measured since the move began
+        self.on_at = 0  # when it was turned on
+        self.ends_at = 0  # its deadline
+        self.cut_at = 0
+        self.counted_at = 0  # up to when it was measured
+        self._pre_at = 0
+        self._pre_speed = 0
+        self.reset()
+
+    def reset(self):
+        """Off, and nothing forbids to drive."""
+        self.bridge.off()
+        self.inhibited = codes.NONE_YET  # the reason of a stop that is received but still unparsed
+        self.emergency = False  # the emergency stop has opened; an interrupt may set it
+        self.measuring = False  # is it on, or was it since measured_us()?
+        self.was_cut = False  # is it off already, since cut_at?
+        self.tripped = False  # did guard() cut it?
+        self.predriven = False  # did predrive() turn it on, and no on() follow yet?
+
+    # ---- the gate
+
+    def forbidden(self):
+        """The reason why it must not drive in its direction; 0 if it may. Drops the record of the position first."""
+        if self.on_flash:
+            self.drop_record()  # takes long, and polls the input: a stop may come of it
+        if self.inhibited:
+            return self.inhibited
+        if self.emergency:
+            return codes.EMERGENCY_STOP
+        if self.on_flash:  # still: after a power cut that record would give a wrong position
+            return codes.FAULT
+        return codes.END_STOP if self.at_stop() else 0
+
+    def at_stop(self):
+        """True if the end-stop ahead is open, or has been since the move began to go there."""
+        return self.watched and (self.tripped or self._stop_towards(self.direction).active())
+
+    # ---- on
+
+    def on(self, us):
+        """Drive at duty in direction until cut, for us at most. Returns 0, or the reason why it must not drive.
+
+        With a reason it may have been on for some microseconds: off() follows.
+        """
+        self.was_cut = False
+        if self.predriven:
+            self.predriven = False
+            self.on_at = self._pre_at
+        else:
+            if self.inhibited or self.emergency or self.watched or self.on_flash:
+                reason = self.forbidden()
+                if reason:
+                    return reason
+            self.on_at = self._set(self.direction * self.duty)
+        if not self.measuring:
+            self.measuring = True
+            self.counted_at = self.on_at
+        self.ends_at = add(self.on_at, us)
+        if self.tripped or self.inhibited or self.emergency:  # meanwhile, by an interrupt or a poll of the input
+            return self.forbidden()
+        return 0
+
+    def predrive(self, speed):
+        """Drive at a frame's speed (not 0) now, if nothing is to be checked first; the axis's frame() must follow.
+
+        So both motors have a frame's speeds before the longer work of counting begins.
+        """
+        if not (self.inhibited or self.emergency or self.watched or self.on_flash):
+            self._pre_speed = speed
+            self._pre_at = self._set(speed)
+            self.predriven = True
+
+    def _set(self, speed):
+        """The one setter: drive at speed, -255 ... 255 but not 0, in the axis's own direction. Returns the time."""
+        return self.bridge.drive(-speed if self.inverted else speed)
+
+    # ---- off
+
+    def off(self):
+        """No drive, and every output in its defined state."""
+        if self.measuring and not self.was_cut:
+            self.cut()
+        self.bridge.off()
+
+    def cut(self):
+        """No drive, since cut_at."""
+        self.cut_at = self._ticks_us()
+        self._cut()
+        self.was_cut = True
+
+    def cut_on_time(self):
+        """Wait for the deadline, which must be near, and cut."""
+        ticks_us = self._ticks_us
+        cut = self._cut
+        at = self.ends_at
+        now_us = ticks_us()
+        while diff(at, now_us) > _TURN_US:
+            now_us = ticks_us()
+        cut()
+        if not self.was_cut:  # by guard(), meanwhile
+            self.cut_at = now_us
+            self.was_cut = True
+
+    def guard(self, _pin):
+        """An end-stop has opened (a hard interrupt, maybe): cut the drive that goes into it."""
+        if self.watched and self._stop_towards(self.direction).active():
+            self.tripped = True
+            self.cut()
+
+    # ---- time
+
+    def left_us(self, now_us):
+        """Until the deadline; NEVER_US if it is not on, or cut already."""
+        if self.measuring and not self.was_cut:
+            return diff(self.ends_at, now_us)
+        return NEVER_US
+
+    def measured_us(self, over):
+        """On-time since it was measured last. over: this drive has ended, and the next on() begins a new one."""
+        if not self.measuring:
+            return 0
+        at = self.cut_at if self.was_cut else self._ticks_us()
+        if self.predriven and diff(at, self._pre_at) > 0:  # since then it has the next frame's speed
+            at = self._pre_at
+        us = diff(at, self.counted_at)
+        if us < 0:  # guard() has cut right before it was turned on
+            us = 0
+        self.counted_at = at
+        if over:
+            self.measuring = False
+        on_us = self.on_us + us
+        self.on_us = on_us if on_us < _MOST_ON_US else _MOST_ON_US
+        return us
+
+    def predriven_amount(self):
+        """Signed time x duty of a predrive() that no on() follows; it is over."""
+        self.predriven = False
+        return diff(self._ticks_us(), self._pre_at) * self._pre_speed
