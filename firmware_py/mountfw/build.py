@@ -89,6 +89,6 @@ def build(port, board):
     for thing, most in ((receiver, 18), (frame, 13), (replies, 13), (own, 24), (controller, 18)):
         presize(thing, most)
     for axis in axes:
-        for thing, most in ((axis, 60), (axis.drive, 28), (axis.position, 18), (axis.drive.bridge, 13)):
+        for thing, most in ((axis, 60), (axis.drive, 32), (axis.position, 18), (axis.drive.bridge, 13)):
             presize(thing, most)
     return built
