@@ -1,4 +1,4 @@
-"""The actions of the axis's table: begin, drive, count, end. Imports codes, axis_settings, drive, homing, ticks.
+"""The actions of the axis's table: begin, drive, count, end. Imports axis_settings, codes, drive, homing.
 
 Each action takes the value of its event and returns True if the table's next state is right. False means that the
 state stays, or that another event was handled meanwhile. Which action is due when stands in axis.py alone.
@@ -8,6 +8,7 @@ from mountfw import codes
 from mountfw.motion.axis_settings import AxisSettings
 from mountfw.motion.drive import Drive
 from mountfw.motion.homing import Homing
+from mountfw.motion.position import MAX_STEPS
 from mountfw.wire.ticks import add
 
 _SHORT_US = 900  # a drive that may be over before the loop comes round is waited for where it begins
@@ -86,6 +87,18 @@ class Actions(AxisSettings):
             return True
         return False
 
+    def out_of_reach(self, low, high):
+        """True, with its error queued, if a target between these steps is not allowed."""
+        if low < -MAX_STEPS or high > MAX_STEPS:
+            self.error(codes.AXIS_OUT_OF_RANGE)
+        elif self.checking & 8 and high > self.soft_maximum:
+            self.error_of(codes.SOFT_LIMIT, 1)
+        elif self.checking & 8 and low < self.soft_minimum:
+            self.error_of(codes.SOFT_LIMIT, -1)
+        else:
+            return False
+        return True
+
     def refuse(self, _value):
         """A move is under way."""
         self.error(codes.AXIS_MOVING)
@@ -129,6 +142,10 @@ class Actions(AxisSettings):
             return True
         self.forbidden(reason)
         return False
+
+    def forbidden(self, reason):
+        """The gate has this reason against the drive: Axis makes an event of it."""
+        raise NotImplementedError
 
     # ---- a drive is over
 

@@ -134,7 +134,7 @@ class Axis(Actions):
         if not self.handle(ASK, 0):
             return False
         target = self.whole_steps() + n
-        if self._out_of_reach(target, target):
+        if self.out_of_reach(target, target):
             return False
         self.last_relative = n
         self._begin_pulses(n, self.pulse_us, target)
@@ -146,7 +146,7 @@ class Axis(Actions):
             return False
         way = 1 if us > 0 else -1
         target = self.position.millisteps + way * self.position.worth(abs(us) * self.step_duty)
-        if self._out_of_reach(target // 1000, -(-target // 1000)):
+        if self.out_of_reach(target // 1000, -(-target // 1000)):
             return False
         self._begin_pulses(way, abs(us), rounded(target))
         return True
@@ -216,18 +216,6 @@ class Axis(Actions):
             self.ends_as = codes.RUN_LIMIT
             for_ms = self.run_limit_ms
         self.handle(DUE_RUN, for_ms * 1000)
-        return True
-
-    def _out_of_reach(self, low, high):
-        """True, with its error queued, if a target between these steps is not allowed."""
-        if low < -MAX_STEPS or high > MAX_STEPS:
-            self.error(codes.AXIS_OUT_OF_RANGE)
-        elif self.checking & 8 and high > self.soft_maximum:
-            self.error_of(codes.SOFT_LIMIT, 1)
-        elif self.checking & 8 and low < self.soft_minimum:
-            self.error_of(codes.SOFT_LIMIT, -1)
-        else:
-            return False
         return True
 
     def _begin_pulses(self, n, us, target):

@@ -83,7 +83,7 @@ class Position:
             self.is_at_edge = not -_MOST < self.millisteps < _MOST
         self.part = part
         if over and part:
-            self.millisteps += direction * self._thousandths(self.part)
+            self.millisteps = self.now(direction)
             self.part = 0
 
     def now(self, direction):
