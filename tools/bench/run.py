@@ -2,7 +2,7 @@
 
     .venv/bin/python tools/bench/run.py [--n N] [--only ROW[,ROW]] [--json FILE] [--update]
 
-Needs what the rp2040 machine needs (docs/architecture.md). A row is named in full, or several are by how they begin:
+Needs what the rp2040 machine needs (docs/virtual-board.md). A row is named in full, or several are by how they begin:
 `--only stop`. Results repeat exactly: all moments are seeded. --update writes all rows into docs/performance.md.
 """
 
