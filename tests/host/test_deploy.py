@@ -18,7 +18,10 @@ import mountfw
 from mirrormount import Mount
 from mirrormount.common import errors
 from mirrormount.common.errors import EmulatorMissing
+from mirrormount.common.progress import Progress
+from mirrormount.common.signals import Terminated
 from mirrormount.common.supported import MICROPYTHON
+from mirrormount.deploy import micropython_trial
 from mirrormount.deploy.fileset import firmware, firmware_hash
 from mirrormount.deploy.micropython import Options, deploy, may_replace
 from mirrormount.deploy.micropython_plan import plan
@@ -341,6 +344,34 @@ def test_a_signal_before_anything_was_changed_starts_the_firmware_again(deployed
     assert left.items() <= before.items()  # a late signal may find some files removed
     if left == before:
         assert deployed.ask("VE?") == f"MM2 Version {mountfw.__version__} mirrormount"
+
+
+def does_not_answer(*_) -> None:
+    raise errors.DeployError("the firmware on the board does not answer")
+
+
+def settle(board: Mpremote) -> None:
+    micropython_trial.settle(board, "/dev/none", {"hash"})
+
+
+def put_back(board: Mpremote) -> None:
+    had = micropython_trial.Before(has_main=True, main_is_ours=True)
+    micropython_trial.try_it(board, "/dev/none", {"hash"}, had, Progress())
+
+
+@pytest.mark.parametrize(("call", "action"), [("forget", settle), ("revert", put_back)])
+def test_a_signal_after_the_new_files_are_in_place_resets_the_board_too(monkeypatch, call, action):
+    board, resets = Mpremote("/dev/none"), []
+
+    def end(*_):
+        raise Terminated(signal.SIGTERM)
+
+    monkeypatch.setattr(board, call, end)
+    monkeypatch.setattr(board, "reset", lambda: resets.append(1))
+    monkeypatch.setattr(micropython_trial, "come_back", does_not_answer)
+    with pytest.raises(Terminated):
+        action(board)
+    assert resets == [1]
 
 
 def test_undeploy_gives_a_program_that_was_put_aside_its_name_back(boot, tmp_path):

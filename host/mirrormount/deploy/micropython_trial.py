@@ -53,7 +53,8 @@ def settle(board: Mpremote, port: str, wanted: Collection[str]) -> str:
     Raises FirmwareFailed.
     """
     try:
-        board.forget()
+        with board.reset_if_interrupted():
+            board.forget()
         told = ""
     except DeployError as e:
         told = f"; the files of the firmware before could not be removed yet ({e}): the next deploy does it"
@@ -69,7 +70,8 @@ def settle(board: Mpremote, port: str, wanted: Collection[str]) -> str:
 def _put_back(board: Mpremote, port: str, had: Before) -> str:
     """Bring back the files, and tell what the board has now."""
     try:
-        done = board.revert()
+        with board.reset_if_interrupted():
+            done = board.revert()
     except DeployError as e:
         return f"the files that were there are kept on the board, but could not be put back ({e}): deploy again"
     if not done:

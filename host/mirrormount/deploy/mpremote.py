@@ -19,6 +19,7 @@ from mirrormount.common.child_python import python_module
 from mirrormount.common.errors import DeployError, MountError, MpremoteError
 from mirrormount.common.printable import printable
 from mirrormount.common.progress import Progress
+from mirrormount.common.signals import Terminated
 from mirrormount.deploy import on_board
 from mirrormount.deploy.fileset import folders
 from mirrormount.deploy.micropython_plan import Plan
@@ -87,10 +88,20 @@ class Mpremote:
 
     @contextlib.contextmanager
     def reset_if_it_fails(self) -> Iterator[None]:
-        """The firmware was interrupted to look at the board: start it again when nothing comes of it."""
+        """The firmware was interrupted to survey the board: start it again if the deploy fails or is ended."""
         try:
             yield
         except BaseException:
+            with contextlib.suppress(MountError):
+                self.reset()
+            raise
+
+    @contextlib.contextmanager
+    def reset_if_interrupted(self) -> Iterator[None]:
+        """Start the firmware again when Ctrl-C or a signal ends this program within; for calls that end in a reset."""
+        try:
+            yield
+        except (KeyboardInterrupt, Terminated):
             with contextlib.suppress(MountError):
                 self.reset()
             raise
