@@ -239,6 +239,32 @@ def test_each_way_to_drive_asks_the_gate_first():
                 assert errors(rig) == error, (event, reason)
 
 
+def test_what_an_interrupt_sets_while_a_drive_is_turned_on_ends_it_in_the_same_call():
+    for flag, value, reason in (
+        ("inhibited", codes.STOPPED, codes.STOPPED),
+        ("emergency", True, codes.EMERGENCY_STOP),
+        ("tripped", True, codes.END_STOP),
+    ):
+        for event in DUE:
+            homes = event in ("DUE_SLOW", "DUE_SEARCH")
+            rig = brought_into("SETTLE" if homes else "REST")
+            drive = rig.axis1.drive
+            turned_on = drive.bridge.drive
+
+            def interrupted(duty, turned_on=turned_on, drive=drive, flag=flag, value=value):
+                setattr(drive, flag, value)
+                return turned_on(duty)
+
+            drive.bridge.drive = interrupted
+            rig.axis1.handle(getattr(a, event), 5_000)
+            assert rig.drives()[0] == 0, (event, flag)
+            assert not drive.measuring, (event, flag)
+            if homes and flag == "tripped":
+                assert rig.axis1.state == a.SETTLE, event
+            else:
+                assert (rig.axis1.state, rig.axis1.reason) == (a.IDLE, reason), (event, flag)
+
+
 def test_both_switches_open_end_any_drive_as_a_fault():
     for state in ("TAKE_UP", "PULSE", "SLOW", "RUN", "SEARCH"):
         rig = brought_into(state)
