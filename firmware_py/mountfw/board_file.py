@@ -12,6 +12,8 @@ AXES = ("AXIS_1", "AXIS_2", "AXIS_3", "AXIS_4")  # as many as the dialect knows;
 REQUIRED = ("NAME", "BRIDGE", "AXIS_1", "AXIS_2", "PWM_HZ", "DEAD_TIME_US", "LED")
 OPTIONAL = ("AXIS_3", "AXIS_4", "EMERGENCY_STOP", "ONE_CHANNEL")
 
+checked = None  # the board file that find() has returned last: it has no fault
+
 _MOST_PWM_HZ = 200_000
 _MOST_DEAD_TIME_US = 10_000
 
@@ -30,6 +32,7 @@ def find(candidates, listdir, rp2):
 
 
 def _load(name, rp2):
+    global checked
     board = None
     try:
         board = getattr(__import__("mountfw.boards." + name).boards, name)
@@ -37,6 +40,7 @@ def _load(name, rp2):
     except Exception as e:
         wrong = "%s: %s" % (type(e).__name__, e)
     if not wrong:
+        checked = board
         return board
     print("mountfw: boards/%s.py cannot be used, so no pin is driven: %s" % (name, wrong))
     return None
