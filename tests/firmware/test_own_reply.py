@@ -275,3 +275,12 @@ def test_deciding_allocates_nothing():
         rig.run(100_000)
     rig.port.locked = False
     assert 68 in numbers(rig)
+
+
+def test_an_answer_that_returns_is_one_error_though_its_beginning_was_malformed():
+    rig = Rig()
+    answer = rig.ask(b"XS?\n")
+    assert answer[:3].isdigit()  # no line begins so: refused before the rest says what it is
+    rig.send(answer)
+    rig.settle()
+    assert numbers(rig) == [68]
