@@ -24,10 +24,10 @@ def position(page, number: int) -> str:
 
 
 def test_the_third_axis_steps_runs_goes_home_and_has_its_settings(page):
-    plus = page.get_by_role("button", name="AXIS axis3 PLUS")
+    plus = page.get_by_role("button", name="AXIS 3 PLUS")
     plus.click()
     wait_for(lambda: position(page, 2) == "+1.000", "a step")
-    page.get_by_role("button", name="− axis3").click()
+    page.get_by_role("button", name="− Axis 3").click()
     wait_for(lambda: position(page, 2) == "+0.000", "a step back")
     plus.hover()
     page.mouse.down()
@@ -43,7 +43,7 @@ def test_the_third_axis_steps_runs_goes_home_and_has_its_settings(page):
 
 
 def test_stop_ends_the_third_axis(page):
-    page.get_by_role("button", name="AXIS axis3 PLUS").hover()
+    page.get_by_role("button", name="AXIS 3 PLUS").hover()
     page.mouse.down()
     wait_for(lambda: float(position(page, 2)) > 1.1, "a run")
     page.keyboard.press("Escape")

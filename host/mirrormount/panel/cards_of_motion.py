@@ -39,9 +39,10 @@ def hold(worker: Worker) -> Callable[[], None]:
         for axis in worker.state.axes:
             if axis not in _PAD_AXES:
                 with ui.element("div").classes("axis-row"):
-                    _press("minus", f"{axis}:-1", "−", f"AXIS {axis} MINUS")
-                    ui.label(f"Axis {axis}").classes("name")
-                    _press("plus", f"{axis}:1", "+", f"AXIS {axis} PLUS")
+                    title = axis_title(axis)
+                    _press("minus", f"{axis}:-1", "−", f"{title.upper()} MINUS")
+                    ui.label(title).classes("name")
+                    _press("plus", f"{axis}:1", "+", f"{title.upper()} PLUS")
         with ui.element("div").classes("line"):
             ui.label("Speed").classes("name")
             # as plain HTML: Vue would put an input's first value back whenever anything on the page changes
@@ -55,6 +56,11 @@ def hold(worker: Worker) -> Callable[[], None]:
         queued.set_text(f"{len(worker.presses)} queued" if worker.presses else "")
 
     return refresh
+
+
+def axis_title(name: str) -> str:
+    """An axis's name for a person: X, Y, Axis 3."""
+    return name.upper() if name in _PAD_AXES else name.replace("axis", "Axis ")
 
 
 def _press(place: str, press: str, arrow: str, name: str, *, shows_word: bool = False) -> None:
@@ -74,9 +80,11 @@ def by_numbers(worker: Worker) -> None:
             number("steps", "1", "Number of steps", keyboard="numeric")
         with ui.element("div").classes("fine"):
             for axis in worker.state.axes:
-                for way, word in zip((-1, 1), _STEP_WORDS.get(axis, (f"− {axis}", f"{axis} +")), strict=True):
+                for way, word in zip(
+                    (-1, 1), _STEP_WORDS.get(axis) or (f"− {axis_title(axis)}", f"{axis_title(axis)} +"), strict=True
+                ):
                     send(word, {"do": "steps", "axis": axis, "way": way}, "n:steps").props("outline")
-    with card("Speeds of both axes"):
+    with card("Speeds of both axes" if len(worker.state.axes) == 2 else "Speeds of X and Y"):
         with ui.element("div").classes("line speeds"):
             ui.label("X").classes("name")
             number("speed_x", "0", "Speed of X, right and left")

@@ -9,7 +9,7 @@ from nicegui import ui
 from mirrormount.common.errors import REASONS
 from mirrormount.common.remedies import remedy_of
 from mirrormount.device.status import AxisStatus
-from mirrormount.panel.cards_of_motion import card, number, send
+from mirrormount.panel.cards_of_motion import axis_title, card, number, send
 from mirrormount.panel.pages import Page
 from mirrormount.panel.run_on_mount import warn
 from mirrormount.supervise.notices import Notice
@@ -37,7 +37,7 @@ Refresh = Callable[[], None]
 
 def axis(worker: Worker, name: str) -> Refresh:
     """Position, target, lamps and reason of one axis; go to, zero, home."""
-    with card(_TITLES.get(name, f"Axis {name}")) as box:
+    with card(_TITLES.get(name, axis_title(name))) as box:
         with ui.element("div").classes("line"):
             position = ui.label().classes("position mono")
             ui.label("steps").classes("unit")
@@ -184,7 +184,7 @@ def _empty_plot(axes: Sequence[str]) -> dict:
             "splitLine": grey,
         },
         "series": [
-            {**line, "name": name.upper(), "lineStyle": {"width": 2}, "color": colour}
+            {**line, "name": axis_title(name), "lineStyle": {"width": 2}, "color": colour}
             for name, colour in zip(axes, itertools.cycle(_COLOURS), strict=False)
         ],
     }

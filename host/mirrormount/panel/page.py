@@ -143,6 +143,6 @@ def _mode_button() -> None:
 
 def _footer() -> None:
     with ui.element("footer").classes("bottom"), ui.element("button").classes("stop") as button:
-        button.props("data-stop type=button aria-label='STOP both motors (Escape)'")
+        button.props("data-stop type=button aria-label='STOP all motors (Escape)'")
         ui.label("STOP")
         ui.label("Esc").classes("key")
