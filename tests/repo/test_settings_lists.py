@@ -42,7 +42,8 @@ def test_a_setting_is_what_it_is_declared_to_be(entry):
 @pytest.mark.parametrize("entry", declared.SETTINGS, ids=NAMES)
 def test_the_host_allows_what_the_board_allows(entry):
     setting = host.SETTINGS[entry[1]]
-    scale = 10**setting.decimals
+    scale = 100 if entry[5] & declared.HUNDREDTHS else 1
+    assert 10**setting.decimals == scale
     assert (round(setting.least * scale), round(setting.most * scale)) == (entry[2], entry[3])
     assert setting.default * scale == entry[4]
     if entry[3] - entry[2] < 20:  # where only some of the range is allowed
