@@ -209,13 +209,17 @@ class Axis(Actions):
                 self.error(codes.AXIS_EMERGENCY_STOP)
             self.abort(codes.EMERGENCY_STOP)
             return False
-        self.handle(FRAME, speed)
+        cell = TABLE[FRAME][self.state]  # handle() in its place, here and below: frames may come at 500 a second
+        if cell[1](self, speed):
+            self.state = cell[0]
         if 0 < for_ms <= self.run_limit_ms:
             self.ends_as = codes.DONE
         else:
             self.ends_as = codes.RUN_LIMIT
             for_ms = self.run_limit_ms
-        self.handle(DUE_RUN, for_ms * 1000)
+        cell = TABLE[DUE_RUN][self.state]
+        if cell[1](self, for_ms * 1000):
+            self.state = cell[0]
         return True
 
     def _begin_pulses(self, n, us, target):
