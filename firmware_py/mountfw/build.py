@@ -81,7 +81,7 @@ def build(port, board):
     controller = Controller(axes, error_queue, emergency_stop, records, port.boot_id(), port.ticks_ms)
     if cause == codes.WATCHDOG:
         error_queue.push(codes.WATCHDOG_RESET)
-    about = About(board.NAME, port.unique_id(), port.firmware_hash(), cause, port.free_memory)
+    about = About(board.NAME, port.unique_id(), port.firmware_hash, cause, port.free_memory)
     if number is not None:
         port.on_rise(number, controller.guard)
     commands = Commands(controller, line, replies, about)

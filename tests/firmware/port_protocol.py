@@ -1,6 +1,6 @@
 """The verbs of a port: what the core asks of a platform. tests/firmware/test_ports.py checks every port against it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, Protocol
 
 
@@ -71,7 +71,7 @@ class Port(Protocol):
         """As in codes.py."""
         ...
 
-    def firmware_hash(self) -> bytes: ...
+    def firmware_hash(self) -> Iterator[bytes | None]: ...
 
     def start_watchdog(self) -> Callable[[], object]:
         """From here on the board is reset unless the returned function is called every second."""

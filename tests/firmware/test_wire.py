@@ -290,8 +290,29 @@ def test_the_led_says_ready_driving_and_error():
     assert len(flashes) == 4  # twice in each of two rounds
 
 
-def test_the_hash_of_the_firmware_is_what_the_port_found_at_boot():
-    assert Rig().ask(b"XF?\n") == b"5a" * 32 + b"\r\n"
+def test_the_hash_of_the_firmware_is_what_the_port_finds():
+    rig = Rig()
+    assert rig.ask(b"XF?;1PR?;XF?\n") == b"5a" * 32 + b"; 0; " + b"5a" * 32 + b"\r\n"
+
+
+def test_the_firmwares_files_are_not_read_while_a_motor_turns():
+    rig = Rig()
+    assert rig.ask(b"2MV+;XF?\n") == b"ERROR 214\r\n"
+    assert rig.errors() == [214]
+    rig.send(b"!")
+    assert rig.ask(b"XF?\n") == b"5a" * 32 + b"\r\n"
+    assert rig.ask(b"2MV+;XF?\n") == b"5a" * 32 + b"\r\n"  # they have been read
+
+
+def test_a_stop_between_two_parts_of_the_files_is_obeyed_and_the_hash_is_whole():
+    rig = Rig()
+    assert rig.ask(b"XF?\n!") == b"5a" * 32 + b"\r\n"
+
+
+def test_files_that_cannot_be_read_have_no_hash():
+    rig = Rig()
+    rig.port.full = True
+    assert rig.ask(b"XF?\n") == b"unreadable\r\n"
 
 
 def health(rig):

@@ -17,6 +17,7 @@ _PULSE = _SETTINGS[key(b"XP")]  # a pulse of its own length (XU) is as long as a
 _VA = key(b"VA")
 _XL = key(b"XL")
 _MD = key(b"MD")
+_XF = key(b"XF")
 _ST = key(b"ST")
 _STOPS = (_ST, key(b"AB"))
 
@@ -120,9 +121,19 @@ class Commands:
                 return self._not_connected(line)
             axis = self._axes[line.axis - 1]
         if line.kind == QUERY:
+            if line.name == _XF and self.queries.hash is None:
+                return self._read_files()
             self._next_answer()
             return action(axis)
         return action(axis, line)
+
+    def _read_files(self):
+        """Read a part of the firmware's files for XF?: at rest, for it takes milliseconds. True: there is more to do."""
+        for axis in self._axes:
+            if axis.moving():
+                return self._refuse(axis.number * 100 + codes.AXIS_MOVING)
+        self.queries.read_files()
+        return True
 
     def _refuse(self, code):
         """Queue an error; a query is answered with its number, so that a client does not wait in vain."""

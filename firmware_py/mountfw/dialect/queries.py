@@ -6,8 +6,10 @@ _VERSION = __version__.encode()
 
 
 class About:
-    """Facts of the board: board (its name), unique_id and firmware_hash are bytes, reset_cause is a number of
-    codes.py, free_memory() the heap's free bytes."""
+    """Facts of the board: board (its name) and unique_id are bytes, reset_cause is a number of codes.py.
+
+    firmware_hash() yields None after each part of its work, and last the hash; free_memory() is the heap's free bytes.
+    """
 
     def __init__(self, board, unique_id, firmware_hash, reset_cause, free_memory):
         self.identity = b"mirrormount," + board + b"," + unique_id + b"," + _VERSION
@@ -23,6 +25,8 @@ class Queries:
         self._controller = controller
         self._replies = replies
         self.about = about
+        self.hash = None  # of the firmware's files; None: they are not read to the end
+        self._hashing = about.firmware_hash()
         self._free = about.free_memory()
         self._longest_us = 0  # pass of the loop since XH? was asked; -1: that very pass does not count
         self._passes = 0
@@ -140,8 +144,15 @@ class Queries:
         r.add(_VERSION)
         r.add(b" mirrormount")
 
+    def read_files(self):
+        """Read the next part of the firmware's files, for the hash."""
+        try:
+            self.hash = next(self._hashing)
+        except OSError:
+            self.hash = b"unreadable"
+
     def firmware_hash(self, _axis):
-        self._replies.add(self.about.firmware_hash)
+        self._replies.add(self.hash)
 
     def health(self, _axis):
         r = self._replies

@@ -60,10 +60,11 @@ def remove(name):
 
 
 def firmware_hash():
-    """SHA-256, as hex (bytes), over boot.py, code.py and every .py and .mpy of mountfw on the drive.
+    """Yield None after each part of the work, and last the SHA-256, as hex (bytes), over the firmware's files.
 
-    For each, in the order of their names from the root on: the name, then the SHA-256 of the file (32 bytes).
-    Builds before CircuitPython 10.1 have no SHA-256: they tell `crc32-` and the CRC-32 of names and contents.
+    These are boot.py, code.py and every .py and .mpy of mountfw on the drive. For each, in the order of their names
+    from the root on: the name, then the SHA-256 of the file (32 bytes). Builds before CircuitPython 10.1 have no
+    SHA-256: they yield `crc32-` and the CRC-32 of names and contents. Raises OSError.
     """
     total = _sha256()
     crc = 0
@@ -78,10 +79,11 @@ def firmware_hash():
                 crc = binascii.crc32(part, crc)
                 if file_hash:
                     file_hash.update(part)
+                yield None
         if total and file_hash:
             total.update(name.encode())
             total.update(file_hash.digest())
-    return binascii.hexlify(total.digest()) if total else b"crc32-%08x" % (crc & 0xFFFFFFFF)
+    yield binascii.hexlify(total.digest()) if total else b"crc32-%08x" % (crc & 0xFFFFFFFF)
 
 
 def _sha256():

@@ -156,27 +156,25 @@ def remove(name):
 
 
 def firmware_hash():
-    """SHA-256, as hex (bytes), over the files that are on this board: main.py and every .py and .mpy of mountfw.
+    """Yield None after each part of the work, and last the SHA-256, as hex (bytes), over the firmware's files.
 
-    For each, in the order of their names from the root on: the name, then the SHA-256 of the file (32 bytes).
+    These are main.py and every .py and .mpy of mountfw on this board. For each, in the order of their names from the
+    root on: the name, then the SHA-256 of the file (32 bytes). Raises OSError.
     """
     total = hashlib.sha256()
-    for name, path in shared.firmware_files(os.listdir, __file__, ("main.py",)):
-        total.update(name.encode())
-        total.update(_file_hash(path))
-    return binascii.hexlify(total.digest())
-
-
-def _file_hash(path):
-    digest = hashlib.sha256()
     buffer = bytearray(512)
     view = memoryview(buffer)
-    with open(path, "rb") as f:
-        while True:
+    for name, path in shared.firmware_files(os.listdir, __file__, ("main.py",)):
+        digest = hashlib.sha256()
+        with open(path, "rb") as f:
             n = f.readinto(buffer)
-            if not n:
-                return digest.digest()
-            digest.update(view[:n])
+            while n:
+                digest.update(view[:n])
+                yield None
+                n = f.readinto(buffer)
+        total.update(name.encode())
+        total.update(digest.digest())
+    yield binascii.hexlify(total.digest())
 
 
 def find_board():
