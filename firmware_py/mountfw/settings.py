@@ -3,7 +3,8 @@
 Everything that lists settings reads this file: the axis (its attributes and their defaults), the command set, the
 store, the host's names and ranges, `mirrormount config`, the panel and docs/protocol.md (`python3 tools/tables.py`).
 
-The text after a declaration is for people: `group: words with the unit`, and below it what else protocol.md says.
+The text after a declaration is for people: `group: words with the unit` (the settings of a group stand together; the
+words have at most 59 characters), and below it what else protocol.md says.
 A compiler drops such a text, so it takes no memory of a board; the host reads it from this source.
 """
 
@@ -11,7 +12,7 @@ MAX_STEPS = 1_000_000  # either way; millisteps then still fit a small integer
 
 # flags of a setting
 HUNDREDTHS = 1  # kept in hundredths; the wire and the host have two decimals
-BITS = 2  # a sum of bits: of those that its greatest value has
+BITS = 2  # a sum of bits: any of those in its greatest value; a switch, 0 or 1, is one
 AT_REST = 4  # refused (n14) while the axis moves; other changes count from the next move on
 
 SETTINGS = []  # (mnemonic, name, least, most, default, flags), as they are to be set: limits follow the direction

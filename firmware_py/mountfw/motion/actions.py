@@ -127,10 +127,16 @@ class Actions(AxisSettings):
     def supersede(self, speed):
         """The move ends, and a frame's begins. The drive stays on: the new one may go the same way."""
         drive = self.drive
-        goes_on = drive.measuring and not drive.was_cut and (speed > 0) == (drive.direction > 0)
+        direction = 1 if speed > 0 else -1
+        goes_on = drive.measuring and not drive.was_cut and direction == drive.direction
         self._close(codes.SUPERSEDED)
         drive.measuring = goes_on
-        return self.begin(speed)
+        drive.direction = direction  # begin() in its place: frames may come at 500 a second
+        drive.duty = speed * direction
+        drive.tripped = False
+        drive.on_us = 0
+        self.position.made = 0
+        return True
 
     def turn_on(self, us):
         """Drive for us at most. If the gate forbids it, the move ends."""
@@ -171,14 +177,16 @@ class Actions(AxisSettings):
         else:
             self.position.pulsed_by(drive.direction, self.length_us * drive.duty)
         self.pulses_left -= 1
-        self.keep_period()
+        self.next_at = add(drive.on_at, self.period_us)
+        self.resting = True
         self.counting = False
         return True
 
     def last_pulsed(self, _value):
-        """Count the last pulse, and end the move."""
+        """Count the last pulse, and end the move: DONE or STOPPED, which queue no error."""
         self.pulsed(0)
-        return self.finish(self.ends_as)
+        self._close(self.ends_as)
+        return True
 
     def ran_out(self, _value):
         """A run has come to its own end."""
@@ -234,9 +242,12 @@ class Actions(AxisSettings):
     def _close(self, reason):
         """Count what the move has driven, and note how it ended."""
         self.counting = True
-        self.count(True)
-        self.ended_steps = self.position.made
-        self.ended_on_us = self.drive.on_us
+        drive = self.drive
+        position = self.position
+        if drive.measuring:
+            position.driven(drive.direction, drive.measured_us(True) * drive.duty, True)
+        self.ended_steps = position.made
+        self.ended_on_us = drive.on_us
         self.reason = reason
         self.homing.phase = 0
         self.has_moved = True

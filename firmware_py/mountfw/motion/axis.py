@@ -86,7 +86,7 @@ TABLE = {
     HIT:         (_,       h_hit,   end,     cut,     cut,     h_hit,   end,     h_hit),
 }
 # fmt: on
-
+_ON_FRAME, _ON_DUE_RUN = TABLE[FRAME], TABLE[DUE_RUN]
 _FINISH_US = 250_000  # a soft stop lets a pulse end that has less than this to go
 _SHORTEST_US = 200  # no pulse is shorter, so less than that is not taken up
 _COUNT_US = 20_000  # a run is counted at least this often while it is served, so that its sums stay small
@@ -209,7 +209,7 @@ class Axis(Actions):
                 self.error(codes.AXIS_EMERGENCY_STOP)
             self.abort(codes.EMERGENCY_STOP)
             return False
-        cell = TABLE[FRAME][self.state]  # handle() in its place, here and below: frames may come at 500 a second
+        cell = _ON_FRAME[self.state]  # handle() in its place, here and below: frames may come at 500 a second
         if cell[1](self, speed):
             self.state = cell[0]
         if 0 < for_ms <= self.run_limit_ms:
@@ -217,7 +217,7 @@ class Axis(Actions):
         else:
             self.ends_as = codes.RUN_LIMIT
             for_ms = self.run_limit_ms
-        cell = TABLE[DUE_RUN][self.state]
+        cell = _ON_DUE_RUN[self.state]
         if cell[1](self, for_ms * 1000):
             self.state = cell[0]
         return True
@@ -318,7 +318,7 @@ class Axis(Actions):
         if state >= RUN:
             if diff(now_us, drive.counted_at) >= _COUNT_US:
                 self.count(False)
-            if self.at_edge():
+            if self.position.is_at_edge and self.at_edge():
                 self.handle(END, codes.RUN_LIMIT)
                 return NEVER_US
         return left_us
