@@ -10,10 +10,10 @@ from mountfw.motion.bridge import EnableBridge, TwoPwmBridge
 from mountfw.motion.controller import Controller
 from mountfw.motion.endstop import EndStop
 from mountfw.own_reply import OwnReply
+from mountfw.presize import presize
 from mountfw.store import Records
 from mountfw.wire.error_queue import ErrorQueue
 from mountfw.wire.frame import Frame
-from mountfw.wire.presize import presize
 from mountfw.wire.receiver import Receiver
 from mountfw.wire.replies import Replies
 

@@ -128,7 +128,7 @@ class Commands:
         return action(axis, line)
 
     def _read_files(self):
-        """Read a part of the firmware's files for XF?, at rest, for it takes milliseconds. True: there is more to do."""
+        """Read a part of the firmware's files for XF?, at rest: it takes milliseconds. True: there is more to do."""
         for axis in self._axes:
             if axis.moving():
                 return self._refuse(axis.number * 100 + codes.AXIS_MOVING)
