@@ -1,7 +1,8 @@
 """The settings of an axis: one declaration each. Pure; imports nothing of ours.
 
 Everything that lists settings reads this file: the axis (its attributes and their defaults), the command set, the
-store, the host's names and ranges, `mirrormount config`, the panel and docs/protocol.md (`.venv/bin/python tools/tables.py`).
+store, the host's names and ranges, `mirrormount config`, the panel and docs/protocol.md, which
+`.venv/bin/python tools/tables.py` writes.
 
 The text after a declaration is for people: `group: words with the unit` (the settings of a group stand together; the
 words have at most 59 characters), and below it what else protocol.md says.
