@@ -72,6 +72,9 @@ from mountfw.build import build
 from mountfw.ports import micropython as port
 from mountfw.boards import pico
 a = build(port, pico)
+queries = a._commands.queries
+while queries.hash is None:
+    queries.read_files()  # file work, which SESSION's XF? would start
 def go(ms):
     passes = 0
     end = time.ticks_add(time.ticks_ms(), ms)

@@ -12,6 +12,7 @@ from mountfw import codes
 FOLDER = Path(mountfw.__file__).parent
 MOTION = ("axis", "actions", "drive", "controller", "endstop")
 FILES = {str(FOLDER / "app.py"), *(str(FOLDER / "motion" / f"{name}.py") for name in MOTION)}
+ACTIONS = str(FOLDER / "motion" / "actions.py")
 seen: set[str] = set()
 END_STOP = 10  # GPIO of axis 1's positive one
 
@@ -47,10 +48,11 @@ def interrupted(rig: Rig, passes: int, before: int) -> bool:
 
 
 @pytest.mark.parametrize(
-    ("move", "after_us"), [(b"1MV+\n", 50_000), (b"1PR1\n", 50_000), (b"1XP200000;1PR1\n", 199_500)]
+    ("move", "after_us"), [(b"1MV+\n", 50_000), (b"1PR1\n", 50_000), (b"1XP200000;1PR1\n", 196_900)]
 )
 def test_an_end_stop_that_opens_before_any_bytecode_ends_the_move_as_an_end_stop(move, after_us):
     before = 0
+    seen.clear()
     while True:
         before += 3
         rig = Rig()
@@ -62,10 +64,9 @@ def test_an_end_stop_that_opens_before_any_bytecode_ends_the_move_as_an_end_stop
         rig.port.horizon_us = rig.port.us + after_us
         while rig.port.us < rig.port.horizon_us:
             rig.step()
-        if not rig.axis1.driving():
-            assert after_us > 100_000  # it was over before
-            break
-        if not interrupted(rig, 2, before):
+        assert rig.axis1.driving()
+        rig.port.horizon_us = rig.port.us + 4_000  # far enough for the end of the pulse
+        if not interrupted(rig, 5 if after_us > 100_000 else 2, before):
             break
         rig.run(5_000)
         assert rig.drives() == (0, 0), before
@@ -73,5 +74,7 @@ def test_an_end_stop_that_opens_before_any_bytecode_ends_the_move_as_an_end_stop
         assert rig.axis1.reason == codes.END_STOP or ended_by_itself, before
         assert rig.errors() == ([] if ended_by_itself else [104]), before
         assert abs(rig.axis1.ended_on_us - rig.on_times(2)[0]) < 30, before
-    assert before > 500 or after_us > 100_000
-    assert seen == FILES, "a file that is traced has another name now"
+    assert before > 500
+    # in the middle of a drive no action of the table is due; a pulse's end is one
+    due = FILES if after_us > 100_000 else FILES - {ACTIONS}
+    assert seen >= due, "a file that is traced has another name now"

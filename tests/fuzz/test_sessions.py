@@ -51,7 +51,7 @@ def note_events(rig: Rig, events: list[tuple]) -> None:
             events.append((words[message],))
         dispatch(message)
         if not rig.app._receiver.stops_ahead:
-            assert not controller.axes[0].held
+            assert not controller.axes[0].drive.inhibited
 
     rig.app._dispatch = noted
 

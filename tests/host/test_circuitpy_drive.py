@@ -239,8 +239,11 @@ def test_a_full_drive_is_refused_before_anything_is_written_counted_in_clusters(
 
 
 def test_what_will_be_replaced_counts_as_room(deployed, firmware, monkeypatch):
-    big = (firmware / "motion" / "axis.py").read_bytes()
-    (firmware / "motion" / "axis.py").write_bytes(b"#" + big[1:])
+    file = firmware / "motion" / "axis.py"
+    big = file.read_bytes() + b"#" * 10_000
+    file.write_bytes(big)
+    deploy(Options())
+    file.write_bytes(b"#" + big[1:])
     monkeypatch.setattr(volumes, "room", lambda _path: Room(40, 512, False))  # less than the file has
     deploy(Options())
     assert len(big) > 40 * 512

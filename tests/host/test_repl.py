@@ -280,7 +280,7 @@ def test_a_firmware_that_was_cut_off_anyhow_is_taken_over_at_rest(board):
     board.type("from mountfw import build")
     board.type("c = build.built.controller")
     board.type("c.axes[0].define(5)")
-    board.type("c.axes[0].run(1)")
+    board.type("c.axes[0].jog(1)")
     board.type("c.inhibit(3)")  # a stop was received and not yet parsed
     assert board.driving()
     board.type("from mountfw.repl import m")
