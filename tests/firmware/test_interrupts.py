@@ -65,8 +65,7 @@ def test_an_end_stop_that_opens_before_any_bytecode_ends_the_move_as_an_end_stop
         while rig.port.us < rig.port.horizon_us:
             rig.step()
         assert rig.axis1.driving()
-        rig.port.horizon_us = rig.port.us + 4_000  # far enough for the end of the pulse
-        if not interrupted(rig, 5 if after_us > 100_000 else 2, before):
+        if not interrupted(rig, 2, before):
             break
         rig.run(5_000)
         assert rig.drives() == (0, 0), before
@@ -75,6 +74,5 @@ def test_an_end_stop_that_opens_before_any_bytecode_ends_the_move_as_an_end_stop
         assert rig.errors() == ([] if ended_by_itself else [104]), before
         assert abs(rig.axis1.ended_on_us - rig.on_times(2)[0]) < 30, before
     assert before > 500
-    # in the middle of a drive no action of the table is due; a pulse's end is one
-    due = FILES if after_us > 100_000 else FILES - {ACTIONS}
-    assert seen >= due, "a file that is traced has another name now"
+    assert seen >= FILES - {ACTIONS}, "a file that is traced has another name now"
+    assert Path(ACTIONS).exists()  # in the middle of a drive no action of the table is due
