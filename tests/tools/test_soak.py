@@ -9,6 +9,7 @@ import soak
 from episode import Tally, Violation
 from moves import Move
 
+from mountfw.dialect.line import END, MAX_LINE, Line
 from mountfw.wire.frame import DONE, Frame
 
 
@@ -22,8 +23,8 @@ def test_the_soak_says_good_frames_and_good_lines():
     for _ in range(1000):
         assert fits(Frame(), messages.frame(r).rstrip(b"\r\n"), DONE)
         line = messages.line(r)
-        assert len(line) < line.MAX_LINE
-        assert fits(line.Line(), line[: -1 if line[-2:] != b"\r\n" else -2] + b"\n", line.END), line
+        assert len(line) < MAX_LINE
+        assert fits(Line(), line[: -1 if line[-2:] != b"\r\n" else -2] + b"\n", END), line
 
 
 def test_the_soak_never_says_ctrl_c():
