@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from mirrormount.common import errors, remedies
+from mirrormount.common import beam_errors, errors, remedies
 from mirrormount.common.declared import texts
 from mirrormount.deploy.fileset import firmware
 from mountfw import codes
@@ -61,7 +61,7 @@ def test_a_number_below_100_is_the_boards_and_above_it_an_axiss():
 def test_every_error_of_the_host_has_a_cause_and_a_remedy():
     kinds = {
         name
-        for name, kind in vars(errors).items()
+        for name, kind in (vars(errors) | vars(beam_errors)).items()
         if isinstance(kind, type)
         and issubclass(kind, errors.MountError)
         and kind not in (errors.MountError, errors.CannotOpen)

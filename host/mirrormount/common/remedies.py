@@ -1,10 +1,10 @@
-"""Cause and remedy of each error, read from its declaration: mountfw/codes.py, common/errors.py."""
+"""Cause and remedy of each error, read from its declaration: mountfw/codes.py, errors.py, beam_errors.py."""
 
 import functools
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
-from mirrormount.common import errors
+from mirrormount.common import beam_errors, errors
 from mirrormount.common.declared import one_line, plain, texts
 from mountfw import codes as wire
 
@@ -42,9 +42,10 @@ def of_the_host() -> dict[str, Remedy]:
 
 
 def _kinds() -> Iterator[type[errors.MountError]]:
-    for kind in vars(errors).values():
-        if isinstance(kind, type) and issubclass(kind, errors.MountError):
-            yield kind
+    for module in (errors, beam_errors):
+        for kind in vars(module).values():
+            if isinstance(kind, type) and issubclass(kind, errors.MountError) and kind.__module__ == module.__name__:
+                yield kind
 
 
 def remedy_of(error: str) -> Remedy | None:
