@@ -1,7 +1,8 @@
 """Fixtures: boards that are served while a test runs."""
 
-import os
+import itertools
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -10,20 +11,9 @@ from served import ServedBoard
 
 @pytest.fixture
 def serve(tmp_path: Path) -> Iterator[Callable[..., ServedBoard]]:
-    if os.name != "posix":
-        pytest.skip("a pty needs POSIX")
-    boards: list[ServedBoard] = []
-
-    def start(*options: str) -> ServedBoard:
-        folder = tmp_path / str(len(boards))
-        folder.mkdir()
-        boards.append(ServedBoard(folder, *options))
-        return boards[-1]
-
-    yield start
-    for board in boards:
-        board.kill()
-        board.process.stdout.close()
+    with ExitStack() as boards:
+        folders = (tmp_path / str(number) for number in itertools.count())
+        yield lambda *options: boards.enter_context(ServedBoard(next(folders), *options))
 
 
 @pytest.fixture

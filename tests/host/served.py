@@ -8,6 +8,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Self
 
 import pytest
 
@@ -26,9 +27,15 @@ def wait_for(condition: Callable[[], object], what: str) -> object:
 
 
 class ServedBoard:
-    """A `mirrormount virtual` process with a pty and a TCP port, and the edges that it wrote."""
+    """A `mirrormount virtual` process with a pty and a TCP port, and the edges that it wrote. Use `with`.
+
+    folder: for its files; made if it is not there.
+    """
 
     def __init__(self, folder: Path, *options: str) -> None:
+        if os.name != "posix":
+            pytest.skip("a pty needs POSIX")
+        folder.mkdir(exist_ok=True)
         self.link = folder / "mount"
         self.edges_file = folder / "edges.jsonl"
         where = ["--link", self.link, "--tcp", "0", "--edges", self.edges_file]
@@ -40,6 +47,13 @@ class ServedBoard:
         ready = self.process.stdout.readline().split()
         assert ready[0] == "ready", ready
         self.tcp = next(word for word in ready if word.startswith("socket://"))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.kill()
+        self.process.stdout.close()
 
     def edges(self) -> list[dict]:
         """Every whole line that the board has written so far."""

@@ -1,30 +1,19 @@
 """The commands on a board whose board file has a third axis."""
 
-import shutil
-
 import pytest
-from test_three_axes import BOARD_FILE, THIRD
+from three_axes import make_firmware, switch_on
 
 from mirrormount import Mount
 from mirrormount.cli import main
 from mirrormount.transport.lines import Link
-from mirrormount.virtual.board import LockstepPort, Options, make_simulation
-from mirrormount.virtual.files import firmware_folder
 
 
 @pytest.fixture
 def run(tmp_path, monkeypatch, capsys):
     """Runs a command on a virtual board with three axes that has just started: (exit status, output, errors)."""
     monkeypatch.setenv("MIRRORMOUNT_CONFIG", str(tmp_path / "settings"))
-    shutil.copytree(firmware_folder() / "mountfw", tmp_path / "firmware" / "mountfw")
-    (tmp_path / "firmware" / "mountfw" / "boards" / "this.py").write_text(BOARD_FILE)
-
-    def open_board(_address: str | None) -> Mount:
-        simulation = make_simulation(Options(files=tmp_path / "files", firmware=tmp_path / "firmware"))
-        simulation.probes.update(THIRD)
-        return Mount(Link(LockstepPort(simulation)))
-
-    monkeypatch.setattr(Mount, "open", open_board)
+    make_firmware(tmp_path)
+    monkeypatch.setattr(Mount, "open", lambda _address: Mount(Link(switch_on(tmp_path))))
 
     def run(*words: str) -> tuple[int, str, str]:
         capsys.readouterr()

@@ -1,12 +1,12 @@
 """A Mount on a board with a third axis, and what its lines look like with two, three and four of them."""
 
-import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 import transcript
 from served import run_cli
-from test_three_axes import BOARD_FILE, THIRD
+from three_axes import make_firmware, switch_on
 from transcript import AT_REST, IDENTITY, TranscriptPort, opened, sent, started
 
 from mirrormount import Limits, Mount
@@ -16,31 +16,22 @@ from mirrormount.common import errors
 from mirrormount.device import calibration
 from mirrormount.device.calibration import Scale, Step
 from mirrormount.transport.lines import Link
-from mirrormount.virtual.board import LockstepPort, Options, make_simulation
-from mirrormount.virtual.files import firmware_folder
 
 THREE_AT_REST = f"{AT_REST}|0,0,0,0,1,1"
 
 
 @pytest.fixture
-def new_port(tmp_path, monkeypatch) -> Callable[[], LockstepPort]:
-    """Switches on a virtual board whose board file has three axes."""
+def root(tmp_path, monkeypatch) -> Path:
+    """A folder with the files of a board with three axes."""
     monkeypatch.setenv("MIRRORMOUNT_CONFIG", str(tmp_path / "settings"))
-    shutil.copytree(firmware_folder() / "mountfw", tmp_path / "firmware" / "mountfw")
-    (tmp_path / "firmware" / "mountfw" / "boards" / "this.py").write_text(BOARD_FILE)
-
-    def switch_on() -> LockstepPort:
-        simulation = make_simulation(Options(files=tmp_path / "files", firmware=tmp_path / "firmware"))
-        simulation.probes.update(THIRD)
-        return LockstepPort(simulation)
-
-    return switch_on
+    make_firmware(tmp_path)
+    return tmp_path
 
 
 @pytest.fixture
-def mount(new_port) -> Iterator[Mount]:
+def mount(root) -> Iterator[Mount]:
     """A mount on that board."""
-    with Mount(Link(new_port())) as mount:
+    with Mount(Link(switch_on(root))) as mount:
         yield mount
 
 
@@ -156,8 +147,8 @@ def test_a_setting_of_an_axis_that_the_board_has_not_is_refused_before_anything_
     mount.close()
 
 
-def test_the_shell_moves_and_shows_the_third_axis(new_port, monkeypatch, capsys):
-    monkeypatch.setattr("mirrormount.device.mount.open_port", lambda _: new_port())
+def test_the_shell_moves_and_shows_the_third_axis(root, monkeypatch, capsys):
+    monkeypatch.setattr("mirrormount.device.mount.open_port", lambda _: switch_on(root))
     assert main.main(["step", "axis3", "2", "--port", "virtual://"]) == 0
     assert capsys.readouterr().out == "axis3: +2.000 steps\n"
     assert main.main(["status", "--port", "virtual://"]) == 0

@@ -405,14 +405,10 @@ def test_a_board_unplugged_and_back_is_served_again_at_rest(served, board):
     assert hear(client, 1) == b""
     serve.says("waiting for the board")
     assert hear_line(serve.connect()) == b"mirrormount: the board is not there\r\n"
-    again = ServedBoard(board.link.parent)
-    try:
+    with ServedBoard(board.link.parent) as again:
         serve.says("the board is back")
         assert ask(serve.connect(), b"1MV?") == b"0"
         assert again.edges() == []
-    finally:
-        again.kill()
-        again.process.stdout.close()
 
 
 @pytest.mark.skipif(not hasattr(socket, "TCP_QUICKACK"), reason="acknowledging at once is Linux's")

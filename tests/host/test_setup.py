@@ -5,6 +5,7 @@ import re
 
 import pytest
 from served import run_cli
+from three_axes import make_firmware, switch_on
 
 from mirrormount import Mount
 from mirrormount.cli.dialogue import Dialogue
@@ -12,6 +13,7 @@ from mirrormount.cli.setup_course import run_course
 from mirrormount.common import errors
 from mirrormount.device import calibration
 from mirrormount.device.scale_fit import Marks, beam_per_mirror, measure
+from mirrormount.transport.lines import Link
 from mirrormount.virtual.bench import SCREEN_MM
 
 
@@ -197,6 +199,57 @@ def test_wrong_answers_are_asked_again(mount):
     )
     assert sum("Distance" in question for question in person.asked) == 4
     assert mount.settings()["x"]["take_up_us"] > 0
+
+
+@pytest.fixture
+def mount_of_three(tmp_path):
+    make_firmware(tmp_path)
+    with Mount(Link(switch_on(tmp_path))) as mount:
+        yield mount
+
+
+def third_steps(mount: Mount) -> int:
+    return sum(duty > 0 for _, pin, duty in mount.link.port.simulation.edges if pin == "m3_en")
+
+
+def test_an_axis_that_turns_no_mirror_gets_its_direction_and_switches_and_no_scale(mount_of_three):
+    answers = {
+        "How does axis3": ["neither"],
+        "Which way did axis3 go": ["nothing", "backward", "again", "forward"],
+        "End-stop switches on axis3": ["forward"],
+        "End-stop switches": ["none"] * 2,
+    }
+    person = set_up(mount_of_three, answers)
+    assert not any(answers.values())
+    assert third_steps(mount_of_three) == 5 + 10 + 10 + 10
+    third = mount_of_three.settings()["axis3"]
+    assert (third["inverted"], third["switches"]) == (1, 0)  # its board file has no input for that switch
+    assert not any("axis3's" in question or "mirror of axis3" in question for question in person.asked)
+    assert person.said[-2] == "The settings are saved on the board."
+
+
+def test_an_axis_of_a_second_mirror_gets_a_scale_by_its_own_distance(mount_of_three):
+    answers = {
+        "How does axis3": ["vertically"],
+        "Distance from the mirror of axis3": ["1000"],
+        "Angle": ["0"],
+        "End-stop switches": ["none"] * 3,
+    }
+    person = Person(mount_of_three, answers)
+    place = iter(["0", "16", "3.2", "-12.8", "0"])  # marks of 8 steps of 1 mrad of the mirror, 1.6 steps of backlash
+
+    def answer(question: str) -> str:
+        if "Where is the spot" in question:
+            return next(place)
+        if "Which way" in question and "axis3: 5 steps up …" in person.said[-2:]:
+            return "up"
+        return person(question)
+
+    run_course(mount_of_three, answer, person.say)
+    scale = calibration.read(mount_of_three.board_id, 3)
+    assert scale.positive == pytest.approx(1.0, rel=1e-3) and scale.negative == pytest.approx(1.0, rel=1e-3)
+    assert calibration.read(mount_of_three.board_id, mount_of_three.x.number) is None
+    assert mount_of_three.settings()["axis3"]["take_up_us"] == pytest.approx(1.6 * 200_000, rel=0.01)
 
 
 @pytest.mark.parametrize("question", ["May it", "Which way", "Press the", "Distance", "Where is", "Save this"])

@@ -3,23 +3,17 @@
 The bench has two motors. What the third axis does shows as edges of its pins, which are probes.
 """
 
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from test_repl import PROMPT
+from three_axes import THIRD, make_board_files, make_firmware
 
 from mirrormount.common.errors import EmulatorMissing
 from mirrormount.virtual.board import Options, make_simulation
-from mirrormount.virtual.files import firmware_folder, new_files
 from mirrormount.virtual.lockstep import Lockstep
 
-THIRD = {16: "m3_en", 17: "m3_pos", 18: "m3_neg"}
-BOARD_FILE = """
-from mountfw.boards.pico import *
-AXIS_3 = {"en": 16, "pos": 17, "neg": 18, "stop_pos": 19, "stop_neg": None}
-"""
 STEP_US = 200_000
 CLOCK_US = {"circuitpython": 2_000}  # how far a pulse may be off
 
@@ -70,12 +64,10 @@ def root(machine, tmp_path) -> Path:
     """A folder with the firmware and that board file."""
     if machine == "micropython":
         (tmp_path / "board").mkdir()
-        package = new_files(tmp_path / "board") / "mountfw"
+        make_board_files(tmp_path / "board")
     else:
         (tmp_path / "files").mkdir()
-        package = tmp_path / "firmware" / "mountfw"
-        shutil.copytree(firmware_folder() / "mountfw", package)
-    (package / "boards" / "this.py").write_text(BOARD_FILE)
+        make_firmware(tmp_path)
     return tmp_path
 
 

@@ -26,14 +26,8 @@ def browser() -> Iterator[Browser]:
 
 @pytest.fixture
 def board(tmp_path: Path) -> Iterator[ServedBoard]:
-    if os.name != "posix":
-        pytest.skip("a pty needs POSIX")
-    folder = tmp_path / "board"
-    folder.mkdir()
-    board = ServedBoard(folder)
-    yield board
-    board.kill()
-    board.process.stdout.close()
+    with ServedBoard(tmp_path / "board") as board:
+        yield board
 
 
 @pytest.fixture

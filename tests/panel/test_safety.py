@@ -155,16 +155,12 @@ def test_an_unplugged_board_is_told_and_comes_back_without_moving(page, panel, b
     page.get_by_text("No board:").wait_for()
     page.get_by_role("button", name="UP", exact=True).click()
     page.get_by_text("nothing was done").first.wait_for()
-    again = ServedBoard(folder)
-    try:
+    with ServedBoard(folder) as again:
         page.get_by_text("the board is back").wait_for()
         page.get_by_text("No board:").wait_for(state="hidden")
         assert again.edges() == []
         page.get_by_role("button", name="UP", exact=True).click()
         run_until_driving(again)
-    finally:
-        again.end()
-        again.process.stdout.close()
 
 
 def test_an_error_of_the_board_is_shown_with_cause_and_remedy(page, panel, board):

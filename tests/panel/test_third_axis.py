@@ -2,7 +2,7 @@
 
 import pytest
 from served import ServedBoard, wait_for
-from supervised import with_third_axis
+from three_axes import make_board_files
 
 
 @pytest.fixture
@@ -13,10 +13,8 @@ def panel_options() -> list[str]:
 @pytest.fixture
 def board(tmp_path):
     (tmp_path / "files").mkdir()
-    board = ServedBoard(tmp_path, *with_third_axis(tmp_path / "files"))
-    yield board
-    board.kill()
-    board.process.stdout.close()
+    with ServedBoard(tmp_path, *make_board_files(tmp_path / "files")) as board:
+        yield board
 
 
 def position(page, number: int) -> str:

@@ -1,6 +1,5 @@
 """Fixtures: a virtual board in a process of its own, a supervisor that owns it, and a program as its client."""
 
-import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,14 +11,8 @@ from mirrormount.supervise import Program, Supervisor
 
 @pytest.fixture
 def board(tmp_path: Path) -> Iterator[ServedBoard]:
-    if os.name != "posix":
-        pytest.skip("a pty needs POSIX")
-    folder = tmp_path / "board"
-    folder.mkdir()
-    board = ServedBoard(folder)
-    yield board
-    board.kill()
-    board.process.stdout.close()
+    with ServedBoard(tmp_path / "board") as board:
+        yield board
 
 
 @pytest.fixture

@@ -1,11 +1,8 @@
-"""What tests of a supervised mount share: a clock that the test turns, the worker's log, a board with three axes."""
-
-from pathlib import Path
+"""What tests of a supervised mount share: a clock that the test turns, the worker's log."""
 
 from served import wait_for
 
 from mirrormount.supervise.worker import Worker
-from mirrormount.virtual.files import new_files
 
 
 class Clock:
@@ -32,11 +29,3 @@ def polled(worker: Worker) -> None:
 
 def moving(worker: Worker) -> bool:
     return worker.state.status is not None and worker.state.status.moving
-
-
-def with_third_axis(folder: Path) -> list[str]:
-    """Options of a virtual board whose board file has a third axis."""
-    boards = new_files(folder) / "mountfw" / "boards"
-    third = 'AXIS_3 = {"en": 16, "pos": 17, "neg": 18, "stop_pos": None, "stop_neg": None}'
-    (boards / "this.py").write_text(f"from mountfw.boards.pico import *\n{third}\n")
-    return ["--machine", "micropython", "--files", str(folder)]

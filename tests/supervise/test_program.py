@@ -4,7 +4,7 @@ import threading
 
 import pytest
 from served import PATIENCE_S, ServedBoard, run_cli, wait_for
-from supervised import with_third_axis
+from three_axes import make_board_files
 
 from mirrormount.common.errors import BadValue, BoardError, ConnectionLost, MoveEnded, NotInControl
 from mirrormount.supervise import Supervisor
@@ -221,17 +221,13 @@ def test_a_board_that_is_unplugged_ends_motion_and_control_and_comes_back_at_res
     with pytest.raises(ConnectionLost):
         motion.wait(PATIENCE_S)
     wait_for(lambda: told, "the cause")
-    again = ServedBoard(folder)
-    try:
+    with ServedBoard(folder) as again:
         wait_for(lambda: supervisor.status, "the board to be back")
         with pytest.raises(NotInControl):
             loop.step("x", 1)
         assert again.edges() == []
         loop.take_control()
         assert loop.step("x", 1).wait(PATIENCE_S).steps == 1
-    finally:
-        again.end()
-        again.process.stdout.close()
 
 
 def test_a_supervisor_that_is_closed_leaves_nobody_waiting(board):
@@ -257,14 +253,13 @@ def test_without_a_board_nothing_is_left_running(tmp_path):
 
 def test_a_third_axis_is_moved_by_its_name(tmp_path):
     (tmp_path / "files").mkdir()
-    board = ServedBoard(tmp_path, *with_third_axis(tmp_path / "files"))
-    try:
-        with Supervisor(str(board.link), patience_s=5.0) as supervisor, supervisor.join("camera loop") as loop:
-            assert supervisor.worker.state.axes == ("x", "y", "axis3")
-            loop.take_control()
-            motions = [loop.step(axis, n) for axis, n in (("x", 1), ("y", -1), ("axis3", 2))]
-            assert [motion.wait(PATIENCE_S).steps for motion in motions] == [1, -1, 2]
-            wait_for(lambda: supervisor.worker.state.positions[-1][1] == (1.0, -1.0, 2.0), "the three positions")
-    finally:
-        board.end()
-        board.process.stdout.close()
+    with (
+        ServedBoard(tmp_path, *make_board_files(tmp_path / "files")) as board,
+        Supervisor(str(board.link), patience_s=5.0) as supervisor,
+        supervisor.join("camera loop") as loop,
+    ):
+        assert supervisor.worker.state.axes == ("x", "y", "axis3")
+        loop.take_control()
+        motions = [loop.step(axis, n) for axis, n in (("x", 1), ("y", -1), ("axis3", 2))]
+        assert [motion.wait(PATIENCE_S).steps for motion in motions] == [1, -1, 2]
+        wait_for(lambda: supervisor.worker.state.positions[-1][1] == (1.0, -1.0, 2.0), "the three positions")

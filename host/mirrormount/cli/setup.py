@@ -6,7 +6,7 @@ from mirrormount.cli.command import Command, open_mount, port_options
 
 
 def run(args: argparse.Namespace) -> None:
-    """Ask and move, and save at the end if the user says so. Raises MountError."""
+    """Ask and move, and save at the end if the answer is yes. Raises MountError."""
     from mirrormount.cli.setup_course import run_course
 
     with open_mount(args) as mount:

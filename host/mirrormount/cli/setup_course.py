@@ -1,17 +1,17 @@
 """The course of `mirrormount setup`: questions at the terminal, moves between them, and the results saved.
 
-All or nothing: until the last question is answered with yes, nothing is stored, and however setup ends
-before that, the motors are off and the board's settings are what they were.
+All or nothing: until the last question is answered with yes, nothing is saved. However setup ends before that, the
+motors are off and the old settings are on the board.
 """
 
 from collections.abc import Callable
 
 from mirrormount.cli.dialogue import Dialogue
-from mirrormount.cli.setup_steps import WAYS, direction, scale, switches
+from mirrormount.cli.setup_steps import Ways, direction, scale, switches, ways
 from mirrormount.common.errors import MountError, SetupEnded
 from mirrormount.device import calibration
 from mirrormount.device.calibration import Scale
-from mirrormount.device.mount import Mount
+from mirrormount.device.mount import Axis, Mount
 
 _NOTHING = "nothing was saved, and the settings are as they were"
 _WELCOME = """Setup of {identity}
@@ -21,13 +21,14 @@ Ctrl-C ends it at any time: motors off, nothing saved."""
 
 
 def run_course(mount: Mount, ask: Callable[[str], str] = input, say: Callable[[str], None] = print) -> None:
-    """Ask and move, and save at the end if told to.
+    """Ask and move, and save at the end if the answer is yes.
 
-    Raises SetupEnded when the input ends or when it cannot go on; BadFile when the calibration file is
-    damaged; what moving raises.
+    Raises SetupEnded if the input ends or a step fails, BadFile if the calibration file is damaged, and as
+    Axis.step() does.
     """
     talk = Dialogue(ask, say)
-    calibration.read(mount.board_id, 1)  # a damaged file is told now, not after all the work
+    for axis in mount.axes:
+        calibration.read(mount.board_id, axis.number)  # a damaged file is reported now, not after all the work
     before = mount.settings()
     try:
         scales = _go_through(mount, talk)
@@ -49,29 +50,25 @@ def run_course(mount: Mount, ask: Callable[[str], str] = input, say: Callable[[s
 
 
 def _go_through(mount: Mount, talk: Dialogue) -> dict[int, Scale]:
-    """All questions. Returns the scales that were measured, by the number of the axis."""
+    """Ask all questions. Returns the measured scales by the number of the axis."""
     talk.say(_WELCOME.format(identity=mount.identity))
     if not talk.yes("May it move now?"):
         raise SetupEnded("not begun")
-    axes = (mount.x, mount.y)
-    for axis in axes:
-        direction(mount, axis, talk)
-    for axis in axes:
-        switches(mount, axis, talk)
+    axes = {axis: ways(axis, talk) for axis in mount.by_name.values()}
+    for axis, way in axes.items():
+        direction(mount, axis, way, talk)
+    for axis, way in axes.items():
+        switches(mount, axis, way, talk)
     scales = {}
     summary = []
-    distance_mm = talk.number("Distance from the mirror to the screen, in mm (0: no scale now)", "mm", 0, 1e6)
-    if distance_mm:
-        incidence = talk.number(
-            "Angle between beam and mirror's normal, in degrees (folding mirror: 45)", "degrees", 0, 80
-        )
-        n = talk.whole_number("Steps from mark to mark", "steps", 2, 1000, 20)
-        for axis in axes:
-            found, take_up_us = scale(mount, axis, talk, distance_mm, incidence, n)
+    mirrors = [{mount.x: axes[mount.x], mount.y: axes[mount.y]}]  # the axes of each mirror
+    mirrors += [{axis: way} for axis, way in axes.items() if axis not in mirrors[0] and way.like]
+    for mirror in mirrors:
+        for axis, (found, take_up_us) in _measure(mount, mirror, talk).items():
             scales[axis.number] = found
             summary.append(
-                f"{axis.name}: {found.positive:g} mrad of the mirror a step {WAYS[axis.name][0]},"
-                f" {found.negative:g} {WAYS[axis.name][1]}; take-up {take_up_us} us"
+                f"{axis.name}: {found.positive:g} mrad of the mirror a step {axes[axis].positive},"
+                f" {found.negative:g} {axes[axis].negative}; take-up {take_up_us} us"
             )
     for axis in axes:
         inverted, fitted = axis.ask_whole("XI?", "XL?")
@@ -80,8 +77,19 @@ def _go_through(mount: Mount, talk: Dialogue) -> dict[int, Scale]:
     return scales
 
 
+def _measure(mount: Mount, axes: dict[Axis, Ways], talk: Dialogue) -> dict[Axis, tuple[Scale, int]]:
+    """Ask for the geometry of one mirror, and measure the scale and take-up of its axes; {} without a distance."""
+    mirror = "the mirror" if mount.x in axes else f"the mirror of {' and '.join(axis.name for axis in axes)}"
+    distance_mm = talk.number(f"Distance from {mirror} to the screen, in mm (0: no scale now)", "mm", 0, 1e6)
+    if not distance_mm:
+        return {}
+    incidence = talk.number("Angle between beam and mirror's normal, in degrees (folding mirror: 45)", "degrees", 0, 80)
+    n = talk.whole_number("Steps from mark to mark", "steps", 2, 1000, 20)
+    return {axis: scale(mount, axis, way, talk, distance_mm, incidence, n) for axis, way in axes.items()}
+
+
 def _put_back(mount: Mount, before: dict[str, dict[str, int | float]]) -> str:
-    """Motors off, settings as they were. Returns what to tell."""
+    """Motors off, old settings restored. Returns the line for the user."""
     try:
         mount.stop()
         mount.apply(before)
