@@ -1,30 +1,10 @@
 """The bench: what pins do to the spot. The figures are the paper's."""
 
 import pytest
+from pulsed_bench import Driver
 
-from mirrormount.virtual.bench import GAP_REV, Bench, Drivetrain
-
-STEP_US = 200_000
-
-
-class Driver:
-    """Pulses pins as a board would, without a board."""
-
-    def __init__(self, bench: Bench) -> None:
-        self.bench = bench
-        self.us = 0
-        for train in (bench.vertical, bench.horizontal):
-            train.noise = 0.0
-
-    def step(self, motor: str, way: str, count: int = 1, on_us: int = STEP_US) -> None:
-        for _ in range(count):
-            self.bench.edge(self.us, f"{motor}_{way}", 65535)
-            self.bench.edge(self.us, f"{motor}_en", 65535)
-            self.us += on_us
-            self.bench.edge(self.us, f"{motor}_en", 0)
-            self.bench.edge(self.us, f"{motor}_{way}", 0)
-            self.us += 500_000
-            self.bench.advance(self.us)
+from mirrormount.virtual.bench import Bench
+from mirrormount.virtual.drivetrain import GAP_REV, Drivetrain
 
 
 @pytest.mark.parametrize(("motor", "component", "mrad"), [("m2", 0, 0.43), ("m1", 1, 0.47)])

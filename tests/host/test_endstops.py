@@ -4,7 +4,7 @@ import pytest
 
 from mirrormount import Mount
 from mirrormount.common import errors
-from mirrormount.virtual.bench import SWITCH_REV
+from mirrormount.virtual.drivetrain import SWITCH_REV
 
 
 @pytest.fixture

@@ -17,8 +17,8 @@ from mirrormount.common.errors import REASONS, EmulatorMissing
 from mirrormount.transport.lines import Link
 from mirrormount.transport.serial_port import SerialPort
 from mirrormount.virtual import machines
-from mirrormount.virtual.bench import SWITCH_REV
 from mirrormount.virtual.board import Options, make_simulation
+from mirrormount.virtual.drivetrain import SWITCH_REV
 from mirrormount.virtual.files import new_files
 from mirrormount.virtual.lockstep import Lockstep
 

@@ -8,6 +8,7 @@ import argparse
 import os
 from collections.abc import Callable
 from typing import TYPE_CHECKING, NamedTuple
+from urllib.parse import urlencode
 
 from mirrormount.common.axis_names import is_axis
 from mirrormount.common.errors import BadValue, NotSupported
@@ -46,6 +47,35 @@ def port_options(parser: argparse.ArgumentParser) -> None:
         help="serial port, socket://HOST:PORT or virtual:// (default: $MIRRORMOUNT_PORT, else the one board there is)",
     )
     parser.add_argument("--sketch", action="store_true", help="the port is an Arduino that runs the paper's sketch")
+
+
+def profile_options(parser: argparse.ArgumentParser) -> None:
+    """--profile and --seed of a virtual board."""
+    parser.add_argument(
+        "--profile",
+        choices=("smooth", "rough"),
+        help="virtual: kind mechanics (smooth, unless named), or those of a mount of hobby parts",
+    )
+    parser.add_argument("--seed", metavar="N", help="virtual: another seed is another mount of that profile (1)")
+
+
+def virtual_options(parser: argparse.ArgumentParser, what: str) -> None:
+    """--virtual, and which kind. See virtual_address."""
+    parser.add_argument("--virtual", action="store_true", help=what)
+    profile_options(parser)
+
+
+def virtual_address(args: argparse.Namespace, **options: str) -> str | None:
+    """The address that virtual_options' arguments name, with further options of the address. None without --virtual.
+
+    Raises BadValue for a profile or a seed of a real board.
+    """
+    options |= {name: value for name in ("profile", "seed") if (value := getattr(args, name)) is not None}
+    if not args.virtual:
+        if args.profile is not None or args.seed is not None:
+            raise BadValue("--profile and --seed are of a virtual board: add --virtual")
+        return None
+    return "virtual://" + ("?" + urlencode(options) if options else "")
 
 
 def board_port(parser: argparse.ArgumentParser) -> None:

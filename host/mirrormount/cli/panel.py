@@ -3,13 +3,13 @@
 import argparse
 from pathlib import Path
 
-from mirrormount.cli.command import Command, board_port
+from mirrormount.cli.command import Command, board_port, virtual_options
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Which board, where to listen, and the token."""
     board_port(parser)
-    parser.add_argument("--virtual", action="store_true", help="a virtual board, with its screen; no hardware needed")
+    virtual_options(parser, "a virtual board, with its screen; no hardware needed")
     parser.add_argument(
         "--host", default="127.0.0.1", help="where to listen; 0.0.0.0: all networks of this computer, with a token"
     )

@@ -16,6 +16,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from types import FrameType
 
+from mirrormount.cli.command import virtual_address
 from mirrormount.common.errors import BadAddress, BadValue, CannotListen, ExtraMissing, NoBoardFound
 from mirrormount.common.extras import install
 from mirrormount.common.tokens import SHORT, is_short, read_token
@@ -62,10 +63,11 @@ def serve_panel(args: argparse.Namespace) -> None:
 def _address(args: argparse.Namespace) -> str | None:
     """The board's address; a virtual one if that is asked for, or taken at a terminal where no board is found."""
     given = args.at or args.port
-    if args.virtual:
+    virtual = virtual_address(args)
+    if virtual:
         if args.at:
             raise BadValue("--virtual is a board of its own: leave the port out")
-        return "virtual://"
+        return virtual
     if given is None and not find():
         if not _virtual_wanted():
             raise NoBoardFound(

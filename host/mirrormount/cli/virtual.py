@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from mirrormount.cli.command import Command
+from mirrormount.cli.command import Command, profile_options
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -28,6 +28,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--bench", choices=("paper", "switches"), default="paper", help="with or without end-stops")
     parser.add_argument("--board", choices=("pico", "pico_drv8833"), default="pico", help="which H-bridge")
+    profile_options(parser)
     parser.add_argument("--speed", choices=("1", "max"), default="1", help="max is for virtual://?speed=max only")
 
 

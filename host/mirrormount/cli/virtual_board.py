@@ -11,7 +11,9 @@ from mirrormount.common.errors import BadAddress, BadValue, MountError
 from mirrormount.common.validation import digits
 from mirrormount.virtual.board import Options, make_simulation
 from mirrormount.virtual.ports import Port
+from mirrormount.virtual.profile import PROFILES, SMOOTH
 from mirrormount.virtual.pty_port import PtyPort
+from mirrormount.virtual.query import seed_of
 from mirrormount.virtual.realtime import serve
 from mirrormount.virtual.simulation import BoardGone
 from mirrormount.virtual.tcp_port import TcpPort
@@ -30,7 +32,9 @@ def serve_board(args: argparse.Namespace) -> None:
     ports = _ports(args)
     try:
         names = ("machine", "bench", "board", "edges", "files", "image", "flash")
-        simulation = make_simulation(Options(**{name: getattr(args, name) for name in names}))
+        given = {name: getattr(args, name) for name in names}
+        mechanics = {"profile": PROFILES[args.profile or SMOOTH.name], "seed": seed_of(args.seed or "1")}
+        simulation = make_simulation(Options(**given, **mechanics))
         try:
             print("ready " + " ".join(port.address for port in ports), flush=True)
             serve(simulation, ports, lambda: False)

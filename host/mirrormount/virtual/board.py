@@ -2,7 +2,8 @@
 
 virtual://                      in real time, as a real board would behave
 virtual://?speed=max            in lockstep with the caller: fast, exact, the same every time
-…&machine=cpython|micropython|rp2040|circuitpython  &bench=paper|switches  &board=pico|pico_drv8833  &seed=N
+…&machine=cpython|micropython|rp2040|circuitpython  &bench=paper|switches  &board=pico|pico_drv8833
+…&profile=smooth|rough  &seed=N  &supply=VOLTAGE, of the nominal one
 …&edges=FILE  &files=FOLDER  &image=FILE  &flash=FILE
 """
 
@@ -13,9 +14,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from urllib.parse import parse_qsl
 
-from mirrormount.common.errors import BadAddress, BadValue, CannotOpen, ConnectionLost, MountError
+from mirrormount.common.errors import BadAddress, CannotOpen, ConnectionLost, MountError
 from mirrormount.common.printable import printable
-from mirrormount.common.validation import digits
 from mirrormount.transport.tcp_port import SocketPort
 from mirrormount.virtual import machines
 from mirrormount.virtual.bench import Bench
@@ -23,10 +23,11 @@ from mirrormount.virtual.files import new_files
 from mirrormount.virtual.image import is_circuitpython
 from mirrormount.virtual.lockstep import Lockstep
 from mirrormount.virtual.ports import PairPort
+from mirrormount.virtual.profile import SMOOTH, Profile
+from mirrormount.virtual.query import profile_named, seed_of
 from mirrormount.virtual.realtime import serve
 from mirrormount.virtual.simulation import BoardGone, Simulation
 
-_MOST_SEED = (1 << 32) - 1
 _CIRCUITPYTHON_US = 6_000_000  # until the firmware is ready on it; its LED shows other things before that
 BENCHES = ("paper", "switches")
 BOARDS = {"pico": machines.PICO, "pico_drv8833": "pico_drv8833"}  # what MicroPython calls them
@@ -43,6 +44,7 @@ class Options:
     bench: str = "paper"
     board: str = "pico"
     seed: int = 1
+    profile: Profile = SMOOTH
     edges: Path | None = None
     files: Path | None = None
     image: Path | None = None
@@ -97,7 +99,12 @@ def make_simulation(options: Options | None = None) -> Simulation:
         file = options.edges.open("w", encoding="utf-8") if options.edges else None
     except OSError as e:
         raise BadAddress(f"cannot write pin edges to {options.edges}: {e.strerror}") from e
-    optics = Bench(switches=options.bench == "switches", two_pwm=options.board == "pico_drv8833", seed=options.seed)
+    optics = Bench(
+        switches=options.bench == "switches",
+        two_pwm=options.board == "pico_drv8833",
+        seed=options.seed,
+        profile=options.profile,
+    )
     simulation = Simulation(command, optics, edges=file, scratch=scratch)
     if options.machine == "rp2040":  # a real image starts slowly: in lockstep, not in real time
         board = Lockstep(simulation)
@@ -119,17 +126,14 @@ def open_virtual(url: str) -> "RealtimePort | LockstepPort":
     speed = given.pop("speed", "1")
     texts = {name: given.pop(name) for name in ("machine", "bench", "board") if name in given}
     paths = {name: Path(given.pop(name)) for name in ("edges", "files", "image", "flash") if name in given}
-    seed = given.pop("seed", "1")
-    try:
-        number = digits(seed, _MOST_SEED)
-    except BadValue:
-        number = -1
-    if given or speed not in ("1", "max") or number < 0:
+    profile = profile_named(given.pop("profile", SMOOTH.name), given.pop("supply", None))
+    seed = seed_of(given.pop("seed", "1"))
+    if given or speed not in ("1", "max"):
         raise BadAddress(
-            f"{printable(url)}: options are speed=1|max, machine=, bench=, board=, seed=NUMBER, edges=, files=, image=,"
-            " flash="
+            f"{printable(url)}: options are speed=1|max, machine=, bench=, board=, profile=, seed=NUMBER, supply=,"
+            " edges=, files=, image=, flash="
         )
-    simulation = make_simulation(replace(Options(seed=number), **texts, **paths))
+    simulation = make_simulation(replace(Options(seed=seed, profile=profile), **texts, **paths))
     return LockstepPort(simulation) if speed == "max" else RealtimePort(simulation)
 
 

@@ -28,6 +28,14 @@ class _Exactly:
         self.readinto = stream.readinto  # a buffered reader's fills it unless the stream ends
 
 
+def _boot_id_of_nine_digits(count, random=os.urandom):
+    """Random bytes. A boot id of them takes as long to send at every start, so that runs of a seed repeat exactly."""
+    while True:
+        data = random(count)
+        if count != 4 or 10**8 <= int.from_bytes(data, "little") & 0x3FFFFFFF < 10**9:
+            return data
+
+
 def _install():
     """Put the fake hardware where the firmware will import it from. Returns the seam module."""
     if hasattr(signal, "SIGINT"):
@@ -40,6 +48,7 @@ def _install():
     gc.mem_free = lambda: 0  # CPython has no such number
     sys.path[:0] = [FAKES, os.path.abspath(FIRMWARE_DIR)]
     os.chdir(FILES_DIR)
+    os.urandom = _boot_id_of_nine_digits
     os.rename = os.replace  # a board's renames onto a file that is there, Windows's does not
     import _seam
 

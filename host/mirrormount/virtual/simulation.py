@@ -15,7 +15,7 @@ from typing import IO
 
 from mirrormount.common.errors import CannotOpen, CannotWrite
 from mirrormount.virtual.bench import Bench
-from mirrormount.virtual.wiring import DRIVES, LED, SWITCHES
+from mirrormount.virtual.wiring import LED, SWITCHES
 
 # the seam's records; virtual/fakes/_seam.py is the other side and explains them
 _RECORD = struct.Struct("<BBHIQ")
@@ -104,8 +104,8 @@ class Simulation:
                 self.at_prompt = self.at_prompt and self.usb
             elif kind == _FLASH:
                 self.flash_operations += 1
-            elif kind == _EDGE and a in DRIVES:
-                self._edge(t, DRIVES[a], b)
+            elif kind == _EDGE and a in self.bench.wires:
+                self._edge(t, self.bench.wires[a], b)
             elif kind == _EDGE and a == LED:
                 self.lit = b > 0
             elif kind == _EDGE and a in self.probes:

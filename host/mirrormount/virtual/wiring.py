@@ -12,6 +12,14 @@ DRIVES = {
     6: "m2_pos",
     7: "m2_neg",
 }
+MORE_DRIVES = {  # of a board with four axes
+    16: "m3_en",
+    17: "m3_pos",
+    18: "m3_neg",
+    19: "m4_en",
+    20: "m4_pos",
+    21: "m4_neg",
+}
 LED = 25
 SWITCHES = {
     10: "m1_sw_pos",
@@ -20,3 +28,8 @@ SWITCHES = {
     13: "m2_sw_neg",
     14: "emergency_stop",
 }
+
+
+def drives(axes: int) -> dict[int, str]:
+    """The wires to the H-bridges of a board with two axes, or four."""
+    return DRIVES | MORE_DRIVES if axes > 2 else DRIVES

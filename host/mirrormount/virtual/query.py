@@ -1,0 +1,35 @@
+"""Words in the address of a virtual board or table: numbers, profiles. Every refusal is one line."""
+
+import math
+from dataclasses import replace
+
+from mirrormount.common.errors import BadAddress, BadValue
+from mirrormount.common.validation import digits
+from mirrormount.virtual.profile import PROFILES, Profile
+
+MOST_SEED = (1 << 32) - 1
+LEAST_SUPPLY, MOST_SUPPLY = 0.3, 1.5  # of the nominal voltage: below, a gearmotor stands still
+
+
+def profile_named(name: str, supply: str | None = None) -> Profile:
+    """The profile of that name, with the supply that a person has typed. Raises BadAddress."""
+    if name not in PROFILES:
+        raise BadAddress(f"there is no profile {name!r}: choose one of {', '.join(PROFILES)}")
+    profile = PROFILES[name]
+    if supply is None:
+        return profile
+    try:
+        value = float(supply) if supply.isascii() else math.nan
+    except ValueError:
+        value = math.nan
+    if not LEAST_SUPPLY <= value <= MOST_SUPPLY:
+        raise BadAddress(f"supply is within {LEAST_SUPPLY} … {MOST_SUPPLY} of the nominal voltage, not {supply[:80]!r}")
+    return replace(profile, supply=value)
+
+
+def seed_of(text: str) -> int:
+    """The seed that a person has typed. Raises BadAddress."""
+    try:
+        return digits(text, MOST_SEED)
+    except BadValue:
+        raise BadAddress(f"a seed is a number, 0 to {MOST_SEED}, not {text[:80]!r}") from None
