@@ -24,14 +24,19 @@ class NotStarted(Exception):
     """The panel has ended instead; what it wrote to stderr."""
 
 
-class Panel:
-    """`mirrormount panel` at an address."""
+PANEL = ("-m", "mirrormount", "panel")
+PANEL_AND_LOOP = (str(Path(__file__).with_name("panel_and_loop.py")),)
 
-    def __init__(self, address: str, folder: Path, *options: str) -> None:
+
+class Panel:
+    """`mirrormount panel` at an address. program: the panel, or PANEL_AND_LOOP."""
+
+    def __init__(self, address: str, folder: Path, *options: str, program: tuple[str, ...] = PANEL) -> None:
         names = ("MIRRORMOUNT_PORT", "MIRRORMOUNT_TOKEN")
         environment = {k: v for k, v in os.environ.items() if k not in names} | {"XDG_STATE_HOME": str(folder)}
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "mirrormount", "panel", address, "--http", "0", "--no-browser", *options],
+            [sys.executable, *program, address, "--http", "0", "--no-browser", *options],
+            stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
@@ -48,6 +53,12 @@ class Panel:
     @property
     def port(self) -> int:
         return urlsplit(self.url).port
+
+    def loop(self, act: str) -> str:
+        """Let the camera loop act; returns the line that it prints next."""
+        self.process.stdin.write(act + "\n")
+        self.process.stdin.flush()
+        return self.process.stdout.readline().strip()
 
     def end(self) -> str:
         """End it as a service manager would. Returns what it has written to stderr."""

@@ -149,16 +149,13 @@ def _patience(text: str) -> float:
 
 def _serve(address: str | None, opening: Opening, patience_s: float, browser: bool) -> None:
     from mirrormount.panel.server import make_server
-    from mirrormount.supervise.lease import Lease
-    from mirrormount.supervise.worker import Worker
+    from mirrormount.supervise import Supervisor
 
-    lease = Lease(patience_s=patience_s)
-    worker = Worker(address, lease)
     signal.signal(signal.SIGTERM, _end)  # while the web server runs, it ends that first
     if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:  # nohup ignores it
         signal.signal(signal.SIGHUP, lambda *_: signal.raise_signal(signal.SIGTERM))
-    try:
-        worker.open()
+    with Supervisor(address, patience_s=patience_s) as supervisor:
+        worker = supervisor.worker
         sign_in, best, own = opening.sign_in, opening.addresses[0], opening.addresses[-1]
         sign_in.told = lambda client, _code: _tell_used(opening, client)
         phone = (lambda: opening.link(best, sign_in.new_code)) if opening.wide else None
@@ -169,8 +166,6 @@ def _serve(address: str | None, opening: Opening, patience_s: float, browser: bo
             show = threading.Thread(target=webbrowser.open, args=(link,), daemon=True)
             server.when_ready(show.start)
         server.run([opening.listener])
-    finally:
-        worker.close()
 
 
 def _end(_signal: int, _frame: FrameType | None) -> None:

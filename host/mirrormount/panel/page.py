@@ -1,5 +1,6 @@
 """The page, made of its cards. Built for every browser that loads it; updates itself."""
 
+import json
 import logging
 from collections.abc import Callable
 from pathlib import Path
@@ -45,7 +46,7 @@ def register(pages: Pages, worker: Worker, link: Link) -> None:
 def _build(page: Page, worker: Worker, settings: BoardSettings, link: Link) -> None:
     ui.add_head_html(_HEAD)
     axes = worker.state.axes
-    refreshes: list[Refresh] = [_header(page, worker, link)]
+    refreshes: list[Refresh] = [_header(page, worker, link), _question(page, worker)]
     with ui.element("main").classes("cards").props(f'data-page="{page.key}"'):
         with ui.element("div").classes("column"):
             refreshes += [cards_of_motion.hold(worker)]
@@ -103,10 +104,35 @@ def _header(page: Page, worker: Worker, link: Link) -> Refresh:
         )
         banner.set_visibility(bool(worker.connection.trouble))
         others = len(worker.lease.clients) - 1
-        role.set_text("you control" if controls else "you watch")
+        holder = worker.lease.holder
+        program = "" if holder is None or holder.is_person else holder.name
+        role.set_text("you control" if controls else f"{program} controls" if program else "you watch")
         role.set_visibility(others > 0 or not controls)
         claim.set_visibility(not controls)
         role.classes(toggle=None, add="watching" if not controls else "", remove="" if not controls else "watching")
+
+    return refresh
+
+
+def _question(page: Page, worker: Worker) -> Refresh:
+    """A program's question for control, on the page that has it."""
+    with ui.element("div").classes("banner question").props("role=alert") as banner:
+        label = ui.label().classes("grow")
+        answers = {
+            ui.button(word).props("dense no-caps outline"): what
+            for word, what in (("Hand over", "hand over"), ("Keep", "keep"))
+        }
+    asked = 0
+
+    def refresh() -> None:
+        nonlocal asked
+        question = worker.lease.question
+        banner.set_visibility(question is not None and worker.lease.holder is page)
+        if question and question.number != asked:
+            asked = question.number
+            label.set_text(f"{question.client.name} asks for control.")
+            for button, what in answers.items():
+                button.props(f"""data-send='{json.dumps({"do": what, "question": asked})}'""")
 
     return refresh
 

@@ -95,7 +95,7 @@ def _receive(text: str, page: Page, worker: Worker) -> None:
     message = _parsed(text)
     what = message.get("do")
     if what == "stop":
-        worker.stop(_STOP)
+        worker.stop_by(page, _STOP)
         return
     fresh = worker.lease.receive(page, message.get("tick"))
     if what == "release":
@@ -104,17 +104,32 @@ def _receive(text: str, page: Page, worker: Worker) -> None:
         pass
     elif not fresh:
         page.notices.append(_LATE)
-    elif what == "claim":
-        worker.take_control(page)
-    elif worker.lease.holder is not page:
-        page.notices.append(_watches(worker))
     else:
         try:
-            worker.request(page, parse(message, worker.state.axes))
+            _carry_out(message, page, worker)
         except BadValue as e:
             page.notices.append(f"nothing was done: {e}")
         except NotInControl as e:
             page.notices.append(str(e))
+
+
+def _carry_out(message: dict[str, Any], page: Page, worker: Worker) -> None:
+    """Carry out a fresh message. Raises BadValue, NotInControl."""
+    holder = worker.lease.holder
+    match message.get("do"):
+        case "claim":
+            worker.take_control(page)
+        case "hand over":
+            worker.hand_over(page, message.get("question"))
+        case "keep":
+            worker.lease.keep(page, message.get("question"))
+        case _ if holder is None or (holder is not page and holder.is_person):
+            raise NotInControl(_watches(worker))
+        case _:
+            request = parse(message, worker.state.axes)
+            if holder is not page:  # a press takes control from a program
+                worker.take_control(page)
+            worker.request(page, request)
 
 
 def refusal(worker: Worker, page: Page, tick: object) -> str:
@@ -126,8 +141,9 @@ def refusal(worker: Worker, page: Page, tick: object) -> str:
 
 def _watches(worker: Worker) -> str:
     holder = worker.lease.holder
-    name = holder.name if holder and not holder.is_person else "another page"
-    return f"nothing was done: {name} controls; take control first"
+    if holder is None:
+        return "nothing was done: no page controls; take control first"
+    return f"nothing was done: {'another page' if holder.is_person else holder.name} controls; take control first"
 
 
 def _parsed(text: str) -> dict[str, Any]:

@@ -6,10 +6,12 @@ beat(). A remote client returns the last tick, which is the lease's own clock: t
 long ago client and network were known to work, and a request that was held back carries an old tick.
 """
 
+import itertools
 import threading
 import time
 from collections import deque
 from collections.abc import Callable
+from concurrent.futures import Future
 from dataclasses import dataclass, field
 
 from mirrormount.common.errors import NotInControl
@@ -43,6 +45,18 @@ class Client:
         """Called once when control ends otherwise than by leave(). Any thread; must return at once."""
 
 
+@dataclass(eq=False)
+class Question:
+    """A client's question for control, to the person who has it. number: an answer names the question by it.
+
+    outcome: None: it has control; raises NotInControl: control is kept. To cancel it is to withdraw the question.
+    """
+
+    number: int
+    client: Client
+    outcome: "Future[None]" = field(default_factory=Future)
+
+
 class Lease:
     """All connected clients, and who has control (holder). Any thread may call it.
 
@@ -54,6 +68,8 @@ class Lease:
         self.patience_s = patience_s
         self._lock = threading.Lock()
         self._clients: list[Client] = []
+        self._questions: list[Question] = []
+        self._numbers = itertools.count(1)
         self.holder: Client | None = None
         self.stops = 0  # requested so far; counted up by the worker, also in a signal handler: without the lock
 
@@ -86,7 +102,10 @@ class Lease:
             self._clients.remove(client)
             if self.holder is client:
                 self.holder = None
-            return True
+            question = self._withdraw(client)
+        if question:
+            question.outcome.cancel()
+        return True
 
     def receive(self, client: Client, tick: object) -> bool:
         """Take a returned tick as a sign of life. True if it is fresh: a request with it may be carried out."""
@@ -120,9 +139,84 @@ class Lease:
             if holder:
                 self.stops += 1
             client.claimed_at = self.stops
+            question = self._withdraw(client)
         if holder:
             holder.lost_control(f"{client.name} took control")
+        if question and question.outcome.set_running_or_notify_cancel():
+            question.outcome.set_result(None)
         return holder is not None
+
+    def take_over(self, person: Client, cause: str) -> None:
+        """Give a person the control that no person has, after a stop for that cause."""
+        with self._lock:
+            holder = self.holder
+            if not person.connected or (holder and holder.is_person):
+                return
+            self.holder = person
+            person.claimed_at = self.stops
+        if holder:
+            holder.lost_control(f"stopped: {cause}")
+
+    # ---- a question for control, and its answer
+
+    @property
+    def question(self) -> Question | None:
+        """The oldest question that waits for an answer."""
+        return next((question for question in tuple(self._questions) if not question.outcome.done()), None)
+
+    def ask(self, client: Client) -> "Future[None]":
+        """Ask the person who has control to hand it over; a client has one question at a time. Returns the outcome.
+
+        Raises NotInControl if the client is not connected, or no person has control.
+        """
+        with self._lock:
+            holder = self.holder
+            if not client.connected:
+                raise NotInControl(f"nothing was done: {client.name} has left")
+            if holder is None or not holder.is_person:
+                raise NotInControl(f"nothing was done: {holder.name if holder else 'nobody'} has control")
+            question = self._withdraw(client)
+            if question is None or question.outcome.done():
+                question = Question(next(self._numbers), client)
+            self._questions.append(question)
+            return question.outcome
+
+    def hand_over(self, person: Client, number: object) -> Question:
+        """Give control to the client that has asked. Its motion is to be stopped, and stops counts that.
+
+        Returns the question, whose outcome is to be set after that stop. Raises NotInControl if the person does not
+        have control, or that question does not wait any more.
+        """
+        with self._lock:
+            question = self._answered(person, number)
+            self.holder = question.client
+            self.stops += 1
+            question.client.claimed_at = self.stops
+            return question
+
+    def keep(self, person: Client, number: object) -> None:
+        """Refuse a question for control. Raises as hand_over()."""
+        with self._lock:
+            question = self._answered(person, number)
+        question.outcome.set_exception(NotInControl(f"nothing was done: {person.name} keeps control"))
+
+    def _withdraw(self, client: Client) -> Question | None:
+        """Remove the client's question, and return it."""
+        mine = next((question for question in self._questions if question.client is client), None)
+        if mine:
+            self._questions.remove(mine)
+        return mine
+
+    def _answered(self, person: Client, number: object) -> Question:
+        if self.holder is not person:
+            raise NotInControl(f"nothing was done: {person.name} does not have control")
+        for question in self._questions:
+            if question.number == number and question.outcome.set_running_or_notify_cancel():
+                self._questions.remove(question)
+                return question
+        raise NotInControl("nothing was done: that question for control was withdrawn or answered")
+
+    # ---- who has it
 
     def check(self, client: Client) -> None:
         """Raises NotInControl if the client does not have control."""

@@ -38,6 +38,16 @@ class Program(Client):
         self.beat()
         self._worker.take_control(self)
 
+    def ask_for_control(self) -> "Future[None]":
+        """Ask the person who has control to hand it over; without such a person, take it. Control is the outcome.
+
+        The question stands on the panel until it is answered, cancelled, or this program leaves. The future raises
+        NotInControl if the person keeps control, and is cancelled by leave(). Raises NotInControl if another live
+        program has control.
+        """
+        self.beat()
+        return self._worker.ask_for_control(self)
+
     @property
     def in_control(self) -> bool:
         """True if a request would be carried out now."""

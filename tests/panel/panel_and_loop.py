@@ -1,0 +1,47 @@
+"""`mirrormount panel ...` with a camera loop as a further client of its mount. A line of stdin is an act of the loop.
+
+ask: asks for control; take: takes it; jog: runs x; outcome: waits for the end of its last act, in words.
+Each act prints one line.
+"""
+
+import sys
+import threading
+
+from mirrormount.cli import main
+from mirrormount.common.errors import MountError
+from mirrormount.supervise import Program, Supervisor
+
+
+def act(loop: Program) -> None:
+    """Carry out the lines of stdin."""
+    pending = None
+    for line in sys.stdin:
+        try:
+            match line.strip():
+                case "ask":
+                    pending = loop.ask_for_control()
+                case "take":
+                    loop.take_control()
+                case "jog":
+                    pending = loop.jog("x", 0.5).future
+                case "outcome":
+                    pending.result()
+            print("done", flush=True)
+        except MountError as e:
+            print(e, flush=True)
+
+
+class SupervisorWithLoop(Supervisor):
+    """A Supervisor that a camera loop has joined."""
+
+    def open(self) -> "SupervisorWithLoop":
+        super().open()
+        threading.Thread(target=act, args=(self.join("camera loop"),), daemon=True).start()
+        return self
+
+
+if __name__ == "__main__":
+    import mirrormount.supervise
+
+    mirrormount.supervise.Supervisor = SupervisorWithLoop
+    sys.exit(main.main(["panel", *sys.argv[1:], "--patience", "2"]))
