@@ -189,6 +189,13 @@ def test_when_the_client_leaves_moves_of_known_length_go_on_and_runs_end(board):
     assert board.passes(1, answers=MOVES).count(b"01>XS?\n") >= 8
 
 
+def test_a_frame_does_not_end_a_move_of_a_third_axis(board):
+    board.sent(b"3PR20\n02550255")
+    before = len(board.taken)
+    assert board.relay.client_left()
+    assert board.taken[before:] == b"1ST\n2ST\nXK500\n"
+
+
 @pytest.mark.parametrize("sent", [b"1MV+\n", b"02550255", b"1MV+\n1PR5\n", b"1TP?\n", b"", b"1PR5\n02550255", b"1PR"])
 def test_when_the_client_leaves_without_such_a_move_all_stops(board, sent):
     board.sent(sent)

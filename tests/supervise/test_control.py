@@ -7,6 +7,7 @@ from supervised import moving
 from mirrormount.common.errors import MoveEnded, NotInControl
 from mirrormount.supervise.lease import Client, Lease
 from mirrormount.supervise.requests import Press
+from mirrormount.supervise.worker import Worker
 from mountfw import codes as wire
 
 
@@ -19,6 +20,12 @@ def person_in(lease: Lease) -> Client:
     person = Client("page 1", is_person=True)
     lease.join(person, object())
     return person
+
+
+def press_stop(worker: Worker, person: Client) -> None:
+    """As the panel does."""
+    worker.stop("STOP was pressed")
+    worker.lease.take_over(person, "STOP was pressed")
 
 
 @pytest.fixture
@@ -145,7 +152,7 @@ def test_stop_on_a_page_takes_control_from_a_program_which_cannot_take_it_again(
     person = person_in(lease)
     motion = program.jog("x", 0.5)
     wait_for(lambda: moving(supervisor.worker), "the jog")
-    supervisor.worker.stop_by(person, "STOP was pressed")
+    press_stop(supervisor.worker, person)
     with pytest.raises(MoveEnded):
         motion.wait(PATIENCE_S)
     assert lease.holder is person
@@ -156,5 +163,5 @@ def test_stop_on_a_page_takes_control_from_a_program_which_cannot_take_it_again(
 
 
 def test_stop_on_a_page_that_watches_leaves_control_with_the_person_who_has_it(supervisor, person, lease):
-    supervisor.worker.stop_by(person_in(lease), "STOP was pressed")
+    press_stop(supervisor.worker, person_in(lease))
     assert lease.holder is person

@@ -21,6 +21,7 @@ from mirrormount.device.keep_alive import FEED_S, KeepAlive
 from mirrormount.device.status import QueuedError, Status
 from mirrormount.device.stop_gate import StopGate
 from mirrormount.transport.lines import Link
+from mirrormount.transport.open import open_port
 from mirrormount.transport.stop_socket import SENT, STOPPED, Stoppable
 
 _ANSWER_S = 1.0
@@ -49,6 +50,16 @@ class Session:
         self.stoppable: Stoppable | None = None
         self._closed = False
         self.status()
+
+    @classmethod
+    def open(cls, address: str) -> Self:
+        """A session with the board at an address. Raises what identify() raises, CannotOpen, BadAddress."""
+        link = Link(open_port(address))
+        try:
+            return cls(link)
+        except BaseException:
+            link.close()
+            raise
 
     def __enter__(self) -> Self:
         return self

@@ -174,7 +174,7 @@ class Relay:
         self._raw = bool(self._messages.gap_s)
         before = after = b""
         if message == FRAME and self._messages.frame_drives():
-            self._axes = {1: "run", 2: "run"}
+            self._axes |= {1: "run", 2: "run"}  # a move of a third axis goes on
             self._motions += 1
             self.moving = True
             if self._clock() - self._kept_s > _FEED_S:

@@ -15,15 +15,13 @@ from types import FrameType
 
 from mirrormount.common.errors import BadValue, ConnectionLost, MountError
 from mirrormount.common.tokens import SHORT, is_short
-from mirrormount.device.mount import Mount
+from mirrormount.device.session import Session
 from mirrormount.network.client_session import ClientSession
 from mirrormount.network.listener import Listener, parse_where
 from mirrormount.network.port_reader import PortReader
 from mirrormount.network.relay import Relay
 from mirrormount.transport.find import find_one
 from mirrormount.transport.first_bytes import NotAClient
-from mirrormount.transport.lines import Link
-from mirrormount.transport.open import open_port
 from mirrormount.transport.refusals import NO_BOARD, TAKEN, refusal_line
 from mirrormount.transport.stop_socket import SENT, STOPPED, Stoppable
 from mirrormount.transport.tcp_port import acknowledge
@@ -72,13 +70,13 @@ class Server:
         self._finish = finish
         self._client: ClientSession | None = None
         self._reader: PortReader | None = None
-        self._mount: Mount | None = Mount(Link(open_port(self._address)))
-        self.identity = self._mount.identity
-        if self._mount.link.lockstep:
-            self._mount.close()
+        self._session: Session | None = Session.open(self._address)
+        self.identity = self._session.board.identity
+        if self._session.link.lockstep:
+            self._session.close()
             raise BadValue("a live client needs its own pace: speed=max is for use in one process")
-        self._relay = Relay(self._mount.link.port.write)
-        self._reader = PortReader(self._mount.link.port)
+        self._relay = Relay(self._session.link.port.write)
+        self._reader = PortReader(self._session.link.port)
         self._retry_at_s = self._give_up_at_s = 0.0
         self._asked: list[threading.Event] = []  # by other programs, for a stop: to be set when the board is at rest
         self._confirming: list[threading.Event] = []
@@ -101,7 +99,7 @@ class Server:
         if self._client:
             self._client.flush()
         self._confirm_stops()
-        if self._mount is None:
+        if self._session is None:
             self._look_for_board()
         self._listener.poll()
         self._admit()
@@ -109,17 +107,17 @@ class Server:
     def close(self) -> None:
         """Stop the motors and close. Raises MountError if they did not stop."""
         try:
-            if self._mount:
-                self._mount.link.port.write(b"!\n")
+            if self._session:
+                self._session.link.port.write(b"!\n")
             if self._reader:
                 self._reader.close()
-            if self._mount:
-                self._mount.link.drain(_QUIET_S)
-                self._mount.stop()
+            if self._session:
+                self._session.link.drain(_QUIET_S)
+                self._session.stop()
         finally:
             self._stoppable.close()
-            if self._mount:
-                self._mount.close()
+            if self._session:
+                self._session.close()
             if self._client:
                 self._client.socket.close()
 
@@ -156,34 +154,34 @@ class Server:
         what = "motors stopped"
         if not self._finish:
             self._with_board(self._relay.stop)
-        elif self._mount and self._with_board(self._relay.client_left):
+        elif self._session and self._with_board(self._relay.client_left):
             what = "its move is finished"
         if client:
             client.socket.close()
-            _say(f"{client.name} {why}{f': {what}' if self._mount else ''}")
+            _say(f"{client.name} {why}{f': {what}' if self._session else ''}")
 
     def _admit(self) -> None:
-        if self._client or self._mount is None:
+        if self._client or self._session is None:
             self._listener.reject_waiting(refusal_line(TAKEN if self._client else NO_BOARD))
             return
-        session = self._listener.next()
-        if session:
-            self._client = session
-            session.unread += self._greeting
-            session.flush()  # first of all: a driver waits for it
-            _say(f"{session.name} controls the board")
+        client = self._listener.next()
+        if client:
+            self._client = client
+            client.unread += self._greeting
+            client.flush()  # first of all: a driver waits for it
+            _say(f"{client.name} controls the board")
             if self._finish and self._relay.moving:
                 self._with_board(self._relay.mute_old_replies)
             else:
                 self._settle()
-            if self._mount:
-                self._forward(session.pending)
+            if self._session:
+                self._forward(client.pending)
 
     # ---- the board
 
     def _with_board(self, tell: Callable[[], object]) -> object:
         """Call a function that writes to the board, if there is one. Returns its result."""
-        if self._mount:
+        if self._session:
             try:
                 return tell()
             except ConnectionLost as e:
@@ -204,17 +202,17 @@ class Server:
 
     def _settle(self) -> None:
         """Stop the motors, wait for the end of replies to the client before, check the board."""
-        mount, reader = self._mount, self._reader
-        if mount is None or reader is None:
+        session, reader = self._session, self._reader
+        if session is None or reader is None:
             return
         reader.close()
         try:
-            mount.link.port.write(b"!\n")
-            mount.link.drain(_QUIET_S, _QUIET_LONGEST_S)
-            self._mount = Mount(mount.link)
-            self._mount.ask("XK0;XK?")  # the keep-alive of a client that fed it, for one that may not
-            self._relay = Relay(mount.link.port.write)
-            self._reader = PortReader(mount.link.port)
+            session.link.port.write(b"!\n")
+            session.link.drain(_QUIET_S, _QUIET_LONGEST_S)
+            self._session = Session(session.link)
+            self._session.ask("XK0;XK?")  # the keep-alive of a client that fed it, for one that may not
+            self._relay = Relay(session.link.port.write)
+            self._reader = PortReader(session.link.port)
         except MountError as e:
             self._lose_board(e)
 
@@ -222,11 +220,11 @@ class Server:
         _say(f"{why}: what moves is ended by the board's own keep-alive or run limit; waiting for the board")
         if self._reader:
             self._reader.close()
-        if self._mount:
-            self._mount.close()
+        if self._session:
+            self._session.close()
         if self._client:
             self._client.socket.close()
-        self._reader = self._mount = self._client = None
+        self._reader = self._session = self._client = None
         self._relay = Relay(_nowhere)
         self._retry_at_s = time.monotonic() + _RETRY_S
         self._give_up_at_s = time.monotonic() + _GIVE_UP_S
@@ -236,19 +234,14 @@ class Server:
         if time.monotonic() < self._retry_at_s:
             return
         try:
-            link = Link(open_port(self._address))
-            try:
-                mount = Mount(link)
-            except BaseException:
-                link.close()
-                raise
-            if _who(mount.identity) == _who(self.identity):
-                self._mount, self._reader = mount, PortReader(mount.link.port)
-                self._relay = Relay(mount.link.port.write)
+            session = Session.open(self._address)
+            if _who(session.board.identity) == _who(self.identity):
+                self._session, self._reader = session, PortReader(session.link.port)
+                self._relay = Relay(session.link.port.write)
                 _say("the board is back")
                 return
-            mount.close()
-            why = f"another board is there: {mount.identity}"
+            session.close()
+            why = f"another board is there: {session.board.identity}"
         except MountError as e:
             why = str(e)
         if time.monotonic() > self._give_up_at_s:
@@ -257,11 +250,11 @@ class Server:
 
     def _stop_for_another_program(self) -> str:
         """Write the stop to the port at once. Runs in a thread of the stop socket."""
-        mount = self._mount
-        if mount is None:
+        session = self._session
+        if session is None:
             raise ConnectionLost("the board is not there")
         at_rest = threading.Event()
-        mount.link.port.write(b"!\n")
+        session.link.port.write(b"!\n")
         self._asked.append(at_rest)
         return STOPPED if at_rest.wait(_REST_S) else SENT
 

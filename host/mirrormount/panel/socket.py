@@ -95,7 +95,8 @@ def _receive(text: str, page: Page, worker: Worker) -> None:
     message = _parsed(text)
     what = message.get("do")
     if what == "stop":
-        worker.stop_by(page, _STOP)
+        worker.stop(_STOP)
+        worker.lease.take_over(page, _STOP)
         return
     fresh = worker.lease.receive(page, message.get("tick"))
     if what == "release":

@@ -45,8 +45,13 @@ class Program(Client):
         NotInControl if the person keeps control, and is cancelled by leave(). Raises NotInControl if another live
         program has control.
         """
-        self.beat()
-        return self._worker.ask_for_control(self)
+        holder = self._worker.lease.holder
+        if holder is not None and holder.is_person:
+            return self._worker.lease.ask(self)
+        self.take_control()
+        outcome: Future[None] = Future()
+        outcome.set_result(None)
+        return outcome
 
     @property
     def in_control(self) -> bool:

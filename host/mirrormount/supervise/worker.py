@@ -110,29 +110,11 @@ class Worker:
         if self.lease.claim(client):
             self.stop(f"{client.name} took control", counted=True)
 
-    def ask_for_control(self, client: Client) -> "Future[None]":
-        """Give a client control if no person has it, else ask that person. The outcome: it has control.
-
-        The outcome raises NotInControl if the person keeps control. Raises NotInControl as Lease.claim().
-        """
-        holder = self.lease.holder
-        if holder is not None and holder.is_person:
-            return self.lease.ask(client)
-        self.take_control(client)
-        outcome: Future[None] = Future()
-        outcome.set_result(None)
-        return outcome
-
     def hand_over(self, person: Client, number: object) -> None:
         """Give control to the program that asked by that question. Raises NotInControl, as Lease.hand_over()."""
         question = self.lease.hand_over(person, number)
         self.stop(f"{person.name} handed control to {question.client.name}", counted=True)
         question.outcome.set_result(None)
-
-    def stop_by(self, person: Client, cause: str) -> None:
-        """All motors off, now; the person then has the control that a program had."""
-        self.stop(cause)
-        self.lease.take_over(person, cause)
 
     def request(self, client: Client, request: Request, motion: Motion | None = None) -> None:
         """Carry out a request; a later refusal becomes the motion's outcome, or a notice of the client.
