@@ -40,3 +40,17 @@ def test_a_wheel_with_another_boot_rom_is_not_used(monkeypatch, tmp_path):
     with pytest.raises(errors.EmulatorMissing, match="does not carry the boot ROM that it should"):
         emulator._bootrom()
     assert kept.read_bytes() == b"from an earlier version"
+
+
+def test_the_core_is_made_fast_anew_when_how_has_changed(monkeypatch, tmp_path):
+    monkeypatch.setenv("MIRRORMOUNT_CACHE", str(tmp_path))
+    monkeypatch.setattr(emulator.npm, "install", lambda _source, _folder: False)
+    made: list[list[str]] = []
+    done = subprocess.CompletedProcess([], 0, "", "")
+    monkeypatch.setattr(emulator.subprocess, "run", lambda command, **_options: made.append(command) or done)
+    stamp = tmp_path / "emulator" / "node_modules" / ".made-fast"
+    stamp.parent.mkdir(parents=True)
+    stamp.write_bytes(b"by an older speed.mjs")
+    emulator._modules("node")
+    emulator._modules("node")
+    assert made == [["node", "speed.mjs", "node_modules"]]

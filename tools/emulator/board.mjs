@@ -86,7 +86,8 @@ export class Board {
   setCollects(yes) { this.collects = yes; this.host.setCollects(yes); }
   setOpen(yes) { this.open = yes; this.host.setOpen(yes); }
 
-  // Run until emulated time `ns`. Sleeping (WFI) costs nothing: it jumps to the next alarm.
+  // Run until emulated time `ns`. Sleeping (WFI) costs nothing: it jumps to the next alarm. Nor does polling the flash
+  // while it is busy: after each poll time jumps to the next alarm or to the end of the operation.
   runUntil(ns) {
     while (this.ns < ns) {
       if (this.pending) {
@@ -106,17 +107,16 @@ export class Board {
         core.waiting = false;
         core.interruptsUpdated = true;
       }
-      if (core.waiting) {
-        clock.tick(Math.min(clock.nextAlarm ? clock.nanosToNextAlarm : Infinity, end - clock.nanos));
-        continue;
-      }
-      const cycle = 1e9 / this.mcu.clkSys;
-      for (let n = 0; n < 200 && !core.waiting; n++) {
-        const passed = core.executeInstruction() * cycle;
-        const alarm = clock.nextAlarm;
-        if (alarm !== null && alarm.nanos <= clock.nanosCounter + passed) clock.tick(passed);
-        else clock.nanosCounter += passed;
-      }
+      if (core.waiting) this.pass(end);
+      else if (this.flash.polled) {
+        this.flash.polled = false;
+        this.pass(Math.min(end, this.flash.busyUntil));
+      } else core.run(clock, 1e9 / this.mcu.clkSys, end);
     }
+  }
+  pass(end) { // without an instruction, to the next alarm or to `end`
+    const { clock } = this.mcu;
+    const alarm = clock.nextAlarm;
+    clock.tick(Math.max(0, Math.min(alarm ? alarm.nanos : Infinity, end) - clock.nanos));
   }
 }

@@ -24,6 +24,7 @@ export class SpiFlash {
     this.selected = false;
     this.bytes = [];
     this.off = false;
+    this.polled = false; // while busy: whoever asked does nothing but ask again
   }
   // The power goes, and then() is called, with the n-th erase or program from now; that one is left half done if `half`.
   cutAfter(n, half, then) { this.cut = { at: this.operations + n, half, then }; }
@@ -37,7 +38,9 @@ export class SpiFlash {
     const i = this.bytes.push(byte) - 1;
     if (i === 0) return 0xff;
     switch (this.bytes[0]) {
-      case 0x05: return (this.busy ? 1 : 0) | (this.writable ? 2 : 0);
+      case 0x05:
+        if (this.busy) this.polled = true;
+        return (this.busy ? 1 : 0) | (this.writable ? 2 : 0);
       case 0x35: return 2; // quad enabled
       case 0x15: return 0x60;
       case 0x9f: return [0xef, 0x40, 0x15][(i - 1) % 3];

@@ -50,11 +50,12 @@ def _modules(node: str) -> Path:
         raise EmulatorMissing("the rp2040 machine needs a copy of the repository: tools/emulator is not here")
     folder = cache() / "emulator"
     stamp = folder / "node_modules" / ".made-fast"
-    if npm.install(TOOLS, folder) or not stamp.exists():
+    how = (TOOLS / "speed.mjs").read_bytes()
+    if npm.install(TOOLS, folder) or not stamp.exists() or stamp.read_bytes() != how:
         run = subprocess.run([node, "speed.mjs", "node_modules"], cwd=folder, capture_output=True, text=True)
         if run.returncode:
             raise EmulatorMissing(f"rp2040js is not as expected: {last_line(run.stderr)}")
-        stamp.touch()
+        stamp.write_bytes(how)
     return folder / "node_modules"
 
 
