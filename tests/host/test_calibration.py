@@ -37,10 +37,78 @@ def test_an_angle_is_that_many_pulses_of_its_own_direction(mount):
     assert mount.x.position == 1
 
 
-def test_what_was_really_moved_is_told_when_the_angle_is_no_whole_number_of_steps(mount):
+def pulse_lengths_us(mount: Mount, pin: str) -> list[int]:
+    edges = [(at_us, duty) for at_us, name, duty in mount.link.port.simulation.edges if name == pin]
+    return [off[0] - on[0] for on, off in pairwise(edges) if on[1] and not off[1]]
+
+
+def test_a_part_of_a_step_is_a_pulse_of_its_own_length_and_an_estimate(mount):
     calibration.write(mount.board_id, {2: Scale(0.2, 0.25, USUAL)})
-    assert mount.x.move_by(0.5, "mrad") == pytest.approx(0.4)
+    mount.x.zero()
+    assert mount.x.status().certainty == "counted"
+    assert mount.x.move_by(0.5, "mrad") == pytest.approx(0.5)
+    assert pulse_lengths_us(mount, "m2_pos") == pytest.approx([200_000, 200_000, 100_000], abs=100)
+    assert mount.x.status().position == 2.5
+    assert mount.x.status().certainty == "estimated"
+
+
+def test_a_number_of_steps_between_two_needs_no_scale(mount):
+    assert mount.y.move_by(-1.25) == -1.25
+    assert pulse_lengths_us(mount, "m1_neg") == pytest.approx([200_000, 50_000], abs=100)
+
+
+def test_the_amount_is_rounded_to_the_boards_shortest_pulse_and_that_is_returned(mount):
+    calibration.write(mount.board_id, {2: Scale(0.2, 0.25, USUAL)})
+    assert mount.x.move_by(200.1, "urad") == pytest.approx(200.0)  # 0.1 urad would be 100 us
+    assert mount.x.move_by(-250.5, "urad") == pytest.approx(-250.5)
+    assert pulses(mount, "m2_pos") == 1 and pulses(mount, "m2_neg") == 2
+    with pytest.raises(errors.BadValue, match=r"the least that can be moved, 0\.2 urad"):
+        mount.x.move_by(0.1, "urad")
+
+
+def test_without_waiting_it_is_the_nearest_whole_number_of_steps(mount):
+    calibration.write(mount.board_id, {2: Scale(0.2, 0.25, USUAL)})
+    assert mount.x.move_by(0.5, "mrad", wait=False) == pytest.approx(0.4)
+    mount.x.wait()
     assert pulses(mount, "m2_pos") == 2
+    for amount, unit in ((1.5, "steps"), (0.05, "mrad")):
+        with pytest.raises(errors.BadValue):
+            mount.x.move_by(amount, unit, wait=False)
+
+
+def test_an_angle_of_the_beam_and_mm_on_the_screen_follow_from_the_mirrors(mount):
+    calibration.write(mount.board_id, {1: Scale(0.2, 0.25, USUAL, 1.5, 2000.0)})
+    assert mount.y.move_by(0.6, "beam-mrad") == pytest.approx(0.6)
+    assert mount.y.move_by(300, "beam-urad") == pytest.approx(300)
+    assert pulses(mount, "m1_pos") == 3
+    assert mount.y.move_by(-1.5, "mm") == pytest.approx(-1.5)  # a step back: 0.25 mrad x 1.5 x 2 m = 0.75 mm
+    assert pulses(mount, "m1_neg") == 2
+
+
+@pytest.mark.parametrize(
+    ("scale", "unit", "missing"),
+    [
+        (Scale(0.2, 0.2, USUAL), "beam-mrad", "beam_per_mirror"),
+        (Scale(0.2, 0.2, USUAL), "mm", "beam_per_mirror"),
+        (Scale(0.2, 0.2, USUAL, 2.0), "mm", "screen_mm"),
+    ],
+)
+def test_a_unit_whose_geometry_is_not_known_is_refused(mount, scale, unit, missing):
+    calibration.write(mount.board_id, {2: scale})
+    with pytest.raises(errors.NotCalibrated, match=missing):
+        mount.x.move_by(1, unit)
+    assert not pulses(mount, "m2_en")
+
+
+def test_a_pulse_has_the_length_that_was_asked_for_and_its_bounds(mount):
+    mount.x.pulse(12_000)
+    mount.x.pulse(-2_000_000)
+    assert pulse_lengths_us(mount, "m2_pos") == pytest.approx([12_000], abs=100)
+    assert pulse_lengths_us(mount, "m2_neg") == pytest.approx([2_000_000], abs=100)
+    for us in (0, 199, -199, 2_000_001, 300.5, True):
+        with pytest.raises(errors.BadValue):
+            mount.x.pulse(us)
+    assert pulses(mount, "m2_en") == 2
 
 
 def test_steps_need_no_scale(mount):
@@ -76,7 +144,7 @@ def test_a_scale_of_another_step_is_refused(mount, line):
 
 @pytest.mark.parametrize(
     ("amount", "unit"),
-    [("1", "mrad"), (True, "mrad"), (float("nan"), "mrad"), (1, "degrees"), (0.05, "mrad"), (1.5, "steps")],
+    [("1", "mrad"), (True, "mrad"), (float("nan"), "mrad"), (1, "degrees"), (0.00005, "mrad"), (0.0001, "steps")],
 )
 def test_an_amount_that_is_none_is_refused(mount, amount, unit):
     calibration.write(mount.board_id, {2: Scale(0.2, 0.2, USUAL)})
@@ -86,9 +154,9 @@ def test_an_amount_that_is_none_is_refused(mount, amount, unit):
 
 
 def test_what_is_written_is_read_again_and_other_boards_stay():
-    calibration.write("a1", {1: Scale(0.21, 0.22, USUAL), 2: Scale(None, 0.3, Step(1000, 7, 1))})
+    calibration.write("a1", {1: Scale(0.21, 0.22, USUAL, 2.0, 1500.0), 2: Scale(None, 0.3, Step(1000, 7, 1))})
     path = calibration.write("b.2 ", {1: Scale(1e-7, 1, USUAL)})
-    assert calibration.read("a1", 1) == Scale(0.21, 0.22, USUAL)
+    assert calibration.read("a1", 1) == Scale(0.21, 0.22, USUAL, 2.0, 1500.0)
     assert calibration.read("a1", 2) == Scale(None, 0.3, Step(1000, 7, 1))
     assert calibration.read("b.2 ", 1) == Scale(1e-7, 1, USUAL)
     assert calibration.read("a2", 1) is None

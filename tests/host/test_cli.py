@@ -29,7 +29,8 @@ def one_line(run: subprocess.CompletedProcess) -> str:
     [
         (("drive", "fast", "0"), "M1 is a whole number, not 'fast'"),
         (("drive", "256", "0"), "within -255"),
-        (("step", "x", "1.5"), "N is a whole number"),
+        (("step", "x", "far"), "N is a number, not 'far'"),
+        (("step", "x", "1", "mrad"), "no scale in the positive direction"),
         (("move", "y", "far"), "STEPS is a number, not 'far'"),
         (("move", "y", "nan"), "out of range"),
         (("move", "y", "\u0661"), "a number"),
@@ -37,7 +38,7 @@ def one_line(run: subprocess.CompletedProcess) -> str:
         (("jog", "x", "2"), "within -1"),
         (("jog", "x", "0.001"), "1/255"),
         (("jog", "x", "0.5", "--seconds", "11"), "10 s at most"),
-        (("step", "x", "\u0661"), "whole number"),
+        (("step", "x", "\u0661"), "N is a number"),
         (("status", "--port", "socket://no.such.host.invalid:5"), "no such host"),
         (("jog", "x", "0.5", "--seconds", "-1"), "more than 0"),
         (("step", "x", "5", "--port", ""), "empty"),

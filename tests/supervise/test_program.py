@@ -44,6 +44,12 @@ def test_motions_of_two_axes_have_an_outcome_each(loop, board):
     assert [motion.wait(PATIENCE_S).steps for motion in motions] == [2, -1]
 
 
+def test_a_pulse_has_the_length_that_was_asked_for(loop, board):
+    assert loop.pulse("y", -150_000).wait(PATIENCE_S).reason == wire.DONE
+    on, off = (e["t_us"] for e in board.edges() if e["pin"] == "m1_en")
+    assert off - on == pytest.approx(150_000, abs=100)
+
+
 def test_a_motion_that_the_board_refuses_says_so_in_its_outcome(loop, board):
     with pytest.raises(BoardError) as e:
         loop.home("x").wait(PATIENCE_S)
@@ -59,6 +65,7 @@ def test_a_motion_that_the_board_refuses_says_so_in_its_outcome(loop, board):
         lambda loop: loop.step("x", 1.5),
         lambda loop: loop.move_to("x", 10**7),
         lambda loop: loop.jog("y", 0),
+        lambda loop: loop.pulse("y", 199),
         lambda loop: loop.halt("w"),
     ],
 )

@@ -4,22 +4,25 @@ import argparse
 
 from mirrormount.cli.command import SECONDS_HELP, Command, axis_argument, number, open_any, port_options, whole
 from mirrormount.common.errors import BadValue
+from mirrormount.common.units import HELP as UNITS_HELP
+from mirrormount.common.units import STEPS, UNITS
 
 
 def step_arguments(parser: argparse.ArgumentParser) -> None:
-    """AXIS and N."""
+    """AXIS, N and UNIT."""
     port_options(parser)
     axis_argument(parser)
-    parser.add_argument("n", metavar="N", help="steps, a whole number")
+    parser.add_argument("n", metavar="N", help="a number, such as 5 or -0.25")
+    parser.add_argument("unit", metavar="UNIT", nargs="?", default=STEPS, choices=UNITS, help=UNITS_HELP)
 
 
 def step(args: argparse.Namespace) -> None:
-    """Move by N steps and print the position. Raises MountError."""
+    """Move by N of a unit and print the position. Raises MountError."""
     from mirrormount.cli import moving
 
-    n = whole(args.n, "N")
+    n = number(args.n, "N")
     with open_any(args) as mount:
-        moving.step(mount, args.axis, n)
+        moving.step(mount, args.axis, n, args.unit)
 
 
 def move_arguments(parser: argparse.ArgumentParser) -> None:
@@ -97,7 +100,12 @@ def _seconds(args: argparse.Namespace) -> float | None:
 
 
 COMMANDS = (
-    Command("step", "move by N steps (may be negative)", step, step_arguments),
+    Command(
+        "step",
+        "move by N steps, or by an angle of the mirror or the beam, or by mm on the screen",
+        step,
+        step_arguments,
+    ),
     Command("move", "move to a position, in steps", move, move_arguments),
     Command("home", "find an axis's end-stop; position 0 is there", home, home_arguments),
     Command("jog", "run at SPEED until Ctrl-C or the board's run limit, or for S seconds", jog, jog_arguments),

@@ -10,7 +10,9 @@ from collections.abc import Callable, Iterator, Sequence
 
 from mirrormount.common.errors import REASONS, BadValue, MountError, NotSupported
 from mirrormount.common.progress import StatusLine
-from mirrormount.device.arduino_sketch import LIMITS, SketchMount
+from mirrormount.common.units import STEPS
+from mirrormount.common.validation import whole_number
+from mirrormount.device.arduino_sketch import LIMITS, MOST_STEPS, SketchMount
 from mirrormount.device.axis import Axis
 from mirrormount.device.mount import AxisStatus, Mount
 from mountfw import codes as wire
@@ -18,17 +20,20 @@ from mountfw import codes as wire
 _LOOK_S = 0.05
 
 
-def step(mount: Mount | SketchMount, name: str, n: int) -> None:
-    """Move by n steps and print the position."""
+def step(mount: Mount | SketchMount, name: str, amount: float, unit: str = STEPS) -> None:
+    """Move by an amount of a unit and print the position."""
     if isinstance(mount, SketchMount):
+        if unit != STEPS:
+            raise NotSupported(f"no scale: {LIMITS}")
+        n = whole_number(amount, MOST_STEPS, "steps")
         mount.axis(name).step(n)
         print(f"{name}: {n} steps sent ({LIMITS})")
         return
     axis = mount.axis(name)
     with watched(mount, [axis]) as line:
-        target = axis.position + n
-        axis.step(n, progress=_shown(line, name, f"on the way to {target:+.1f}"))
-    print(place(axis))
+        aim = f"on the way to {axis.position + amount:+.1f}" if unit == STEPS else f"on the way by {amount:+g} {unit}"
+        made = axis.move_by(amount, unit, progress=_shown(line, name, aim))
+    print(place(axis) + (f" (moved by {made:+.4g} {unit})" if unit != STEPS else ""))
 
 
 def move(mount: Mount | SketchMount, name: str, position: float) -> None:

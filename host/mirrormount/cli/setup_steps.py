@@ -120,7 +120,8 @@ def scale(
     take_up_us = min(_MOST_TAKE_UP_US, round(found.backlash * pulse_us))
     mount.apply({axis.name: {"take_up_us": take_up_us}})
     step = Step(pulse_us, step_duty, inverted)
-    return Scale(float(f"{found.positive:.4g}"), float(f"{found.negative:.4g}"), step), take_up_us
+    positive, negative, beam = (float(f"{n:.4g}") for n in (found.positive, found.negative, factor))
+    return Scale(positive, negative, step, beam, distance_mm), take_up_us
 
 
 def _step(mount: Mount, axis: Axis, way: Ways, n: int, talk: Dialogue) -> None:

@@ -17,6 +17,7 @@ LIMITS = (
     "the paper's sketch: a step is timed by this computer (about 0.2 s, +-2 ms), positions are unknown,"
     " and if this program or the cable dies while a motor runs, the motor runs on"
 )
+MOST_STEPS = 10_000
 _BAUD = 9600
 _RESET_S = 2.0  # opening the port resets an Arduino; its boot loader waits this long
 _SPACING_S = 0.2  # the sketch needs 143 ms for a frame
@@ -143,7 +144,7 @@ class SketchAxis:
 
     def step(self, n: int, *, wait: bool = True) -> None:
         """n steps of about 0.2 s, one after the other, timed by this computer."""
-        n = whole_number(n, 10_000, "steps")
+        n = whole_number(n, MOST_STEPS, "steps")
         speed = 255 if n > 0 else -255
         for _ in range(abs(n)):
             self._mount.pulse(*((speed, 0) if self.number == 1 else (0, speed)))

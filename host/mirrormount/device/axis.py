@@ -1,37 +1,24 @@
-"""One axis of a mount: steps, moves, jogs, homing. Imports calibration, errors, session, settings, status, validation.
+"""One axis of a mount: moves, jogs, homing, limits. Imports errors, moves, settings, status, validation.
 
 An Axis uses a Session, which keeps its motion alive and orders stops before starts. An interrupt (Ctrl-C, or an
 interrupted cell of a notebook) of a method that waits for a motion stops all motors.
 """
 
 import html
-from collections.abc import Callable
 
-from mirrormount.common.errors import BadValue, MoveEnded, NoAnswer, NotAMount
-from mirrormount.common.validation import positive_numbers, real_number, whole_number, whole_numbers
+from mirrormount.common.errors import BadValue
+from mirrormount.common.validation import whole_number, whole_numbers
 from mirrormount.device import settings
-from mirrormount.device.session import Session
-from mirrormount.device.status import AxisStatus, Ended, Homed, Limits, table
-from mountfw import codes as wire
+from mirrormount.device.moves import Moves, Progress
+from mirrormount.device.status import Homed, Limits, table
 
-Progress = Callable[[AxisStatus], None]  # called with each status during a wait
-
-_POLL_S = 0.05
-_SLACK_S = 4.0  # beyond the computed time of a move before it counts as stuck; 2 s of it for the backlash
-_SHORTEST_US = 200  # pulse of the board (XU)
 _SOFT_LIMITS_CHECKED = 8  # the bit of ZH
 
 
-class Axis:
+class Axis(Moves):
     """One axis: x (right positive), y (up positive), axis3 … number: the board's."""
 
-    __slots__ = ("_deadline", "_session", "name", "number")  # assigning any other name raises AttributeError
-
-    def __init__(self, session: Session, name: str, number: int) -> None:
-        self._session = session
-        self.name = name
-        self.number = number
-        self._deadline = 0.0
+    __slots__ = ()
 
     def __repr__(self) -> str:
         """The last status; the board is not asked."""
@@ -45,92 +32,9 @@ class Axis:
             return html.escape(repr(self))
         return table({self.name: last[1].by_name[self.name]}, self._session.age())
 
-    @property
-    def position(self) -> float:
-        """The counted position, in steps; status() has its certainty."""
-        return self.status().position
-
-    def status(self) -> AxisStatus:
-        """The state of this axis. Raises as Mount.status()."""
-        return self._session.status().by_name[self.name]
-
-    def step(self, n: int, *, wait: bool = True, feed: bool = True, progress: Progress | None = None) -> None:
-        """Move by n steps. With wait, returns when they are done, else at once.
-
-        Without wait and feed the caller keeps the move alive, as in Mount.drive().
-
-        Raises BadValue, BoardError if refused, MoveEnded if an end-stop, a limit or somebody else
-        ended it, ConnectionLost, NoAnswer.
-        """
-        n = whole_number(n, 1_000_000, "steps")
-        self._move("PR", n, n, wait, feed, progress)
-
-    def move_to(self, steps: float, *, wait: bool = True, feed: bool = True, progress: Progress | None = None) -> float:
-        """Move to the position `steps`, which may lie between two steps. Returns the position that is reached.
-
-        The remainder of whole steps is one pulse of its own length (`XU`), so that a whole position is reached
-        also from one between two steps, such as a jog's end; the position is an estimate then. The board's shortest
-        pulse is 200 us, 0.001 of a step of 200 ms: a smaller remainder stays.
-        Without wait the nearest whole number of steps is moved to, and `steps` must be whole. Raises as step() does.
-        """
-        if not wait:
-            target = whole_number(steps, 1_000_000, "position, without waiting,")
-            self._move("PA", target, round(target - self.position), wait, feed, progress)
-            return target
-        wanted = real_number(steps, 1_000_000, "position")
-        stops = self._session.gate.last_stop()
-        (pulse_us,) = self.ask_whole("XP?")
-        left = round(wanted * 1000) - round(self.position * 1000)  # thousandths of a step
-        n, part = divmod(abs(left), 1000)
-        part_us = round(part * pulse_us / 1000)
-        if part_us < _SHORTEST_US:
-            part_us = 0
-        sign = 1 if left > 0 else -1
-        with self._session.stopped_by_interrupt():
-            if isinstance(wanted, int) and not part_us:
-                self._move("PA", wanted, n, wait, feed, progress, stops)
-            elif n:
-                self._move("PR", sign * n, n, wait, feed, progress, stops)
-            if part_us:
-                self._move("XU", sign * part_us, 1, wait, feed, progress, stops)
-        return self.position
-
     def zero(self, steps: int = 0) -> None:
         """Define the present position as `steps`; from here on it is counted."""
         self._session.send(f"{self.number}DH{whole_number(steps, 1_000_000, 'position')}")
-
-    def move_by(self, amount: float, unit: str = "steps", *, wait: bool = True) -> float:
-        """Move by an amount of steps, of mrad or of urad; the angle is the mirror's. Returns the amount moved.
-
-        An angle becomes the nearest whole number of steps, by the scale of that direction in the
-        calibration file (docs/calibration.md). Raises NotCalibrated without one that belongs to the
-        board's present step, BadFile, and as step() does.
-        """
-        if unit == "steps":
-            self.step(amount, wait=wait)  # type: ignore[arg-type]  # refused there if it is not whole
-            return amount
-        per_mrad = {"mrad": 1.0, "urad": 1000.0}.get(unit)
-        if per_mrad is None:
-            raise BadValue(f"a unit is steps, mrad or urad, not {unit!r}")
-        if isinstance(amount, bool) or not isinstance(amount, int | float) or not abs(amount) < 1e9:
-            raise BadValue(f"an angle is a number, not {amount!r}")
-        mrad_per_step = self._scale(1 if amount > 0 else -1)
-        n = round(amount / per_mrad / mrad_per_step)
-        if n == 0 and amount:
-            raise BadValue(f"{amount:g} {unit} is less than half a step of {mrad_per_step * per_mrad:.3g} {unit}")
-        self.step(n, wait=wait)
-        return n * mrad_per_step * per_mrad
-
-    def ask(self, *queries: str) -> list[str]:
-        """The answers to queries of this axis: axis.ask("XP?", "VA?"). Raises BoardError, NotAMount."""
-        answers = self._session.send(";".join(f"{self.number}{query}" for query in queries)).split("; ")
-        if len(answers) != len(queries):
-            raise NotAMount(f"not the answers to {', '.join(queries)}: {'; '.join(answers)[:80]!r}")
-        return answers
-
-    def ask_whole(self, *queries: str) -> list[int]:
-        """The same for queries whose answers are whole numbers."""
-        return whole_numbers(",".join(self.ask(*queries)), len(queries))
 
     def home(self, progress: Progress | None = None) -> Homed:
         """Find the home switch (or the end-stop that stands in for it); position 0 is there. Returns when done.
@@ -221,62 +125,6 @@ class Axis:
         self._session.ask(f"{self.number}ST;{self.number}MD?")
         self.wait()
 
-    def wait(self, progress: Progress | None = None) -> Ended:
-        """Wait for the end of this axis's move. Returns how it ended.
-
-        Raises NoAnswer (and stops) if it takes longer than it can, ConnectionLost. An interrupt stops both motors.
-        """
-        session = self._session
-        with session.stopped_by_interrupt():
-            while (status := self.status()).moving:
-                if progress:
-                    progress(status)
-                session.keep_alive.check()
-                if self._deadline and session.link.monotonic() > self._deadline:
-                    session.stop()
-                    raise NoAnswer(f"{self.name}: still moving when it should have ended; stopped")
-                session.link.sleep(_POLL_S)
-            return self.last_move()
-
-    def last_move(self) -> Ended:
-        """How this axis's last move ended."""
-        reason, steps, on_us = whole_numbers(self._session.ask(f"{self.number}XE?"), 3)
-        return Ended(reason, steps, on_us * 1e-6)
-
-    def expect_end(self, longest_s: float) -> None:
-        """A motion was started that ends within longest_s: wait() stops it if it does not, after some seconds more."""
-        self._deadline = self._session.link.monotonic() + longest_s + _SLACK_S
-
-    def _scale(self, direction: int) -> float:
-        """mrad of the mirror a step, in that direction."""
-        from mirrormount.device import calibration  # a program that stops, or counts in steps, needs no file
-
-        step = calibration.Step(*self.ask_whole("XP?", "XD?", "XI?"))
-        return calibration.mrad_per_step(self._session.board.id, self.number, self.name, direction, step)
-
-    def _move(
-        self,
-        mnemonic: str,
-        value: int,
-        n: int,
-        wait: bool,
-        feed: bool,
-        progress: Progress | None = None,
-        stops: int | None = None,
-    ) -> None:
-        """Start a move of n steps. stops: gate.last_stop() at the request, None: now."""
-        a, session = self.number, self._session
-        stops = session.gate.last_stop() if stops is None else stops
-        pulse_us, velocity = positive_numbers(session.ask(f"{a}XP?;{a}VA?"), 2)
-        period_s = max(1 / velocity, pulse_us * 1e-6 + 1e-3)
-        with session.stopped_by_interrupt():
-            session.start(f"{a}{mnemonic}{value}", stops)
-            self.expect_end((abs(n) + 1) * period_s)
-            if wait:
-                self._wait_until_done(n, progress)
-            elif feed:
-                session.keep_alive.start()
-
     def _seek(self, command: str) -> None:
         """Start a search for a switch. The search limit bounds the drive time; slow pulses have rests between them."""
         session = self._session
@@ -286,10 +134,3 @@ class Axis:
         longest_s = limit_ms / 1000 * (1 + max(slow_us, 20_000) / slow_us)
         session.start(f"{self.number}{command}", stops)
         self.expect_end(longest_s)
-
-    def _wait_until_done(self, wanted: int | None, progress: Progress | None = None) -> None:
-        ended = self.wait(progress)
-        if ended.reason != wire.DONE:
-            errors = self._session.errors()
-            codes = tuple(error.code for error in errors)
-            raise MoveEnded(self.name, ended.reason, ended.steps, wanted, list(map(str, errors)), codes)

@@ -9,6 +9,8 @@ table for each axis of each board, under the board's unique id:
     pulse_us = 200000      # the step that was measured: another one has another scale
     step_duty = 255
     inverted = 0
+    beam_per_mirror = 2.0  # by how much the beam turns when the mirror turns by 1; for angles of the beam
+    screen_mm = 1500.0     # from the mirror to the screen; for mm on the screen
 
 Imports errors, toml_file.
 """
@@ -25,9 +27,11 @@ from mirrormount.common import toml_file
 from mirrormount.common.errors import BadFile, NotCalibrated
 from mirrormount.common.printable import printable
 
-_LEAST, _MOST = 1e-9, 1e9  # mrad a step: far beyond any mirror mount, and safe to divide by
+_NUMBERS = ("positive", "negative", "beam_per_mirror", "screen_mm")  # of Scale: each above 0, or missing
+_LEAST, _MOST = 1e-9, 1e9  # of each number: far beyond any mirror mount, and safe to divide by
 _HEADING = """mirrormount: how far the mirror turns with a step (docs/calibration.md).
 positive, negative: mrad of the mirror a step. pulse_us, step_duty, inverted: the step that was measured.
+beam_per_mirror: beam angle for a mirror angle of 1. screen_mm: from the mirror to the screen.
 Written by `mirrormount setup`, which keeps the numbers of other boards but no remarks."""
 
 
@@ -42,11 +46,16 @@ class Step:
 
 @dataclass(frozen=True)
 class Scale:
-    """mrad of the mirror a step in either direction (None: not measured), and the step it was measured with."""
+    """mrad of the mirror a step in either direction (None: not measured), and the step it was measured with.
+
+    beam_per_mirror: by how much the beam turns when the mirror turns by 1. screen_mm: from the mirror to the screen.
+    """
 
     positive: float | None
     negative: float | None
     step: Step
+    beam_per_mirror: float | None = None
+    screen_mm: float | None = None
 
 
 def path() -> Path:
@@ -70,7 +79,8 @@ def read(board_id: str, axis: int) -> Scale | None:
         _whole(entry, "step_duty", where),
         _whole({"inverted": 0} | entry, "inverted", where),
     )
-    return Scale(_number(entry, "positive", where), _number(entry, "negative", where), step)
+    numbers = {key: _number(entry, key, where) for key in _NUMBERS}
+    return Scale(step=step, **numbers)
 
 
 def write(board_id: str, scales: Mapping[int, Scale]) -> Path:
@@ -83,15 +93,15 @@ def write(board_id: str, scales: Mapping[int, Scale]) -> Path:
     if not isinstance(board, dict):
         raise BadFile(f"{path()}: [{board_id}] is not a table: correct the file, or move it away")
     for axis, scale in scales.items():
-        measured = {"positive": scale.positive, "negative": scale.negative}
+        measured = {key: getattr(scale, key) for key in _NUMBERS}
         board[f"axis{axis}"] = {k: v for k, v in measured.items() if v is not None} | asdict(scale.step)
     # a link in the user's own folder of settings is the user's: the file that it leads to is written
     toml_file.write(path().resolve(), toml_file.text(tables, _HEADING), make_folder=True)
     return path()
 
 
-def mrad_per_step(board_id: str, axis: int, name: str, direction: int, step: Step) -> float:
-    """mrad of the mirror a step in direction 1 or -1, if it was measured with steps like `step`.
+def scale_of(board_id: str, axis: int, name: str, direction: int, step: Step) -> tuple[Scale, float]:
+    """The scale, and mrad of the mirror a step in direction 1 or -1, if it was measured with steps like `step`.
 
     Raises NotCalibrated, BadFile.
     """
@@ -108,7 +118,7 @@ def mrad_per_step(board_id: str, axis: int, name: str, direction: int, step: Ste
             f"{name}: the scale is that of another step ({_words(scale.step)}; now {_words(step)}):"
             " set that again, or run `mirrormount setup`"
         )
-    return value
+    return scale, value
 
 
 def _tables() -> dict[str, Any]:
@@ -128,7 +138,7 @@ def _number(entry: Mapping[str, Any], key: str, where: str) -> float | None:
         return None
     if isinstance(value, bool) or not isinstance(value, int | float) or not (_LEAST <= value <= _MOST):
         shown = printable(repr(value), 60)
-        raise BadFile(f"{where}: {key} is a number above 0 (mrad a step, {_LEAST:g} … {_MOST:g}), not {shown}")
+        raise BadFile(f"{where}: {key} is a number above 0 ({_LEAST:g} … {_MOST:g}), not {shown}")
     return float(value)
 
 

@@ -10,7 +10,7 @@ from mirrormount.common.errors import MountError, MoveEnded
 from mirrormount.device.mount import Mount
 from mirrormount.device.status import Ended, QueuedError, Status
 from mirrormount.supervise.lease import Client
-from mirrormount.supervise.requests import Drive, GoTo, Home, Jog, Request, Steps, Zero
+from mirrormount.supervise.requests import Drive, GoTo, Home, Jog, Pulse, Request, Steps, Zero
 from mountfw import codes as wire
 
 _WHOLE = (wire.DONE,)
@@ -128,6 +128,9 @@ def start(mount: Mount, request: Request, targets: dict[str, int | None]) -> Non
         case Steps(axis, n):
             targets[axis] = None
             mount.axis(axis).step(n, wait=False, feed=False)
+        case Pulse(axis, us):
+            targets[axis] = None
+            mount.axis(axis).pulse(us, wait=False, feed=False)
         case GoTo(axis, position):
             mount.axis(axis).move_to(position, wait=False, feed=False)
             targets[axis] = position

@@ -8,9 +8,10 @@ from typing import Self, TypeVar
 from mirrormount.common.errors import BadValue
 from mirrormount.common.validation import whole_number
 from mirrormount.device.mount import Mount
+from mirrormount.device.moves import pulse_length
 from mirrormount.supervise.lease import Client
 from mirrormount.supervise.motions import Motion
-from mirrormount.supervise.requests import MOST_STEPS, GoTo, Home, Jog, Steps
+from mirrormount.supervise.requests import MOST_STEPS, GoTo, Home, Jog, Pulse, Steps
 from mirrormount.supervise.worker import Worker
 
 T = TypeVar("T")
@@ -66,6 +67,10 @@ class Program(Client):
         """Move an axis ("x", "y") by n steps. Raises BadValue, NotInControl; the motion's outcome has the rest."""
         n = whole_number(n, MOST_STEPS, "steps")
         return self._ask(Steps(self._checked(axis), n), n)
+
+    def pulse(self, axis: str, us: int) -> Motion:
+        """Give one pulse of |us| microseconds, 200 … 2 000 000, in the direction of its sign. Raises as step()."""
+        return self._ask(Pulse(self._checked(axis), pulse_length(us)))
 
     def move_to(self, axis: str, position: int) -> Motion:
         """Move an axis to a position in whole steps. Raises as step()."""
@@ -129,7 +134,7 @@ class Program(Client):
             raise BadValue(f"an axis is {' or '.join(axes)}, not {axis!r}")
         return axis
 
-    def _ask(self, request: "Steps | GoTo | Jog | Home", wanted: int | None = None) -> Motion:
+    def _ask(self, request: "Steps | Pulse | GoTo | Jog | Home", wanted: int | None = None) -> Motion:
         self.beat()
         motion = Motion(
             request.axis, wanted, self.beat, self._worker.lease.patience_s / 3, jog=isinstance(request, Jog)

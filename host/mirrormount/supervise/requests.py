@@ -45,6 +45,14 @@ class Steps:
 
 
 @dataclass(frozen=True)
+class Pulse:
+    """Give one pulse of |us| microseconds in the direction of its sign."""
+
+    axis: str
+    us: int
+
+
+@dataclass(frozen=True)
 class GoTo:
     """Move to a position, in steps."""
 
@@ -82,7 +90,7 @@ class Zero:
     axis: str
 
 
-Request = Press | Steps | GoTo | Jog | Drive | Home | Zero
+Request = Press | Steps | Pulse | GoTo | Jog | Drive | Home | Zero
 
 
 def parse(message: Mapping[str, Any], axes: Sequence[str] = ("x", "y")) -> Request:

@@ -19,7 +19,7 @@ def _of_axis(mount: Mount, name: str) -> float | None:
     axis = mount.axis(name)
     step = calibration.Step(*axis.ask_whole("XP?", "XD?", "XI?"))
     try:
-        both = [calibration.mrad_per_step(mount.board_id, axis.number, name, way, step) for way in (1, -1)]
+        both = [calibration.scale_of(mount.board_id, axis.number, name, way, step)[1] for way in (1, -1)]
     except (NotCalibrated, BadFile):
         return None
     return sum(both) / 2

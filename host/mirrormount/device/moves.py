@@ -1,0 +1,210 @@
+"""Moves of known length on one axis: steps, pulses, positions, angles. Imports session, status, units, validation.
+
+An interrupt (Ctrl-C, or an interrupted cell of a notebook) of a method that waits for a motion stops all motors.
+"""
+
+from collections.abc import Callable
+
+from mirrormount.common import units
+from mirrormount.common.errors import BadValue, MoveEnded, NoAnswer, NotAMount
+from mirrormount.common.validation import positive_numbers, real_number, whole_number, whole_numbers
+from mirrormount.device.session import Session
+from mirrormount.device.status import AxisStatus, Ended
+from mountfw import codes as wire
+
+Progress = Callable[[AxisStatus], None]  # called with each status during a wait
+
+_POLL_S = 0.05
+_SLACK_S = 4.0  # beyond the computed time of a move before it counts as stuck; 2 s of it for the backlash
+_SHORTEST_US, _LONGEST_US = 200, 2_000_000  # a pulse of its own length (XU)
+_MOST_AMOUNT = 1_000_000_000  # of any unit
+
+
+class Moves:
+    """The moves of one axis, and the wait for their end. number: the board's."""
+
+    __slots__ = ("_deadline", "_session", "name", "number")  # assigning any other name raises AttributeError
+
+    def __init__(self, session: Session, name: str, number: int) -> None:
+        self._session = session
+        self.name = name
+        self.number = number
+        self._deadline = 0.0
+
+    @property
+    def position(self) -> float:
+        """The counted position, in steps; status() has its certainty."""
+        return self.status().position
+
+    def status(self) -> AxisStatus:
+        """The state of this axis. Raises as Mount.status()."""
+        return self._session.status().by_name[self.name]
+
+    def step(self, n: int, *, wait: bool = True, feed: bool = True, progress: Progress | None = None) -> None:
+        """Move by n steps. With wait, returns when they are done, else at once.
+
+        Without wait and feed the caller keeps the move alive, as in Mount.drive().
+
+        Raises BadValue, BoardError if refused, MoveEnded if an end-stop, a limit or somebody else
+        ended it, ConnectionLost, NoAnswer.
+        """
+        n = whole_number(n, 1_000_000, "steps")
+        self._move("PR", n, n, wait, feed, progress)
+
+    def pulse(self, us: int, *, wait: bool = True, feed: bool = True, progress: Progress | None = None) -> None:
+        """Give one pulse of |us| microseconds, 200 … 2 000 000, in the direction of its sign (`XU`).
+
+        The backlash is taken up first. The position counts the pulse by its length, as an estimate. Raises as step().
+        """
+        self._move("XU", pulse_length(us), 1, wait, feed, progress)
+
+    def move_to(self, steps: float, *, wait: bool = True, feed: bool = True, progress: Progress | None = None) -> float:
+        """Move to the position `steps`, which may lie between two steps. Returns the position that is reached.
+
+        The remainder of whole steps is one pulse of its own length (`XU`), so that a whole position is reached
+        also from one between two steps, such as a jog's end; the position is an estimate then. The board's shortest
+        pulse is 200 us, 0.001 of a step of 200 ms: a smaller remainder stays.
+        Without wait the nearest whole number of steps is moved to, and `steps` must be whole. Raises as step() does.
+        """
+        if not wait:
+            target = whole_number(steps, 1_000_000, "position, without waiting,")
+            self._move("PA", target, round(target - self.position), wait, feed, progress)
+            return target
+        wanted = real_number(steps, 1_000_000, "position")
+        stops = self._session.gate.last_stop()
+        (pulse_us,) = self.ask_whole("XP?")
+        left = round(wanted * 1000) - round(self.position * 1000)  # thousandths of a step
+        n, part_us = _split(left / 1000, pulse_us)
+        with self._session.stopped_by_interrupt():
+            if isinstance(wanted, int) and not part_us:
+                self._move("PA", wanted, n, wait, feed, progress, stops)
+            else:
+                self._by(n, part_us, feed, progress, stops)
+        return self.position
+
+    def move_by(
+        self, amount: float, unit: str = units.STEPS, *, wait: bool = True, progress: Progress | None = None
+    ) -> float:
+        """Move by an amount of one of units.UNITS. Returns the amount that its pulses are worth.
+
+        A part of a step is one pulse of its own length (`XU`) and makes the position an estimate; without wait, the
+        nearest whole number of steps is moved, and an amount in steps must be whole. Angles and mm go by the scale of
+        that direction in the calibration file (docs/calibration.md). Raises NotCalibrated without one that belongs to
+        the board's present step, BadFile, and as step() does.
+        """
+        amount = real_number(amount, _MOST_AMOUNT, f"an amount in {units.check(unit)}")
+        if unit == units.STEPS and (not wait or isinstance(amount, int)):
+            self.step(whole_number(amount, 1_000_000, "steps"), wait=wait, progress=progress)
+            return amount
+        stops = self._session.gate.last_stop()
+        pulse_us, duty, inverted = self.ask_whole("XP?", "XD?", "XI?")
+        per_step = 1.0 if unit == units.STEPS else self._per_step(unit, amount, (pulse_us, duty, inverted))
+        steps = real_number(amount / per_step, 1_000_000, f"{amount:g} {unit} in steps")
+        n, part_us = _split(steps, pulse_us) if wait else (round(steps), 0)
+        if not (n or part_us) and amount:
+            least = per_step * (_SHORTEST_US / pulse_us if wait else 0.5)
+            raise BadValue(f"{amount:g} {unit} is less than the least that can be moved, {least:.3g} {unit}")
+        if wait:
+            with self._session.stopped_by_interrupt():
+                self._by(n, part_us, True, progress, stops)
+        else:
+            self._move("PR", n, n, wait, True, None, stops)
+        return (n + part_us / pulse_us) * per_step
+
+    def ask(self, *queries: str) -> list[str]:
+        """The answers to queries of this axis: axis.ask("XP?", "VA?"). Raises BoardError, NotAMount."""
+        answers = self._session.send(";".join(f"{self.number}{query}" for query in queries)).split("; ")
+        if len(answers) != len(queries):
+            raise NotAMount(f"not the answers to {', '.join(queries)}: {'; '.join(answers)[:80]!r}")
+        return answers
+
+    def ask_whole(self, *queries: str) -> list[int]:
+        """The same for queries whose answers are whole numbers."""
+        return whole_numbers(",".join(self.ask(*queries)), len(queries))
+
+    def wait(self, progress: Progress | None = None) -> Ended:
+        """Wait for the end of this axis's move. Returns how it ended.
+
+        Raises NoAnswer (and stops) if it takes longer than it can, ConnectionLost. An interrupt stops both motors.
+        """
+        session = self._session
+        with session.stopped_by_interrupt():
+            while (status := self.status()).moving:
+                if progress:
+                    progress(status)
+                session.keep_alive.check()
+                if self._deadline and session.link.monotonic() > self._deadline:
+                    session.stop()
+                    raise NoAnswer(f"{self.name}: still moving when it should have ended; stopped")
+                session.link.sleep(_POLL_S)
+            return self.last_move()
+
+    def last_move(self) -> Ended:
+        """How this axis's last move ended."""
+        reason, steps, on_us = whole_numbers(self._session.ask(f"{self.number}XE?"), 3)
+        return Ended(reason, steps, on_us * 1e-6)
+
+    def expect_end(self, longest_s: float) -> None:
+        """A motion was started that ends within longest_s: wait() stops it if it does not, after some seconds more."""
+        self._deadline = self._session.link.monotonic() + longest_s + _SLACK_S
+
+    def _per_step(self, unit: str, amount: float, step: tuple[int, int, int]) -> float:
+        """How much of a unit one step in the direction of amount is."""
+        from mirrormount.device import calibration  # a program that stops, or counts in steps, needs no file
+
+        scale, mirror_mrad = calibration.scale_of(
+            self._session.board.id, self.number, self.name, 1 if amount > 0 else -1, calibration.Step(*step)
+        )
+        return units.per_step(scale, mirror_mrad, unit, self.name)
+
+    def _by(self, n: int, part_us: int, feed: bool, progress: Progress | None, stops: int) -> None:
+        """Move by n steps and one pulse of part_us, both signed, and wait."""
+        if n:
+            self._move("PR", n, n, True, feed, progress, stops)
+        if part_us:
+            self._move("XU", part_us, 1, True, feed, progress, stops)
+
+    def _move(
+        self,
+        mnemonic: str,
+        value: int,
+        n: int,
+        wait: bool,
+        feed: bool,
+        progress: Progress | None = None,
+        stops: int | None = None,
+    ) -> None:
+        """Start a move of n steps. stops: gate.last_stop() at the request, None: now."""
+        a, session = self.number, self._session
+        stops = session.gate.last_stop() if stops is None else stops
+        pulse_us, velocity = positive_numbers(session.ask(f"{a}XP?;{a}VA?"), 2)
+        period_s = max(1 / velocity, pulse_us * 1e-6 + 1e-3)
+        with session.stopped_by_interrupt():
+            session.start(f"{a}{mnemonic}{value}", stops)
+            self.expect_end((abs(n) + 1) * period_s)
+            if wait:
+                self._wait_until_done(n, progress)
+            elif feed:
+                session.keep_alive.start()
+
+    def _wait_until_done(self, wanted: int | None, progress: Progress | None = None) -> None:
+        ended = self.wait(progress)
+        if ended.reason != wire.DONE:
+            errors = self._session.errors()
+            codes = tuple(error.code for error in errors)
+            raise MoveEnded(self.name, ended.reason, ended.steps, wanted, list(map(str, errors)), codes)
+
+
+def pulse_length(us: int) -> int:
+    """The signed length of a pulse in microseconds, if the board can give it. Raises BadValue."""
+    us = whole_number(us, _LONGEST_US, "a pulse in microseconds")
+    if abs(us) < _SHORTEST_US:
+        raise BadValue(f"a pulse has {_SHORTEST_US} microseconds or more, not {us}")
+    return us
+
+
+def _split(steps: float, pulse_us: int) -> tuple[int, int]:
+    """Whole steps and the length of one pulse (us) for the rest, both signed; a rest below the shortest pulse is 0."""
+    sign = 1 if steps > 0 else -1
+    n, part_us = divmod(round(abs(steps) * pulse_us), pulse_us)
+    return sign * n, sign * part_us if part_us >= _SHORTEST_US else 0
