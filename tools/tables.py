@@ -1,7 +1,7 @@
-"""Write the tables of docs/ that say what the code declares: .venv/bin/python tools/tables.py [--check]
+"""Write the tables and lists that follow from declarations: .venv/bin/python tools/tables.py [--check]
 
-Errors and reasons (docs/errors.md), settings (docs/protocol.md), boards (docs/versions.md). --check changes nothing
-and fails if a table is another one.
+Errors and reasons (docs/errors.md), settings (docs/protocol.md, the attributes of an axis on the board and its
+properties on the host), boards (docs/versions.md). --check changes nothing and fails if one of them differs.
 """
 
 import importlib
@@ -17,7 +17,7 @@ from mirrormount.device.settings import SETTINGS
 from mountfw import codes
 from mountfw.boards import FILE_OF
 
-DOCS = Path(__file__).resolve().parent.parent / "docs"
+ROOT = Path(__file__).resolve().parent.parent
 Rows = Iterable[tuple[str, ...]]
 
 
@@ -72,26 +72,43 @@ def _number(n: float) -> str:
     return "\N{MINUS SIGN}" + text[1:] if text.startswith("-") else text
 
 
-TABLES: dict[str, tuple[Callable[[], Rows], ...]] = {
-    "errors.md": (board_errors, reasons, host_errors),
-    "protocol.md": (settings,),
-    "versions.md": (board_files,),
+def attributes() -> Iterator[str]:
+    """The settings as annotations of a class, for the firmware."""
+    for name in SETTINGS:
+        yield f"    {name}: int\n"
+
+
+def properties() -> Iterator[str]:
+    """The settings as properties of an axis, for the host."""
+    for name, s in SETTINGS.items():
+        yield f'    {name} = Property[{"float" if s.decimals else "int"}]()\n    """{s.group}: {s.what}"""\n'
+
+
+Maker = Callable[[], Rows] | Callable[[], Iterator[str]]
+WRITTEN: dict[str, tuple[Maker, ...]] = {
+    "docs/errors.md": (board_errors, reasons, host_errors),
+    "docs/protocol.md": (settings,),
+    "docs/versions.md": (board_files,),
+    "firmware_py/mountfw/settings.py": (attributes,),
+    "host/mirrormount/device/axis_properties.py": (properties,),
 }
 
 
-def written(page: str, tables: Iterable[Callable[[], Rows]]) -> str:
-    """A page with its tables as the code declares them. Raises SystemExit if it has no place for one."""
-    for table in tables:
-        begin, end = f"<!-- {table.__name__}: made by tools/tables.py -->\n", "<!-- end -->"
+def written(page: str, makers: Iterable[Maker], *, code: bool) -> str:
+    """A page, or code, with its parts as they are declared. Raises SystemExit if it has no place for one."""
+    for maker in makers:
+        mark, end = f"{maker.__name__}: made by tools/tables.py", "    # end\n" if code else "<!-- end -->"
+        begin = f"    # {mark}\n" if code else f"<!-- {mark} -->\n"
         before, found, rest = page.partition(begin)
         if not found or end not in rest:
-            raise SystemExit(f"no place for the table {table.__name__}: {begin.strip()} ... {end}")
-        page = before + begin + "".join(_markdown(table())) + end + rest.partition(end)[2]
+            raise SystemExit(f"no place for {maker.__name__}: {begin.strip()} ... {end.strip()}")
+        lines = maker() if code else _markdown(maker())
+        page = before + begin + "".join(map(str, lines)) + end + rest.partition(end)[2]
     return page
 
 
-def _markdown(rows: Rows) -> Iterator[str]:
-    for n, row in enumerate(rows):
+def _markdown(rows: Iterable[Iterable[str]]) -> Iterator[str]:
+    for n, row in enumerate(map(tuple, rows)):
         yield f"| {' | '.join(row)} |\n"
         if n == 0:
             yield f"|{'---|' * len(row)}\n"
@@ -100,15 +117,15 @@ def _markdown(rows: Rows) -> Iterator[str]:
 def main(arguments: list[str]) -> int:
     """Returns the exit status: 1 if --check found a difference."""
     different = []
-    for name, tables in TABLES.items():
-        page = (DOCS / name).read_text(encoding="utf-8")
-        wanted = written(page, tables)
+    for name, makers in WRITTEN.items():
+        page = (ROOT / name).read_text(encoding="utf-8")
+        wanted = written(page, makers, code=name.endswith(".py"))
         if page != wanted:
             different.append(name)
             if "--check" not in arguments:
-                (DOCS / name).write_text(wanted, encoding="utf-8")
+                (ROOT / name).write_text(wanted, encoding="utf-8")
     for name in different:
-        print(f"docs/{name} {'differs: python tools/tables.py' if '--check' in arguments else 'is written anew'}")
+        print(f"{name} {'differs: python tools/tables.py' if '--check' in arguments else 'is written anew'}")
     return 1 if different and "--check" in arguments else 0
 
 

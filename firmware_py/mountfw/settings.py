@@ -100,6 +100,27 @@ Of `MT` and `OR`. `PR` and `PA` have no limit of time: their steps bound them, a
 """
 
 
+class Settings:
+    """The settings as attributes, for type checkers: a compiler drops annotations. The values are those of an axis."""
+
+    # attributes: made by tools/tables.py
+    inverted: int
+    switches: int
+    motor_type: int
+    pulse_us: int
+    step_duty: int
+    velocity: int
+    acceleration: int
+    run_duty: int
+    take_up_us: int
+    checking: int
+    soft_minimum: int
+    soft_maximum: int
+    run_limit_ms: int
+    search_limit_ms: int
+    # end
+
+
 def named(name):
     """The setting of this name, as in SETTINGS; None if there is none."""
     for entry in SETTINGS:

@@ -123,8 +123,8 @@ def test_a_mount_that_was_closed_says_so_and_not_that_the_board_has_gone():
 
 
 def test_a_setting_that_an_axis_has_not_is_no_place_to_keep_a_number(mount):
-    with pytest.raises(AttributeError, match="velocity"):
-        mount.x.velocity = 1
+    with pytest.raises(AttributeError, match="speed"):
+        mount.x.speed = 1
 
 
 def test_soft_limits_that_are_no_limits_are_one_line(mount):

@@ -15,6 +15,7 @@ from mirrormount.cli.config_verbs import export, import_
 from mirrormount.common import errors
 from mirrormount.device import calibration
 from mirrormount.device.calibration import Scale, Step
+from mirrormount.device.settings import SETTINGS
 from mirrormount.transport.lines import Link
 
 THREE_AT_REST = f"{AT_REST}|0,0,0,0,1,1"
@@ -124,6 +125,19 @@ def test_settings_of_all_axes_are_read_written_exported_and_imported(mount, tmp_
     assert mount.settings() == mine
     with pytest.raises(errors.BoardError, match="axis3 positive soft limit"):
         mount.axes[2].step(6)
+
+
+def test_each_setting_is_a_property_of_each_axis(mount):
+    mine = mount.settings()
+    for axis in mount.axes:
+        assert {name: getattr(axis, name) for name in SETTINGS} == mine[axis.name]
+    mount.axes[2].pulse_us = 50_000
+    mount.x.velocity = 2.5
+    assert (mount.axes[2].pulse_us, mount.x.velocity, mount.y.velocity) == (50_000, 2.5, mine["y"]["velocity"])
+    with pytest.raises(errors.BadValue, match=r"x\.pulse_us is within 200"):
+        mount.x.pulse_us = 199
+    with pytest.raises(AttributeError):
+        mount.x.pulse_ms = 1
 
 
 def test_contradictory_settings_of_the_third_axis_are_refused_and_nothing_changes(mount):

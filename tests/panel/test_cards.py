@@ -16,7 +16,7 @@ def panel_options() -> list[str]:
 
 
 def open_settings(page) -> None:
-    page.get_by_text("Limits, take-up, pulse and speed").click()
+    page.get_by_text("Wiring, pulse and speed, take-up, limits").click()
     page.get_by_label("x: length of a step's pulse, us").wait_for()
     wait_for_value(page, "x: length of a step's pulse, us", "200000")
 

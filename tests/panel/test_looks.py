@@ -84,7 +84,7 @@ def assert_readable(page, *texts: str) -> None:
 @pytest.mark.parametrize("colors", THEMES)
 def test_everything_can_be_read(open_page, panel, board, colors):
     page = open_page(panel.url, viewport=DESK, color_scheme=colors)
-    page.get_by_text("Limits, take-up, pulse and speed").click()
+    page.get_by_text("Wiring, pulse and speed, take-up, limits").click()
     page.get_by_text("What goes over the wire").click()
     page.get_by_label("Speed of Y").fill("256")
     page.get_by_role("button", name="OK", exact=True).first.click()
@@ -114,7 +114,7 @@ def test_everything_can_be_read_when_the_board_has_gone_and_when_the_panel_has(o
 @pytest.mark.parametrize("viewport", [PHONE, DESK])
 def test_everything_that_can_be_touched_is_at_least_44_px(open_page, panel, viewport):
     page = open_page(panel.url, viewport=viewport)
-    page.get_by_text("Limits, take-up, pulse and speed").click()
+    page.get_by_text("Wiring, pulse and speed, take-up, limits").click()
     page.get_by_text("What goes over the wire").click()
     page.get_by_label("Speed of Y").fill("256")
     page.get_by_role("button", name="OK", exact=True).first.click()
@@ -134,7 +134,7 @@ def test_everything_that_can_be_touched_is_at_least_44_px(open_page, panel, view
 @pytest.mark.parametrize("key", ["Tab", "Shift+Tab"])
 def test_what_has_the_focus_is_neither_under_stop_nor_under_the_header(open_page, panel, viewport, key):
     page = open_page(panel.url, viewport=viewport)
-    page.get_by_text("Limits, take-up, pulse and speed").click()
+    page.get_by_text("Wiring, pulse and speed, take-up, limits").click()
     page.get_by_label("x: length of a step's pulse, us").wait_for()
     settled(page)
     hidden = []
@@ -219,7 +219,7 @@ def test_settings_are_read_from_the_board_once_however_often_pages_ask(open_page
     watcher = open_page(panel.url)
     page.get_by_text("What goes over the wire").click()
     for _ in range(20):
-        watcher.get_by_text("Limits, take-up, pulse and speed").click()
+        watcher.get_by_text("Wiring, pulse and speed, take-up, limits").click()
     page.keyboard.press("ArrowRight")
     page.get_by_text("+1.000").wait_for()
     wait_for(lambda: "1PR1" in page.locator(".wire").inner_text() or "2PR1" in page.locator(".wire").inner_text(), "it")

@@ -186,7 +186,7 @@ def test_a_page_that_watches_cannot_change_settings_or_the_zero(open_page, page,
     watcher.get_by_text("+1.000").wait_for()
     watcher.get_by_role("button", name="Zero").first.click()
     watcher.get_by_text("another page controls").wait_for()
-    watcher.get_by_text("Limits, take-up, pulse and speed").click()
+    watcher.get_by_text("Wiring, pulse and speed, take-up, limits").click()
     watcher.get_by_role("button", name="Restore saved").click()
     watcher.locator(".q-notification__badge", has_text="2").wait_for()  # told again
     assert watcher.get_by_text("+1.000").count() == 1
@@ -241,7 +241,7 @@ def test_a_panel_that_cannot_write_its_log_drives(open_page, board):
 def test_settings_that_a_stuck_network_has_kept_back_are_not_applied(open_page, network):
     page = open_page(network.url)
     page.get_by_text("What goes over the wire").click()
-    page.get_by_text("Limits, take-up, pulse and speed").click()
+    page.get_by_text("Wiring, pulse and speed, take-up, limits").click()
     page.wait_for_function("""document.querySelector('[aria-label^="x: drive that takes"]').value === "0" """)
     page.get_by_label("x: drive that takes up").fill("3000")
     network.cut()

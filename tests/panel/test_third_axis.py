@@ -36,7 +36,7 @@ def test_the_third_axis_steps_runs_goes_home_and_has_its_settings(page):
     page.get_by_label("Target of axis3, in steps").press("Enter")
     wait_for(lambda: float(position(page, 2).replace("−", "-")) < 0, "the way to its target")
     assert [position(page, number) for number in (0, 1)] == ["+0.000", "+0.000"]
-    page.get_by_text("Limits, take-up, pulse and speed").click()
+    page.get_by_text("Wiring, pulse and speed, take-up, limits").click()
     page.wait_for_function("""document.querySelector('[aria-label^="axis3: length of a step"]').value === "200000" """)
 
 

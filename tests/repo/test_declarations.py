@@ -32,10 +32,11 @@ def test_the_tables_of_the_documents_are_what_the_code_declares(tables, capsys):
 
 
 def test_a_table_that_says_another_thing_is_found(tables, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(tables, "DOCS", tmp_path)
-    for name in tables.TABLES:
-        (tmp_path / name).write_text((ROOT / "docs" / name).read_text())
-    page = tmp_path / "errors.md"
+    monkeypatch.setattr(tables, "ROOT", tmp_path)
+    for name in tables.WRITTEN:
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text((ROOT / name).read_text())
+    page = tmp_path / "docs" / "errors.md"
     page.write_text(page.read_text().replace("Address 1, or none.", "Address 2."))
     assert tables.main(["--check"]) == 1
     assert capsys.readouterr().out.startswith("docs/errors.md ")

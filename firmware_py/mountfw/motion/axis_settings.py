@@ -5,12 +5,12 @@ drive of a step and of the gap are computed while no move is under way.
 """
 
 from mountfw.motion.position import Position
-from mountfw.settings import SETTINGS
+from mountfw.settings import SETTINGS, Settings
 
 _REST_US = 1_000  # least rest after a pulse
 
 
-class AxisSettings:
+class AxisSettings(Settings):
     """The settings of one axis. The two EndStops are named for the electrical direction."""
 
     def __init__(self, positive_stop, negative_stop):
@@ -20,10 +20,6 @@ class AxisSettings:
         self.changed = False  # in the middle of a move
         self.state = 0
         self.position = Position()
-
-    def __getattr__(self, name) -> int:
-        """Tells a type checker that each setting is an integer attribute; at run time only a missing one comes here."""
-        raise AttributeError(name)
 
     def moving(self):
         """True from a move's acceptance to its last pulse's end."""

@@ -16,7 +16,7 @@ _SOFT_LIMITS_CHECKED = 8  # the bit of ZH
 
 
 class Axis(Moves):
-    """One axis: x (right positive), y (up positive), axis3 … number: the board's."""
+    """One axis: x (right positive), y (up positive), axis3 … number: the board's. Its settings are properties."""
 
     __slots__ = ()
 
@@ -81,15 +81,6 @@ class Axis(Moves):
             "checking": checking | (_SOFT_LIMITS_CHECKED if limits.checked else 0),
         }
         settings.write(self._session, {self.name: wanted})
-
-    @property
-    def take_up_us(self) -> int:
-        """Drive in microseconds that takes up the backlash after a reversal; 0 is off. Settable."""
-        return self.ask_whole("XB?")[0]
-
-    @take_up_us.setter
-    def take_up_us(self, us: int) -> None:
-        settings.write(self._session, {self.name: {"take_up_us": us}})
 
     @property
     def run_limit_s(self) -> float:

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from mirrormount.common import units
 from mirrormount.common.errors import BadValue, MoveEnded, NoAnswer, NotAMount
 from mirrormount.common.validation import positive_numbers, real_number, whole_number, whole_numbers
+from mirrormount.device.axis_properties import AxisProperties
 from mirrormount.device.session import Session
 from mirrormount.device.status import AxisStatus, Ended
 from mountfw import codes as wire
@@ -20,14 +21,13 @@ _SHORTEST_US, _LONGEST_US = 200, 2_000_000  # a pulse of its own length (XU)
 _MOST_AMOUNT = 1_000_000_000  # of any unit
 
 
-class Moves:
+class Moves(AxisProperties):
     """The moves of one axis, and the wait for their end. number: the board's."""
 
-    __slots__ = ("_deadline", "_session", "name", "number")  # assigning any other name raises AttributeError
+    __slots__ = ("_deadline", "number")  # assigning any other name raises AttributeError
 
     def __init__(self, session: Session, name: str, number: int) -> None:
-        self._session = session
-        self.name = name
+        super().__init__(session, name)
         self.number = number
         self._deadline = 0.0
 

@@ -84,6 +84,11 @@ def _setting(command: bytes, name: str, least: int, most: int, default: int, fla
 SETTINGS = {entry[1]: _setting(*entry) for entry in declared.SETTINGS}
 
 
+def groups() -> list[str]:
+    """The groups of settings, in the order of their declarations."""
+    return list(dict.fromkeys(setting.group for setting in SETTINGS.values()))
+
+
 def read(session: Session) -> dict[str, dict[str, int | float]]:
     """{"x": {"pulse_us": …}, "y": {…}}, and axis3 … Raises BoardError, NotAMount."""
     return {name: _read_axis(session, number) for name, number in session.board.numbers.items()}
@@ -101,6 +106,16 @@ def _read_axis(session: Session, number: int) -> dict[str, int | float]:
         return {name: setting.parse(text) for (name, setting), text in pairs}
     except ValueError as e:
         raise NotAMount(f"not a mount's settings: {answers[:80]!r}") from e
+
+
+def read_one(session: Session, axis: str, name: str) -> int | float:
+    """The setting `name` of an axis. Raises BoardError, NotAMount."""
+    setting = SETTINGS[name]
+    answer = session.send(f"{session.board.numbers[axis]}{setting.command}?")
+    try:
+        return setting.parse(answer)
+    except ValueError as e:
+        raise NotAMount(f"not the answer to {setting.command}?: {answer[:80]!r}") from e
 
 
 def write(session: Session, wanted: Mapping[str, Mapping[str, int | float]]) -> None:

@@ -7,7 +7,7 @@ from nicegui import ui
 from nicegui.events import GenericEventArguments
 
 from mirrormount.common.errors import BadValue
-from mirrormount.device.settings import SETTINGS
+from mirrormount.device.settings import SETTINGS, groups
 from mirrormount.panel.cards_of_motion import card
 from mirrormount.panel.run_on_mount import confirm, run_on_mount, warn
 from mirrormount.supervise.board_settings import BoardSettings
@@ -29,7 +29,7 @@ def build(settings: BoardSettings, refusal: Callable[[object], str]) -> Callable
         # with the last tick that the page has seen: NiceGUI keeps a click until the network is back
         return ui.button(word).on("click", clicked, js_handler="() => emit(window.mountTick())").props("no-caps")
 
-    with card("Settings"), ui.expansion("Limits, take-up, pulse and speed").classes("fold") as fold:
+    with card("Settings"), ui.expansion(", ".join(groups()).capitalize()).classes("fold") as fold:
         form = _Form(settings)
         with ui.dialog() as question, ui.card():
             ui.label("Replace all settings by the factory's?").classes("title")
