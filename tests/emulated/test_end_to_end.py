@@ -15,7 +15,10 @@ from mirrormount.virtual import emulator
 
 @pytest.fixture(scope="module")
 def blank(tmp_path_factory):
-    """A served board whose flash holds MicroPython alone. The tests of this file go through it in order."""
+    """A served board whose flash holds MicroPython alone. The tests at the end of this file go through it in order.
+
+    It runs until the last of them, so nothing else comes after them: a board that waits takes a share of a processor.
+    """
     try:
         emulator.find_image(None)
     except EmulatorMissing as e:
@@ -52,6 +55,73 @@ def open_again(board: ServedBoard) -> Mount:
             return None
 
     return wait_for(attempt, "the firmware to answer after a restart")
+
+
+def old_flash(folder):
+    """A flash that holds the firmware as plain files, copied by hand: what a first user has."""
+    flash = folder / "flash.bin"
+    shutil.copyfile(emulator.flash_with_firmware(None, firmware(None)), flash)
+    return flash
+
+
+@pytest.fixture
+def old(tmp_path):
+    try:
+        old_flash(tmp_path)
+    except EmulatorMissing as e:
+        pytest.skip(str(e))
+    boards = []
+
+    def switch_on() -> ServedBoard:
+        folder = tmp_path / str(len(boards))
+        folder.mkdir()
+        boards.append(ServedBoard(folder, "--machine", "rp2040", "--flash", str(tmp_path / "flash.bin")))
+        return boards[-1]
+
+    yield switch_on
+    for board in boards:
+        board.kill()
+        board.process.stdout.close()
+
+
+def test_deploy_over_files_that_were_copied_by_hand_leaves_no_source_to_shadow_it(old):
+    board = old()
+    run = run_cli("deploy", "--port", str(board.link), "--replace-main")
+    assert run.returncode == 0, run.stderr
+    open_again(board).close()
+    names = mpremote(board, "exec", "import os; print(*os.listdir('mountfw'))").split()
+    assert "app.mpy" in names and "app.py" not in names
+
+
+def test_a_power_cut_in_mid_deploy_leaves_a_board_that_works_and_the_next_deploy_repairs_it(old, tmp_path):
+    flash = tmp_path / "flash.bin"
+    for writes in (1, 7, 20, 45, 80):
+        board = old()
+        deploy = subprocess.Popen(
+            [sys.executable, "-m", "mirrormount", "deploy", "--port", str(board.link), "--replace-main"],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        seen = {flash.stat().st_mtime_ns}
+
+        def cut(writes=writes, deploy=deploy, seen=seen) -> bool:
+            seen.add(flash.stat().st_mtime_ns)
+            return len(seen) > writes or deploy.poll() is not None
+
+        wait_for(cut, "the flash to be written")
+        board.kill()
+        deploy.kill()
+        deploy.wait()
+        again = old()
+        with open_again(again) as mount:
+            mount.x.step(1)
+            assert mount.x.position == 1
+        again.kill()  # at rest for long enough, it would record its position in the flash of the next one
+    board = old()
+    run = run_cli("deploy", "--port", str(board.link), "--replace-main")
+    assert run.returncode == 0, run.stderr
+    with open_again(board) as mount:
+        mount.x.step(1)
 
 
 def test_a_blank_board_says_that_the_firmware_is_missing(blank):
@@ -147,70 +217,3 @@ def test_a_full_flash_is_refused_and_nothing_of_the_attempt_stays(blank):
     names = wait_for(lambda: mpremote_or_none(blank, "exec", ask), "the files' names").split()
     assert "measurements" in names
     assert not [name for name in names if name.endswith(".new") or name == "mountfw.journal"]
-
-
-def old_flash(folder):
-    """A flash that holds the firmware as plain files, copied by hand: what a first user has."""
-    flash = folder / "flash.bin"
-    shutil.copyfile(emulator.flash_with_firmware(None, firmware(None)), flash)
-    return flash
-
-
-@pytest.fixture
-def old(tmp_path):
-    try:
-        old_flash(tmp_path)
-    except EmulatorMissing as e:
-        pytest.skip(str(e))
-    boards = []
-
-    def switch_on() -> ServedBoard:
-        folder = tmp_path / str(len(boards))
-        folder.mkdir()
-        boards.append(ServedBoard(folder, "--machine", "rp2040", "--flash", str(tmp_path / "flash.bin")))
-        return boards[-1]
-
-    yield switch_on
-    for board in boards:
-        board.kill()
-        board.process.stdout.close()
-
-
-def test_deploy_over_files_that_were_copied_by_hand_leaves_no_source_to_shadow_it(old):
-    board = old()
-    run = run_cli("deploy", "--port", str(board.link), "--replace-main")
-    assert run.returncode == 0, run.stderr
-    open_again(board).close()
-    names = mpremote(board, "exec", "import os; print(*os.listdir('mountfw'))").split()
-    assert "app.mpy" in names and "app.py" not in names
-
-
-def test_a_power_cut_in_mid_deploy_leaves_a_board_that_works_and_the_next_deploy_repairs_it(old, tmp_path):
-    flash = tmp_path / "flash.bin"
-    for writes in (1, 7, 20, 45, 80):
-        board = old()
-        deploy = subprocess.Popen(
-            [sys.executable, "-m", "mirrormount", "deploy", "--port", str(board.link), "--replace-main"],
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-        )
-        seen = {flash.stat().st_mtime_ns}
-
-        def cut(writes=writes, deploy=deploy, seen=seen) -> bool:
-            seen.add(flash.stat().st_mtime_ns)
-            return len(seen) > writes or deploy.poll() is not None
-
-        wait_for(cut, "the flash to be written")
-        board.kill()
-        deploy.kill()
-        deploy.wait()
-        again = old()
-        with open_again(again) as mount:
-            mount.x.step(1)
-            assert mount.x.position == 1
-        again.kill()  # at rest for long enough, it would record its position in the flash of the next one
-    board = old()
-    run = run_cli("deploy", "--port", str(board.link), "--replace-main")
-    assert run.returncode == 0, run.stderr
-    with open_again(board) as mount:
-        mount.x.step(1)
