@@ -65,9 +65,10 @@ def virtual_options(parser: argparse.ArgumentParser, what: str) -> None:
     profile_options(parser)
 
 
-def virtual_address(args: argparse.Namespace, **options: str) -> str | None:
+def virtual_address(args: argparse.Namespace, scheme: str = "virtual", **options: str) -> str | None:
     """The address that virtual_options' arguments name, with further options of the address. None without --virtual.
 
+    scheme: virtual, or virtual-table.
     Raises BadValue for a profile or a seed of a real board.
     """
     options |= {name: value for name in ("profile", "seed") if (value := getattr(args, name)) is not None}
@@ -75,7 +76,7 @@ def virtual_address(args: argparse.Namespace, **options: str) -> str | None:
         if args.profile is not None or args.seed is not None:
             raise BadValue("--profile and --seed are of a virtual board: add --virtual")
         return None
-    return "virtual://" + ("?" + urlencode(options) if options else "")
+    return f"{scheme}://" + ("?" + urlencode(options) if options else "")
 
 
 def board_port(parser: argparse.ArgumentParser) -> None:

@@ -1,4 +1,4 @@
-"""Opens an address: a serial port (/dev/ttyACM0, COM4, a pty), socket://HOST:PORT, or virtual://.
+"""Opens an address: a serial port (/dev/ttyACM0, COM4, a pty), socket://HOST:PORT, or virtual://; a table of mounts.
 
 `virtual` stands above transport, so it is named here as text and imported when it is asked for: the one dynamic
 import of the host.
@@ -6,9 +6,11 @@ import of the host.
 
 import importlib
 from collections.abc import Callable
+from typing import Any
 
 from mirrormount.common.errors import BadAddress
-from mirrormount.transport.port import Port
+from mirrormount.common.printable import printable
+from mirrormount.transport.port import Port, Table
 from mirrormount.transport.serial_port import SerialPort
 from mirrormount.transport.tcp_port import connect
 
@@ -23,7 +25,15 @@ def open_port(address: str, *, baud: int = 115200) -> Port:
     return SerialPort(address, baud)
 
 
-def _in_module(module: str, function: str) -> Callable[[str], Port]:
+def open_table(address: str) -> Table:
+    """Open a table of mounts and cameras: virtual-table://. Raises BadAddress, CannotOpen."""
+    scheme, _, _ = address.partition("://")
+    if scheme not in TABLE_SCHEMES:
+        raise BadAddress(f"{printable(address)}: the address of a table begins with {', '.join(TABLE_SCHEMES)}://")
+    return TABLE_SCHEMES[scheme](address)
+
+
+def _in_module(module: str, function: str) -> Callable[[str], Any]:
     """A function of a module that is imported at its first call."""
     return lambda address: getattr(importlib.import_module(module), function)(address)
 
@@ -32,4 +42,7 @@ def _in_module(module: str, function: str) -> Callable[[str], Port]:
 SCHEMES: dict[str, Callable[[str], Port]] = {
     "socket": connect,
     "virtual": _in_module("mirrormount.virtual.board", "open_virtual"),
+}
+TABLE_SCHEMES: dict[str, Callable[[str], Table]] = {
+    "virtual-table": _in_module("mirrormount.virtual.virtual_table", "open_table"),
 }

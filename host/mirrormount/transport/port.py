@@ -1,6 +1,7 @@
-"""The interface of an open port to a board: bytes in, bytes out. Imports nothing."""
+"""The interface of an open port to a board: bytes in, bytes out; and of a table that has several. Imports nothing."""
 
-from typing import Protocol
+from collections.abc import Sequence
+from typing import Any, Protocol
 
 WRITE_S = 2.0  # longest time that a write waits
 
@@ -23,3 +24,24 @@ class ClockedPort(Port, Protocol):
     def monotonic(self) -> float: ...
 
     def sleep(self, seconds: float) -> None: ...
+
+
+class Table(Protocol):
+    """Boards and cameras that share a clock, in seconds.
+
+    A mount is `Mount(Link(port))`; a camera is a mirrormount.beam.camera.Camera, which is of a floor above.
+    """
+
+    @property
+    def ports(self) -> Sequence[Port]: ...
+
+    @property
+    def cameras(self) -> Sequence[Any]: ...
+
+    def now_s(self) -> float: ...
+
+    def sleep(self, seconds: float) -> None:
+        """Let the table's time pass."""
+        ...
+
+    def close(self) -> None: ...

@@ -3,13 +3,14 @@
 virtual://                      in real time, as a real board would behave
 virtual://?speed=max            in lockstep with the caller: fast, exact, the same every time
 …&machine=cpython|micropython|rp2040|circuitpython  &bench=paper|switches  &board=pico|pico_drv8833
-…&profile=smooth|rough  &seed=N  &supply=VOLTAGE, of the nominal one
+…&profile=smooth|rough  &seed=N  &supply=VOLTAGE, of the nominal one  &axes=2|4
 …&edges=FILE  &files=FOLDER  &image=FILE  &flash=FILE
 """
 
 import socket
 import tempfile
 import threading
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from urllib.parse import parse_qsl
@@ -19,7 +20,7 @@ from mirrormount.common.printable import printable
 from mirrormount.transport.tcp_port import SocketPort
 from mirrormount.virtual import machines
 from mirrormount.virtual.bench import Bench
-from mirrormount.virtual.files import new_files
+from mirrormount.virtual.files import four_axes_firmware, new_files
 from mirrormount.virtual.image import is_circuitpython
 from mirrormount.virtual.lockstep import Lockstep
 from mirrormount.virtual.ports import PairPort
@@ -29,6 +30,7 @@ from mirrormount.virtual.realtime import serve
 from mirrormount.virtual.simulation import BoardGone, Simulation
 
 _CIRCUITPYTHON_US = 6_000_000  # until the firmware is ready on it; its LED shows other things before that
+Run = Callable[[int, Callable[[], bool]], object]
 BENCHES = ("paper", "switches")
 BOARDS = {"pico": machines.PICO, "pico_drv8833": "pico_drv8833"}  # what MicroPython calls them
 BOARD_IDS = {"pico": machines.PICO_ID, "pico_drv8833": "pico_drv8833"}  # what CircuitPython calls them
@@ -38,13 +40,16 @@ BOARD_IDS = {"pico": machines.PICO_ID, "pico_drv8833": "pico_drv8833"}  # what C
 class Options:
     """The kind of a virtual board. machine: see machines.py. files: its file system (default: a new one with the
     firmware on it; the cpython and circuitpython machines keep what they save there). image and flash are the rp2040
-    machine's. firmware: the folder that holds `mountfw` (those two; default: the installed one)."""
+    machine's. firmware: the folder that holds `mountfw` (those two; default: the installed one). axes: 2, or 4 on
+    the cpython machine. unit: gives a board of that machine a unique id of its own."""
 
     machine: str = "cpython"
     bench: str = "paper"
     board: str = "pico"
     seed: int = 1
     profile: Profile = SMOOTH
+    axes: int = 2
+    unit: int = 0
     edges: Path | None = None
     files: Path | None = None
     image: Path | None = None
@@ -60,6 +65,8 @@ class Options:
         ):
             if value not in known:
                 raise BadAddress(f"there is no {what} {value!r}: choose one of {', '.join(known)}")
+        if self.axes not in (2, 4) or (self.axes == 4 and (self.machine, self.board) != ("cpython", "pico")):
+            raise BadAddress("a virtual board has two axes; with machine=cpython and board=pico it may have four")
         if self.machine == "rp2040" and self.board != "pico":
             raise BadAddress("the rp2040 machine is a Pico with an SN754410")
         for name, value in (("image", self.image), ("flash", self.flash)):
@@ -73,13 +80,13 @@ def make_simulation(options: Options | None = None) -> Simulation:
     """A virtual board that has just been switched on. Raises BadAddress, EmulatorMissing, CannotOpen."""
     options = options or Options()
     options.check()
-    scratch = None
+    scratch: list[tempfile.TemporaryDirectory] = []
     if options.machine == "rp2040":
         command = machines.rp2040(options.image, options.flash)
     else:
         if options.files is None:
-            scratch = tempfile.TemporaryDirectory(prefix="mirrormount-")
-            files = Path(scratch.name)
+            scratch.append(tempfile.TemporaryDirectory(prefix="mirrormount-"))
+            files = Path(scratch[0].name)
             if options.machine == "micropython":
                 new_files(files)
         else:
@@ -89,8 +96,13 @@ def make_simulation(options: Options | None = None) -> Simulation:
             except OSError as e:  # FileExistsError: it is there and no folder
                 why = "it is not a folder" if isinstance(e, FileExistsError) else e.strerror
                 raise BadAddress(f"cannot use {options.files} for the board's files: {why}") from e
+        firmware = options.firmware
+        if options.axes == 4:
+            copy = tempfile.TemporaryDirectory(prefix="mirrormount-")
+            scratch.append(copy)
+            firmware = four_axes_firmware(Path(copy.name))
         if options.machine == "cpython":
-            command = machines.cpython(files, BOARDS[options.board], options.firmware)
+            command = machines.cpython(files, BOARDS[options.board], firmware, options.unit)
         elif options.machine == "circuitpython":
             command = machines.circuitpython(files, BOARD_IDS[options.board], options.firmware)
         else:
@@ -104,6 +116,7 @@ def make_simulation(options: Options | None = None) -> Simulation:
         two_pwm=options.board == "pico_drv8833",
         seed=options.seed,
         profile=options.profile,
+        axes=options.axes,
     )
     simulation = Simulation(command, optics, edges=file, scratch=scratch)
     if options.machine == "rp2040":  # a real image starts slowly: in lockstep, not in real time
@@ -127,13 +140,13 @@ def open_virtual(url: str) -> "RealtimePort | LockstepPort":
     texts = {name: given.pop(name) for name in ("machine", "bench", "board") if name in given}
     paths = {name: Path(given.pop(name)) for name in ("edges", "files", "image", "flash") if name in given}
     profile = profile_named(given.pop("profile", SMOOTH.name), given.pop("supply", None))
-    seed = seed_of(given.pop("seed", "1"))
-    if given or speed not in ("1", "max"):
+    seed, axes = seed_of(given.pop("seed", "1")), given.pop("axes", "2")
+    if given or speed not in ("1", "max") or axes not in ("2", "4"):
         raise BadAddress(
             f"{printable(url)}: options are speed=1|max, machine=, bench=, board=, profile=, seed=NUMBER, supply=,"
-            " edges=, files=, image=, flash="
+            " axes=2|4, edges=, files=, image=, flash="
         )
-    simulation = make_simulation(replace(Options(seed=seed, profile=profile), **texts, **paths))
+    simulation = make_simulation(replace(Options(seed=seed, profile=profile, axes=int(axes)), **texts, **paths))
     return LockstepPort(simulation) if speed == "max" else RealtimePort(simulation)
 
 
@@ -165,13 +178,17 @@ class RealtimePort(SocketPort):
 
 
 class LockstepPort:
-    """A virtual board whose time passes only in read() and sleep()."""
+    """A virtual board whose time passes only in read() and sleep().
+
+    run: lets so many microseconds pass, or fewer if a condition comes true; default: for this board alone.
+    """
 
     lockstep = True
 
-    def __init__(self, simulation: Simulation) -> None:
+    def __init__(self, simulation: Simulation, board: Lockstep | None = None, run: Run | None = None) -> None:
         self.simulation = simulation
-        self._lockstep = Lockstep(simulation)
+        self._lockstep = board or Lockstep(simulation)
+        self._run = run or self._lockstep.run
 
     def monotonic(self) -> float:
         """Seconds of the board's time."""
@@ -179,12 +196,12 @@ class LockstepPort:
 
     def sleep(self, seconds: float) -> None:
         """Let the board's time pass."""
-        self._run(seconds, lambda: False)
+        self._pass(seconds, lambda: False)
 
     def read(self, timeout_s: float) -> bytes:
         """Bytes that are there, or come within timeout_s of the board's time; may be none."""
         received = self._lockstep.received
-        self._run(timeout_s, lambda: bool(received))
+        self._pass(timeout_s, lambda: bool(received))
         data = bytes(received)
         received.clear()
         return data
@@ -197,8 +214,8 @@ class LockstepPort:
         """Power off."""
         self.simulation.close()
 
-    def _run(self, seconds: float, until) -> None:
+    def _pass(self, seconds: float, until: Callable[[], bool]) -> None:
         try:
-            self._lockstep.run(round(seconds * 1e6), until)
+            self._run(round(seconds * 1e6), until)
         except BoardGone as e:
             raise ConnectionLost("the virtual board is gone") from e

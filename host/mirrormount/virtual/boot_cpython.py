@@ -1,11 +1,11 @@
 """Boots the firmware on CPython: a child process of Simulation, never imported by the host.
 
-usage: python -I -S boot_cpython.py FIRMWARE_DIR FILES_DIR MACHINE_NAME START_US
+usage: python -I -S boot_cpython.py FIRMWARE_DIR FILES_DIR MACHINE_NAME START_US UNIT
 
 The seam is this process's stdin and stdout. After Ctrl-C, or when the firmware has ended, there is
 as much of a prompt as a host needs to tell where it is: `>>> `, and Ctrl-D to start again.
 FIRMWARE_DIR is the folder that holds `mountfw`; one without it makes a board without firmware. FILES_DIR is
-where the board keeps what it saves.
+where the board keeps what it saves. UNIT makes its unique id: boards of one table have different ones.
 """
 
 import builtins
@@ -17,7 +17,8 @@ import signal
 import sys
 import types
 
-FIRMWARE_DIR, FILES_DIR, MACHINE_NAME, START_US = sys.argv[1], sys.argv[2], sys.argv[3], int(sys.argv[4])
+FIRMWARE_DIR, FILES_DIR, MACHINE_NAME = sys.argv[1:4]
+START_US, UNIT = int(sys.argv[4]), int(sys.argv[5])
 FAKES = os.path.join(os.path.dirname(os.path.abspath(__file__)), "fakes")
 
 
@@ -59,6 +60,9 @@ def _install():
         spec = importlib.util.spec_from_file_location(name, os.path.join(FAKES, name + ".py"))
         sys.modules[name] = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(sys.modules[name])
+    machine = sys.modules["machine"]
+    first = machine.unique_id()
+    machine.unique_id = lambda: first[:-1] + bytes((first[-1] + UNIT & 255,))
     import _console
 
     sys.stdin, sys.stdout = _console.stdin, _console.stdout

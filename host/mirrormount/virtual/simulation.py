@@ -9,6 +9,7 @@ import contextlib
 import json
 import struct
 import subprocess
+import time
 from collections.abc import Callable, Iterable, Sequence
 from tempfile import TemporaryDirectory
 from typing import IO
@@ -34,7 +35,7 @@ class Simulation:
     """A virtual board and its bench.
 
     machine: the command line of the child that is the board (see machines.py). edges: a text file
-    that gets one JSON object per pin edge. scratch: a folder that goes when the board does.
+    that gets one JSON object per pin edge. scratch: folders that go when the board does.
     on_sent is called with each byte that the board sends, on_console with those of a console beside its port.
     probes, {GPIO number: name}, may be filled with other pins whose edges are to be kept; nothing is connected to
     those.
@@ -47,7 +48,7 @@ class Simulation:
         bench: Bench | None = None,
         *,
         edges: IO[str] | None = None,
-        scratch: TemporaryDirectory | None = None,
+        scratch: Iterable[TemporaryDirectory] = (),
     ) -> None:
         self.bench = bench or Bench()
         self.bench.advance(START_US)
@@ -73,12 +74,19 @@ class Simulation:
         assert self._child.stdin and self._child.stdout
         self._to_child, self._from_child = self._child.stdin, self._child.stdout
         self.now_us = START_US
+        self.went_s = time.monotonic()  # when it was last let go on
         self.waiting_in = 0  # bytes that the board has received and not read
 
     @property
     def us(self) -> int:
         """Microseconds since power-up."""
         return self.now_us - START_US
+
+    @property
+    def wall_us(self) -> int:
+        """now_us of a board in real time, for another thread: now_us itself stands still while the firmware waits."""
+        now_us, went_s = self.now_us, self.went_s
+        return now_us + round((time.monotonic() - went_s) * 1e6)
 
     def next_wait(self) -> int:
         """Read records until the firmware blocks at now_us. Returns the us after which it continues by itself.
@@ -136,7 +144,7 @@ class Simulation:
                 self._sent_levels[name] = level
         for c in received:
             out += _RECORD.pack(_RECEIVED, c, 0, 0, 0)
-        self.now_us = t_us
+        self.now_us, self.went_s = t_us, time.monotonic()
         self._wants_us = None
         switch_us = self.bench.next_switch_us(grant_us) if grant_us else None
         if switch_us is not None:
@@ -205,8 +213,8 @@ class Simulation:
                 with contextlib.suppress(OSError):  # a failed write was reported when it happened
                     self._edges_file.close()
                 self._edges_file = None
-            if self._scratch:
-                self._scratch.cleanup()
+            for folder in self._scratch:
+                folder.cleanup()
 
     def _edge(self, t: int, pin: str, duty: int) -> None:
         if round(self.bench.duties()[pin] * 65535) == duty:  # a reset drops every pin, whether it was up or not

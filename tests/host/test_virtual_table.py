@@ -1,0 +1,182 @@
+"""Boards, mirrors and cameras on one clock: what a program drives through ports, it sees through cameras."""
+
+import numpy as np
+import pytest
+from centroids import centroid
+
+from mirrormount.common.errors import BadAddress, ConnectionLost
+from mirrormount.device.mount import Mount
+from mirrormount.transport.lines import Link
+from mirrormount.transport.open import open_table
+from mirrormount.virtual.virtual_table import VirtualTable
+
+STEP_US = 200  # the longest time that a board's processor needs for one pass of its loop, on the fake clock
+
+
+def opened(options: str = "") -> VirtualTable:
+    table = open_table("virtual-table://" + options)
+    assert isinstance(table, VirtualTable)
+    return table
+
+
+def mounts(table: VirtualTable) -> list[Mount]:
+    return [Mount(Link(port)) for port in table.ports]
+
+
+def behind_us(table: VirtualTable) -> int:
+    """How far the boards' times are apart."""
+    times = [simulation.now_us for simulation in table.simulations]
+    return max(times) - min(times)
+
+
+def test_two_boards_stay_on_one_clock_whoever_waits():
+    with opened() as table:
+        first, second = mounts(table)
+        assert first.board_id != second.board_id
+        frames = table.cameras[0].frames()
+        for act in (
+            lambda: first.x.step(3),
+            lambda: second.y.step(-2),
+            lambda: table.sleep(0.7),
+            lambda: next(frames),
+            lambda: first.sleep(1.3),
+        ):
+            before = table.now_s()
+            act()
+            assert behind_us(table) < STEP_US
+            assert table.now_s() > before
+            for simulation in table.simulations:
+                assert simulation.us * 1e-6 == pytest.approx(table.now_s(), abs=STEP_US * 1e-6)
+
+
+def test_a_motion_on_one_board_goes_on_while_another_is_waited_for():
+    with opened() as table:
+        first, second = mounts(table)
+        first.send("XK0")
+        first.link.write(b"2PR5\n")
+        second.x.step(1)
+        assert 1 <= first.x.position <= 4
+
+
+def test_every_axis_moves_the_beam_and_the_cameras_see_it():
+    with opened() as table:
+        frames = [camera.frames() for camera in table.cameras]
+
+        def seen() -> np.ndarray:
+            pictures = [next(each) for each in frames]
+            return np.array([centroid(picture.image) for picture in pictures])
+
+        for mount in mounts(table):
+            for axis in mount.axes:
+                axis.step(2)  # through the gap
+                for _ in range(3):
+                    before = seen()
+                truth = np.array(table.truth.spots_mm(table.now_s()))
+                axis.step(3)
+                for _ in range(4):  # the first frames were exposed before the end of the motion
+                    after = seen()
+                moved = np.array(table.truth.spots_mm(table.now_s())) - truth
+                expected = [
+                    np.subtract(camera.truth_px((dx, dy)), camera.truth_px((0.0, 0.0)))
+                    for camera, (dx, dy) in zip(table.cameras, moved, strict=True)
+                ]
+                assert np.abs(moved).max() > 0.4
+                assert after - before == pytest.approx(np.array(expected), abs=0.8)
+
+
+def test_a_board_without_drive_does_not_move_the_beam():
+    with opened("?mounts=1") as table:
+        (mount,) = mounts(table)
+        mount.x.step(2)
+        simulation = table.simulations[0]
+        still = table.truth.mirrors_urad(table.now_s())[0]
+        simulation.bench.wires = {}  # every wire between board and bridge is cut
+        mount.x.step(5)
+        assert mount.x.position == 7  # the board counts what it drives
+        assert table.truth.mirrors_urad(table.now_s())[0] == pytest.approx(still, abs=3.0)  # vibration and drift
+
+
+def test_one_board_of_four_axes_carries_two_mounts():
+    with opened("?mounts=2&boards=1") as table:
+        (mount,) = mounts(table)
+        assert [axis.name for axis in mount.axes] == ["y", "x", "axis3", "axis4"]
+        before = np.array(table.truth.mirrors_urad(table.now_s()))
+        mount.axis("axis4").step(4)
+        moved = np.array(table.truth.mirrors_urad(table.now_s())) - before
+        assert moved[1][0] > 400 and np.abs(moved[0]).max() < 5 and abs(moved[1][1]) < 5
+
+
+def test_a_beam_splitter_shows_both_planes_in_one_camera():
+    with opened("?cameras=split") as table:
+        (camera,) = table.cameras
+        image = next(camera.frames()).image
+        halves = [centroid(image[:, :320]), centroid(image[:, 320:])]
+        expected = [camera.truth_px((-8.0, 0.0)), camera.truth_px((8.0 - 320 * 0.05, 0.0))]
+        assert np.array(halves) == pytest.approx(np.array(expected), abs=0.5)
+
+
+@pytest.mark.parametrize("profile", ["smooth", "rough"])
+def test_a_run_repeats_to_the_last_grey_value_and_another_seed_is_another_table(profile):
+    def run(seed: int) -> tuple[object, bytes]:
+        with opened(f"?profile={profile}&seed={seed}&off=3") as table:
+            for mount in mounts(table):
+                mount.x.step(2)
+            pictures = [next(camera.frames()).image.tobytes() for camera in table.cameras]
+            return table.truth.spots_mm(table.now_s()), b"".join(pictures)
+
+    assert run(5) == run(5)
+    assert run(5)[0] != run(6)[0]
+
+
+def test_events_happen_at_their_time_also_in_the_middle_of_a_motion():
+    with opened("?mounts=1&cameras=1") as table:
+        (mount,) = mounts(table)
+        at = table.now_s() + 0.55
+        seen = []
+        table.clock.at(at, lambda: (seen.append(table.now_s()), table.truth.bump(0, 500.0, 0.0)))
+        mount.y.step(3)
+        assert seen == [pytest.approx(at, abs=STEP_US * 1e-6)]
+        assert table.truth.mirrors_urad(table.now_s())[0][0] == pytest.approx(500.0, abs=5.0)
+
+
+def test_a_board_that_is_unplugged_is_lost_and_the_others_go_on():
+    with opened() as table:
+        first, second = mounts(table)
+        first.send("XK0")
+        first.link.write(b"2MV+\n")
+        table.sleep(0.3)
+        table.ports[0].close()
+        with pytest.raises(ConnectionLost):
+            first.status()
+        assert not any(table.simulations[0].bench.duties().values())
+        still = table.truth.mirrors_urad(table.now_s())[0]
+        second.x.step(2)
+        table.sleep(1.0)
+        assert table.truth.mirrors_urad(table.now_s())[0] == pytest.approx(still, abs=60.0)  # it coasted, and stands
+
+
+def test_a_table_in_real_time_moves_what_its_camera_sees():
+    with opened("?mounts=1&cameras=1&speed=1") as table:
+        (mount,) = mounts(table)
+        frames = table.cameras[0].frames()
+        before = centroid(next(frames).image)
+        mount.x.step(2)
+        end_s = table.now_s()
+        after = next(frame for frame in frames if frame.time_s > end_s + 0.05)
+        assert centroid(after.image)[0] - before[0] > 10  # one step of the two goes through the gap
+        mount.close()
+
+
+@pytest.mark.parametrize(
+    "option",
+    ["mounts=3", "boards=2&mounts=1", "cameras=0", "off=40", "off=-1", "off=nan", "speed=2", "seed=x", "a=1"],
+)
+def test_an_unknown_option_is_refused_in_one_line(option):
+    with pytest.raises(BadAddress) as refused:
+        open_table(f"virtual-table://?{option}")
+    assert "\n" not in str(refused.value)
+
+
+def test_an_address_of_no_table_is_refused():
+    with pytest.raises(BadAddress):
+        open_table("virtual://")
