@@ -112,6 +112,7 @@ def test_the_emergency_stop_cuts_both_drives_and_latches(make_board):
     board.run(20_000)
     assert not board.off()
     assert off_after_opening(board, "emergency_stop") < 1_000
+    board.run(5_000)  # the frame's echo ends
     assert board.ask(b"1XE?;2XE?\n").startswith(b"10,")
     board.simulation.bench.broken.clear()
     board.send(b"02550255")

@@ -42,15 +42,28 @@ def test_a_wheel_with_another_boot_rom_is_not_used(monkeypatch, tmp_path):
     assert kept.read_bytes() == b"from an earlier version"
 
 
-def test_the_core_is_made_fast_anew_when_how_has_changed(monkeypatch, tmp_path):
-    monkeypatch.setenv("MIRRORMOUNT_CACHE", str(tmp_path))
-    monkeypatch.setattr(emulator.npm, "install", lambda _source, _folder: False)
-    made: list[list[str]] = []
-    done = subprocess.CompletedProcess([], 0, "", "")
-    monkeypatch.setattr(emulator.subprocess, "run", lambda command, **_options: made.append(command) or done)
-    stamp = tmp_path / "emulator" / "node_modules" / ".made-fast"
-    stamp.parent.mkdir(parents=True)
-    stamp.write_bytes(b"by an older speed.mjs")
-    emulator._modules("node")
-    emulator._modules("node")
-    assert made == [["node", "speed.mjs", "node_modules"]]
+def test_each_version_of_the_emulator_is_rewritten_once_in_a_folder_of_its_own(monkeypatch, tmp_path):
+    tools = tmp_path / "tools"
+    tools.mkdir()
+    for name in ("main.mjs", "core.mjs", "package-lock.json"):
+        (tools / name).write_text(f"the first {name}")
+    monkeypatch.setenv("MIRRORMOUNT_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr(emulator, "TOOLS", tools)
+    made: list[Path] = []
+
+    def install(_source, folder):
+        (folder / "node_modules").mkdir(parents=True, exist_ok=True)
+        return False
+
+    def rewrite(command, cwd, **_options):
+        assert command == ["node", "core.mjs", "node_modules"]
+        made.append(cwd)
+        return subprocess.CompletedProcess(command, 0, "", "")
+
+    monkeypatch.setattr(emulator.npm, "install", install)
+    monkeypatch.setattr(emulator.subprocess, "run", rewrite)
+    first = emulator._modules("node")
+    assert emulator._modules("node") == first and made == [first.parent]
+    (tools / "core.mjs").write_text("the second core.mjs")
+    second = emulator._modules("node")
+    assert made == [first.parent, second.parent] and first != second

@@ -10,7 +10,7 @@ from rows import Row
 
 NOT_MODELLED = (
     "Emulated time. Not modelled: when a USB host polls and sends (full speed: up to 1 ms a turn; here a byte is the"
-    " board's as soon as it asks for one), cache misses of the flash (XIP), the second core."
+    " board's as soon as it asks for one), the second core."
 )
 
 

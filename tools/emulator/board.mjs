@@ -9,9 +9,11 @@ const ENTRY = 0x10000000; // the image's own second-stage boot loader
 const RESET = { power: 0x100, run: 0x10000, watchdog: 0x100 };
 
 export class Board {
-  // bootrom: Uint32Array. onPin(pin, level), onByte(byte, port), onUsb(up), onFlash() tell what happens, at time `us`.
-  constructor(bootrom, onPin, onByte, onUsb, onFlash) {
+  // bootrom: Uint32Array. cached: with the flash's cache. onPin(pin, level), onByte(byte, port), onUsb(up), onFlash()
+  // tell what happens, at time `us`.
+  constructor(bootrom, cached, onPin, onByte, onUsb, onFlash) {
     this.bootrom = bootrom;
+    this.cached = cached;
     this.onPin = onPin;
     this.onByte = onByte;
     this.onUsb = onUsb;
@@ -36,7 +38,7 @@ export class Board {
     const mcu = (this.mcu = new RP2040());
     mcu.logger = new ConsoleLogger(LogLevel.Error, false);
     mcu.loadBootrom(this.bootrom);
-    attachFlash(mcu, this.flash, RESET[cause]);
+    attachFlash(mcu, this.flash, RESET[cause], this.cached);
     this.catchResets(mcu, watchdog);
     mcu.qspi.forEach((pin, i) => { pin.padValue = 0x5a; if (i > 0) pin.setInputValue(true); }); // BOOTSEL not pressed
     mcu.gpio.forEach(pin => { pin.padValue = 0x56; pin.lastValue = pin.value; });

@@ -1,6 +1,7 @@
-// The Pico's SPI flash (a W25Q16JV of 2 MiB) and the two peripherals through which the RP2040 writes it.
+// The Pico's SPI flash (a W25Q16JV of 2 MiB) and the peripherals through which the RP2040 writes and reads it.
 // rp2040js maps flash for reading only; MicroPython's file system needs erase and program with their times.
 import { BasePeripheral } from 'rp2040js';
+import { FlashCache, missCycles } from './cache.mjs';
 
 export const FLASH_SIZE = 2 * 1024 * 1024;
 const UNIQUE_ID = [0xe6, 0x61, 0x64, 0x08, 0x43, 0x2f, 0x5a, 0x21];
@@ -94,13 +95,15 @@ class Registers extends BasePeripheral { // a block that the firmware only sets 
 }
 
 class Ssi extends Registers { // byte-wise transfers drive the flash; chip select is forced through IO_QSPI
-  constructor(rp2040, flash) {
+  constructor(rp2040, flash, onMapped) { // onMapped(register): the flash can be read as memory from here on
     super(rp2040, 'SSI', { 0x58: 0x51535049, 0x5c: 0x3430312a });
     this.flash = flash;
+    this.onMapped = onMapped;
     this.received = [];
     this.override = 0;
     this.readSince = false;
   }
+  get byteWise() { return ((this.readUint32(0) >> 16) & 0x1f) === 7; }
   chipSelect(override) { // 0 automatic, 2 low, 3 high
     if (override === this.override) return;
     this.override = override;
@@ -118,8 +121,7 @@ class Ssi extends Registers { // byte-wise transfers drive the flash; chip selec
   }
   writeUint32(offset, value) {
     if (offset === 0x60) {
-      const byteWise = (((this.values.get(0) ?? 0) >> 16) & 0x1f) === 7;
-      if (!byteWise) { this.received.push(0); return; }
+      if (!this.byteWise) { this.received.push(0); return; }
       if (this.override === 3) { this.received.push(0xff); return; }
       if (this.override === 0) {
         if (this.readSince) this.flash.deselect();
@@ -135,6 +137,7 @@ class Ssi extends Registers { // byte-wise transfers drive the flash; chip selec
       this.readSince = false;
     }
     super.writeUint32(offset, value);
+    if (offset === 0x08 && value & 1 && !this.byteWise) this.onMapped(register => this.readUint32(register));
   }
 }
 
@@ -152,6 +155,11 @@ class IoQspi extends Registers {
 }
 
 class XipControl extends Registers {
+  constructor(rp2040, cache) { super(rp2040, 'XIP_CTRL'); this.cache = cache; }
+  writeUint32(offset, value) {
+    if (offset === 4) this.cache.flush();
+    super.writeUint32(offset, value);
+  }
   readUint32(offset) { return offset === 8 ? 2 : super.readUint32(offset); } // never busy
 }
 
@@ -168,14 +176,17 @@ class RingOscillator extends Registers {
 }
 
 // Put the flash and the blocks round it into a new RP2040. resetCause is the CHIP_RESET register's value.
-export function attachFlash(rp2040, flash, resetCause) {
+// cached: a miss of the flash's cache stalls the processor; else all of the flash is as fast as RAM.
+export function attachFlash(rp2040, flash, resetCause, cached) {
   rp2040.flash.set(flash.memory, 0);
   flash.powerOn(rp2040.clock);
   flash.onChange = (start, size) => rp2040.flash.set(flash.memory.subarray(start, start + size), start);
-  const ssi = new Ssi(rp2040, flash);
+  const cache = new FlashCache();
+  rp2040.core.cache = cache;
+  const ssi = new Ssi(rp2040, flash, register => { if (cached) cache.cost = missCycles(register); });
   rp2040.peripherals[0x18000] = ssi;
   rp2040.peripherals[0x40018] = new IoQspi(rp2040, ssi);
-  rp2040.peripherals[0x14000] = new XipControl(rp2040, 'XIP_CTRL');
+  rp2040.peripherals[0x14000] = new XipControl(rp2040, cache);
   rp2040.peripherals[0x40060] = new RingOscillator(rp2040);
   rp2040.peripherals[0x40064] = new Registers(rp2040, 'VREG', { 0: 0xb1, 4: 9, 8: resetCause });
 }

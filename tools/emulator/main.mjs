@@ -1,8 +1,9 @@
 // The rp2040 machine: a real MicroPython image in an emulated RP2040, behind the seam of the virtual board.
 //
-// usage: node main.mjs BOOTROM IMAGE FLASH START_US keep|forget
+// usage: node main.mjs BOOTROM IMAGE FLASH START_US keep|forget cached|uncached
 //   BOOTROM  4096 little-endian words        IMAGE  .bin or .uf2, used if FLASH does not exist
 //   FLASH    file that holds the flash's content; written back as it changes, if it is to be kept
+//   uncached: without the model of the flash's cache (cache.mjs), all of the flash is as fast as RAM
 //
 // stdin and stdout carry the 16-byte records of host/mirrormount/virtual/fakes/_seam.py (in R and T, b is the serial
 // port: 0 the firmware's, 1 CircuitPython's console beside it), and these:
@@ -15,7 +16,7 @@
 import fs from 'node:fs';
 import { Board } from './board.mjs';
 
-const [bootromFile, imageFile, flashFile, startText, keep] = process.argv.slice(2);
+const [bootromFile, imageFile, flashFile, startText, keep, cached] = process.argv.slice(2);
 const START_US = Number(startText);
 const RECORD = 16;
 const [EDGE, SENT, WAIT, USB, FLASH] = Buffer.from('ETSUF');
@@ -47,6 +48,7 @@ function image(file) {
 const bootrom = fs.readFileSync(bootromFile);
 const board = new Board(
   new Uint32Array(bootrom.buffer, bootrom.byteOffset, bootrom.length / 4),
+  cached === 'cached',
   (pin, level) => record(EDGE, pin, level * 65535, 0),
   (byte, port) => record(SENT, byte, port, 0),
   up => record(USB, up ? 1 : 0, 0, 0),

@@ -21,6 +21,12 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         "--image", type=Path, metavar="FILE", help="rp2040: the MicroPython or CircuitPython image, .uf2 or .bin"
     )
     parser.add_argument("--flash", type=Path, metavar="FILE", help="rp2040: keeps the flash from run to run")
+    parser.add_argument(
+        "--no-flash-cache",
+        dest="flash_cache",
+        action="store_false",
+        help="rp2040: make all of the flash as fast as RAM (a real board's is slower)",
+    )
     parser.add_argument("--link", type=Path, metavar="PATH", help="make PATH a symlink to the board's pty")
     parser.add_argument("--tcp", metavar="PORT", help="listen on this loopback port (0: any that is free)")
     parser.add_argument(

@@ -31,7 +31,7 @@ def serve_board(args: argparse.Namespace) -> None:
             raise BadAddress(f"--{name} needs a file's name")
     ports = _ports(args)
     try:
-        names = ("machine", "bench", "board", "edges", "files", "image", "flash")
+        names = ("machine", "bench", "board", "edges", "files", "image", "flash", "flash_cache")
         given = {name: getattr(args, name) for name in names}
         mechanics = {"profile": PROFILES[args.profile or SMOOTH.name], "seed": seed_of(args.seed or "1")}
         simulation = make_simulation(Options(**given, **mechanics))

@@ -4,7 +4,7 @@ virtual://                      in real time, as a real board would behave
 virtual://?speed=max            in lockstep with the caller: fast, exact, the same every time
 …&machine=cpython|micropython|rp2040|circuitpython  &bench=paper|switches  &board=pico|pico_drv8833
 …&profile=smooth|rough  &seed=N  &supply=VOLTAGE, of the nominal one  &axes=2|4
-…&edges=FILE  &files=FOLDER  &image=FILE  &flash=FILE
+…&edges=FILE  &files=FOLDER  &image=FILE  &flash=FILE  &flash_cache=on|off
 """
 
 import socket
@@ -39,9 +39,9 @@ BOARD_IDS = {"pico": machines.PICO_ID, "pico_drv8833": "pico_drv8833"}  # what C
 @dataclass(frozen=True)
 class Options:
     """The kind of a virtual board. machine: see machines.py. files: its file system (default: a new one with the
-    firmware on it; the cpython and circuitpython machines keep what they save there). image and flash are the rp2040
-    machine's. firmware: the folder that holds `mountfw` (those two; default: the installed one). axes: 2, or 4 on
-    the cpython machine. unit: gives a board of that machine a unique id of its own."""
+    firmware on it; the cpython and circuitpython machines keep what they save there). image, flash and flash_cache
+    are the rp2040 machine's. firmware: the folder that holds `mountfw` (those two; default: the installed one). axes:
+    2, or 4 on the cpython machine. unit: gives a board of that machine a unique id of its own."""
 
     machine: str = "cpython"
     bench: str = "paper"
@@ -54,6 +54,7 @@ class Options:
     files: Path | None = None
     image: Path | None = None
     flash: Path | None = None
+    flash_cache: bool = True
     firmware: Path | None = None
 
     def check(self) -> None:
@@ -72,6 +73,8 @@ class Options:
         for name, value in (("image", self.image), ("flash", self.flash)):
             if value is not None and self.machine != "rp2040":
                 raise BadAddress(f"{name} is for the machine rp2040: the {self.machine} machine has none")
+        if not self.flash_cache and self.machine != "rp2040":
+            raise BadAddress(f"the cache of the flash is of the machine rp2040: the {self.machine} machine has none")
         if self.files is not None and self.machine == "rp2040":
             raise BadAddress("the rp2040 machine keeps its files in its flash: flash=FILE (--flash), not files")
 
@@ -82,7 +85,7 @@ def make_simulation(options: Options | None = None) -> Simulation:
     options.check()
     scratch: list[tempfile.TemporaryDirectory] = []
     if options.machine == "rp2040":
-        command = machines.rp2040(options.image, options.flash)
+        command = machines.rp2040(options.image, options.flash, flash_cache=options.flash_cache)
     else:
         if options.files is None:
             scratch.append(tempfile.TemporaryDirectory(prefix="mirrormount-"))
@@ -141,12 +144,14 @@ def open_virtual(url: str) -> "RealtimePort | LockstepPort":
     paths = {name: Path(given.pop(name)) for name in ("edges", "files", "image", "flash") if name in given}
     profile = profile_named(given.pop("profile", SMOOTH.name), given.pop("supply", None))
     seed, axes = seed_of(given.pop("seed", "1")), given.pop("axes", "2")
-    if given or speed not in ("1", "max") or axes not in ("2", "4"):
+    flash_cache = given.pop("flash_cache", "on")
+    if given or speed not in ("1", "max") or axes not in ("2", "4") or flash_cache not in ("on", "off"):
         raise BadAddress(
             f"{printable(url)}: options are speed=1|max, machine=, bench=, board=, profile=, seed=NUMBER, supply=,"
-            " axes=2|4, edges=, files=, image=, flash="
+            " axes=2|4, edges=, files=, image=, flash=, flash_cache=on|off"
         )
-    simulation = make_simulation(replace(Options(seed=seed, profile=profile, axes=int(axes)), **texts, **paths))
+    options = Options(seed=seed, profile=profile, axes=int(axes), flash_cache=flash_cache == "on")
+    simulation = make_simulation(replace(options, **texts, **paths))
     return LockstepPort(simulation) if speed == "max" else RealtimePort(simulation)
 
 

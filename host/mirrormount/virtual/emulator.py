@@ -30,32 +30,40 @@ _MPY = 6  # the .mpy version of every image from 1.22 on
 _FIRST_BOOT_US = 8_000_000  # until its first output, if it has one without a request
 
 
-def command(image: Path | None, flash: Path | None, start_us: int, keep: bool = True) -> list[str]:
+def command(
+    image: Path | None, flash: Path | None, start_us: int, keep: bool = True, flash_cache: bool = True
+) -> list[str]:
     """The command line of a machine (tools/emulator/main.mjs), with everything it needs in place.
 
     flash: a file that holds the flash's content, written back if keep; without one, a flash with the
-    firmware on it. Raises EmulatorMissing.
+    firmware on it. flash_cache: misses of the flash's cache take their time. Raises EmulatorMissing.
     """
     node = npm.node()
     with held("emulator"):
         modules, bootrom, found = _modules(node), _bootrom(), find_image(image)
     flash = flash or flash_with_firmware(found)
-    words = [modules.parent / "main.mjs", bootrom, found, flash, start_us, "keep" if keep else "forget"]
+    switches = ["keep" if keep else "forget", "cached" if flash_cache else "uncached"]
+    words = [modules.parent / "main.mjs", bootrom, found, flash, start_us, *switches]
     return [node, *(str(word) for word in words)]
 
 
 def _modules(node: str) -> Path:
-    """node_modules beside a copy of tools/emulator, installed and made fast. The copy is brought up to date."""
+    """node_modules beside a copy of tools/emulator, installed and rewritten by core.mjs.
+
+    Each version of tools/emulator has a folder of its own: copies of the repository may differ, and run side by side.
+    """
     if not (TOOLS / "main.mjs").exists():
         raise EmulatorMissing("the rp2040 machine needs a copy of the repository: tools/emulator is not here")
-    folder = cache() / "emulator"
-    stamp = folder / "node_modules" / ".made-fast"
-    how = (TOOLS / "speed.mjs").read_bytes()
-    if npm.install(TOOLS, folder) or not stamp.exists() or stamp.read_bytes() != how:
-        run = subprocess.run([node, "speed.mjs", "node_modules"], cwd=folder, capture_output=True, text=True)
+    digest = hashlib.sha256()
+    for file in [*sorted(TOOLS.glob("*.mjs")), TOOLS / "package-lock.json"]:
+        digest.update(file.name.encode() + b"\0" + file.read_bytes() + b"\0")
+    folder = cache() / "emulator" / digest.hexdigest()[:16]
+    stamp = folder / "node_modules" / ".rewritten"
+    if npm.install(TOOLS, folder) or not stamp.exists():
+        run = subprocess.run([node, "core.mjs", "node_modules"], cwd=folder, capture_output=True, text=True)
         if run.returncode:
             raise EmulatorMissing(f"rp2040js is not as expected: {last_line(run.stderr)}")
-        stamp.write_bytes(how)
+        stamp.touch()
     return folder / "node_modules"
 
 

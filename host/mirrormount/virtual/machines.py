@@ -73,12 +73,13 @@ def circuitpython(
     return [sys.executable, "-I", "-S", *boot, "-1", "-1"]
 
 
-def rp2040(image: Path | None = None, flash: Path | None = None) -> list[str]:
+def rp2040(image: Path | None = None, flash: Path | None = None, *, flash_cache: bool = True) -> list[str]:
     """An emulated Pico that boots image; flash keeps its file system from run to run.
 
     A flash that does not exist yet gets MicroPython alone: the firmware has to be put on it. Without a
-    flash it is one with the firmware, and forgotten in the end. Raises EmulatorMissing.
+    flash it is one with the firmware, and forgotten in the end. flash_cache: with the model of the flash's cache.
+    Raises EmulatorMissing.
     """
     from mirrormount.virtual import emulator
 
-    return emulator.command(image, flash, START_US, keep=flash is not None)
+    return emulator.command(image, flash, START_US, keep=flash is not None, flash_cache=flash_cache)
