@@ -16,7 +16,7 @@ import sys
 from mountfw import build, codes
 from mountfw.motion.position import MAX_STEPS
 
-_SPIN_US = 1_000  # this long before a deadline only the clock is watched: more than one pass takes on an RP2040
+_SPIN_US = 2_000  # this long before a deadline only the clock is watched: more than one pass takes on an RP2040
 _PAUSE_US = 500  # the longest pause while something moves: Ctrl-C waits for it
 
 _LIMITS = ("-", "positive", "negative", "both")
