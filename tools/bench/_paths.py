@@ -4,4 +4,4 @@ import sys
 from pathlib import Path
 
 _TESTS = Path(__file__).resolve().parents[2] / "tests"
-sys.path[:0] = [str(_TESTS / "host"), str(_TESTS / "panel")]
+sys.path[:0] = [str(_TESTS / "beam"), str(_TESTS / "host"), str(_TESTS / "panel")]

@@ -1,0 +1,125 @@
+"""find_spot on pictures of which the true place of the spot is known."""
+
+import numpy as np
+import pytest
+import scenes
+
+from mirrormount.beam import Dark, Reason, find_spot
+from mirrormount.common.errors import BadValue
+
+
+def rng(seed):
+    return np.random.default_rng(seed)
+
+
+def spot_scene(seed=1, *, peak=150.0, width=10.0, x=300.3, y=200.7):
+    return 8 + peak * scenes.gaussian(x, y, width, width), rng(seed)
+
+
+def test_a_clean_spot_is_found_to_two_hundredths_of_a_pixel():
+    found = [(scene, find_spot(scene.image)) for scene in (scenes.clean(rng(seed)) for seed in range(25))]
+    assert all(spot for _, spot in found)
+    errors = np.array([(spot.x - scene.truth[0], spot.y - scene.truth[1]) for scene, spot in found])
+    assert np.sqrt((errors**2).mean()) < 0.02
+    assert np.sqrt((errors**2).mean()) < 1.4 * np.mean([spot.sigma_x for _, spot in found])
+
+
+def test_each_answer_in_nasty_scenes_is_within_its_error_or_a_refusal():
+    judge(range(100), wrong=0)
+
+
+@pytest.mark.exhaustive
+def test_each_answer_in_ten_thousand_nasty_scenes_is_within_its_error_or_a_refusal():
+    pulls = judge(range(10_000), wrong=10_000 // 200)
+    assert 0.92 <= (np.abs(pulls) < 2).mean() <= 0.98
+
+
+def judge(seeds, *, wrong):
+    """(n, 2) errors in standard errors; at most `wrong` above 5 or where no one spot is."""
+    pulls, failed = [], []
+    for seed in seeds:
+        scene = scenes.nasty(rng(seed))
+        found = find_spot(scene.image, scene.dark)
+        if not found:
+            continue
+        if scene.truth is None:
+            failed.append((seed, scene.parts, found))
+            continue
+        pull = (found.x - scene.truth[0]) / found.sigma_x, (found.y - scene.truth[1]) / found.sigma_y
+        pulls.append(pull)
+        if max(map(abs, pull)) > 5:
+            failed.append((seed, scene.parts, found, scene.truth))
+    assert len(pulls) > len(seeds) / 3
+    assert len(failed) <= wrong, failed
+    return np.array(pulls)
+
+
+def test_a_ghost_of_ten_percent_hot_pixels_and_saturation_move_it_by_less_than_a_tenth_of_a_pixel():
+    light, noise = spot_scene(peak=280, width=12)
+    light += 28 * scenes.gaussian(335, 215, 12, 12)
+    image = scenes.expose(light, noise)
+    image[rng(3).integers(0, 480, 60), rng(4).integers(0, 640, 60)] = 255
+    found = find_spot(image)
+    assert found
+    assert found.saturated > 0
+    assert abs(found.x - 300.3) < 0.1 and abs(found.y - 200.7) < 0.1
+
+
+@pytest.mark.parametrize(
+    ("reason", "light"),
+    [
+        (Reason.FLAT, np.zeros((480, 640))),
+        (Reason.NOTHING, None),
+        (Reason.SATURATED, 4000 * scenes.gaussian(300, 200, 20, 20)),
+        (Reason.SPLIT, 100 * (scenes.gaussian(300, 200, 9, 9) + scenes.gaussian(360, 220, 9, 9))),
+        (Reason.SPLIT, 100 * (scenes.gaussian(300, 200, 9, 9) + scenes.gaussian(322, 200, 9, 9))),
+        (Reason.EDGE, 120 * scenes.gaussian(4, 200, 9, 9)),
+        (Reason.WIDE, 120 * scenes.gaussian(300, 200, 60, 60)),
+        (Reason.SHAPE, 120 * scenes.gaussian(300, 200, 30, 5)),
+    ],
+)
+def test_a_refusal_has_its_reason(reason, light):
+    if reason is Reason.FLAT:
+        image = light.astype(np.uint8)
+    else:
+        image = scenes.expose((0 if light is None else light) + np.full((480, 640), 6.0), rng(5))
+    found = find_spot(image)
+    assert not found
+    assert found.reason is reason
+    assert str(found) == f"no spot: {reason.words}"
+
+
+def test_every_reason_has_a_cause_and_a_remedy():
+    assert all(reason.cause and reason.remedy for reason in Reason)
+    assert len({reason.code for reason in Reason}) == len(Reason)
+
+
+def test_a_cluster_of_hot_pixels_is_learned_from_a_dark_frame():
+    image = scenes.expose(np.full((480, 640), 6.0), rng(6))
+    image[100:104, 200:204] = 230
+    dark = scenes.expose(np.full((480, 640), 6.0), rng(7))
+    dark[100:104, 200:204] = 230
+    assert find_spot(image, dark).reason is Reason.NOTHING
+    assert find_spot(image, Dark.of(np.stack([dark, dark]))).reason is Reason.NOTHING
+
+
+def test_sixteen_bits_and_colour_give_the_same_place():
+    light, noise = spot_scene()
+    image = scenes.expose(light, noise)
+    red = np.zeros((480, 640, 3), np.uint8)
+    red[:, :, 2] = image
+    plain, colour, deep = find_spot(image), find_spot(red), find_spot(image.astype(np.uint16) * 200)
+    assert (plain.x, plain.y) == (colour.x, colour.y)
+    assert abs(plain.x - deep.x) < 0.01
+
+
+@pytest.mark.parametrize("picture", [np.zeros((480, 640)), np.zeros((8, 8), np.uint8), np.zeros((99, 99, 2), np.uint8)])
+def test_an_array_of_another_form_is_refused_in_words(picture):
+    with pytest.raises(BadValue, match="a picture has"):
+        find_spot(picture)
+
+
+def test_a_dark_frame_of_another_size_is_refused():
+    light, noise = spot_scene()
+    with pytest.raises(BadValue, match="the dark picture has 320 x 240"):
+        find_spot(scenes.expose(light, noise), np.zeros((240, 320), np.uint8))

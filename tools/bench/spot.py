@@ -1,0 +1,58 @@
+"""Errors, refusals and speed of find_spot on rendered scenes (tests/beam/scenes.py), as tables.
+
+usage: spot.py [--scenes 300] [--seed 0]
+"""
+
+import argparse
+import time
+from collections import Counter
+
+import _paths  # noqa: F401
+import cv2
+import numpy as np
+import scenes
+
+from mirrormount.beam import NoSpot, find_spot
+
+
+def main() -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--scenes", type=int, default=300)
+    parser.add_argument("--seed", type=int, default=0, help="of the first scene; the others follow")
+    args = parser.parse_args()
+    cv2.setNumThreads(1)
+    numbers = range(args.seed, args.seed + args.scenes)
+    _table("clean, sigma 12 px, peak 180", [scenes.clean(np.random.default_rng(n)) for n in list(numbers)[:200]])
+    _table("nasty", (scenes.nasty(np.random.default_rng(n)) for n in numbers))
+
+
+def _table(name, some) -> None:
+    errors, pulls, seconds, reasons, wrong, count = [], [], [], Counter(), [], 0
+    for count, scene in enumerate(some, 1):
+        begin = time.process_time()
+        found = find_spot(scene.image, scene.dark)
+        seconds.append(time.process_time() - begin)
+        if isinstance(found, NoSpot):
+            reasons[found.reason.code] += 1
+        elif scene.truth is None:
+            wrong.append((count - 1, "spot where none, or no one, is", scene.parts))
+        else:
+            error = np.array([found.x - scene.truth[0], found.y - scene.truth[1]])
+            pull = error / [found.sigma_x, found.sigma_y]
+            errors.append(error)
+            pulls.append(pull)
+            if np.abs(pull).max() > 5:
+                wrong.append((count - 1, f"{np.abs(pull).max():.1f} sigma", scene.parts))
+    error, pull, ms = np.array(errors), np.array(pulls), 1e3 * np.array(seconds)
+    print(f"{name}: {count} scenes")
+    print(f"  answered {len(errors)}, refused {sum(reasons.values())}: {dict(reasons.most_common())}")
+    print(f"  error in px: rms {np.sqrt((error**2).mean()):.4f}, median {np.median(np.abs(error)):.4f}")
+    inside = [100 * (np.abs(pull) < k).mean() for k in (2, 3)]
+    print(f"  truth within 2 sigma: {inside[0]:.1f} %, within 3: {inside[1]:.2f} %")
+    print(f"  ms of processor time: median {np.median(ms):.1f}, 95 % {np.percentile(ms, 95):.1f}")
+    print(f"  wrong: {len(wrong)} {wrong[:40]}")
+
+
+if __name__ == "__main__":
+    main()
