@@ -10,7 +10,7 @@ import subprocess
 import sys
 
 import pytest
-from served import PATIENCE_S, run_cli, wait_for
+from served import PATIENCE_S, ServedBoard, run_cli, wait_for
 
 from mirrormount import Mount
 from mirrormount.common import errors
@@ -166,6 +166,16 @@ def test_a_board_that_goes_in_mid_move_is_one_clear_error(board):
         board.kill()
         mount.x.wait()
     assert "\n" not in str(lost.value)
+
+
+def test_the_link_of_a_killed_board_is_replaced_and_one_in_use_is_not(board):
+    refused = run_cli("virtual", "--link", str(board.link))
+    assert refused.returncode == 1
+    assert "leads to a terminal in use" in refused.stderr and board.link.is_symlink()
+    board.kill()
+    assert board.link.is_symlink() and not board.link.exists()
+    with ServedBoard(board.link.parent) as again, Mount.open(str(again.link)) as mount:
+        assert mount.x.position == 0
 
 
 def until(port, text: bytes) -> bytes:

@@ -10,6 +10,8 @@ from running import Panel, wait_for_motion
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
+from mirrormount.cli.browser_link import page_to
+
 FRESH = {"viewport": {"width": 1600, "height": 1000}}  # a browser of its own, without the cookies of other tests
 
 
@@ -76,6 +78,12 @@ def test_the_link_opens_the_panel_once_and_leaves_the_address_bar_clean(open_pag
     assert code_of(wide) not in again
     assert signed_in(wide.port, code_of(wide))[0] == 403
     assert signed_in(wide.port, again.strip().partition("#")[2])[0] == 200
+
+
+def test_the_page_that_hides_the_link_from_other_users_leads_the_browser_there(open_page, wide):
+    with page_to(wide.url) as address:
+        page = open_page(address, **FRESH)
+        page.wait_for_url(wide.url.partition("enter")[0])
 
 
 def test_the_address_bar_is_clean_when_the_cookie_is_there_already_too(open_page, wide):

@@ -16,6 +16,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from types import FrameType
 
+from mirrormount.cli.browser_link import page_to
 from mirrormount.cli.command import virtual_address
 from mirrormount.common.errors import BadAddress, BadValue, CannotListen, ExtraMissing, NoBoardFound
 from mirrormount.common.extras import install
@@ -154,17 +155,18 @@ def _serve(address: str | None, opening: Opening, patience_s: float, browser: bo
     signal.signal(signal.SIGTERM, _end)  # while the web server runs, it ends that first
     if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:  # nohup ignores it
         signal.signal(signal.SIGHUP, lambda *_: signal.raise_signal(signal.SIGTERM))
-    with Supervisor(address, patience_s=patience_s) as supervisor:
+    with Supervisor(address, patience_s=patience_s) as supervisor, contextlib.ExitStack() as pages:
         worker = supervisor.worker
         sign_in, best, own = opening.sign_in, opening.addresses[0], opening.addresses[-1]
         sign_in.told = lambda client, _code: _tell_used(opening, client)
         phone = (lambda: opening.link(best, sign_in.new_code)) if opening.wide else None
         server = make_server(worker, sign_in, phone)
         _tell(worker.mount.identity if worker.mount else "", opening)
-        if browser:  # in a thread: some do not return. Others can read its arguments: the code in them works once
-            link = opening.link(own, sign_in.new_code)
-            show = threading.Thread(target=webbrowser.open, args=(link,), daemon=True)
-            server.when_ready(show.start)
+        if browser:  # in a thread: some do not return
+            with contextlib.suppress(OSError):  # no room for the page of the link: the terminal has shown one
+                link = pages.enter_context(page_to(opening.link(own, sign_in.new_code)))
+                show = threading.Thread(target=webbrowser.open, args=(link,), daemon=True)
+                server.when_ready(show.start)
         server.run([opening.listener])
 
 

@@ -67,8 +67,9 @@ def _ports(args: argparse.Namespace) -> list[Port]:
         if os.name != "posix":
             raise BadValue("this system has no pseudo-terminals: use --tcp")
         if args.link is not None and args.link.exists():
-            what = "is another board's port" if args.link.is_symlink() else "exists and is not a symlink"
-            raise BadAddress(f"{args.link} {what}: not touched")
+            in_use = "leads to a terminal in use: another board's, or a new one since a board there was killed"
+            found = in_use if args.link.is_symlink() else "exists and is not a symlink"
+            raise BadAddress(f"{args.link} {found}; remove it, or take another name")
         try:
             ports.append(PtyPort(args.link))
         except OSError as e:
