@@ -127,6 +127,11 @@ def test_each_fault_of_a_camera_shows():
     assert not next(frames).image.any()
     cam.black = False
     assert next(frames).image.max() > 100
+    cam.more_mm = [(-9.0, 9.0)]
+    for _ in range(4):  # those that were exposed before come first
+        frame = next(frames)
+    x, y = cam.truth_px((-9.0, 9.0))
+    assert frame.image[round(y), round(x)] > 150
     cam.plugged = False
     with pytest.raises(CameraGone):
         next(frames)

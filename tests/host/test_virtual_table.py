@@ -155,6 +155,23 @@ def test_a_board_that_is_unplugged_is_lost_and_the_others_go_on():
         assert table.truth.mirrors_urad(table.now_s())[0] == pytest.approx(still, abs=60.0)  # it coasted, and stands
 
 
+def test_a_board_that_is_plugged_in_again_has_its_settings_and_its_mount_stands_as_it_stood():
+    with opened() as table:
+        first, _ = mounts(table)
+        first.x.step(4)
+        first.x.take_up_us = 123_000
+        first.save()
+        still = table.truth.mirrors_urad(table.now_s())[0]
+        table.ports[0].close()
+        table.sleep(2.0)
+        again = Mount(Link(table.replug(0)))
+        assert (again.board_id, again.x.take_up_us) == (first.board_id, 123_000)
+        assert table.truth.mirrors_urad(table.now_s())[0] == pytest.approx(still, abs=3.0)
+        again.x.step(2)
+        assert table.truth.mirrors_urad(table.now_s())[0][0] - still[0] > 300
+        assert behind_us(table) < STEP_US
+
+
 def test_a_table_in_real_time_moves_what_its_camera_sees():
     with opened("?mounts=1&cameras=1&speed=1") as table:
         (mount,) = mounts(table)

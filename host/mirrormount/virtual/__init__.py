@@ -2,5 +2,6 @@
 
 simulation.py owns the clock, the pins and the bytes. fakes/ is the hardware that the firmware imports. bench.py is
 driven by the pins. realtime.py serves the board to hosts by the wall clock, lockstep.py serves it to one caller in this
-process as fast as the processor allows. docs/virtual-board.md describes the machines.
+process as fast as the processor allows. docs/virtual-board.md describes the machines. virtual_table.py puts boards, a
+laser and cameras on one clock: docs/table.md.
 """

@@ -27,7 +27,7 @@ from mirrormount.virtual.ports import PairPort
 from mirrormount.virtual.profile import SMOOTH, Profile
 from mirrormount.virtual.query import profile_named, seed_of
 from mirrormount.virtual.realtime import serve
-from mirrormount.virtual.simulation import BoardGone, Simulation
+from mirrormount.virtual.simulation import START_US, BoardGone, Simulation
 
 _CIRCUITPYTHON_US = 6_000_000  # until the firmware is ready on it; its LED shows other things before that
 Run = Callable[[int, Callable[[], bool]], object]
@@ -79,10 +79,14 @@ class Options:
             raise BadAddress("the rp2040 machine keeps its files in its flash: flash=FILE (--flash), not files")
 
 
-def make_simulation(options: Options | None = None) -> Simulation:
-    """A virtual board that has just been switched on. Raises BadAddress, EmulatorMissing, CannotOpen."""
+def make_simulation(options: Options | None = None, bench: Bench | None = None) -> Simulation:
+    """A virtual board that has just been switched on. Raises BadAddress, EmulatorMissing, CannotOpen.
+
+    bench: one that exists, on which a board of the cpython machine is switched on again (default: a new one).
+    """
     options = options or Options()
     options.check()
+    start_us = bench.us if bench else START_US
     scratch: list[tempfile.TemporaryDirectory] = []
     if options.machine == "rp2040":
         command = machines.rp2040(options.image, options.flash, flash_cache=options.flash_cache)
@@ -105,7 +109,7 @@ def make_simulation(options: Options | None = None) -> Simulation:
             scratch.append(copy)
             firmware = four_axes_firmware(Path(copy.name))
         if options.machine == "cpython":
-            command = machines.cpython(files, BOARDS[options.board], firmware, options.unit)
+            command = machines.cpython(files, BOARDS[options.board], firmware, options.unit, start_us)
         elif options.machine == "circuitpython":
             command = machines.circuitpython(files, BOARD_IDS[options.board], options.firmware)
         else:
@@ -114,14 +118,14 @@ def make_simulation(options: Options | None = None) -> Simulation:
         file = options.edges.open("w", encoding="utf-8") if options.edges else None
     except OSError as e:
         raise BadAddress(f"cannot write pin edges to {options.edges}: {e.strerror}") from e
-    optics = Bench(
+    bench = bench or Bench(
         switches=options.bench == "switches",
         two_pwm=options.board == "pico_drv8833",
         seed=options.seed,
         profile=options.profile,
         axes=options.axes,
     )
-    simulation = Simulation(command, optics, edges=file, scratch=scratch)
+    simulation = Simulation(command, bench, edges=file, scratch=scratch, start_us=start_us)
     if options.machine == "rp2040":  # a real image starts slowly: in lockstep, not in real time
         board = Lockstep(simulation)
         try:

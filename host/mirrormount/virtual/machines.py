@@ -25,12 +25,15 @@ PICO = "Raspberry Pi Pico with RP2040"
 PICO_ID = "raspberry_pi_pico"  # what CircuitPython calls it
 
 
-def cpython(files: Path, name: str = PICO, firmware: Path | None = None, unit: int = 0) -> list[str]:
+def cpython(
+    files: Path, name: str = PICO, firmware: Path | None = None, unit: int = 0, start_us: int = START_US
+) -> list[str]:
     """A child CPython that keeps its settings in the folder files. name is what MicroPython would call the board;
-    firmware the folder that holds `mountfw` (default: the installed one); unit makes another unique id."""
+    firmware the folder that holds `mountfw` (default: the installed one); unit makes another unique id;
+    start_us: the time when it is switched on."""
     package = firmware or firmware_folder()
     boot = Path(__file__).parent / "boot_cpython.py"
-    return [sys.executable, "-I", "-S", str(boot), str(package), str(files), name, str(START_US), str(unit)]
+    return [sys.executable, "-I", "-S", str(boot), str(package), str(files), name, str(start_us), str(unit)]
 
 
 def micropython(root: Path, name: str = PICO, heap_kb: int = HEAP_KB) -> list[str]:

@@ -35,7 +35,8 @@ class Simulation:
     """A virtual board and its bench.
 
     machine: the command line of the child that is the board (see machines.py). edges: a text file
-    that gets one JSON object per pin edge. scratch: folders that go when the board does.
+    that gets one JSON object per pin edge. scratch: folders that go when the board does. start_us: its clock at
+    power-up, as in machine.
     on_sent is called with each byte that the board sends, on_console with those of a console beside its port.
     probes, {GPIO number: name}, may be filled with other pins whose edges are to be kept; nothing is connected to
     those.
@@ -49,9 +50,10 @@ class Simulation:
         *,
         edges: IO[str] | None = None,
         scratch: Iterable[TemporaryDirectory] = (),
+        start_us: int = START_US,
     ) -> None:
         self.bench = bench or Bench()
-        self.bench.advance(START_US)
+        self.bench.advance(start_us)
         self.edges: list[tuple[int, str, int]] = []  # the last ones: (us since power-up, pin, duty)
         self.probes: dict[int, str] = {}
         self.on_sent: Callable[[int], None] = lambda _c: None
@@ -73,13 +75,13 @@ class Simulation:
             raise CannotOpen(f"the virtual board cannot be started: {machine[0]}: {e.strerror}") from e
         assert self._child.stdin and self._child.stdout
         self._to_child, self._from_child = self._child.stdin, self._child.stdout
-        self.now_us = START_US
+        self.now_us = start_us
         self.went_s = time.monotonic()  # when it was last let go on
         self.waiting_in = 0  # bytes that the board has received and not read
 
     @property
     def us(self) -> int:
-        """Microseconds since power-up."""
+        """Microseconds since the power-up of a board that started with its bench."""
         return self.now_us - START_US
 
     @property

@@ -48,7 +48,7 @@ class _Exposure:
 class TableCamera:
     """A mirrormount.beam.camera.Camera. look: returns the spots (mm) in the camera's plane at a time in s.
 
-    Set black, frozen and plugged to order a fault.
+    Set black, frozen and plugged to order a fault, more_mm for further spots in the plane.
     """
 
     controls = Controls(exposure_fixed=True, gain_fixed=True)
@@ -62,6 +62,7 @@ class TableCamera:
         self.plugged = True
         self.black = False
         self.frozen = False
+        self.more_mm: list[Place] = []
         self._timing = timing
         self._look = look
         self.clock = clock
@@ -108,6 +109,7 @@ class TableCamera:
         """Begin to expose, unless that goes on."""
         if not self._exposing:
             self._exposing = True
+            self._queue.clear()  # what was exposed before the pause is no fresh frame
             self._schedule(int(max(0.0, now_s - self._timing.phase_s) * FRAMES_S) + 1)
 
     def _schedule(self, period: int) -> None:
@@ -124,7 +126,7 @@ class TableCamera:
         air = self._noise.standard_normal(2) * AIR_MM
         late_s = abs(float(self._noise.standard_normal())) * timing.latency_spread_s
         if dropped >= timing.dropped:
-            spots = [(right + float(air[0]), up + float(air[1])) for right, up in self._look(time_s)]
+            spots = [(right + float(air[0]), up + float(air[1])) for right, up in (*self._look(time_s), *self.more_mm)]
             due_s = max(time_s + LATENCY_S + late_s, self._queue[-1].due_s if self._queue else 0.0)
             self._queue.append(_Exposure(self._number, time_s, due_s, spots, repeated < timing.repeated))
         self._schedule(period + 1)

@@ -117,6 +117,12 @@ class LockstepClock:
             simulation.close()
             self._gone.append(simulation)
 
+    def power_on(self, simulation: Simulation, before: Simulation) -> None:
+        """A board that was switched on again, on the bench of the one before."""
+        self._gone.remove(before)
+        self._boards[simulation] = Lockstep(simulation)
+        self.run(0)
+
     def close(self) -> None:
         """Power all boards off."""
         for simulation in list(self._boards):

@@ -7,9 +7,11 @@ virtual-table://                 two mounts, each on a board of its own, and two
 """
 
 import math
+import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from urllib.parse import parse_qsl
 
 import numpy as np
@@ -54,25 +56,26 @@ class VirtualTable:
     def __init__(self, kind: Kind) -> None:
         seeds = np.random.SeedSequence(kind.seed).generate_state(4)
         axes = 4 if kind.mounts > kind.boards else 2
+        self._files = tempfile.TemporaryDirectory(prefix="mirrormount-")  # what the boards save
+        kept = Path(self._files.name)
+        self._boards = [
+            Options(seed=int(seeds[unit]), profile=kind.profile, axes=axes, unit=unit, files=kept / str(unit))
+            for unit in range(min(kind.boards, kind.mounts))
+        ]
         self.simulations: list[Simulation] = []
         self.ports: list[LockstepPort | RealtimePort] = []
+        self.clock: Clock
         try:
-            for unit in range(min(kind.boards, kind.mounts)):
-                options = Options(seed=int(seeds[unit]), profile=kind.profile, axes=axes, unit=unit)
+            for options in self._boards:
                 self.simulations.append(make_simulation(options))
-            self.clock: Clock
-            if kind.realtime:
-                self.ports += [RealtimePort(simulation) for simulation in self.simulations]
-                self.clock = RealtimeClock()
-                mounts = [partial(_mirrors_now, simulation) for simulation in self.simulations]
-            else:
-                self.clock = clock = LockstepClock(self.simulations)
-                self.ports += [_TablePort(simulation, clock) for simulation in self.simulations]
-                mounts = [simulation.bench.mirrors_rad for simulation in self.simulations]
+            self.clock = RealtimeClock() if kind.realtime else LockstepClock(self.simulations)
+            self.ports += [self._port(simulation) for simulation in self.simulations]
         except BaseException:
             for simulation in self.simulations:
                 simulation.close()
+            self._files.cleanup()
             raise
+        mounts = [partial(self._mirrors, number) for number in range(len(self._boards))]
         self.truth = Table(mounts, kind.mounts, _geometry(kind), int(seeds[2]))
         noise = np.random.default_rng(int(seeds[3]))
         if kind.off_mm:
@@ -81,6 +84,29 @@ class VirtualTable:
         for number, look in enumerate(self._looks(kind)):
             sensor, timing = new_webcam(kind.profile, noise)
             self.cameras.append(TableCamera(f"virtual camera {number + 1}", sensor, timing, look, self.clock))
+
+    def _port(self, simulation: Simulation) -> LockstepPort | RealtimePort:
+        if isinstance(self.clock, LockstepClock):
+            return _TablePort(simulation, self.clock)
+        return RealtimePort(simulation)
+
+    def _mirrors(self, number: int) -> list[tuple[float, float]]:
+        """Yaw and pitch of the mirrors on a board, in radians."""
+        simulation = self.simulations[number]
+        return simulation.bench.mirrors_rad(None if isinstance(self.clock, LockstepClock) else simulation.wall_us)
+
+    def replug(self, number: int) -> LockstepPort | RealtimePort:
+        """Switch a board on again whose port was closed. Returns its new port, which is in `ports`, too.
+
+        What it saved and how its mount stands are as they were.
+        """
+        before = self.simulations[number]
+        self.ports[number].close()
+        simulation = self.simulations[number] = make_simulation(self._boards[number], before.bench)
+        if isinstance(self.clock, LockstepClock):
+            self.clock.power_on(simulation, before)
+        self.ports[number] = self._port(simulation)
+        return self.ports[number]
 
     def _looks(self, kind: Kind) -> list[Callable[[float], list[tuple[float, float]]]]:
         """For each camera, what returns the spots in it at a time."""
@@ -110,6 +136,7 @@ class VirtualTable:
         self.clock.close()
         for port in self.ports:
             port.close()
+        self._files.cleanup()
 
     def __enter__(self) -> "VirtualTable":
         return self
@@ -128,10 +155,6 @@ class _TablePort(LockstepPort):
     def close(self) -> None:
         """Power off; the other boards go on."""
         self._clock.power_off(self.simulation)
-
-
-def _mirrors_now(simulation: Simulation) -> list[tuple[float, float]]:
-    return simulation.bench.mirrors_rad(simulation.wall_us)
 
 
 def _geometry(kind: Kind) -> Geometry:
