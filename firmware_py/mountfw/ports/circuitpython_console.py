@@ -1,10 +1,10 @@
 """A CircuitPython board's USB serial channel as a stream of bytes.
 
-It is usb_cdc.data where boot.py has switched that on: then the console is left to the REPL, and 0x03 is a stop.
-Where there are too few USB endpoints for two channels it is the console's: then 0x03 is the interpreter's.
+It is usb_cdc.data where boot.py has enabled that: the console stays the REPL's, and 0x03 is a stop. Where there are
+too few USB endpoints for two channels it is usb_cdc.console, and 0x03 interrupts the program.
 
-A host that goes (its program ends, its port closes, the cable is out) stops what moves: the loop gets a last
-`!`, after all bytes that the host has sent.
+A host that disconnects (its program ends, its port closes, the cable is pulled) stops all motion: after all bytes
+that the host has sent, the loop receives one more `!`.
 """
 
 import select
@@ -14,8 +14,8 @@ import usb_cdc
 from mountfw.wire.frame import pack  # noqa: F401 (a verb of this port, too: there is no native code to be faster)
 
 
-class _Nobody:
-    """The channel where boot.py has left none: no byte ever arrives."""
+class _NoChannel:
+    """The channel where boot.py has enabled none: no byte ever arrives."""
 
     connected = False
     in_waiting = 0
@@ -28,22 +28,22 @@ class _Nobody:
         return 0
 
 
-_channel = usb_cdc.data or usb_cdc.console or _Nobody()
+_channel = usb_cdc.data or usb_cdc.console or _NoChannel()
 
 _STOP = 0x21  # `!`
 _OUTPUT = 64  # bytes: the smallest buffer for output that a USB device has; less than that waits if it can take more
 
 _byte_in = bytearray(1)
 _byte_out = bytearray(1)
-_there = False  # was a host there when we looked last?
+_there = False  # whether a host was connected at the last check
 
 
 def _prepare():
-    """Make reading and writing never block. Returns the ipoll() of a poll object for input.
+    """Make the channel non-blocking. Returns the ipoll() of a poll object for input.
 
-    ipoll() allocates nothing once it has given an answer: so it gives one here, about output.
+    ipoll() allocates only for its first answer, which is given here, for output.
     """
-    if isinstance(_channel, _Nobody):
+    if isinstance(_channel, _NoChannel):
         return _no_input
     _channel.timeout = 0
     _channel.write_timeout = 0
@@ -73,7 +73,7 @@ def any(wait_ms):
 
 
 def drain(receiver, most):
-    """Hand what waits to Link.receive(), at most `most` bytes and no further than to a stop.
+    """Pass received bytes to Receiver.receive(): at most `most`, and none after a stop.
 
     Returns that stop, or NEED_BYTES.
     """

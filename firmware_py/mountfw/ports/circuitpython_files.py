@@ -1,6 +1,6 @@
 """Files of a CircuitPython board: on its drive if the board may write there, in its non-volatile memory if a PC may.
 
-A drive is the board's where boot.py has said so (storage.remount, or storage.disable_usb_drive).
+The board may write to the drive if boot.py has called storage.remount or storage.disable_usb_drive.
 """
 
 import binascii
@@ -23,7 +23,7 @@ def load(name):
     if _records:
         return _records.load(name)
     data = read_file(name)
-    if data is None and name == _SETTINGS:  # a power cut came in the middle of rename()
+    if data is None and name == _SETTINGS:  # a power cut in the middle of rename()
         data = read_file(name + ".new")
     return data
 
@@ -41,7 +41,7 @@ def store(name, data):
 def rename(old, new):
     """Rename a file, replacing one that has the new name. Raises OSError.
 
-    FAT does that in two steps, and a power cut between them leaves the old name: load() knows.
+    FAT does that in two steps. A power cut between them leaves the old name, which load() reads, too.
     """
     if _records:
         _records.rename(old, new)

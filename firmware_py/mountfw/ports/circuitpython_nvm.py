@@ -1,9 +1,9 @@
-"""Small files in a stretch of non-volatile memory, as records that are only ever appended. Pure.
+"""Small files in non-volatile memory, as records that are only appended. Pure.
 
-CircuitPython's microcontroller.nvm is such a stretch: it erases itself as a whole (to 0xFF) when a byte is written
-that is not erased, and only then. So a record goes where all is erased, and is believed when its checksum fits: a
-power cut at any byte of it leaves what was there before. When a record no longer fits, all that is in use is
-written anew, and that one writing is an erase: nothing can make it survive a power cut (docs/circuitpython.md).
+CircuitPython's microcontroller.nvm erases itself as a whole (to 0xFF) when a byte is written that is not erased, and
+only then. A record is therefore written to erased bytes, and is valid if its checksum is right: a power cut at any
+byte of it leaves the earlier records valid. When a record does not fit any more, all valid records are written anew.
+That erases, and does not survive a power cut (docs/circuitpython.md).
 
     kind and number (1 byte)   length (2)   content   CRC-32 of all before (4)   0x5A
 """
@@ -25,9 +25,9 @@ _FULL = 28  # ENOSPC
 
 
 class NvmRecords:
-    """load(), store(), rename() and remove() as settings.Records asks of a port; nvm is that stretch.
+    """load(), store(), rename() and remove() of a port, for store.Records. nvm: the memory, as a bytearray.
 
-    What is stored under a name that ends in `.new` waits in memory until it is renamed: that is one record.
+    Data that is stored under a name that ends in `.new` waits in RAM until it is renamed: that writes one record.
     """
 
     def __init__(self, nvm):
@@ -40,7 +40,7 @@ class NvmRecords:
         self._scan(bytes(nvm[0 : self._size]))
 
     def load(self, name):
-        """The content; none if the memory holds nothing that can be understood; None if there is no such file."""
+        """The content; b"" if the memory is damaged, None if the file is absent."""
         if name in self._waiting:
             return self._waiting[name]
         found = self._found.get(_number(name))
@@ -49,7 +49,7 @@ class NvmRecords:
         return bytes(self._nvm[found[0] : found[0] + found[1]])
 
     def store(self, name, data):
-        """Keep data under a name that ends in `.new`. Raises OSError if it could never be written."""
+        """Store data under a name that ends in `.new`. Raises OSError if it is too long for the memory."""
         if not name.endswith(_NEW) or _number(name[: -len(_NEW)]) < 0:
             raise OSError(_NO_SUCH_FILE)
         if len(data) + _AROUND > self._size:
@@ -57,7 +57,7 @@ class NvmRecords:
         self._waiting[name] = bytes(data)
 
     def rename(self, old, new):
-        """Write what waits under old, as new. Raises OSError if there is none, or no room."""
+        """Write the data stored under old, as new. Raises OSError if there is none, or no room."""
         data = self._waiting.get(old)
         number = _number(new)
         if data is None or number < 0:
@@ -84,19 +84,19 @@ class NvmRecords:
 
     def _append(self, record):
         at = self._free
-        self._free = at + len(record)  # before it is written: what a failure leaves there is not erased any more
+        self._free = at + len(record)  # before it is written: after a failure these bytes are not erased any more
         self._write(at, record)
         return at
 
     def _write(self, at, data):
         try:
             self._nvm[at : at + len(data)] = data
-        except RuntimeError:  # what CircuitPython raises where the memory refuses
+        except RuntimeError:  # CircuitPython's, if the memory refuses
             raise OSError(_EIO) from None
         self._damaged = False
 
     def _write_anew(self, number, record):
-        """All that is in use, and this record instead of what that number had: one erase."""
+        """Write all valid records, this one instead of the earlier one of its number: one erase."""
         image = record
         found = {number: (3, len(record) - _AROUND)} if record else {}
         for other in self._found:
@@ -111,7 +111,7 @@ class NvmRecords:
         self._free = len(image)
 
     def _scan(self, data):
-        """Find the last record of each file. What a power cut has left half done is passed over, byte by byte."""
+        """Find the last record of each file. Incomplete records of a power cut are skipped byte by byte."""
         end = len(data)
         while end and data[end - 1] == 0xFF:
             end -= 1

@@ -1,12 +1,12 @@
-"""The part of a deploy that runs on the board: deploy.py sends this text through mpremote.
+"""The part of a deploy that runs on the board: deploy/mpremote.py sends this source through mpremote.
 
-Plain MicroPython that CPython runs, too (the tests do). Paths are relative to the board's root. A
-power cut may come after any single operation on a file, so nothing that a boot looks at changes
-but by a rename: first the files arrive as NAME.new, then one rename puts the journal in place, and
-from there on replay() of entry/main.py (sent along with this text) can finish what the journal says.
+Plain MicroPython, which CPython runs, too (in the tests). Paths are relative to the board's root. A power cut may
+come after any operation on a file, so files that a boot reads change by renames only: the files are uploaded as
+NAME.new, one rename puts the journal in place, and from then on replay() of entry/main.py (sent with this source)
+can complete the journal.
 
-What a deploy replaces is copied to a folder first, with a journal that brings it back: revert() puts that journal in
-place when the new firmware does not answer, and forget() removes it when it does.
+Replaced files are copied to a folder first, with a journal that restores them: revert() puts that journal in place
+when the new firmware does not answer, forget() removes it when it does.
 """
 
 import binascii
@@ -17,20 +17,20 @@ import os
 MARK = "@mirrormount "  # begins a line that the host reads
 JOURNAL = "mountfw.journal"
 MANIFEST = "mountfw/manifest.json"
-KEPT = "mountfw.kept"  # the folder of what a deploy has replaced, until the new firmware has answered
-UNDO = KEPT + "/undo"  # the journal that brings it back
+KEPT = "mountfw.kept"  # the folder of replaced files, until the new firmware has answered
+UNDO = KEPT + "/undo"  # the journal that restores them
 _IS_FOLDER = 0x4000
 _ENOENT = 2
 
 
 def say(what):
-    """Print it for the host; a dict in parts, since a board's memory may have no room for the whole text at once."""
+    """Print it for the host; a dict in parts, since a board's memory may have no room for the whole text."""
     for part in parts_of(what) if isinstance(what, dict) else [what]:
         print(MARK + json.dumps(part))
 
 
 def parts_of(told):
-    """The entries of a dict, each a dict, and of the dicts in it: after a cut upload a board has twice the files."""
+    """The entries of a dict, each as a dict, and of the dicts in it: after a cut upload a board has twice the files."""
     for key in told:
         if told[key] and isinstance(told[key], dict):
             for inner in told[key]:
@@ -80,7 +80,7 @@ def files_in(folder):
 
 
 def read_manifest():
-    """What a deploy has noted here: files, {path: SHA-256}; aside, {path: [name of its copy, SHA-256]}."""
+    """The manifest of the last deploy: files, {path: SHA-256}; aside, {path: [name of its copy, SHA-256]}."""
     try:
         with open(MANIFEST) as f:
             told = json.load(f)
@@ -90,7 +90,7 @@ def read_manifest():
 
 
 def survey(replay):
-    """Finish a deploy that was cut, then tell what is here."""
+    """Complete a deploy that was cut, then return the state of the board: files, sizes, manifest, free space."""
     replay()
     paths = [name for name in os.listdir() if name.startswith("main.py")]
     if exists("mountfw"):
@@ -108,23 +108,23 @@ def survey(replay):
 
 
 def room():
-    """Bytes that are free for files, and the size of a block."""
+    """Free bytes, and the size of a block."""
     v = os.statvfs("/")
     return [v[1] * v[4], v[0]]
 
 
 def make_folders(folders):
-    """Make those that are not there."""
+    """Make the folders that are absent."""
     for folder in folders:
         if not exists(folder):
             os.mkdir(folder)
 
 
 def commit(new, backup, journal, replay, keep):
-    """Verify what was uploaded ({path: SHA-256}; the file is path.new), then let the journal put it in place.
+    """Verify uploaded files ({path: SHA-256}; the file is path.new), then put them in place by the journal.
 
-    backup: the name for a copy of main.py, or "". keep: what the journal replaces or removes; it is copied to KEPT/0,
-    KEPT/1 ... Raises ValueError for a file that did not arrive well.
+    backup: the name for a copy of main.py, or "". keep: files that the journal replaces or removes; they are copied to
+    KEPT/0, KEPT/1 ... Raises ValueError for a damaged file.
     """
     for path in new:
         if hash_of(path + ".new") != new[path]:
@@ -142,7 +142,7 @@ def commit(new, backup, journal, replay, keep):
 
 
 def undo_lines(new, backup, keep):
-    """The journal that brings back what is kept. main.py last: the new one can finish a journal, the old one maybe not.
+    """The journal that restores the kept files. main.py last: the old one may not be able to complete a journal.
 
     Arguments as of commit().
     """
@@ -170,14 +170,14 @@ def copy(path, to):
 
 
 def write_lines(path, lines):
-    """Make a file of these lines, whole or not at all."""
+    """Make a file of these lines, completely or not at all."""
     with open(path + ".new", "w") as f:
         f.write("\n".join(lines))
     os.rename(path + ".new", path)
 
 
 def forget():
-    """Remove what is kept of the firmware before: its journal first, so that no part of it is ever brought back."""
+    """Remove the kept files of the earlier firmware: their journal first, so that no part of them is ever restored."""
     if exists(KEPT):
         remove(UNDO)
         for path in files_in(KEPT):
@@ -186,11 +186,11 @@ def forget():
 
 
 def revert(replay):
-    """Bring back what was here before the last deploy. False if nothing of it is kept."""
+    """Restore the files from before the last deploy. False if none is kept."""
     replay()
     if not exists(UNDO):
         return False
-    os.rename(UNDO, JOURNAL)  # from here on a boot finishes it, too
+    os.rename(UNDO, JOURNAL)  # from here on a boot completes it, too
     replay()
     forget()
     remove_empty_folders()
@@ -198,7 +198,7 @@ def revert(replay):
 
 
 def remove_empty_folders(folder="mountfw"):
-    """Remove a folder and those below it, if nothing is in them."""
+    """Remove a folder and those below it, if they are empty."""
     if not exists(folder):
         return
     for name in os.listdir(folder):
@@ -210,7 +210,7 @@ def remove_empty_folders(folder="mountfw"):
 
 
 def clean(paths, replay):
-    """Remove what an upload that failed has left; what it may have committed is brought back."""
+    """Remove the files of a failed upload, and revert it if it was committed."""
     revert(replay)
     for path in paths:
         remove(path + ".new")
@@ -219,7 +219,7 @@ def clean(paths, replay):
 
 
 def remove(path):
-    """Remove a file, if it is there."""
+    """Remove a file if it exists."""
     try:
         os.remove(path)
     except OSError as e:
@@ -228,7 +228,7 @@ def remove(path):
 
 
 def undeploy(replay):
-    """Remove what the manifest says, unless somebody has changed it since: main.py first, the manifest last.
+    """Remove the files of the manifest, but those that were changed since: main.py first, the manifest last.
 
     A program that a deploy has put aside gets its name back.
     """
