@@ -4,21 +4,18 @@ from mirrormount.beam import find_spot
 spot = find_spot(picture)
 """
 
-from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from mirrormount.beam.picture import Dark
-    from mirrormount.beam.reasons import Reason
-    from mirrormount.beam.spot import NoSpot, Spot, find_spot
+    from mirrormount.beam.spot import Dark, NoSpot, Reason, Spot, find_spot
 
 __all__ = ["Dark", "NoSpot", "Reason", "Spot", "find_spot"]
 
-_MODULES = {"Dark": "picture", "Reason": "reasons", "NoSpot": "spot", "Spot": "spot", "find_spot": "spot"}
-
 
 def __getattr__(name: str) -> object:
-    """The public names, imported at their first use: a page that lists cameras needs no fit."""
-    if name in _MODULES:
-        return getattr(import_module(f"mirrormount.beam.{_MODULES[name]}"), name)
+    """The public names, imported at their first use: the types of cameras need no OpenCV."""
+    if name in __all__:
+        from mirrormount.beam import spot
+
+        return getattr(spot, name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -12,6 +12,7 @@ import os
 import sys
 
 from mirrormount.cli import (
+    camera,
     check,
     config,
     demo,
@@ -50,6 +51,7 @@ COMMANDS: tuple[Command, ...] = (
     deploy.COMMAND,
     undeploy.COMMAND,
     repl.COMMAND,
+    camera.COMMAND,
     demo.COMMAND,
 )
 

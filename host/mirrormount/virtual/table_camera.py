@@ -135,7 +135,7 @@ class TableCamera:
         if (self.sensor.width, self.sensor.height) != self.size:
             was, self.size = self.size, Size(self.sensor.width, self.sensor.height)
             raise CameraSizeChanged(f"{self.name}: frames are {self.size} now, not {was}")
-        repeated = self._image is not None and (self.frozen or exposure.repeated)
+        repeated = self._image is not None and bool(self.frozen or exposure.repeated)
         if not repeated:
             if self.black:
                 self._image = np.zeros((self.size.height, self.size.width), np.uint8)

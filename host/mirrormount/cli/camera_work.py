@@ -1,0 +1,96 @@
+"""The work of `mirrormount camera`."""
+
+import argparse
+import contextlib
+import itertools
+import sys
+from collections.abc import Iterator
+
+from mirrormount.beam import find_spot
+from mirrormount.beam.camera import Camera, Frame
+from mirrormount.beam.open_camera import open_camera
+from mirrormount.beam.picture import GREY_OF_COLOUR, Dark
+from mirrormount.beam.recording import read_picture
+from mirrormount.beam.recording import record as write_recording
+from mirrormount.beam.spot import NoSpot, Spot
+from mirrormount.beam.webcam import listed, tried
+from mirrormount.cli.command import whole
+from mirrormount.common.errors import BadValue
+from mirrormount.common.printable import printable
+from mirrormount.common.progress import StatusLine
+
+
+def list(_args: argparse.Namespace) -> None:
+    """Print one line a camera, and which ones are not looked for."""
+    devices = listed()
+    if devices is None:
+        print("this system has no list of cameras: indices 0 to 5 are tried", file=sys.stderr)
+        devices = tried()
+    for device in devices:
+        print(f"{device.number}  {printable(device.name)}")
+    if not devices:
+        print("no camera found; a virtual one is always there: --camera virtual-table://")
+    print("not looked for: cameras on the network, and those that need their maker's driver", file=sys.stderr)
+
+
+def show(args: argparse.Namespace) -> None:
+    """Print one line a frame."""
+    dark = Dark.of(read_picture(args.dark)) if args.dark else None
+    with _opened(args) as (camera, frames):
+        print(f"{printable(camera.name)}, {camera.size} pixels; grey: {GREY_OF_COLOUR}", file=sys.stderr)
+        for frame in frames:
+            print(line(frame, find_spot(frame, dark)), flush=True)
+
+
+def record(args: argparse.Namespace) -> None:
+    """Write a recording."""
+    shown = StatusLine()
+    with _opened(args) as (camera, frames):
+        try:
+            count = write_recording(camera, args.folder, _counted(frames, shown))
+        finally:
+            shown.end()
+    print(f"{count} frames in {args.folder}")
+
+
+def line(frame: Frame, found: Spot | NoSpot) -> str:
+    """What is known of a frame, in one line."""
+    marks = (" repeated" if frame.repeated else "") + (" late" if frame.late else "")
+    seen = f"{found.detection.threshold:.1f}" if found.detection else "none"
+    if isinstance(found, NoSpot):
+        return f"{frame.number:6d}  {found}  (threshold {seen}){marks}"
+    also = f" saturated {found.saturated}" if found.saturated else ""
+    also += f" ghost {found.ghost:.0%}" if found.ghost else ""
+    return (
+        f"{frame.number:6d}  x {found.x:8.3f} ± {found.sigma_x:.3f}  y {found.y:8.3f} ± {found.sigma_y:.3f} px"
+        f"  width {found.width:.1f} x {found.height:.1f}  peak {found.peak:.0f}  threshold {seen}{also}{marks}"
+    )
+
+
+@contextlib.contextmanager
+def _opened(args: argparse.Namespace) -> Iterator[tuple[Camera, Iterator[Frame]]]:
+    """The camera, and as many frames as were asked for; Ctrl-C ends it in order."""
+    most = whole(args.frames, "--frames") if args.frames is not None else None
+    if most is not None and most < 1:
+        raise BadValue(f"--frames is at least 1, not {most}")
+    camera = open_camera(args.camera)
+    try:
+        _tell_controls(camera)
+        yield camera, itertools.islice(camera.frames(), most)
+    finally:
+        camera.close()
+
+
+def _tell_controls(camera: Camera) -> None:
+    """Say which controls may change in mid-measurement."""
+    for name, fixed in camera.controls._asdict().items():
+        if not fixed:
+            what = name.removesuffix("_fixed")
+            state = "is automatic" if fixed is False else "may be automatic: the camera does not say"
+            print(f"note: {what} {state}; fix it in the camera's own program", file=sys.stderr)
+
+
+def _counted(frames: Iterator[Frame], shown: StatusLine) -> Iterator[Frame]:
+    for count, frame in enumerate(frames, 1):
+        shown.show(f"{count} frames; Ctrl-C ends the recording")
+        yield frame
