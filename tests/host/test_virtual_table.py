@@ -8,6 +8,8 @@ from mirrormount.common.errors import BadAddress, ConnectionLost
 from mirrormount.device.mount import Mount
 from mirrormount.transport.lines import Link
 from mirrormount.transport.open import open_table
+from mirrormount.virtual.simulation import START_US
+from mirrormount.virtual.table_clock import LockstepClock
 from mirrormount.virtual.virtual_table import VirtualTable
 
 STEP_US = 200  # the longest time that a board's processor needs for one pass of its loop, on the fake clock
@@ -23,10 +25,15 @@ def mounts(table: VirtualTable) -> list[Mount]:
     return [Mount(Link(port)) for port in table.ports]
 
 
+def times_us(table: VirtualTable) -> list[int]:
+    """The time that each board has reached."""
+    assert isinstance(table.clock, LockstepClock)
+    return [table.clock.board(simulation).at_us - START_US for simulation in table.simulations]
+
+
 def behind_us(table: VirtualTable) -> int:
     """How far the boards' times are apart."""
-    times = [simulation.now_us for simulation in table.simulations]
-    return max(times) - min(times)
+    return max(times_us(table)) - min(times_us(table))
 
 
 def test_two_boards_stay_on_one_clock_whoever_waits():
@@ -45,8 +52,23 @@ def test_two_boards_stay_on_one_clock_whoever_waits():
             act()
             assert behind_us(table) < STEP_US
             assert table.now_s() > before
-            for simulation in table.simulations:
-                assert simulation.us * 1e-6 == pytest.approx(table.now_s(), abs=STEP_US * 1e-6)
+            for us in times_us(table):
+                assert us * 1e-6 == pytest.approx(table.now_s(), abs=STEP_US * 1e-6)
+
+
+def test_two_boards_that_are_told_at_once_drive_at_once_however_long_they_have_rested():
+    with opened() as table:
+        mounts(table)
+        table.sleep(1.2345)
+        told_us = table.now_s() * 1e6
+        for port in table.ports:
+            port.write(b"2PR1\n")
+        table.sleep(1.0)
+        for simulation in table.simulations:
+            started = [us for us, pin, duty in simulation.edges if pin == "m2_en" and duty]
+            ended = [us for us, pin, duty in simulation.edges if pin == "m2_en" and not duty]
+            assert len(started) == 1 and 0 < started[0] - told_us < 5 * STEP_US
+            assert ended[-1] - started[0] == pytest.approx(200_000, abs=100)
 
 
 def test_a_motion_on_one_board_goes_on_while_another_is_waited_for():

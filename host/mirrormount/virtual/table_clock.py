@@ -90,21 +90,21 @@ class LockstepClock:
             stop_us = end_us if event_us is None else min(end_us, START_US + event_us)
             came, reached_us = False, max(self.now_us, stop_us)
             if simulation is not None:
-                came = self._boards[simulation].run(reached_us - simulation.now_us, until)
+                came = self._boards[simulation].follow(reached_us, until)
                 if came:
-                    reached_us = max(self.now_us, simulation.now_us)
-            self._follow(reached_us, simulation)
+                    reached_us = max(self.now_us, self._boards[simulation].at_us)
+            for other, board in list(self._boards.items()):
+                if other is not simulation:
+                    try:
+                        board.follow(reached_us)
+                    except BoardGone:
+                        self.power_off(other)
+            self._happen(reached_us)
             if came or self.now_us >= end_us:
                 return came
 
-    def _follow(self, reached_us: int, first: Simulation | None) -> None:
-        """Let all but the first board reach a time, and what is due then happen."""
-        for simulation, board in list(self._boards.items()):
-            if simulation is not first:
-                try:
-                    board.run(reached_us - simulation.now_us)
-                except BoardGone:
-                    self.power_off(simulation)
+    def _happen(self, reached_us: int) -> None:
+        """The table has reached a time: what is due happens."""
         self.now_us = reached_us
         for simulation in self._gone:
             simulation.bench.advance(reached_us)
@@ -113,7 +113,8 @@ class LockstepClock:
 
     def power_off(self, simulation: Simulation) -> None:
         """End a board: its pins go off, and its mount stays as it is."""
-        if self._boards.pop(simulation, None):
+        if board := self._boards.pop(simulation, None):
+            simulation.now_us = board.at_us
             simulation.close()
             self._gone.append(simulation)
 

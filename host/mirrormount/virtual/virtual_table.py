@@ -152,6 +152,10 @@ class _TablePort(LockstepPort):
         super().__init__(simulation, clock.board(simulation), lambda us, until: clock.run(us, simulation, until))
         self._clock = clock
 
+    def monotonic(self) -> float:
+        """Seconds of the table's time."""
+        return self._clock.now_s()
+
     def close(self) -> None:
         """Power off; the other boards go on."""
         self._clock.power_off(self.simulation)
