@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrormount.beam.camera import Controls, Frame, Size
-from mirrormount.common.beam_errors import CameraGone, CameraSizeChanged
+from mirrormount.beam.checked import Limits, Picture, checked
+from mirrormount.common.beam_errors import CameraGone
 from mirrormount.virtual.sensor import Sensor
 from mirrormount.virtual.table_clock import Clock
 
@@ -21,6 +22,7 @@ AIR_MM = 0.003  # spread of the spot from frame to frame by moving air; assumed
 LATENCY_S = 0.05  # from the middle of the exposure to the arrival; assumed
 STAMP_S = 0.001  # spread of a time stamp's error; assumed
 _IDLE_S = 1.0  # without a reader, no more exposures
+_LIMITS = Limits(rate_hz=1e-6)  # a program in lockstep may look as seldom as it likes
 _KEPT = 8  # exposures on their way, or waiting for a reader
 
 Place = tuple[float, float]
@@ -74,14 +76,20 @@ class TableCamera:
         self._next_s = 0.0
         self._number = -1
         self._image: NDArray[np.uint8] | None = None
-        self._arrived_s: float | None = None
 
     def monotonic(self) -> float:
         """The table's time."""
         return self.clock.now_s()
 
     def frames(self) -> Iterator[Frame]:
-        """Each time the newest frame that has not been returned. Raises CameraGone, CameraSizeChanged."""
+        """Each time the newest frame that has not been returned. Raises CameraError, as a webcam does."""
+        self.size = Size(self.sensor.width, self.sensor.height)
+        self._image = None
+        numbers: deque[int] = deque()
+        return checked(self._pictures(numbers), self.name, self.size, _LIMITS, numbers=iter(numbers.popleft, None))
+
+    def _pictures(self, numbers: deque[int]) -> Iterator[Picture]:
+        """Pictures as they arrive; each one's number is put into numbers. Raises CameraGone."""
         while True:
             now_s = self._asked_s = self.clock.now_s()
             if not self.plugged:
@@ -91,6 +99,7 @@ class TableCamera:
             while self._queue and self._queue[0].due_s <= now_s:
                 newest = self._queue.popleft()
             if newest:
+                numbers.append(newest.number)
                 yield self._developed(newest)
             else:
                 next_s = min((exposure.due_s for exposure in self._queue.copy()), default=self._next_s)
@@ -131,19 +140,10 @@ class TableCamera:
             self._queue.append(_Exposure(self._number, time_s, due_s, spots, repeated < timing.repeated))
         self._schedule(period + 1)
 
-    def _developed(self, exposure: _Exposure) -> Frame:
-        if (self.sensor.width, self.sensor.height) != self.size:
-            was, self.size = self.size, Size(self.sensor.width, self.sensor.height)
-            raise CameraSizeChanged(f"{self.name}: frames are {self.size} now, not {was}")
-        repeated = self._image is not None and bool(self.frozen or exposure.repeated)
-        if not repeated:
+    def _developed(self, exposure: _Exposure) -> Picture:
+        if self._image is None or not (self.frozen or exposure.repeated):
             if self.black:
-                self._image = np.zeros((self.size.height, self.size.width), np.uint8)
+                self._image = np.zeros((self.sensor.height, self.sensor.width), np.uint8)
             else:
                 self._image = self.sensor.picture(exposure.spots, exposure.time_s)
-            self._image.setflags(write=False)
-        assert self._image is not None
-        late = self._arrived_s is not None and exposure.due_s - self._arrived_s > 2 / FRAMES_S
-        self._arrived_s = exposure.due_s
-        stamp_s = exposure.time_s + STAMP_S * float(self._stamps.standard_normal())
-        return Frame(self._image, stamp_s, exposure.number, repeated, late)
+        return Picture(self._image, exposure.time_s + STAMP_S * float(self._stamps.standard_normal()))
