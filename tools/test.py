@@ -15,6 +15,7 @@ import shutil
 import sys
 import tempfile
 import time
+from concurrent.futures import ThreadPoolExecutor
 from typing import Callable, Dict, List, NamedTuple, Optional, Sequence, Tuple, Union
 from xml.etree import ElementTree
 
@@ -78,6 +79,8 @@ CHECKS = (
     ("tests tied to the wall clock", ["pytest", "--wall-clock=only"]),
     ("coverage", ["coverage", "report"]),
 )
+# beside the first run of pytest, in a whole run: a firmware that got slower (docs/performance.md)
+TIMES = ("times", ["tools/bench/run.py", "--check", "--quick", "--jobs", "1"])
 RECORD = "--coverage"  # pytest's argument in the first run: the second is judged by the clock, which recording slows
 NO_TESTS = 5  # pytest's status when it has nothing to run
 COUNTS = ("passed", "failed", "skipped")
@@ -90,6 +93,7 @@ class Result(NamedTuple):
     status: int
     seconds: float
     tests: Optional[Dict[str, int]] = None  # how many passed, failed, were skipped; of pytest only
+    output: str = ""  # still to be shown
 
 
 def parse(arguments: List[str]) -> Tuple[bool, List[str]]:
@@ -153,6 +157,14 @@ def check(step: str, title: str, words: List[str]) -> Result:
         return Result(title, status, time.monotonic() - start, counted(report))
 
 
+def check_times() -> Result:
+    """Run the bench's quick check, quietly."""
+    title, words = TIMES
+    start = time.monotonic()
+    status, output = bootstrap.run([str(bootstrap.venv_python(bootstrap.ROOT / ".venv")), *words])
+    return Result(title, status, time.monotonic() - start, output=output)
+
+
 def counted(report: str) -> Optional[Dict[str, int]]:
     """How many tests passed, failed and were skipped, by pytest's report; None if it wrote none."""
     if not os.path.exists(report):
@@ -192,10 +204,16 @@ def main(arguments: List[str]) -> int:
     steps = len(to_do) + 2
     bootstrap.prepare(bootstrap.ROOT, WANTED, steps, may_install=install_system or ci)
     deselected = ["--deselect=" + name for need in absent for name in need.not_run]
+    with_times = not for_pytest and not any(need.not_run == _EMULATED for need in absent)
     results = []
-    for number, (title, words) in enumerate(to_do, 3):
-        extra = [*deselected, *for_pytest] if words[0] == "pytest" else []
-        results.append(check(f"{number}/{steps}", title, [*words, *extra]))
+    with ThreadPoolExecutor(1) as pool:
+        for number, (title, words) in enumerate(to_do, 3):
+            extra = [*deselected, *for_pytest] if words[0] == "pytest" else []
+            times = pool.submit(check_times) if title == "tests" and with_times else None
+            results.append(check(f"{number}/{steps}", title, [*words, *extra]))
+            if times:  # before the tests tied to the wall clock
+                results.append(times.result())
+                bootstrap.say(f"\n{TIMES[0]}: {' '.join(TIMES[1])}\n{results[-1].output.rstrip()}")
     lines, status = summary(judged(results), absent, ci)
     bootstrap.say("\nSummary\n  " + "\n  ".join(lines[:-1]) + "\n" + lines[-1])
     return status

@@ -1,6 +1,7 @@
 """Facts about tools/bench: its statistics, its table, what it reads off edges. No board is started here."""
 
 import random
+from pathlib import Path
 
 import paper
 import pytest
@@ -8,12 +9,12 @@ import run
 from lab import ENABLES, LOST, first_low_us, last_fall_us, on_times_us
 from probe import longest_pass_us
 from rows import ROWS, Figure, Row
-from table import NOT_MODELLED, Measurement, as_json, markdown
+from table import NO_GATE, NOT_MODELLED, Measurement, as_json, markdown
 
 
-def measurement(values, must=None, aim=None, more_is_better=False) -> Measurement:
-    figure = Figure("ms", must, aim, more_is_better)
-    return Measurement(Row("row", "what it is", figure, "35 ms", lambda _lab: []), values)
+def measurement(values, must=None, aim=None, more_is_better=False, p99=False, floor=None) -> Measurement:
+    figure = Figure("ms", must, aim, more_is_better, p99)
+    return Measurement(Row("row", "what it is", figure, "35 ms", lambda _lab: [], floor=floor), values)
 
 
 def test_statistics_of_a_known_list():
@@ -34,6 +35,61 @@ def test_the_worst_of_a_rate_is_the_least():
     m = measurement([500.0, 700.0, 600.0], must=500, aim=1000, more_is_better=True)
     assert (m.median, m.p99, m.worst) == (600, 500, 500)
     assert m.meets(500) and not m.meets(1000)
+
+
+def test_a_limit_is_for_the_worst_value_or_for_the_p99():
+    values = [1.0] * 198 + [2.0, 9.0]
+    assert measurement(values, must=5).meets(5) is False
+    assert measurement(values, must=5, p99=True).meets(5)
+
+
+def test_a_check_fails_for_a_missed_must_and_a_quick_one_for_a_missed_floor():
+    assert measurement([1.0, 3.0], must=3).missed(quick=False) == ""
+    assert measurement([1.0, 4.0], must=3).missed(quick=True) == "row: 4 ms, must 3"
+    slow = measurement([1.0, 4.0], must=3, floor=4.4)
+    assert slow.missed(quick=False) == "row: 4 ms, must 3"
+    assert slow.missed(quick=True) == ""
+    assert measurement([4.5], must=3, floor=4.4).missed(quick=True) == "row: 4.5 ms, must 3, floor 4.4"
+
+
+def test_a_floor_stands_only_where_the_must_is_missed():
+    floors = [row for row in ROWS if row.floor is not None]
+    for row in floors:
+        better = row.floor > row.figure.must if row.figure.more_is_better else row.floor < row.figure.must
+        assert row.quick and not better, row.name
+
+
+def test_a_row_about_a_gate_has_no_values_without_one(monkeypatch):
+    monkeypatch.setattr(run, "has_gate", lambda: False)
+    values, _ = run.measured("stop-run-gate", 20, None)
+    m = Measurement(next(row for row in ROWS if row.name == "stop-run-gate"), values)
+    assert NO_GATE in markdown([m])
+    assert m.missed(quick=False) == m.missed(quick=True) == ""
+    (told,) = as_json([m])
+    assert told["n"] == 0 and told["must_met"] is None
+
+
+def test_a_row_with_the_gate_is_measured_without_it_too():
+    names = {row.name for row in ROWS}
+    for row in ROWS:
+        if row.gate:
+            assert row.name.removesuffix("-gate") in names
+
+
+def test_the_newest_official_image_is_taken_where_there_are_some(monkeypatch, tmp_path):
+    monkeypatch.delenv("MIRRORMOUNT_IMAGES", raising=False)
+    assert run.parse([]).image is None
+    for name in ("RPI_PICO-20241129-v1.24.1.uf2", "RPI_PICO-20250911-v1.26.1.uf2", "adafruit-circuitpython.uf2"):
+        (tmp_path / name).touch()
+    monkeypatch.setenv("MIRRORMOUNT_IMAGES", str(tmp_path))
+    assert run.parse([]).image == tmp_path / "RPI_PICO-20250911-v1.26.1.uf2"
+    assert run.parse(["--image", "other.bin"]).image == Path("other.bin")
+
+
+def test_a_quick_run_has_20_trials_of_the_rows_of_stops_and_frames():
+    assert run.parse(["--quick"]).n == 20 and run.parse([]).n == 200
+    names = {row.name.split("-")[0] for row in run.chosen("", quick=True)}
+    assert names == {"frame", "stop"}
 
 
 def test_one_number_is_enough():

@@ -377,9 +377,23 @@ def test_pytest_comes_last_with_its_arguments_and_without_what_cannot_run(shown)
 
 def test_a_whole_run_ends_with_the_coverage_of_its_first_pytest(shown):
     checks.main([])
-    first, _, last = shown[-3:]
+    first = next(words for words in shown if words[0] == "pytest")
+    last = shown[-1]
     assert first == ["pytest", "--wall-clock=without", *checks.PARALLEL, "--coverage", "--deselect=tests/clone"]
     assert last == ["coverage", "report", "--fail-under=0"]
+
+
+def test_only_a_whole_run_checks_the_times_of_the_firmware(shown, monkeypatch, capsys):
+    times = ["--check", "--quick", "--jobs", "1"]
+    checks.main([])
+    assert times in shown
+    shown.clear()
+    checks.main(["--", "-k", "frame"])
+    assert times not in shown
+    monkeypatch.setattr(bootstrap, "run", lambda command: (int("--quick" in command), "missed: stop-run"))
+    assert checks.main([]) == 1
+    output = capsys.readouterr().out
+    assert "missed: stop-run" in output and re.search(r"FAILED +times", output)
 
 
 def test_the_floor_of_the_coverage_counts_on_ci(shown, monkeypatch):

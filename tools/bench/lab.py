@@ -24,6 +24,7 @@ from mirrormount.virtual.simulation import Simulation
 ENABLES = ("m1_en", "m2_en")
 LOST = math.inf  # what never happened
 
+_GATE = "mountfw/ports/rp2_gate.py"
 _MPY = 6  # the .mpy version of MicroPython 1.23 on
 _PATIENCE_US = 20_000_000
 _ASK_US = 1_000_000  # ask again if no answer came: while the board's output is full it drops what it cannot say
@@ -167,14 +168,26 @@ class Board(Lockstep):
         return last_fall_us(self.edges, landed_us) - landed_us if self.off() else LOST
 
 
-class Lab:
-    """Makes boards for one measurement, counts its trials, and cleans up after it."""
+def has_gate() -> bool:
+    """True if the firmware has a gate, which cuts a drive without the loop (docs/architecture.md)."""
+    return _GATE in fileset.sources("micropython")
 
-    def __init__(self, name: str, n: int, image: Path | None = None) -> None:
+
+class Lab:
+    """Makes boards for one measurement, counts its trials, and cleans up after it.
+
+    gate: False for a board file that leaves the gate out; flash_cache: with the model of the flash's cache.
+    """
+
+    def __init__(
+        self, name: str, n: int, image: Path | None = None, *, gate: bool = True, flash_cache: bool = True
+    ) -> None:
         self.n = n
         self.random = random.Random(name)  # the same moments in every run
         self._name = name
         self._image = image
+        self._gate = gate
+        self._flash_cache = flash_cache
         self._folder = TemporaryDirectory(prefix="mirrormount-bench-")
         self._boards: list[Board] = []
 
@@ -189,10 +202,13 @@ class Lab:
     def board(self, *, source: bool = False, switches: bool = False) -> Board:
         """A new board that has started. source: with .py files instead of .mpy; switches: end-stops wired."""
         files = fileset.firmware(None if source else _MPY)
+        if not self._gate and has_gate():
+            files |= {"mountfw/boards/this.py": b"from mountfw.boards.pico import *\n\nGATE = False\n"}
         flash = Path(self._folder.name) / f"{len(self._boards)}.bin"
         shutil.copyfile(emulator.flash_with_firmware(self._image, files), flash)
         bench = "switches" if switches else "paper"
-        board = Board(make_simulation(Options(machine="rp2040", image=self._image, flash=flash, bench=bench)))
+        options = Options("rp2040", image=self._image, flash=flash, bench=bench, flash_cache=self._flash_cache)
+        board = Board(make_simulation(options))
         self._boards.append(board)
         board.clear()
         return board

@@ -206,6 +206,19 @@ def stop_behind(lab: Lab, *, size: int) -> list[float]:
     return times
 
 
+def stop_in_queries(lab: Lab) -> list[float]:
+    """ms; both axes run, and the loop executes thirty lines `XS?` when `!` comes."""
+    board, random = lab.board(), lab.random
+    times = []
+    for _ in lab.trials():
+        board.do(b"1MV+;2MV-\n")
+        board.give(b"XS?\n" * 30)
+        board.run(random.randrange(IDLE_US))
+        times.append(board.stopped_after_us(board.give(b"!")) / 1000)
+        board.forget()
+    return times
+
+
 # ---- pulses
 
 

@@ -52,6 +52,26 @@ finally:
 """
 
 
+# The loop shows its state once in each pass: there, in its own context, something is done while a motor is driven.
+_WHILE_DRIVING = """
+import gc
+from mountfw.build import build
+from mountfw.ports import micropython as port
+board = port.find_board()
+a = build(port, board)
+shown = a.show
+def show():
+    shown()
+    %s a.controller.driving():
+        %s
+a.show = show
+try:
+    a.run()
+finally:
+    port.leave(board)
+"""
+
+
 def start_probe(board: Board) -> None:
     """Start the firmware anew, with the probe. The board is at its prompt for a moment."""
     board.simulation.probes[_GPIO] = PASS
@@ -61,6 +81,16 @@ def start_probe(board: Board) -> None:
 def start_polled(board: Board) -> None:
     """Start the firmware anew, as on a port that has no interrupts."""
     _start(board, _POLLED)
+
+
+def start_hanging(board: Board) -> None:
+    """Start the firmware anew; the loop hangs with the first drive, until the watchdog resets the board."""
+    _start(board, _WHILE_DRIVING % ("while", "pass"))
+
+
+def start_collecting(board: Board) -> None:
+    """Start the firmware anew; garbage is collected in each pass while a motor is driven."""
+    _start(board, _WHILE_DRIVING % ("if", "gc.collect()"))
 
 
 def _start(board: Board, program: str) -> None:

@@ -32,6 +32,7 @@ export class Board {
   boot(cause, watchdog = null) {
     if (this.mcu) {
       this.baseNs += this.mcu.clock.nanos;
+      this.mcu = null; // its time is in baseNs now
       this.onUsb(false);
       for (let pin = 0; pin < PINS; pin++) this.onPin(pin, 0); // pins float while it resets: pulled down
     }
