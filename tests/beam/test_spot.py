@@ -29,7 +29,7 @@ def test_each_answer_in_nasty_scenes_is_within_its_error_or_a_refusal():
 
 
 @pytest.mark.exhaustive
-def test_each_answer_in_ten_thousand_nasty_scenes_is_within_its_error_or_a_refusal():
+def test_of_ten_thousand_nasty_scenes_at_most_one_in_two_hundred_has_a_wrong_answer():
     pulls = judge(range(10_000), wrong=10_000 // 200)
     assert 0.92 <= (np.abs(pulls) < 2).mean() <= 0.98
 

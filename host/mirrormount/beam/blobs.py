@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 REDUCED = 4  # pixels of the picture for one of the reduced one
 _TILE = 12  # reduced pixels of a tile, the median of which is one value of the background
-_ABOVE = 5.0  # threshold in standard deviations of the background's noise
+ABOVE = 5.0  # threshold in standard deviations of the background's noise
 _OF_PEAK = 0.12  # threshold as a part of the brightest value: two spots that touch in their flanks are two blobs
 
 
@@ -72,7 +72,7 @@ def detect(image: NDArray[np.uint8] | NDArray[np.uint16]) -> Detection:
     above -= middle
     above = np.asarray(cv2.GaussianBlur(above, (3, 3), 0.8), np.float32)
     noise = max(noise, 0.05)
-    threshold = max(_ABOVE * noise, _OF_PEAK * float(above.max()))
+    threshold = max(ABOVE * noise, _OF_PEAK * float(above.max()))
     mask = (above > threshold).astype(np.uint8)
     count, found, areas, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
     labels, stats = np.asarray(found, np.int32), np.asarray(areas, np.int32)

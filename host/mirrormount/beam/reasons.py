@@ -21,7 +21,11 @@ class Reason(Enum):
         "nothing is brighter than the background and its noise",
         "switch on the laser, point the camera at the spot, or expose for longer",
     )
-    DIM = ("dim", "the spot is too dim for its place to be known", "expose for longer, or darken the room")
+    DIM = (
+        "dim",
+        "the spot is too dim: its place, or a second one, is not known",
+        "expose for longer, or darken the room",
+    )
     SATURATED = ("saturated", "too many pixels are saturated", "expose for a shorter time, or weaken the beam")
     SPLIT = ("split", "two spots are nearly equally bright", "cover reflections, so that one spot is left")
     EDGE = ("edge", "the spot is cut by the picture's edge", "turn the camera, or move the beam")

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 _SMALLEST = 1.0  # standard deviation of a spot at least, px: a hot pixel is narrower
 _LONGISH = 3.0  # ratio of the axes at most
+_ALONE = 2.5  # peak at least, in thresholds: a second spot of 40 % would be seen
 _FAINT = 0.1  # a blob with less of the first one's light is none: only its tip is above the threshold
 _MARGIN = 2.0  # standard deviations between the centre and the picture's edge
 _SATURATED = 0.25  # saturated area at most, in parts of 2 pi sigma_x sigma_y
@@ -95,6 +96,8 @@ def find_spot(
     first, *others = seen.blobs
     if any(other.peak > GHOST * first.peak and other.flux > _FAINT * first.flux for other in others):
         return NoSpot(Reason.SPLIT, seen)
+    if first.peak < _ALONE * blobs.ABOVE * seen.noise:
+        return NoSpot(Reason.DIM, seen)
     found = locate(image, valid, first, seen)
     if isinstance(found, Reason):
         return NoSpot(found, seen)
