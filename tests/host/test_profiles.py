@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from pulsed_bench import Driver
 
+from mirrormount.cli.command import virtual_address
+from mirrormount.cli.main import main, parser
 from mirrormount.common.errors import BadAddress
 from mirrormount.device.mount import Mount
 from mirrormount.virtual.bench import Bench
@@ -184,3 +186,21 @@ def test_a_short_pulse_moves_less_than_its_share():
     curve = [turns(SMOOTH, 1.0, ms / 1000, 200).mean() for ms in (3, 6, 10, 200)]
     assert curve == sorted(curve)
     assert curve[2] / curve[3] < 10 / 200  # it has not spun up
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        (["panel", "--profile", "rough"], "add --virtual"),
+        (["virtual", "--seed", "x", "--tcp", "0"], "a seed is a number"),
+    ],
+)
+def test_the_shell_refuses_a_profile_of_a_real_board_and_a_seed_that_is_no_number(words, why, capsys):
+    assert main(words) == 1
+    assert why in capsys.readouterr().err
+
+
+def test_the_shells_words_become_the_address():
+    args = parser().parse_args(["panel", "--virtual", "--profile", "rough", "--seed", "7"])
+    assert virtual_address(args) == "virtual://?profile=rough&seed=7"
+    assert virtual_address(args, "virtual-table", mounts="1") == "virtual-table://?mounts=1&profile=rough&seed=7"
