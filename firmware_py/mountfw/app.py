@@ -33,8 +33,9 @@ def _no_watchdog():
 class App:
     """The firmware of one mount. run_once() is one pass of the loop and never waits longer than _SLEEP_MS."""
 
-    def __init__(self, port, controller, commands, receiver, frame, replies, own):
+    def __init__(self, port, controller, commands, receiver, frame, replies, own, gated):
         self.controller = controller
+        self.gated = gated
         self._commands = commands
         self._records = controller.records
         self.port = port
@@ -59,6 +60,7 @@ class App:
         """Run the loop for ever. An internal fault stops the motors, queues an error, and the loop continues."""
         try:
             self.port.collect()
+            self.gated.enter()
             self._feed = self.port.start_watchdog()
             while True:
                 try:
@@ -72,6 +74,7 @@ class App:
 
     def _leave(self, reason):
         self.controller.shutdown(reason)
+        self.gated.leave(self._ticks_us)
         self.port.stop_watchdog()
         self._feed = _no_watchdog
 
@@ -124,6 +127,7 @@ class App:
         before = receiver.unparsed
         stop = self._drain(receiver, most)
         if stop:
+            self.gated.received += 1
             reason = codes.ABORTED if stop == wire.STOP else codes.STOPPED
             self.controller.stop_all(reason)
             self.controller.inhibit(reason)
@@ -167,14 +171,11 @@ class App:
         else:
             controller.malformed(codes.MALFORMED if message == wire.MALFORMED else codes.LINE_TOO_LONG)
             self._own.doubt()
-        if controller.inhibited and not self._receiver.stops_ahead:
+        if controller.inhibited and not self._receiver.stops_ahead and self.gated.released():
             controller.inhibit(codes.NONE_YET)
 
     def _end_drives(self, now_us):
-        """Wait for the end of each drive that is near and cut it; only the clock and bytes are read meanwhile.
-
-        Returns the microseconds to the next deadline.
-        """
+        """Cut each drive that ends soon, on time; only clock and bytes are read. Returns us to the next deadline."""
         axis = self.controller.ending(now_us, _SPIN_US)
         while axis:
             while axis.state > REST and diff(axis.drive.ends_at, self._ticks_us()) > _CLOCK_US:
@@ -195,9 +196,8 @@ class App:
         waiting = self._replies.waiting
         if waiting:
             self._send(now_us)
-        timeout_us = self._time_out(now_us)
-        if timeout_us < left_us:
-            left_us = timeout_us
+        self.gated.watch(self._receiver)
+        left_us = min(left_us, self._time_out(now_us))
         if self._receiver.unparsed > self._receiver.ahead or self.controller.watching():
             return 0
         if self._records.waiting and not (waiting or self._receiver.gap_us()):
@@ -212,10 +212,7 @@ class App:
         return 0 if left_us < 1000 else most_ms if left_us > most_ms * 1000 else left_us // 1000
 
     def _time_out(self, now_us):
-        """Apply the keep-alive and the gap that ends an unfinished message.
-
-        Returns the microseconds to the next such deadline.
-        """
+        """Apply the keep-alive and the gap after an unfinished message. Returns the us to the next such deadline."""
         controller = self.controller
         left_us = controller.silence(now_us) if controller.keep_alive_ms else NEVER_US
         gap_us = self._receiver.gap_us()

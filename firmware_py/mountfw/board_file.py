@@ -10,7 +10,7 @@ DRIVES = ("en", "pos", "neg")
 STOPS = ("stop_pos", "stop_neg")
 AXES = ("AXIS_1", "AXIS_2", "AXIS_3", "AXIS_4")  # as many as the dialect knows; the first two are required
 REQUIRED = ("NAME", "BRIDGE", "AXIS_1", "AXIS_2", "PWM_HZ", "DEAD_TIME_US", "LED")
-OPTIONAL = ("AXIS_3", "AXIS_4", "EMERGENCY_STOP", "ONE_CHANNEL")
+OPTIONAL = ("AXIS_3", "AXIS_4", "EMERGENCY_STOP", "ONE_CHANNEL", "GATE")
 
 checked = None  # the board file that find() has returned last: it has no fault
 
@@ -80,8 +80,9 @@ def _fault_of_constants(values):
     for name, least, most in (("PWM_HZ", 10, _MOST_PWM_HZ), ("DEAD_TIME_US", 0, _MOST_DEAD_TIME_US)):
         if type(values[name]) is not int or not least <= values[name] <= most:
             return "%s is %r, not a whole number within %d ... %d" % (name, values[name], least, most)
-    if type(values.get("ONE_CHANNEL", False)) is not bool:
-        return "ONE_CHANNEL is neither True nor False"
+    for name in ("ONE_CHANNEL", "GATE"):
+        if type(values.get(name, False)) is not bool:
+            return "%s is neither True nor False" % name
     if not (values["LED"] is None or isinstance(values["LED"], str) or _is_pin(values["LED"])):
         return "LED is %r, neither a pin's number nor its name nor None" % (values["LED"],)
     return ""

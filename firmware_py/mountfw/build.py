@@ -5,6 +5,7 @@ from mountfw.app import App
 from mountfw.dialect.commands import Commands
 from mountfw.dialect.line import Line
 from mountfw.dialect.queries import About
+from mountfw.gated import Gated
 from mountfw.motion.axis import Axis
 from mountfw.motion.bridge import EnableBridge, TwoPwmBridge
 from mountfw.motion.controller import Controller
@@ -71,9 +72,7 @@ def build(port, board):
     replies = Replies(own)
     frame = Frame(port.pack)
     line = Line()
-    axes = []
-    for pins in board_file.axes(board):
-        axes.append(make_axis(len(axes) + 1, port, board, pins, error_queue))
+    axes = [make_axis(i + 1, port, board, pins, error_queue) for i, pins in enumerate(board_file.axes(board))]
     number = getattr(board, "EMERGENCY_STOP", None)
     emergency_stop = EndStop(port.reader(number))
     emergency_stop.fitted = number is not None
@@ -86,7 +85,8 @@ def build(port, board):
         port.on_rise(number, controller.guard)
     commands = Commands(controller, line, replies, about)
     receiver = Receiver(frame, line, port.pack, own)
-    built = App(port, controller, commands, receiver, frame, replies, own)
+    gated = Gated(port.gate(board) if hasattr(port, "gate") else None, controller, about)
+    built = App(port, controller, commands, receiver, frame, replies, own, gated)
     for thing, most in ((receiver, 18), (frame, 13), (replies, 13), (own, 24), (controller, 18)):
         presize(thing, most)
     for axis in axes:

@@ -273,6 +273,9 @@ POWER = 1  # or its reset pin
 ASKED = 2  # by software: deploy, machine.reset()
 WATCHDOG = 3
 
+# the port's gate in XH?; 0: it has none, others: not in place (docs/gate.md has the numbers)
+GATE_IN_PLACE = 1
+
 # what a position is worth
 UNKNOWN = 0
 COUNTED = 1

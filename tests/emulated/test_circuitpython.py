@@ -135,10 +135,10 @@ def test_an_open_switch_ends_a_move(board):
 
 
 def test_the_loop_leaves_the_heap_as_it_is(board):
-    free, _, passes, _ = (int(n) for n in board.ask(b"XH?\n").split(b","))
+    free, _, passes, _, _ = (int(n) for n in board.ask(b"XH?\n").split(b","))
     board.send(b"1PR1\n")
     board.run(800_000)
-    later_free, _, later_passes, _ = (int(n) for n in board.ask(b"XH?\n").split(b","))
+    later_free, _, later_passes, _, _ = (int(n) for n in board.ask(b"XH?\n").split(b","))
     assert later_passes - passes > 10
     assert later_free == free
     assert free > 60_000

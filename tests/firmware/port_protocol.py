@@ -103,6 +103,16 @@ class Port(Protocol):
     def remove(self, name: str) -> None: ...
 
 
+class OptionalVerbs(Protocol):
+    """Verbs that a port may have: without one, the core does it by the others."""
+
+    def gate(self, board: Any) -> Any:
+        """The gate of a board file's drive pins (docs/gate.md), not yet in place; None on a chip that it does not know.
+
+        It has enter(), leave(), release(), differs(), recount() and axes, each with end_at(), clock() and ended().
+        """
+
+
 class EntryPort(Port, Protocol):
     """The verbs that only the entry files and the prompt use: the rig's port has none of these."""
 

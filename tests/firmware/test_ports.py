@@ -51,6 +51,7 @@ def public_functions(path: Path) -> dict[str, Arity | None]:
 
 VERBS = verbs_of(port_protocol.Port)
 ENTRY_VERBS = verbs_of(port_protocol.EntryPort)
+OPTIONAL = verbs_of(port_protocol.OptionalVerbs)
 GIVEN = {"ticks_us", "ticks_ms", "pause_us", "rename"}  # the platform's own functions under a verb's name
 
 
@@ -63,7 +64,9 @@ def test_the_protocol_has_the_verbs_of_the_loop_and_of_the_entry_files():
 @pytest.mark.parametrize("name", ["micropython", "circuitpython"])
 def test_a_port_has_these_verbs_and_no_others(name):
     functions = public_functions(FIRMWARE / "ports" / f"{name}.py")
-    assert functions.keys() == ENTRY_VERBS.keys()
+    assert functions.keys() - OPTIONAL.keys() == ENTRY_VERBS.keys()
+    assert {verb: functions[verb] for verb in functions.keys() & OPTIONAL.keys()}.items() <= OPTIONAL.items()
+    functions = {verb: arity for verb, arity in functions.items() if verb in ENTRY_VERBS}
     given = {verb for verb, arity in functions.items() if arity is None}
     assert given <= GIVEN
     assert {verb: functions[verb] for verb in functions.keys() - given} == {
@@ -90,4 +93,4 @@ def test_the_core_uses_no_other_verb(name):
         )
     }
     assert used
-    assert used - ENTRY_VERBS.keys() == set()
+    assert used - ENTRY_VERBS.keys() - OPTIONAL.keys() == set()

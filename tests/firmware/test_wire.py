@@ -322,7 +322,7 @@ def health(rig):
 def test_health_is_memory_longest_pass_passes_and_cause_of_the_reset():
     rig = Rig()
     rig.run(100_000)
-    free, longest_us, passes, cause = health(rig)
+    free, longest_us, passes, cause, _gate = health(rig)
     assert (free, cause) == (100_000, 1)
     assert 0 < longest_us < 10_000
     rig.run(1_000_000)

@@ -134,7 +134,7 @@ class Board:
         answers = {
             b"XS?\n": status,
             b"*IDN?\n": f"mirrormount,Raspberry Pi Pico,{UID},0.2.0",
-            b"01>XF?;XH?;XS?\n": f"01>{self.running}; 1,2,3,0; {status}",
+            b"01>XF?;XH?;XS?\n": f"01>{self.running}; 1,2,3,0,0; {status}",
         }
         return (answers[data] + "\r\n").encode() if data in answers else b""
 

@@ -17,7 +17,7 @@ HOST = ROOT / "host" / "mirrormount"
 # A port's files and the entry files name a platform. Of what is not ours, the rest may name these alone, which both
 # platforms have: checksums; the two tick functions if there are any; the interpreter's name. Nothing else, be it of one
 # platform (machine, rp2, board, pwmio) or different on each (micropython, os, gc, select, hashlib).
-PORTS = ("micropython", "circuitpython")
+PORTS = ("micropython", "circuitpython", "rp2_")
 ON_BOTH_PLATFORMS = {"store": {"binascii"}, "ticks": {"time"}, "repl": {"sys"}}
 MICROPYTHON_ONLY = {"machine", "micropython", "rp2", "esp32", "vfs"}
 CIRCUITPYTHON_ONLY = {"board", "digitalio", "pwmio", "usb_cdc", "supervisor", "microcontroller", "storage", "watchdog"}
@@ -49,7 +49,7 @@ def test_only_the_ports_name_a_platform_inside_functions_too():
         theirs = {n.split(".")[0] for n in imported(path)} - {"mountfw", ""}
         assert theirs <= ON_BOTH_PLATFORMS.get(path.stem, set()), path
         ours = {n for n in imported(path) if n.startswith("mountfw.")}
-        assert not any(n.startswith(("mountfw.ports.micropython", "mountfw.ports.circuitpython")) for n in ours), path
+        assert not any(n.startswith(tuple(f"mountfw.ports.{name}" for name in PORTS)) for n in ours), path
 
 
 def test_no_port_names_the_other_ones_platform():
@@ -63,7 +63,7 @@ def test_no_port_names_the_other_ones_platform():
 
 def test_what_is_shared_uses_nothing_that_circuitpython_lacks():
     for path in FIRMWARE.rglob("*.py"):
-        if path.name.startswith("micropython") or path.name == "main.py":
+        if path.name.startswith(("micropython", "rp2_")) or path.name == "main.py":
             continue
         for node in ast.walk(ast.parse(path.read_text())):
             name = node.attr if isinstance(node, ast.Attribute) else node.id if isinstance(node, ast.Name) else ""

@@ -359,6 +359,6 @@ class Episode:
             self._violated("the board has been reset")
         if moving1 or moving2:
             self._violated("at rest, and an axis moves")
-        free, _, self._tally.passes, _ = self._numbers("XH?")
+        free, _, self._tally.passes, _, _ = self._numbers("XH?")
         self._tally.memory.append(free)
         return new_id

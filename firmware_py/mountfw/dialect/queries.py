@@ -16,6 +16,7 @@ class About:
         self.firmware_hash = firmware_hash
         self.reset_cause = reset_cause
         self.free_memory = free_memory
+        self.gate = 0  # as the port's gate says (docs/gate.md); 0: this port has none
 
 
 class Queries:
@@ -165,4 +166,6 @@ class Queries:
         r.add(self._passes)
         r.add(b",")
         r.add(self.about.reset_cause)
+        r.add(b",")
+        r.add(self.about.gate)
         self._longest_us = -1

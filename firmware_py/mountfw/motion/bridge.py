@@ -4,7 +4,8 @@ A bridge has three verbs. cut() takes the drive away in one go and touches nothi
 off() does that and leaves every input in its defined state; drive(duty) drives at
 -255 ... 255, never 0, positive meaning the `pos` leg high, and returns the time right before it did.
 
-An output object has high(), low() and, where its duty can be set, level(duty_u16). low() is
+An output object has high(), low() and, where its duty can be set, level(duty_u16). high() and level()
+return the time right before the pin changed, or None where the port does not know it. low() is
 a pin level, never a PWM of duty zero: the PWM hardware keeps the old duty to the end of its
 period. For the same reason full duty is a pin level too.
 """
@@ -52,11 +53,8 @@ class EnableBridge:
             self._pause_us(self._dead_time_us)
         duty *= direction
         now_us = self._ticks_us()
-        if duty == _FULL:
-            self._enable.high()
-        else:
-            self._enable.level(duty * _U16)
-        return now_us
+        at_us = self._enable.high() if duty == _FULL else self._enable.level(duty * _U16)
+        return now_us if at_us is None else at_us
 
 
 class TwoPwmBridge:
@@ -91,8 +89,5 @@ class TwoPwmBridge:
         leg = self._pos if direction > 0 else self._neg
         duty *= direction
         now_us = self._ticks_us()
-        if duty == _FULL:
-            leg.high()
-        else:
-            leg.level(duty * _U16)
-        return now_us
+        at_us = leg.high() if duty == _FULL else leg.level(duty * _U16)
+        return now_us if at_us is None else at_us

@@ -1,10 +1,7 @@
 """The drive of one motor: a gate, on, cut, a deadline and the measured on-time. Imports codes, ticks.
 
-A pulse, a run and a frame are one on() with its deadline; whoever began it asks measured_us() how long the motor had
-drive. Only _set() turns a motor on. Times are microseconds of a clock that wraps (ticks.py).
-
-The clock is read right before each pin write, the one that drives and the one that cuts, so that an on-time is the
-pin's: the code between clock and pin is the same on both sides.
+A pulse, a run and a frame are one on() with its deadline; measured_us() returns how long the motor had drive. Only
+_set() turns a motor on. Times are microseconds of a clock that wraps (ticks.py), read right before each pin write.
 
 Between any two lines here an interrupt may run guard(), or set `emergency`. Both only cut; on() checks again after it
 has driven, and the axis's service() does the rest.
@@ -34,6 +31,8 @@ class Drive:
         self._cut = bridge.cut
         self._stop_towards = stop_towards
         self._ticks_us = ticks_us
+        self.gate = None  # of the port (docs/gate.md), while it is in place: it ends drives, too
+        self.clock = ticks_us  # until when a drive that was not cut here was on: the gate may have cut it
         self.inverted = 0  # is the axis's positive direction the motor's negative one?
         self.watched = False  # is there an end-stop to look at?
         self.on_flash = False  # is the position recorded, or about to be? Then drop_record() comes first
@@ -98,6 +97,8 @@ class Drive:
             self.measuring = True
             self.counted_at = self.on_at
         self.ends_at = add(self.on_at, us)
+        if self.gate:
+            self.gate.end_at(self.ends_at)
         if self.tripped or self.inhibited or self.emergency:  # meanwhile, by an interrupt or a poll of the input
             return self.forbidden()
         return 0
@@ -126,9 +127,11 @@ class Drive:
 
     def cut(self):
         """No drive, since cut_at."""
-        self.cut_at = self._ticks_us()
+        self.cut_at = self.clock()
         self._cut()
         self.was_cut = True
+        if self.gate:
+            self.gate.ended()
 
     def cut_on_time(self):
         """Wait for the deadline, which must be near, and cut."""
@@ -142,6 +145,9 @@ class Drive:
         if not self.was_cut:  # by guard(), meanwhile
             self.cut_at = now_us
             self.was_cut = True
+            if self.gate:
+                self.cut_at = self.clock()
+                self.gate.ended()
 
     def guard(self, _pin):
         """An end-stop has opened (a hard interrupt, maybe): cut the drive that goes into it."""
@@ -161,20 +167,17 @@ class Drive:
         """On-time since it was measured last. over: this drive has ended, and the next on() begins a new one."""
         if not self.measuring:
             return 0
-        at = self.cut_at if self.was_cut else self._ticks_us()
+        at = self.cut_at if self.was_cut else self.clock()
         if self.predriven and diff(at, self._pre_at) > 0:  # since then it has the next frame's speed
             at = self._pre_at
-        us = diff(at, self.counted_at)
-        if us < 0:  # guard() has cut right before it was turned on
-            us = 0
+        us = max(0, diff(at, self.counted_at))  # it may have been cut right before it was turned on
         self.counted_at = at
         if over:
             self.measuring = False
-        on_us = self.on_us + us
-        self.on_us = on_us if on_us < _MOST_ON_US else _MOST_ON_US
+        self.on_us = min(self.on_us + us, _MOST_ON_US)
         return us
 
     def predriven_amount(self):
         """Signed time x duty of a predrive() that no on() follows; it is over."""
         self.predriven = False
-        return diff(self._ticks_us(), self._pre_at) * self._pre_speed
+        return max(0, diff(self.clock(), self._pre_at)) * self._pre_speed

@@ -40,10 +40,16 @@ _TIMED_OUT = 0x6AB73121  # what the SDK leaves there: the watchdog was armed, no
 _HERE = os.getcwd().rstrip("/") + "/"  # the loop's folder: at the prompt, where a drive removes a file, it may change
 
 _led = None
+_gate = None
+rp2_gate = None
+if getattr(sys, "platform", "") == "rp2" and getattr(sys.implementation, "_machine", "").endswith("RP2040"):
+    from mountfw.ports import rp2_gate
 
 
 def output(number, pwm_hz=0):
     """An output pin, low from the start: low() and high(), and with pwm_hz level() too."""
+    if pwm_hz and rp2_gate:
+        return rp2_gate.DutyPin(number, pwm_hz)
     pin = Pin(number, Pin.OUT, value=0)
     return _DutyPin(pin, pwm_hz) if pwm_hz else pin
 
@@ -72,6 +78,15 @@ class _DutyPin:
         """Pin at duty_u16, 0 ... 65535."""
         self._duty_u16(duty_u16)
         self._function(_ALT, alt=_ALT_PWM)
+
+
+def gate(board):
+    """The gate of a board's drive pins (docs/gate.md), not yet in place; None on a chip where it was not tried."""
+    global _gate
+    if not rp2_gate:
+        return None
+    _gate = rp2_gate.Gate(shared.gate_pins(board), getattr(board, "GATE", True))
+    return _gate
 
 
 def reader(number):
@@ -219,4 +234,6 @@ def leave(board):
 
 def _leave(board):
     motors_off(board)
+    if _gate:
+        _gate.leave()
     stop_watchdog()

@@ -37,6 +37,11 @@ def drive_pins(board):
     return [pins[name] for name in board_file.DRIVES for pins in axes if pins[name] is not None]
 
 
+def gate_pins(board):
+    """The pins of each axis of a board file that are low while it has no drive: those that carry its duty."""
+    return [tuple([pins[name] for name in board_file.BRIDGES[board.BRIDGE]]) for pins in board_file.axes(board)]
+
+
 def read_file(path):
     """The first 4096 bytes of a file, b"" if it cannot be read, None if it is absent."""
     try:

@@ -92,11 +92,12 @@ def firmware(mount: Mount) -> str:
 
 def health(mount: Mount) -> str:
     """Free memory, longest pass of the loop, and whether the watchdog had to reset the board."""
-    free, longest_us, _passes, cause = whole_numbers(mount.send("XH?"), 4)
+    free, longest_us, _passes, cause, gate = whole_numbers(mount.send("XH?"), 5)
     if cause == wire.WATCHDOG:
         raise Wrong(f"the board was reset by {RESET_CAUSES[str(cause)]}; report it (docs/errors.md, 66)")
     memory = f"{free // 1024} KB of memory free" if free else "free memory not known here"
-    return f"{memory}, longest pass of the loop {longest_us / 1000:.1f} ms"
+    place = "" if not gate else ", gate in place" if gate == wire.GATE_IN_PLACE else f", gate not in place ({gate})"
+    return f"{memory}, longest pass of the loop {longest_us / 1000:.1f} ms{place}"
 
 
 def saved_settings(waiting: list[int]) -> str:

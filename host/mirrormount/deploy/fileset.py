@@ -21,6 +21,10 @@ PROGRAMS = {"micropython": ("main.py",), "circuitpython": ("boot.py", "code.py")
 THIS = "mountfw/boards/this.py"  # a user's own choice of a board file
 MPY_VERSION = 6
 _ENTRY = "entry"
+_OTHERS = {  # files of other platforms
+    "micropython": (f"{PACKAGE}/ports/circuitpython",),
+    "circuitpython": (f"{PACKAGE}/ports/micropython", f"{PACKAGE}/ports/rp2_"),
+}
 
 
 def package() -> Traversable:
@@ -30,10 +34,9 @@ def package() -> Traversable:
 
 def sources(platform: str) -> dict[str, bytes]:
     """{path on the board: content} of the firmware for a platform of PROGRAMS, as plain source."""
-    other = next(name for name in PROGRAMS if name != platform)
     files = {name: package().joinpath(_ENTRY, name).read_bytes() for name in PROGRAMS[platform]}
     for path, item in _library(package(), PACKAGE):
-        if not path.startswith(f"{PACKAGE}/ports/{other}"):
+        if not path.startswith(_OTHERS[platform]):
             files[path] = item.read_bytes()
     return files
 

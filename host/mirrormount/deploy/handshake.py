@@ -76,7 +76,7 @@ def check(link: Link, wanted: Collection[str] | None) -> tuple[int, str]:
     if wanted is not None and found not in wanted:
         expected = " or ".join(f"{one[:16]}…" for one in wanted)
         raise DeployError(f"the board's firmware is not what was sent (XF? {printable(found[:16])}…, not {expected})")
-    numbers = health.split(",")
-    if len(numbers) != 4 or not all(number.isdecimal() for number in numbers):
+    numbers = health.split(",")  # four before 0.2.0
+    if len(numbers) not in (4, 5) or not all(number.isdecimal() for number in numbers):
         raise DeployError(f"the board does not tell its health: {health[:60]!r}")
     return status.count("|"), found
