@@ -9,11 +9,7 @@ from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
 from running import CHROMIUM, Panel
 from served import ServedBoard
 
-
-def pytest_itemcollected(item: pytest.Item) -> None:
-    """A page that stands still for 0.35 s is stopped by design, so a busy computer stops what these tests drive."""
-    if "panel" in getattr(item, "fixturenames", ()):
-        item.add_marker("wall_clock")
+PLAIN = ["--disable-gpu", "--disable-software-rasterizer"]  # an emulated graphics card takes a sixth of a page's time
 
 
 @pytest.fixture(scope="session")
@@ -21,7 +17,8 @@ def browser() -> Iterator[Browser]:
     if CHROMIUM is None:
         pytest.skip("no Chromium")
     with sync_playwright() as playwright:
-        yield playwright.chromium.launch(executable_path=CHROMIUM, chromium_sandbox=os.name != "posix")
+        sandbox = os.name != "posix"
+        yield playwright.chromium.launch(executable_path=CHROMIUM, args=PLAIN, chromium_sandbox=sandbox)
 
 
 @pytest.fixture

@@ -16,8 +16,13 @@ FRESH = {"viewport": {"width": 1600, "height": 1000}}  # a browser of its own, w
 
 
 @pytest.fixture
-def wide(board, tmp_path):
-    panel = Panel(str(board.link), tmp_path, "--host", "0.0.0.0")
+def panel_options() -> list[str]:
+    return ["--patience", "2"]  # nothing here is about a page that is out of touch
+
+
+@pytest.fixture
+def wide(board, tmp_path, panel_options):
+    panel = Panel(str(board.link), tmp_path, "--host", "0.0.0.0", *panel_options)
     yield panel
     panel.kill()
 
@@ -224,8 +229,8 @@ def assert_hardened(port: int, path: str) -> None:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems have 127.0.0.1 only")
-def test_any_loopback_address_can_be_listened_to(open_page, board, tmp_path):
-    panel = Panel(str(board.link), tmp_path, "--host", "127.0.0.2")
+def test_any_loopback_address_can_be_listened_to(open_page, board, tmp_path, panel_options):
+    panel = Panel(str(board.link), tmp_path, "--host", "127.0.0.2", *panel_options)
     try:
         assert panel.url.startswith("http://127.0.0.2:")
         open_page(panel.url).get_by_role("button", name="UP", exact=True).click()

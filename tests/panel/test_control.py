@@ -3,6 +3,8 @@
 import pytest
 from running import PANEL_AND_LOOP, Panel, run_until_driving, wait_for_rest
 
+pytestmark = pytest.mark.wall_clock  # a page that stands still is stopped by design, and a busy computer lets it
+
 
 @pytest.fixture
 def panel(board, tmp_path):

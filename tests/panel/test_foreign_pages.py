@@ -137,6 +137,7 @@ def send_many(socket) -> None:
     socket.recv()
 
 
+@pytest.mark.wall_clock  # a stop would be right where this computer lets the page stand still
 def test_whoever_watches_by_a_bare_socket_can_stop(page, panel, board):
     with connect(f"ws://127.0.0.1:{panel.port}/drive", proxy=None, ping_interval=None) as watcher:
         watcher.send(json.dumps({"page": page_key(panel)}))

@@ -169,6 +169,7 @@ def test_an_unknown_position_is_no_alarm(page):
     assert page.locator("section .lamp.bad").count() == 0
 
 
+@pytest.mark.wall_clock  # a stop would be right where this computer lets the page stand still
 def test_stop_is_told_in_words_and_the_target_goes(page, board):
     page.get_by_label("Target of x").fill("20")
     page.get_by_label("Target of x").press("Enter")

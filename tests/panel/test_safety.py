@@ -14,6 +14,8 @@ from mirrormount.transport import stop_socket
 
 ABORTED, KEEP_ALIVE = 3, 7
 
+pytestmark = pytest.mark.wall_clock  # a page that stands still is stopped by design, and a busy computer lets it
+
 
 @pytest.fixture
 def network(panel):

@@ -4,6 +4,8 @@ import pytest
 from served import ServedBoard, wait_for
 from three_axes import make_board_files
 
+pytestmark = pytest.mark.wall_clock  # a page that stands still is stopped by design, and a busy computer lets it
+
 
 @pytest.fixture
 def panel_options() -> list[str]:
