@@ -2,7 +2,7 @@
 
 Tests that are marked exhaustive take hours; they are left out without --exhaustive.
 Tests that are marked wall_clock are judged by the time of this computer, and need it for themselves: tools/test.py runs
-all others in two processes with --wall-clock=without, then these alone with --wall-clock=only.
+all others in three processes with --wall-clock=without, then these alone with --wall-clock=only.
 With --coverage the lines and branches that this process executes are recorded; `coverage report` prints them.
 """
 

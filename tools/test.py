@@ -1,7 +1,7 @@
 """Check everything: lint, types and every test, from a fresh clone: python tools/test.py
 
 Makes .venv and installs the locked tools of tests/requirements.txt there.  Arguments after `--` go to pytest.
-pytest runs twice: two processes share the tests that the wall clock cannot fail; then one process runs the others.
+pytest runs twice: three processes share the tests that the wall clock cannot fail; then one runs the others.
 Without arguments for pytest the first run records the coverage, which is printed at the end.
 System packages are installed only with --install-system or with CI=true in the environment; otherwise the
 missing ones are listed, with what is not run without them.  With CI=true, anything not run is a failure.
@@ -46,7 +46,7 @@ def _has_browser() -> bool:
 _EMULATED = ("tests/emulated",)
 _IN_A_BROWSER = tuple(
     f"tests/panel/test_{name}.py"
-    for name in ("driving", "safety", "auth", "cards", "looks", "foreign_pages", "third_axis")
+    for name in ("driving", "safety", "auth", "cards", "looks", "foreign_pages", "third_axis", "control")
 )
 NEEDS: Tuple[Need, ...] = (
     Need("node", "nodejs", "runs the emulated RP2040", _EMULATED),
@@ -69,7 +69,8 @@ WANTED = bootstrap.Wanted(
 )
 
 # a file stays in one process: its tests share boards; in the order of folders, the longest files come first
-PARALLEL = ("--numprocesses=2", "--dist=loadfile", "--no-loadscope-reorder")
+# one process more than the two cores of CI: while one waits for a board in real time, the others compute
+PARALLEL = ("--numprocesses=3", "--dist=loadfile", "--no-loadscope-reorder")
 CHECKS = (
     ("lint", ["ruff", "check", "."]),
     ("format", ["ruff", "format", "--check", "."]),
