@@ -21,6 +21,7 @@ from mirrormount.cli import (
     panel,
     ports,
     repl,
+    scan,
     send,
     serve,
     setup,
@@ -52,6 +53,7 @@ COMMANDS: tuple[Command, ...] = (
     undeploy.COMMAND,
     repl.COMMAND,
     camera.COMMAND,
+    scan.COMMAND,
     demo.COMMAND,
 )
 

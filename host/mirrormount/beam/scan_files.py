@@ -1,0 +1,134 @@
+"""The files of a scan: CSV, row by row, and HDF5, whole. Imports scan, errors; h5py for HDF5 alone.
+
+Both have the same metadata: lines `# name: JSON` at the head of a CSV file, attributes of the HDF5 file. A CSV file
+ends with the line `# ended: …`; without it the writing program was cut off, and all rows above are good.
+"""
+
+import csv
+import importlib.util
+import io
+import json
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields
+from datetime import datetime
+from pathlib import Path
+from typing import Any, TypeVar
+
+from mirrormount.beam.patterns import Pattern
+from mirrormount.beam.scan import Sample, Signal
+from mirrormount.common.errors import CannotWrite, ExtraMissing
+from mirrormount.common.extras import install
+from mirrormount.device.mount import Mount
+from mountfw import __version__
+
+_T = TypeVar("_T")
+COMPLETE = "complete"
+_UNITS = {"time_s": "s", "x": "steps", "y": "steps", "position_x": "steps", "position_y": "steps"}
+_OWN = tuple(field.name for field in fields(Sample) if field.name not in ("values", "missing"))
+_WHOLE = ("number", "x", "y")
+_TEXTS = ("certainty_x", "certainty_y", "missing")
+Metadata = Mapping[str, Any]  # values that JSON has
+
+
+def metadata(mount: Mount, pattern: Pattern, signal: Signal, **more: str) -> Metadata:
+    """All that is known at the start of a scan."""
+    return {
+        "format": "mirrormount scan 1",
+        "version": __version__,
+        "started": datetime.now().astimezone().isoformat(timespec="milliseconds"),
+        "identity": mount.identity,
+        "board_id": mount.board_id,
+        "settings": mount.settings(),
+        "pattern": pattern.name,
+        "pattern_parameters": dict(pattern.parameters),
+        "places": pattern.measured,
+        "units": {**_UNITS, **signal.columns},
+        **more,
+    }
+
+
+class CsvFile:
+    """A CSV file that is written row by row: each row is on the disk when add() returns."""
+
+    def __init__(self, path: Path, about: Metadata, signal: Signal) -> None:
+        """Raises CannotWrite, also if the file exists."""
+        self._path, self._width = path, len(signal.columns)
+        self._file = _guarded(path, lambda: path.open("x", encoding="utf-8", newline=""))
+        self._rows = csv.writer(self._file)
+        head = "".join(f"# {name}: {json.dumps(value)}\n" for name, value in about.items())
+        self._write(lambda: (self._file.write(head), self._rows.writerow([*_OWN, *signal.columns, "missing"])))
+
+    def add(self, sample: Sample) -> None:
+        """Write a row; a value that there is not is empty. Raises CannotWrite."""
+        values = sample.values or [""] * self._width
+        self._write(lambda: self._rows.writerow([*(getattr(sample, name) for name in _OWN), *values, sample.missing]))
+
+    def end(self, ended: str) -> None:
+        """Write how the scan ended, and close. Raises CannotWrite."""
+        try:
+            self._write(lambda: self._file.write(f"# ended: {json.dumps(ended)}\n"))
+        finally:
+            self._file.close()
+
+    def _write(self, write: Callable[[], object]) -> None:
+        def to_disk() -> None:
+            write()
+            self._file.flush()
+            os.fsync(self._file.fileno())
+
+        _guarded(self._path, to_disk)
+
+
+def check_hdf5(path: Path) -> None:
+    """Find out before a scan that its HDF5 file cannot be written. Raises ExtraMissing, CannotWrite."""
+    if importlib.util.find_spec("h5py") is None:
+        raise ExtraMissing(f"HDF5 needs a package that is not installed (h5py): {install('scan')}")
+    if os.path.lexists(path):
+        raise CannotWrite(f"{path}: exists; a scan is a new file")
+    if not os.access(path.parent, os.W_OK):
+        raise CannotWrite(f"{path}: no such folder, or no right to write in it")
+
+
+def write_hdf5(path: Path, about: Metadata, signal: Signal, samples: Sequence[Sample], ended: str) -> None:
+    """Write a scan; under its name the file is there when it is whole. A value that there is not is NaN.
+
+    Datasets: one for each column, with its unit as the attribute `unit`. Raises CannotWrite.
+    """
+    import h5py
+
+    part = path.with_name(path.name + ".part")
+    columns: dict[str, list[Any]] = {name: [getattr(sample, name) for sample in samples] for name in (*_OWN, "missing")}
+    for at, name in enumerate(signal.columns):
+        columns[name] = [sample.values[at] if sample.values else float("nan") for sample in samples]
+
+    def write() -> None:
+        whole = io.BytesIO()
+        with h5py.File(whole, "w") as file:
+            for name, value in {**about, "ended": ended}.items():
+                file.attrs[name] = json.dumps(value) if isinstance(value, dict) else value
+            for name, data in columns.items():
+                kind = h5py.string_dtype() if name in _TEXTS else int if name in _WHOLE else float
+                file.create_dataset(name, data=data, dtype=kind).attrs["unit"] = about["units"].get(name, "")
+        with part.open("xb") as file:  # neither a file nor a link of that name is written to
+            try:
+                file.write(whole.getbuffer())
+                file.flush()
+                os.fsync(file.fileno())
+            except BaseException:
+                file.close()
+                part.unlink(missing_ok=True)
+                raise
+        os.replace(part, path)
+
+    _guarded(path, write)
+
+
+def _guarded(path: Path, act: Callable[[], _T]) -> _T:
+    """act(), with an error of the disk as CannotWrite."""
+    try:
+        return act()
+    except FileExistsError as e:
+        raise CannotWrite(f"{path}: exists; a scan is a new file") from e
+    except OSError as e:
+        raise CannotWrite(f"{path}: {e.strerror or e}") from e

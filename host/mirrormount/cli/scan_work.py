@@ -1,0 +1,160 @@
+"""The work of `mirrormount scan`: mount, camera, pattern, files. However it ends, motors are off and rows are kept."""
+
+import argparse
+import contextlib
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+from mirrormount.beam import patterns
+from mirrormount.beam.camera import Camera
+from mirrormount.beam.open_camera import open_camera
+from mirrormount.beam.patterns import Pattern
+from mirrormount.beam.scan import Sample, Signal, grey_signal, scan, spot_signal
+from mirrormount.beam.scan_files import COMPLETE, CsvFile, Metadata, check_hdf5, metadata, write_hdf5
+from mirrormount.cli.command import virtual_address, whole
+from mirrormount.common.errors import BadValue
+from mirrormount.common.progress import StatusLine
+from mirrormount.common.signals import ended_in_order
+from mirrormount.device.mount import Mount
+from mirrormount.transport.lines import Link
+from mirrormount.transport.open import open_table
+
+_FOUND = "found"
+
+
+def work(args: argparse.Namespace) -> int:
+    """Run one scan; the exit status: 1 if a search found nothing. Raises MountError."""
+    pattern = _pattern(args)
+    searches = args.verb == "find"
+    if args.csv and args.csv == args.hdf5:
+        raise BadValue(f"the two files cannot both be {args.csv}")
+    if args.hdf5:
+        check_hdf5(args.hdf5)
+    with ended_in_order(), _opened(args) as (mount, camera):
+        name = "spot" if searches else args.signal
+        signal = spot_signal(camera) if name == "spot" else grey_signal(camera)
+        about = metadata(mount, pattern, signal, read=name, camera=camera.name, camera_size=str(camera.size))
+        with _kept(args.csv, args.hdf5, about, signal) as kept:
+            samples = scan(mount, pattern, signal, back=searches or args.back)
+            with contextlib.closing(samples), _shown(pattern, mount) as show:
+                for sample in samples:
+                    kept.add(sample)
+                    show(sample)
+                    if searches and sample.values:
+                        kept.ended = _FOUND
+                        break
+    return _tell(args, pattern, kept)
+
+
+class _Kept:
+    """What was measured, and the CSV file that gets it at once."""
+
+    def __init__(self, file: CsvFile | None) -> None:
+        self.samples: list[Sample] = []
+        self.ended = COMPLETE
+        self._file = file
+
+    def add(self, sample: Sample) -> None:
+        """Keep a sample. Raises CannotWrite."""
+        self.samples.append(sample)
+        if self._file:
+            self._file.add(sample)
+
+    def end(self) -> None:
+        """Close the file. Raises CannotWrite."""
+        if self._file:
+            self._file.end(self.ended)
+
+
+@contextlib.contextmanager
+def _kept(csv: Path | None, hdf5: Path | None, about: Metadata, signal: Signal) -> Iterator[_Kept]:
+    """The files, which are ended with the reason whatever happens."""
+    kept = _Kept(CsvFile(csv, about, signal) if csv else None)
+    try:
+        try:
+            yield kept
+        except BaseException as e:
+            kept.ended = "stopped by Ctrl-C" if isinstance(e, KeyboardInterrupt) else str(e) or type(e).__name__
+            raise
+    finally:
+        try:
+            kept.end()
+        finally:
+            if hdf5:
+                write_hdf5(hdf5, about, signal, kept.samples, kept.ended)
+            if kept.ended not in (COMPLETE, _FOUND):
+                files = " and ".join(str(path) for path in (csv, hdf5) if path)
+                print(f"{len(kept.samples)} places were measured" + (f": {files}" if files else ""))
+
+
+def _pattern(args: argparse.Namespace) -> Pattern:
+    """The pattern that the arguments name. Raises BadValue."""
+    if args.verb == "line":
+        return patterns.line(whole(args.by_x, "BY_X"), whole(args.by_y, "BY_Y"), whole(args.count, "COUNT"))
+    pitch = whole(args.pitch, "--pitch")
+    if args.verb != "raster":
+        return patterns.spiral(whole(args.rings, "RINGS"), pitch)
+    if args.serpentine and args.approach is not None:
+        raise BadValue("--approach is of rows that all run to the right: leave it out, or --serpentine")
+    approach = patterns.APPROACH if args.approach is None else whole(args.approach, "--approach")
+    columns, rows = whole(args.columns, "COLUMNS"), whole(args.rows, "ROWS")
+    return patterns.raster(columns, rows, pitch, serpentine=args.serpentine, approach=approach)
+
+
+@contextlib.contextmanager
+def _opened(args: argparse.Namespace) -> Iterator[tuple[Mount, Camera]]:
+    """The mount and the camera that the arguments name, closed at the end."""
+    address = virtual_address(args, "virtual-table", mounts="1", cameras="2")
+    if address is None:
+        camera = open_camera(args.camera or os.environ.get("MIRRORMOUNT_CAMERA", "0"))
+        with contextlib.closing(camera), Mount.open(args.port) as mount:
+            yield mount, camera
+        return
+    which = whole(args.camera or "1", "--camera with --virtual")
+    if which not in (1, 2):
+        raise BadValue(f"the virtual table has the cameras 1 and 2, not {which}")
+    with contextlib.closing(open_table(address)) as table, Mount(Link(table.ports[0])) as mount:
+        yield mount, table.cameras[which - 1]
+
+
+@contextlib.contextmanager
+def _shown(pattern: Pattern, mount: Mount) -> Iterator["_Show"]:
+    """The line of progress."""
+    line = StatusLine()
+    try:
+        yield _Show(line, pattern, mount)
+    finally:
+        line.end()
+
+
+class _Show:
+    """Shows how many places are measured, the time that is left on the mount's clock, and the last values."""
+
+    def __init__(self, line: StatusLine, pattern: Pattern, mount: Mount) -> None:
+        self._line, self._of = line, pattern.measured
+        line.show(f"0/{self._of}  (Ctrl-C stops and keeps what was measured)")
+
+    def __call__(self, sample: Sample) -> None:
+        """After each sample."""
+        done = sample.number + 1
+        left_min = sample.time_s / done * (self._of - done) / 60
+        values = sample.missing or "  ".join(f"{value:.4g}" for value in sample.values)
+        self._line.show(f"{done}/{self._of}, {left_min:.1f} min left  ({sample.x}, {sample.y}): {values[:60]}")
+
+
+def _tell(args: argparse.Namespace, pattern: Pattern, kept: _Kept) -> int:
+    """Print the result in words; the exit status."""
+    last = kept.samples[-1]
+    if kept.ended == _FOUND:
+        print(f"found at x {last.x:+d}, y {last.y:+d} steps from the start, at place {len(kept.samples)}")
+        return 0
+    if args.verb == "find":
+        print(f"not found at any of {pattern.measured} places; the mount is at the start again")
+        return 1
+    without = sum(not sample.values for sample in kept.samples)
+    print(f"{len(kept.samples)} places" + (f", {without} of them without a value" if without else ""))
+    for path in (args.csv, args.hdf5):
+        if path:
+            print(path)
+    return 0
