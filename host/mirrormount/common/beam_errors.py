@@ -47,3 +47,16 @@ class CameraSizeChanged(CameraError):
     """A frame has another size than the frames before, so positions in it are not comparable.
     Remedy: Close other programs that set the camera, and start again. A saved scale of another size is not used.
     """
+
+
+class SpotLost(MountError):
+    """The camera shows no spot that could be measured, for longer than a frame or two. The line has the reason.
+    Remedy: What the line says; `mirrormount camera show` shows the threshold and the spot. Motors are off, and what was
+    measured before is kept.
+    """
+
+
+class NotMeasurable(MountError):
+    """The readings contradict what the experiment assumes, or the picture is too small for it.
+    Remedy: What the line says.
+    """

@@ -1,0 +1,1 @@
+"""The experiments of `mirrormount measure`: each moves a rig, looks, and returns a Result."""

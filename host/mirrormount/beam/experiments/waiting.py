@@ -1,0 +1,92 @@
+"""Experiments in which the mount stands: drift over a long time, and the time to settle after a move."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrormount.beam.estimate import Estimate, student
+from mirrormount.beam.experiments.stepping import Log
+from mirrormount.beam.result import Result, Series, Tell
+from mirrormount.beam.rig import Rig
+
+DRIFT_S = 3600.0
+EVERY_S = 10.0
+SETTLE_S = 30.0
+_MOVE = 10  # steps before the mount settles
+_LAST = 0.3  # of the time: the end of a settling, which counts as at rest
+
+
+def drift(rig: Rig, result: Result, tell: Tell, seconds: float = DRIFT_S, every_s: float = EVERY_S) -> None:
+    """Nothing moves; the place of the spot over time. Raises SpotLost, CameraError, MountError."""
+    log = Log(rig, result)
+    log.look()
+    while log.now_s < seconds:
+        tell(log.now_s / seconds, f"{log.now_s:.0f} s of {seconds:.0f} s")
+        rig.sleep(every_s)
+        log.look()
+        _drifted(result, log.error_px)
+    tell(1.0, "")
+
+
+def _drifted(result: Result, reading_px: float) -> None:
+    """The figures of all readings so far: an experiment that ends early has them, too."""
+    rows = np.array([row[:3] for row in result.readings], dtype=float)
+    t, places = rows[:, 0], rows[:, 1:]
+    n = len(t) - 1
+    result.series = [
+        Series(
+            f"Drift of the spot, {name}", "s", "px", [(a, b, reading_px) for a, b in zip(t, at - at[0], strict=True)]
+        )
+        for name, at in (("x", places[:, 0]), ("y", places[:, 1]))
+    ]
+    for name, at in (("x", places[:, 0]), ("y", places[:, 1])):
+        result.estimates[f"{name}.rms"] = Estimate(float(np.std(at)), float("nan"), "px", n + 1)
+        result.estimates[f"{name}.peak_to_peak"] = Estimate(float(np.ptp(at)), float("nan"), "px", n + 1)
+        if n > 1:
+            # a random walk: increments of variance w² dt, and twice the reading's own
+            walk = max(0.0, float(np.mean((np.diff(at) ** 2 - 2 * reading_px**2) / np.diff(t))))
+            noise = float(np.mean(2 * reading_px**2 / np.diff(t)))
+            error = (walk + noise) * math.sqrt(2 / n) * student(n)
+            w = math.sqrt(walk)
+            result.estimates[f"{name}.walk"] = Estimate(w, error / (2 * w) if w else math.sqrt(error), "px/sqrt(s)", n)
+
+
+def settle(rig: Rig, result: Result, tell: Tell, seconds: float = SETTLE_S) -> None:
+    """The way of the spot after the end of a move, in both directions of each axis. Raises as drift()."""
+    log = Log(rig, result)
+    log.rest()
+    every_s = log.now_s / max(1, len(result.readings) - 1)
+    walk2 = log.drift2 / every_s if every_s else 0.0  # px² a second
+    runs = [(axis, way) for axis in rig.axes for way in (1, -1)]
+    for number, (axis, way) in enumerate(runs):
+        name = f"{axis}.{'positive' if way > 0 else 'negative'}"
+        rig.step(axis, -way * _MOVE)
+        before = log.look()
+        rig.step(axis, way * _MOVE)
+        after = log.look()
+        line = (after - before) / max(float(np.linalg.norm(after - before)), 1e-9)
+        start_s, points = log.now_s, [(log.now_s, float(after @ line))]
+        while points[-1][0] - start_s < seconds:
+            tell((number + (points[-1][0] - start_s) / seconds) / len(runs), f"{name}: settling")
+            points.append((0.0, float(log.look() @ line)))
+            points[-1] = log.now_s, points[-1][1]
+        _settled(result, name, np.array(points), log.error_px, walk2)
+    tell(1.0, "")
+
+
+def _settled(result: Result, name: str, points: NDArray[np.float64], reading_px: float, walk2: float) -> None:
+    t, at = points[:, 0] - points[0, 0], points[:, 1]
+    rest = float(at[t >= t[-1] * (1 - _LAST)].mean())
+    error = math.sqrt(2 * reading_px**2 + walk2 * float(t[-1]))  # the beam drifts meanwhile
+    creep = Estimate(rest - float(at[0]), error, "px", len(at))
+    result.estimates[f"{name}.creep"] = creep
+    outside = np.nonzero(np.abs(at - rest) > 2 * np.sqrt(2 * reading_px**2 + walk2 * (t[-1] - t)))[0]
+    every_s = float(np.median(np.diff(t)))
+    settled_s = float(t[min(outside[-1] + 1, len(t) - 1)]) if len(outside) else 0.0
+    result.estimates[f"{name}.settled_after"] = Estimate(settled_s, every_s / 2, "s", len(at))
+    if abs(creep.value) < 2 * creep.error:
+        result.remarks.append(f"{name}: no creep that is larger than the beam's own drift in {t[-1]:.0f} s")
+    result.series.append(
+        Series(f"After {_MOVE} steps: {name}", "s", "px", [(float(a), float(b - rest), reading_px) for a, b in points])
+    )
