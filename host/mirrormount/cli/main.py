@@ -17,6 +17,7 @@ from mirrormount.cli import (
     config,
     demo,
     deploy,
+    measure,
     motion,
     panel,
     ports,
@@ -54,6 +55,7 @@ COMMANDS: tuple[Command, ...] = (
     repl.COMMAND,
     camera.COMMAND,
     scan.COMMAND,
+    measure.COMMAND,
     demo.COMMAND,
 )
 

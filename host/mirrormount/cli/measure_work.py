@@ -1,0 +1,223 @@
+"""The work of `mirrormount measure`: opens mount and camera, runs the experiment, writes the report, offers its use.
+
+However it ends, the motors are off, the settings are as they were, and what was measured is in the report.
+"""
+
+import argparse
+import contextlib
+import os
+from collections.abc import Callable, Iterator
+from datetime import datetime
+from functools import partial
+from pathlib import Path
+
+from mirrormount.beam import scale as camera_scale
+from mirrormount.beam.camera import Camera
+from mirrormount.beam.experiments import backlash, pulses, square, steps, waiting
+from mirrormount.beam.observer import Observer
+from mirrormount.beam.open_camera import open_camera
+from mirrormount.beam.optics import Optics
+from mirrormount.beam.report import Origin, write_json, write_page
+from mirrormount.beam.result import Result, Tell
+from mirrormount.beam.rig import MountRig, Rig, borrowed
+from mirrormount.beam.scale import Scale
+from mirrormount.cli.command import number, virtual_address, whole
+from mirrormount.common.errors import BadValue, CannotWrite, NotCalibrated
+from mirrormount.common.progress import StatusLine
+from mirrormount.device import calibration
+from mirrormount.device.mount import Mount
+from mirrormount.device.scale_fit import beam_per_mirror
+from mirrormount.transport.lines import Link
+from mirrormount.transport.open import open_table
+from mountfw import __version__
+
+_OF_USE = ("steps", "backlash")  # what they find can be saved
+_NEEDS_TAKE_UP = ("square",)  # the others are measured without
+_MOST_TAKE_UP_US = 2_000_000  # the range of XB
+_NEAR_MM, _FAR_MM = 400.0, 1600.0  # of the virtual table's cameras from the last mirror
+
+
+def measure(args: argparse.Namespace) -> None:
+    """Run one experiment. Raises MountError."""
+    work = _experiment(args)
+    page: Path = args.report or Path(f"measure-{args.experiment}.html")
+    numbers: Path = args.json or page.with_suffix(".json")
+    if numbers == page:
+        raise BadValue(f"the page and the numbers cannot both be {page}")
+    for path in (page, numbers):
+        _check_writable(path)
+    if args.apply and args.experiment not in _OF_USE:
+        raise BadValue(f"--apply is of the experiments {' and '.join(_OF_USE)}")
+    with _opened(args) as (mount, camera, optics):
+        axes = _axes(args.axes, mount)
+        result = Result(args.experiment)
+        began = datetime.now().astimezone()
+        observer = Observer(camera)
+        off = {axis: {"take_up_us": 0} for axis in axes} if args.experiment not in _NEEDS_TAKE_UP else {}
+        origin = Origin(began, __version__, mount.identity, camera.name, mount.settings(), optics)
+        try:
+            with _shown(mount) as tell, borrowed(mount, off, print):
+                work(MountRig(mount, observer, axes), result, tell)
+        except BaseException as e:
+            result.partial = "stopped by Ctrl-C" if isinstance(e, KeyboardInterrupt) else str(e) or type(e).__name__
+            if result.readings:
+                _write(page, numbers, result, origin, observer)
+            raise
+        _write(page, numbers, result, origin, observer)
+        _summarise(result, optics)
+        _use(args.apply, mount, axes, result, optics)
+
+
+def _check_writable(path: Path) -> None:
+    """Raises CannotWrite now, and not after the measurement."""
+    if not os.access(path.parent, os.W_OK) or path.is_dir() or path.is_symlink():
+        raise CannotWrite(f"cannot write {path}: no such folder, no right to, or a link or folder of that name")
+
+
+def _experiment(args: argparse.Namespace) -> Callable[[Rig, Result, Tell], None]:
+    if args.minutes is not None and args.experiment != "drift":
+        raise BadValue("--minutes is of the experiment drift")
+    minutes = number(args.minutes, "--minutes") if args.minutes is not None else waiting.DRIFT_S / 60
+    if minutes <= 0:
+        raise BadValue("--minutes must be more than 0")
+    return {
+        "steps": steps.run,
+        "backlash": backlash.run,
+        "pulses": pulses.run,
+        "square": square.run,
+        "drift": partial(waiting.drift, seconds=minutes * 60),
+        "settle": waiting.settle,
+    }[args.experiment]
+
+
+@contextlib.contextmanager
+def _opened(args: argparse.Namespace) -> Iterator[tuple[Mount, Camera, Optics]]:
+    """The mount, the camera and its scale that the arguments name; closed at the end."""
+    address = virtual_address(args, "virtual-table", mounts="1", cameras="2")
+    if address is None:
+        camera = open_camera(args.camera or os.environ.get("MIRRORMOUNT_CAMERA", "0"))
+        with contextlib.closing(camera):
+            optics = _optics(args, camera, None)
+            with Mount.open(args.port) as mount:
+                yield mount, camera, optics
+        return
+    which = whole(args.camera or "1", "--camera with --virtual")
+    if which not in (1, 2):
+        raise BadValue(f"the virtual table has the cameras 1 and 2, not {which}")
+    table = open_table(address)
+    with contextlib.closing(table):
+        camera = table.cameras[which - 1]
+        sheet = _scale_of(camera, camera.sensor.pixel_mm, 0.0, (_NEAR_MM, _FAR_MM)[which - 1], 0.0, 45.0)
+        optics = _optics(args, camera, sheet)
+        with Mount(Link(table.ports[0])) as mount:
+            yield mount, camera, optics
+
+
+def _optics(args: argparse.Namespace, camera: Camera, otherwise: Scale | None) -> Optics:
+    """The scale of the arguments, else `otherwise` (a virtual table's), else the camera's saved one."""
+    if args.mm_per_px is None:
+        for given, name in ((args.mm_per_px_error, "--mm-per-px-error"), (args.distance, "--distance")):
+            if given is not None:
+                raise BadValue(f"{name} needs --mm-per-px")
+        if otherwise is None:
+            with contextlib.suppress(NotCalibrated):
+                otherwise = camera_scale.read(camera)
+        return Optics(otherwise)
+    mm_per_px, mm_error = _length(args.mm_per_px, args.mm_per_px_error, "--mm-per-px")
+    distance, distance_error = (None, 0.0)
+    if args.distance is not None:
+        distance, distance_error = _length(args.distance, args.distance_error, "--distance")
+    incidence = number(args.incidence, "--incidence")
+    if not 0 <= incidence < 90:
+        raise BadValue(f"--incidence is 0 … 90 degrees, not {args.incidence}")
+    return Optics(_scale_of(camera, mm_per_px, mm_error, distance, distance_error, incidence))
+
+
+def _scale_of(
+    camera: Camera, mm: float, mm_error: float, distance: float | None, distance_error: float, incidence: float
+) -> Scale:
+    width, height = camera.size
+    return Scale(width, height, mm, mm_error, distance, distance_error, incidence)
+
+
+def _length(text: str, error: str | None, what: str) -> tuple[float, float]:
+    value, spread = number(text, what), number(error, f"{what}-error") if error is not None else 0.0
+    if value <= 0 or spread < 0:
+        raise BadValue(f"{what} is more than 0, and its error not less")
+    return value, spread
+
+
+def _axes(text: str, mount: Mount) -> tuple[str, ...]:
+    names = tuple(dict.fromkeys(name.strip() for name in text.split(",")))
+    return tuple(mount.axis(name).name for name in names)
+
+
+@contextlib.contextmanager
+def _shown(mount: Mount) -> Iterator[Tell]:
+    """A line with the part that is done and the time that is left, by the mount's clock."""
+    line = StatusLine()
+    begun_s = mount.link.monotonic()
+
+    def tell(done: float, phase: str) -> None:
+        passed_s = mount.link.monotonic() - begun_s
+        left = f", {passed_s * (1 / done - 1) / 60:.1f} min left" if done > 0.02 else ""
+        line.show(f"{done:4.0%}{left}  {phase}  (Ctrl-C stops and keeps what was measured)")
+
+    try:
+        yield tell
+    finally:
+        line.end()
+
+
+def _write(page: Path, numbers: Path, result: Result, origin: Origin, observer: Observer) -> None:
+    last = (observer.last[0].image, observer.last[1]) if observer.last else None
+    write_page(page, result, origin, last)
+    write_json(numbers, result, origin)
+    print(f"{'partial ' if result.partial else ''}report: {page}, numbers: {numbers}")
+
+
+def _summarise(result: Result, optics: Optics) -> None:
+    for name, estimate in result.estimates.items():
+        other = optics.shown(estimate) if estimate.unit == "px" else estimate
+        print(
+            f"  {name:28} {estimate}"
+            + (f"  = {other}{' of the beam' * (other.unit == 'urad')}" * (other is not estimate))
+        )
+    for remark in result.remarks:
+        print(f"  {remark}")
+
+
+def _use(apply: bool, mount: Mount, axes: tuple[str, ...], result: Result, optics: Optics) -> None:
+    """Save the scale or the take-up if that is asked for, else say how."""
+    if result.experiment == "backlash":
+        wanted = {
+            axis: {"take_up_us": min(_MOST_TAKE_UP_US, max(0, round(result.estimates[f"{axis}.take_up"].value)))}
+            for axis in axes
+        }
+        if apply:
+            mount.apply(wanted)
+            mount.save()
+            print("The take-up is saved on the board.")
+        for axis, values in wanted.items() if not apply else ():
+            print(f"to use it: mirrormount config set {axis}.take_up_us {values['take_up_us']} --save")
+    elif result.experiment == "steps":
+        scales = {mount.axis(axis).number: scale for axis in axes if (scale := _scale(mount, axis, result, optics))}
+        if not scales:
+            print("for a scale in mrad: --mm-per-px and --distance")
+        elif apply:
+            print(f"The scales are saved in {calibration.write(mount.board_id, scales)}.")
+        else:
+            print("to move in mrad and mm by this scale: the same with --apply")
+
+
+def _scale(mount: Mount, axis: str, result: Result, optics: Optics) -> calibration.Scale | None:
+    """The scale of an axis, if the camera's is known and the axis turns the mirror."""
+    if axis not in ("x", "y") or optics.scale is None:
+        return None
+    ways = [optics.mirror_urad(result.estimates[f"{axis}.{way}.step"], axis) for way in ("positive", "negative")]
+    if ways[0] is None or ways[1] is None:
+        return None
+    positive, negative = (float(f"{way.value * 1e-3:.4g}") for way in ways if way)
+    step = calibration.Step(*mount.axis(axis).ask_whole("XP?", "XD?", "XI?"))
+    factor = beam_per_mirror(axis, optics.scale.incidence_deg)
+    return calibration.Scale(positive, negative, step, float(f"{factor:.4g}"), optics.distance_mm)

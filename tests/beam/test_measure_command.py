@@ -1,0 +1,159 @@
+"""`mirrormount measure` on the virtual table: report, numbers, use of the result, and every end that is not good."""
+
+import json
+
+import pytest
+
+from mirrormount.cli import main, measure_work
+from mirrormount.common.beam_errors import CameraGone
+from mirrormount.device import calibration
+from mirrormount.virtual import virtual_table
+
+SEED = ("--virtual", "--seed", "5")
+
+
+@pytest.fixture(autouse=True)
+def own_folder(tmp_path, monkeypatch):
+    monkeypatch.setenv("MIRRORMOUNT_CONFIG", str(tmp_path / "settings"))
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture
+def tables(monkeypatch):
+    """The tables that the command opens."""
+    opened = []
+
+    def open_table(address):
+        opened.append(virtual_table.open_table(address))
+        return opened[-1]
+
+    monkeypatch.setattr(measure_work, "open_table", open_table)
+    return opened
+
+
+def test_a_square_is_measured_and_told_with_page_and_numbers(tmp_path, capsys, tables):
+    assert main.main(["measure", "square", *SEED]) == 0
+    out = capsys.readouterr().out
+    assert "side.right" in out and "urad of the beam" in out
+    numbers = json.loads((tmp_path / "measure-square.json").read_text())
+    assert numbers["partial"] == ""
+    assert len(numbers["readings"]) == 41
+    assert numbers["estimates"]["side.up"]["unit"] == "px"
+    page = (tmp_path / "measure-square.html").read_text()
+    assert "<svg" in page and "data:image/png;base64," in page
+    assert "http" not in page.split("<svg")[0], "the page needs nothing from elsewhere"
+
+
+def test_the_scale_of_steps_is_saved_when_asked_for(capsys, tables):
+    assert main.main(["measure", "steps", *SEED, "--axes", "x", "--apply"]) == 0
+    assert "The scales are saved in" in capsys.readouterr().out
+    scale = calibration.read(_board_id(), 2)
+    assert scale is not None and scale.positive == pytest.approx(0.215, rel=0.03)
+    assert (scale.beam_per_mirror, scale.screen_mm) == (2.0, 400.0)
+
+
+def _board_id() -> str:
+    return next(iter(calibration.path().read_text().split("[")[1].split(".axis2")[:1]))
+
+
+def test_a_camera_that_goes_away_ends_it_with_motors_off_and_a_partial_report(tmp_path, capsys, tables, monkeypatch):
+    looks = []
+
+    class Cut(measure_work.Observer):
+        def look(self, *args):
+            looks.append(1)
+            if len(looks) == 12:
+                self.camera.plugged = False
+            return super().look(*args)
+
+    monkeypatch.setattr(measure_work, "Observer", Cut)
+    assert main.main(["measure", "square", *SEED]) == 1
+    err = capsys.readouterr().err
+    assert err.count("\n") == 1 and "virtual camera 1" in err
+    numbers = json.loads((tmp_path / "measure-square.json").read_text())
+    assert len(numbers["readings"]) == 11 and numbers["partial"]
+    assert "Ended early" in (tmp_path / "measure-square.html").read_text()
+    (simulation,) = tables[0].simulations
+    last = {name: duty for _, name, duty in simulation.edges}
+    assert not last["m1_en"] and not last["m2_en"]
+
+
+def test_the_settings_are_put_back_however_it_ends(monkeypatch, capsys):
+    seen = []
+
+    def fails(rig, _result, _tell):
+        seen.append(rig.mount.settings()["x"]["take_up_us"])
+        raise CameraGone("gone")
+
+    real = virtual_table.open_table
+
+    def open_table(address):
+        table = real(address)
+        mount_of(table).apply({"x": {"take_up_us": 123_456}})
+        opened.append(table)
+        return table
+
+    opened = []
+    monkeypatch.setattr(measure_work.backlash, "run", fails)
+    monkeypatch.setattr(measure_work, "open_table", open_table)
+    after = []
+    borrowed = measure_work.borrowed
+
+    def recorded(mount, wanted, say):
+        after.append(mount)
+        return borrowed(mount, wanted, say)
+
+    monkeypatch.setattr(measure_work, "borrowed", recorded)
+    closing = measure_work.Mount.__exit__
+
+    def leave(self, *args):
+        seen.append(self.settings()["x"]["take_up_us"])
+        return closing(self, *args)
+
+    monkeypatch.setattr(measure_work.Mount, "__exit__", leave)
+    assert main.main(["measure", "backlash", *SEED]) == 1
+    assert seen == [0, 123_456]
+    capsys.readouterr()
+
+
+def mount_of(table):
+    return measure_work.Mount(measure_work.Link(table.ports[0]))
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("drift", *SEED, "--minutes", "0"), "--minutes must be more than 0"),
+        (("steps", *SEED, "--minutes", "5"), "--minutes is of the experiment drift"),
+        (("drift", *SEED, "--apply"), "--apply is of the experiments steps and backlash"),
+        (("steps", *SEED, "--camera", "3"), "cameras 1 and 2"),
+        (("steps", *SEED, "--axes", "x,z"), "z"),
+        (("steps", *SEED, "--distance", "100"), "--distance needs --mm-per-px"),
+        (("steps", *SEED, "--mm-per-px", "-1"), "more than 0"),
+        (("steps", *SEED, "--report", "none/here.html"), "no such folder"),
+        (("steps", "--seed", "5"), "add --virtual"),
+    ],
+)
+def test_wrong_input_is_one_line_and_nothing_is_opened(words, says, capsys):
+    assert main.main(["measure", *words]) == 1
+    out, err = capsys.readouterr()
+    assert says in err and err.count("\n") == 1
+    assert "report" not in out
+
+
+def test_ctrl_c_keeps_what_was_measured(tmp_path, capsys, monkeypatch, tables):
+    class Interrupted(measure_work.Observer):
+        count = 0
+
+        def look(self, *args):
+            self.count += 1
+            if self.count == 5:
+                raise KeyboardInterrupt
+            return super().look(*args)
+
+    monkeypatch.setattr(measure_work, "Observer", Interrupted)
+    assert main.main(["measure", "drift", *SEED]) == 130
+    out, err = capsys.readouterr()
+    assert "partial report: measure-drift.html" in out and err == "mirrormount: stopped\n"
+    numbers = json.loads((tmp_path / "measure-drift.json").read_text())
+    assert numbers["partial"] == "stopped by Ctrl-C" and len(numbers["readings"]) == 4
