@@ -219,3 +219,13 @@ def test_an_unknown_option_is_refused_in_one_line(option):
 def test_an_address_of_no_table_is_refused():
     with pytest.raises(BadAddress):
         open_table("virtual://")
+
+
+def test_the_rest_of_a_microsecond_passes_too():
+    """Mount.sleep() waits for what is left; were that rounded to nothing, it would wait for ever."""
+    with opened("?mounts=1&cameras=1") as table:
+        port = table.ports[0]
+        before = port.monotonic()
+        for _ in range(50):  # the board may be some microseconds ahead of the table
+            port.sleep(3e-7)
+        assert port.monotonic() > before
