@@ -83,7 +83,7 @@ def test_what_is_no_files_name_is_refused(name):
         (("virtual", "--flash", "FILE", "--tcp", "0"), "for the machine rp2040"),
         (("virtual", "--machine", "rp2040", "--files", "FOLDER", "--tcp", "0"), "--flash"),
         (("status", "--port", "virtual://?files=FILE"), "it is not a folder"),
-        (("status", "--port", "virtual://?seed=" + "9" * 5000), "options are"),
+        (("status", "--port", "virtual://?seed=" + "9" * 5000), "a seed is a number"),
         (("status", "--port", "socket://127.0.0.1:" + "9" * 5000), "socket://HOST:PORT"),
         (("status", "--port", "socket://127.0.0.1:٣"), "socket://HOST:PORT"),
         (("status", "--port", "/dev/\x1b[2J"), r"\x1b[2J"),

@@ -18,6 +18,7 @@ from mirrormount.transport import failures
 WITHOUT_POSIX = """
 import importlib, os, pkgutil, sys
 import nicegui.ui, numpy, serial.tools.list_ports, urllib.request, uvicorn  # theirs to care for
+import cv2, h5py, matplotlib.figure  # the same
 for name in ("fcntl", "termios", "pty", "tty", "resource", "pwd", "grp"):
     sys.modules[name] = None  # an import of it fails
 sys.platform = {platform!r}

@@ -112,7 +112,7 @@ class Board:
 
     def __init__(self, **options) -> None:
         scratch = TemporaryDirectory()
-        self.simulation = Simulation(machines.cpython(Path(scratch.name), **options), scratch=scratch)
+        self.simulation = Simulation(machines.cpython(Path(scratch.name), **options), scratch=[scratch])
         self.lockstep = Lockstep(self.simulation)
 
     def monotonic(self) -> float:

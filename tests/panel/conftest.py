@@ -12,6 +12,12 @@ from served import ServedBoard
 PLAIN = ["--disable-gpu", "--disable-software-rasterizer"]  # an emulated graphics card takes a sixth of a page's time
 
 
+def pytest_itemcollected(item: pytest.Item) -> None:
+    """A page that stands still for 0.35 s is stopped by design, so a busy computer stops what these tests drive."""
+    if "panel" in getattr(item, "fixturenames", ()):
+        item.add_marker("wall_clock")
+
+
 @pytest.fixture(scope="session")
 def browser() -> Iterator[Browser]:
     if CHROMIUM is None:

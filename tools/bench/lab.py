@@ -23,6 +23,7 @@ from mirrormount.virtual.simulation import Simulation
 
 ENABLES = ("m1_en", "m2_en")
 LOST = math.inf  # what never happened
+USB_US = 10  # the emulated controller takes so long for a packet: a stop lands then
 
 _GATE = "mountfw/ports/rp2_gate.py"
 _MPY = 6  # the .mpy version of MicroPython 1.23 on
@@ -165,6 +166,7 @@ class Board(Lockstep):
     def stopped_after_us(self, landed_us: int) -> float:
         """From a stop's landing to both enables being low for good; LOST if they are not."""
         self.catch_up()
+        landed_us += USB_US
         return last_fall_us(self.edges, landed_us) - landed_us if self.off() else LOST
 
 
