@@ -4,7 +4,7 @@ import argparse
 import os
 from pathlib import Path
 
-from mirrormount.cli.command import Command
+from mirrormount.cli.command import Command, from_extra
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -30,13 +30,8 @@ def _camera(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """List, show or record. Raises MountError."""
-    from mirrormount.common.errors import ExtraMissing
-    from mirrormount.common.extras import install
-
-    try:
+    with from_extra("camera", "cameras need"):
         from mirrormount.cli import camera_work
-    except ModuleNotFoundError as e:
-        raise ExtraMissing(f"cameras need a package that is not installed ({e.name}): {install('camera')}") from e
     getattr(camera_work, args.verb)(args)
 
 

@@ -5,8 +5,9 @@ run() the modules that do its work.
 """
 
 import argparse
+import contextlib
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, NamedTuple
 from urllib.parse import urlencode
 
@@ -33,6 +34,18 @@ class Command(NamedTuple):
     summary: str
     run: Callable[[argparse.Namespace], int | None]
     arguments: Callable[[argparse.ArgumentParser], None]
+
+
+@contextlib.contextmanager
+def from_extra(extra: str, what: str) -> Iterator[None]:
+    """For the imports of a command that needs an optional part of mirrormount. Raises ExtraMissing."""
+    from mirrormount.common.errors import ExtraMissing
+    from mirrormount.common.extras import install
+
+    try:
+        yield
+    except ModuleNotFoundError as e:
+        raise ExtraMissing(f"{what} a package that is not installed ({e.name}): {install(extra)}") from e
 
 
 def no_arguments(_parser: argparse.ArgumentParser) -> None:

@@ -4,7 +4,7 @@ import argparse
 import os
 from pathlib import Path
 
-from mirrormount.cli.command import Command, virtual_options
+from mirrormount.cli.command import Command, from_extra, virtual_options
 
 EXPERIMENTS = ("steps", "backlash", "pulses", "square", "drift", "settle")
 
@@ -35,15 +35,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Measure and write the report. Raises MountError."""
-    from mirrormount.common.errors import ExtraMissing
-    from mirrormount.common.extras import install
-
-    try:
+    with from_extra("camera,plot", "measuring needs"):
         from mirrormount.cli.measure_work import measure
-    except ModuleNotFoundError as e:
-        raise ExtraMissing(
-            f"measuring needs a package that is not installed ({e.name}): {install('camera,plot')}"
-        ) from e
     measure(args)
 
 

@@ -4,7 +4,7 @@ import argparse
 import os
 from pathlib import Path
 
-from mirrormount.cli.command import Command, virtual_options
+from mirrormount.cli.command import Command, from_extra, virtual_options
 
 SIGNALS = ("spot", "grey")
 
@@ -52,15 +52,8 @@ def _common(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Scan; the exit status. Raises MountError."""
-    from mirrormount.common.errors import ExtraMissing
-    from mirrormount.common.extras import install
-
-    try:
+    with from_extra("camera", "a scan with a camera needs"):
         from mirrormount.cli import scan_work
-    except ModuleNotFoundError as e:
-        raise ExtraMissing(
-            f"a scan with a camera needs a package that is not installed ({e.name}): {install('camera')}"
-        ) from e
     return scan_work.work(args)
 
 

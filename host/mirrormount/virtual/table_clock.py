@@ -146,7 +146,7 @@ class RealtimeClock:
         return time.monotonic() - self._start_s
 
     def sleep(self, seconds: float) -> None:
-        """Wait."""
+        """Wait: here the wall's time is the table's."""
         time.sleep(max(0.0, seconds))
 
     def at(self, time_s: float, event: Event) -> None:
