@@ -56,6 +56,24 @@ def test_axes_are_in_the_boards_order_and_x_and_y_by_the_number_of_x(count, x_ax
     mount.close()
 
 
+def test_the_second_pair_of_axes_is_a_mount_of_its_own_and_takes_no_frames():
+    status = "|".join(["7,100,0", *(f"{number}000,0,0,0,1,1" for number in range(1, 5))])
+    port = TranscriptPort([("!", None), ("*IDN?", IDENTITY), *[("XS?", status)] * 2])
+    mount = Mount(Link(port), x_axis=4)
+    assert (mount.x.number, mount.y.number) == (4, 3)
+    assert list(mount.by_name) == ["x", "y", "axis1", "axis2"]
+    assert mount.status().y.position == 3
+    with pytest.raises(errors.NotSupported, match="motors 1 and 2"):
+        mount.drive(10, 0)
+    mount.close()
+
+
+@pytest.mark.parametrize(("x_axis", "why"), [(3, "the board has 2 axes"), (5, "1 to 4"), (True, "1 to 4")])
+def test_x_is_an_axis_of_a_pair_that_the_board_has(x_axis, why):
+    with pytest.raises(errors.BadValue, match=why):
+        Mount(Link(TranscriptPort([("!", None), ("*IDN?", IDENTITY), ("XS?", AT_REST)])), x_axis=x_axis)
+
+
 @pytest.mark.parametrize("status", ["7,100,0", "7,100,0|0,0,0,0,1,1", f"{AT_REST}|0,0,0,0,1", f"{AT_REST}|"])
 def test_less_than_two_axes_or_a_part_of_one_is_no_mount(status):
     with pytest.raises(errors.NotAMount, match="not a mount's status"):

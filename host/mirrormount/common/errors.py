@@ -28,8 +28,8 @@ class BadValue(MountError, ValueError):
 
 
 class NotSupported(MountError):
-    """The paper's sketch cannot do this.
-    Remedy: Put `mountfw` on a board that runs MicroPython.
+    """The paper's sketch cannot do this; or a frame is asked of a mount on axes 3 and 4, and frames drive 1 and 2.
+    Remedy: Put `mountfw` on a board that runs MicroPython. Axes 3 and 4: `jog` drives each of them.
     """
 
 

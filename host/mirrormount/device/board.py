@@ -1,6 +1,6 @@
 """State that a board has reported: identity, axes, last status. No I/O. Imports errors, status."""
 
-from mirrormount.common.axis_names import axis_name
+from mirrormount.common.axis_names import axis_name, paired
 from mirrormount.common.errors import BadValue, NotAMount
 from mirrormount.device.status import QueuedError, Status, parse_error, parse_status
 from mountfw import codes as wire
@@ -13,9 +13,12 @@ RESET_CAUSES = {
 
 
 def check_x_axis(x_axis: object) -> None:
-    """Raises BadValue for a number that x cannot have."""
-    if x_axis not in (1, 2):
-        raise BadValue(f"x_axis is 1 or 2, not {x_axis!r}")
+    """Raises BadValue for a number that x cannot have on any board."""
+    if isinstance(x_axis, bool) or not isinstance(x_axis, int) or not 1 <= x_axis <= AXES_MOST:
+        raise BadValue(f"x_axis is the number of an axis, 1 to {AXES_MOST}, not {x_axis!r}")
+
+
+AXES_MOST = 4
 
 
 class Board:
@@ -40,6 +43,8 @@ class Board:
         """Parse an answer to XS?. Raises NotAMount, also for another number of axes than before."""
         status = parse_status(line, self.x_axis)
         count = len(status.axes)
+        if max(self.x_axis, paired(self.x_axis)) > count:
+            raise BadValue(f"the board has {count} axes: {self.x_axis} and {paired(self.x_axis)} are no pair of them")
         if not self.last:
             names = {axis_name(number, self.x_axis): number for number in range(1, count + 1)}
             self.numbers = {name: names[name] for name in status.by_name}

@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from typing import Self
 
-from mirrormount.common.errors import BadValue, PortBusy
+from mirrormount.common.errors import BadValue, NotSupported, PortBusy
 from mirrormount.common.printable import printable
 from mirrormount.common.validation import whole_number
 from mirrormount.device import settings
@@ -31,8 +31,9 @@ __all__ = ["Axis", "AxisStatus", "Ended", "Homed", "Limits", "Mount", "QueuedErr
 class Mount:
     """An open mount. Use open(); close() it, or let `with` do so.
 
-    x is the horizontal axis and y the vertical one; x_axis is the board's number (1 or 2) of x. axes has all axes
-    in the board's order; by_name has them as x, y, axis3 …
+    x is the horizontal axis and y the vertical one; x_axis is the board's number of x, and the
+    other axis of that pair (1 and 2, 3 and 4) is y. axes has all axes in the board's order; by_name has them as x, y,
+    and the others by number: axis3 …
     """
 
     def __init__(self, link: Link, *, x_axis: int = 2) -> None:
@@ -139,8 +140,10 @@ class Mount:
 
         Both change together; their earlier motion is superseded. The board's run limit (10 s unless
         set otherwise) ends it, and so does the death of this program. Without feed the caller keeps
-        it alive: with a status() every KEEP_ALIVE_MS at least, for instance. Raises BadValue.
+        it alive: with a status() every KEEP_ALIVE_MS at least, for instance. Raises BadValue, NotSupported.
         """
+        if self.session.board.x_axis > 2:
+            raise NotSupported("a frame drives motors 1 and 2 of a board, and this mount has others: use jog()")
         frame = encode(whole_number(m1, 255, "m1"), whole_number(m2, 255, "m2"))
         session = self.session
         last_stop = session.gate.last_stop()

@@ -5,7 +5,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from mirrormount.common.axis_names import axis_name
+from mirrormount.common.axis_names import axis_name, paired
 from mirrormount.common.errors import REASONS, NotAMount
 from mirrormount.common.printable import printable
 from mirrormount.common.validation import whole_numbers
@@ -36,7 +36,7 @@ class AxisStatus:
 
 @dataclass(frozen=True)
 class Status:
-    """State of a board. axes: in the board's order; x_axis: the number (1 or 2) of the one that is called x."""
+    """State of a board. axes: in the board's order; x_axis: the number of the one that is called x."""
 
     boot_id: int
     uptime_s: float
@@ -52,13 +52,13 @@ class Status:
     @property
     def y(self) -> AxisStatus:
         """The vertical axis."""
-        return self.axes[2 - self.x_axis]
+        return self.axes[paired(self.x_axis) - 1]
 
     @property
     def by_name(self) -> dict[str, AxisStatus]:
         """All axes by their names: x, y, axis3 …"""
-        others = {axis_name(i, self.x_axis): axis for i, axis in enumerate(self.axes[2:], 3)}
-        return {"x": self.x, "y": self.y, **others}
+        numbered = {axis_name(i, self.x_axis): axis for i, axis in enumerate(self.axes, 1)}
+        return {"x": self.x, "y": self.y, **numbered}
 
     @property
     def moving(self) -> bool:
@@ -123,7 +123,7 @@ def table(axes: Mapping[str, AxisStatus], caption: str = "") -> str:
 
 
 def parse_status(line: str, x_axis: int) -> Status:
-    """The answer to XS?, of two axes or more; x_axis (1 or 2) is called x. Raises NotAMount."""
+    """The answer to XS?, of two axes or more; x_axis is the number of x. Raises NotAMount."""
     try:
         head, *axes = line.split("|")
         boot_id, uptime_ms, errors_waiting = whole_numbers(head, 3)
