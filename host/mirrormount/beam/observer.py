@@ -15,7 +15,7 @@ from mirrormount.common.beam_errors import CameraGone, CameraRepeats, SpotLost
 
 FRAMES = 6  # of a look: the mean of six is 2.4 times better than one, and lasts 0.2 s
 SETTLE_S = 0.4  # after a move: twenty time constants of a motor that coasts (docs/virtual-board.md)
-_MOST_REFUSED = 15  # frames without a spot, one after the other: half a second of a webcam
+MOST_REFUSED = 15  # frames without a spot, one after the other: half a second of a webcam
 _MOST_STALE = 150  # frames that are too old or repeated, one after the other: five seconds of a webcam
 
 Finder = Callable[[Frame], Spot | NoSpot]
@@ -26,7 +26,7 @@ class Sighting:
     """The spot's place: mean of `frames` frames, in px; time_s: of the last one, on the camera's clock.
 
     error_x, error_y: standard errors of the means, by the scatter of the frames and by the spots' own errors, whichever
-    is larger. refused: frames without a spot that were left out.
+    is larger. refused: frames without a spot that were left out. peak: mean, in grey values above the background.
     """
 
     x: float
@@ -36,10 +36,14 @@ class Sighting:
     time_s: float
     frames: int
     refused: int = 0
+    peak: float = 0.0
 
 
 class Observer:
-    """Eyes of an experiment. seen(frame, spot) is called with each frame that is used, for a live picture."""
+    """Eyes of an experiment. seen(frame, spot) is called with each frame that is used, for a live picture.
+
+    most_refused: frames in a row without a spot, after which it is lost.
+    """
 
     def __init__(
         self,
@@ -47,12 +51,14 @@ class Observer:
         find: Finder = find_spot,
         *,
         settle_s: float = SETTLE_S,
+        most_refused: int = MOST_REFUSED,
         seen: Callable[[Frame, Spot], object] | None = None,
     ) -> None:
         self.camera = camera
         self.settle_s = settle_s
         self.last: tuple[Frame, Spot] | None = None  # the newest spot and its frame
         self._find = find
+        self._most_refused = most_refused
         self._seen = seen
         self._frames: Iterator[Frame] = camera.frames()
 
@@ -61,26 +67,25 @@ class Observer:
 
         Raises SpotLost with the reason, CameraError.
         """
-        after_s = self.camera.monotonic() + self.settle_s
-        places: list[tuple[float, float, float, float]] = []
+        places: list[tuple[float, float, float, float, float]] = []
         refused = in_a_row = 0
-        time_s = after_s
-        for frame in self._fresh(after_s):
+        time_s = self.camera.monotonic()
+        for frame in self.settled():
             spot = self._find(frame)
             if isinstance(spot, NoSpot):
                 refused, in_a_row = refused + 1, in_a_row + 1
-                if in_a_row >= _MOST_REFUSED:
+                if in_a_row >= self._most_refused:
                     raise SpotLost(f"{self.camera.name}: {spot}")
                 continue
             in_a_row = 0
             self.last = frame, spot
             if self._seen:
                 self._seen(frame, spot)
-            places.append((spot.x, spot.y, spot.sigma_x, spot.sigma_y))
+            places.append((spot.x, spot.y, spot.sigma_x, spot.sigma_y, spot.peak))
             time_s = frame.time_s
             if len(places) >= frames:
                 break
-        x, y, sigma_x, sigma_y = np.array(places).T
+        x, y, sigma_x, sigma_y, peak = np.array(places).T
         return Sighting(
             float(x.mean()),
             float(y.mean()),
@@ -89,9 +94,12 @@ class Observer:
             time_s,
             len(places),
             refused,
+            float(peak.mean()),
         )
 
-    def _fresh(self, after_s: float) -> Iterator[Frame]:
+    def settled(self) -> Iterator[Frame]:
+        """New frames that are exposed when the mount has settled, from now on. Raises CameraError."""
+        after_s = self.camera.monotonic() + self.settle_s
         stale = 0
         for frame in self._frames:
             if frame.repeated or frame.time_s < after_s:

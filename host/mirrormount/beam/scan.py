@@ -1,4 +1,4 @@
-"""Scans: a mount visits the places of a pattern, and a signal is read at each. Imports patterns, spot, mount.
+"""Scans: a mount visits the places of a pattern, and a signal is read at each. Imports patterns, observer, mount.
 
     for sample in scan(mount, raster(9, 9), power):  # power(mount) returns a number
         print(sample.x, sample.y, sample.values)
@@ -8,21 +8,18 @@ The motors are off while a signal is read, between two samples, and after any en
 """
 
 import contextlib
-import itertools
 import math
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass
 
-from mirrormount.beam import find_spot
-from mirrormount.beam.camera import Camera, Frame
+from mirrormount.beam.camera import Camera
+from mirrormount.beam.observer import Observer
 from mirrormount.beam.patterns import Pattern, spiral
-from mirrormount.common.beam_errors import CameraGone, CameraRepeats
+from mirrormount.common.beam_errors import SpotLost
 from mirrormount.common.errors import MountError
 from mirrormount.device.mount import Mount
 
-_SETTLE_S = 0.4  # after a move: twenty time constants of a motor that coasts (docs/virtual-board.md)
 _TRIES = 3  # frames in which a spot is looked for
-_MOST_STALE = 150  # frames: five seconds of a webcam
 
 
 class NoValue(Exception):
@@ -66,32 +63,22 @@ class Signal:
 
 def spot_signal(camera: Camera) -> Signal:
     """Place, its standard errors, and peak of the spot in a frame that is exposed when the mount has settled."""
+    observer = Observer(camera, most_refused=_TRIES)
 
     def read(_mount: Mount) -> tuple[float, ...]:
-        found = None
-        for frame in itertools.islice(_settled(camera), _TRIES):
-            found = find_spot(frame)
-            if found:
-                return found.x, found.y, found.sigma_x, found.sigma_y, found.peak
-        raise NoValue(str(found))
+        try:
+            seen = observer.look(1)
+        except SpotLost as e:
+            raise NoValue(str(e)) from e
+        return seen.x, seen.y, seen.error_x, seen.error_y, seen.peak
 
     return Signal({"spot_x": "px", "spot_y": "px", "error_x": "px", "error_y": "px", "peak": "grey"}, read)
 
 
 def grey_signal(camera: Camera) -> Signal:
     """The mean grey value of a frame that is exposed when the mount has settled."""
-    return Signal({"grey": "grey"}, lambda _mount: (float(next(_settled(camera)).image.mean()),))
-
-
-def _settled(camera: Camera) -> Iterator[Frame]:
-    """New frames that are exposed _SETTLE_S from now or later. Raises CameraError, CameraRepeats for too old ones."""
-    after_s = camera.monotonic() + _SETTLE_S
-    for count, frame in enumerate(camera.frames()):
-        if frame.time_s >= after_s and not frame.repeated:
-            yield frame
-        elif count >= _MOST_STALE:
-            raise CameraRepeats(f"{camera.name}: no fresh frame among {count + 1}")
-    raise CameraGone(f"{camera.name}: no more frames")
+    observer = Observer(camera)
+    return Signal({"grey": "grey"}, lambda _mount: (float(next(observer.settled()).image.mean()),))
 
 
 def scan(
