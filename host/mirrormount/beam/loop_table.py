@@ -1,0 +1,105 @@
+"""What a loop needs of a table: actuators that give pulses, cameras with targets, one clock. Protocols only.
+
+direct.py has the one that drives mounts itself, supervised.py the one that is a client beside a panel's.
+"""
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Protocol
+
+if TYPE_CHECKING:
+    from mirrormount.beam.camera import Frame, Size
+    from mirrormount.beam.spot import NoSpot, Spot
+
+
+class Actuator(Protocol):
+    """One axis of one mount. Moves return at once; the loop asks is_moving() until it is at rest.
+
+    name: such as "first.x", of mount and axis. board_id, step_us: to which a calibration belongs.
+    Methods raise MountError: BoardError (refused), MoveEnded (it ended early), NotInControl, ConnectionLost, NoAnswer.
+    """
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def board_id(self) -> str: ...
+
+    @property
+    def step_us(self) -> int: ...
+
+    def pulse(self, us: int) -> None:
+        """Begin one pulse of |us| microseconds, 200 … 2 000 000, in the direction of its sign."""
+        ...
+
+    def step(self, n: int) -> None:
+        """Begin n steps."""
+        ...
+
+    def is_moving(self) -> bool:
+        """Ask, and keep the motion alive. Raises what ended it early, once."""
+        ...
+
+    def stop(self) -> None:
+        """All motors of its board off, at once."""
+        ...
+
+
+class Eye(Protocol):
+    """A camera with its target. time stamps are on the clock of monotonic().
+
+    um_per_px: of x and y. distance_m: from the last mirror along the beam, None where it is not known.
+    """
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def size(self) -> "Size": ...
+
+    @property
+    def target_px(self) -> tuple[float, float]: ...
+
+    @property
+    def um_per_px(self) -> tuple[float, float]: ...
+
+    @property
+    def distance_m(self) -> float | None: ...
+
+    def monotonic(self) -> float: ...
+
+    def frames(self) -> "Iterator[Frame]":
+        """As Camera.frames(); after CameraError it may be called again, when the camera is back."""
+        ...
+
+    def find(self, frame: "Frame") -> "Spot | NoSpot":
+        """The spot in a frame, or why there is none."""
+        ...
+
+
+class LoopTable(Protocol):
+    """Actuators in the order of the beam (first.x, first.y, second.x …), eyes in the order of the beam."""
+
+    @property
+    def actuators(self) -> Sequence[Actuator]: ...
+
+    @property
+    def eyes(self) -> Sequence[Eye]: ...
+
+    def now_s(self) -> float: ...
+
+    def sleep(self, seconds: float) -> None:
+        """Let time pass, with motions kept alive."""
+        ...
+
+    def stop(self) -> None:
+        """All motors off, at once. Raises ConnectionLost, NoAnswer if a board did not confirm it."""
+        ...
+
+    @property
+    def taken_over(self) -> str:
+        """Why the loop has no control: a person took it, or somebody stopped; "" while it has."""
+        ...
+
+    def take_control(self) -> None:
+        """Ask for control again, after a person has told the loop to go on. Raises NotInControl."""
+        ...
