@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 AXIS_HELP = "x (right +), y (up +), or a further one: axis3 …"
 SECONDS_HELP = "how long, at most the board's run limit (10 s unless set otherwise)"
-_DEFAULT_PORT = "serial port (default: the one board there is)"
+_DEFAULT_PORT = "serial port, or a mount's name (default: the one board there is)"
 
 
 class Command(NamedTuple):
@@ -52,12 +52,23 @@ def no_arguments(_parser: argparse.ArgumentParser) -> None:
     """For a command that takes none."""
 
 
+def table_option(parser: argparse.ArgumentParser) -> None:
+    """--table: which file has the names of mounts and cameras. main() hands it on."""
+    parser.add_argument(
+        "--table",
+        metavar="FILE",
+        default=argparse.SUPPRESS,  # it may also stand before the command
+        help="the file of names (default: $MIRRORMOUNT_TABLE, else table.toml in the user's folder)",
+    )
+
+
 def port_options(parser: argparse.ArgumentParser) -> None:
-    """--port and --sketch, for commands that run on any mount."""
+    """--port, --table and --sketch, for commands that run on any mount."""
+    table_option(parser)
     parser.add_argument(
         "--port",
         default=os.environ.get("MIRRORMOUNT_PORT"),
-        help="serial port, socket://HOST:PORT or virtual:// (default: $MIRRORMOUNT_PORT, else the one board there is)",
+        help="serial port, a mount's name, socket://HOST:PORT or virtual:// (default: $MIRRORMOUNT_PORT, else the one)",
     )
     parser.add_argument("--sketch", action="store_true", help="the port is an Arduino that runs the paper's sketch")
 
@@ -93,14 +104,18 @@ def virtual_address(args: argparse.Namespace, scheme: str = "virtual", **options
 
 
 def board_port(parser: argparse.ArgumentParser) -> None:
-    """The port of a board that the command needs for itself: PORT, or --port. See port_of."""
+    """The port of a board that the command needs for itself: PORT, or --port, and --table. See port_of."""
+    table_option(parser)
     parser.add_argument("at", nargs="?", metavar="PORT", help=_DEFAULT_PORT)
     parser.add_argument("--port", default=os.environ.get("MIRRORMOUNT_PORT"), help="the same")
 
 
 def port_of(args: argparse.Namespace) -> str | None:
-    """The port that board_port's arguments name, or None."""
-    return args.at or args.port
+    """The port that board_port's arguments name, or None. Raises as named.place_of()."""
+    from mirrormount.device.named import place_of
+
+    given = args.at or args.port
+    return None if given is None else place_of(given).address
 
 
 def _axis(text: str) -> str:

@@ -31,8 +31,9 @@ from mirrormount.cli import (
     undeploy,
     virtual,
 )
-from mirrormount.cli.command import Command
+from mirrormount.cli.command import Command, table_option
 from mirrormount.common.errors import MountError
+from mirrormount.common.names import TABLE_VARIABLE
 from mirrormount.common.printable import printable
 from mirrormount.common.remedies import explain
 from mirrormount.common.signals import Terminated
@@ -68,6 +69,8 @@ def main(argv: list[str] | None = None) -> int:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # a terminal without … or ± shows their numbers
     args = parser().parse_args(argv)
+    if "table" in args:
+        os.environ[TABLE_VARIABLE] = args.table  # for this process, and for those that it starts
     try:
         status = args.run(args) or 0
         if sys.stdout:
@@ -120,6 +123,7 @@ def parser() -> argparse.ArgumentParser:
         epilog="AXIS is x (right +) or y (up +).",
     )
     whole.add_argument("--version", action="version", version=f"mirrormount {__version__}")
+    table_option(whole)
     commands = whole.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for command in COMMANDS:
         sub = commands.add_parser(command.name, help=command.summary, description=command.summary)

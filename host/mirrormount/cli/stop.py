@@ -3,7 +3,8 @@
 import argparse
 
 from mirrormount.cli.command import Command, open_any, port_options
-from mirrormount.common.errors import MountError, NoAnswer, NoBoardFound, PortBusy
+from mirrormount.common.errors import BadFile, MountError, NoAnswer, NoBoardFound, PortBusy
+from mirrormount.common.names import is_name
 
 
 def run(args: argparse.Namespace) -> None:
@@ -25,6 +26,10 @@ def stop(address: str | None) -> None:
     """
     from mirrormount.transport import stop_socket
 
+    if address and is_name(address):
+        from mirrormount.device.named import place_of
+
+        address = place_of(address).address
     owners = stop_socket.owners(address)
     problems: list[MountError] = []
     if not address and (why := stop_socket.why_none()):
@@ -36,23 +41,43 @@ def stop(address: str | None) -> None:
             how = "stopped" if answer == stop_socket.STOPPED else "stop sent; the board was too busy to confirm it"
             print(f"{how} (by {owner}, which has the port)")
     if not owners or address is None:
-        from mirrormount.device.mount import Mount
-
-        try:
-            Mount.open(address).close()  # opening stops, and says so if it could not
-        except PortBusy as e:
-            why = stop_socket.why_none() or "without --port it goes to every program of this user that takes one"
-            how = "" if address is None else f": {why}"
-            problems.append(PortBusy(f"{e}; that program takes no stop from here{how}"))
-        except MountError as e:
-            if not owners or not isinstance(e, NoBoardFound):
-                problems.append(e)
-        else:
-            print("stopped")
+        problems += _stop_by_opening(address, bool(owners))
     if len(problems) > 1:
         raise MountError("; ".join(str(problem) for problem in problems))
     if problems:
         raise problems[0]
+
+
+def _stop_by_opening(address: str | None, others_were_asked: bool) -> list[MountError]:
+    """Open the mount at address, else those of the table, else the one that is plugged in: opening stops it.
+
+    Returns what went wrong.
+    """
+    from mirrormount.device.mount import Mount
+    from mirrormount.device.named import addresses
+    from mirrormount.transport.stop_socket import owners, why_none
+
+    problems: list[MountError] = []
+    try:
+        named = [] if address else addresses()
+    except BadFile as e:
+        named = []
+        problems.append(e)
+    for one in [address] if address else named or [None]:
+        if one and not address and owners(one):
+            continue  # its program was asked
+        try:
+            Mount.open(one).close()  # opening stops, and says so if it could not
+        except PortBusy as e:
+            why = why_none() or "without --port it goes to every program of this user that takes one"
+            how = "" if address is None else f": {why}"
+            problems.append(PortBusy(f"{e}; that program takes no stop from here{how}"))
+        except MountError as e:
+            if not others_were_asked or not isinstance(e, NoBoardFound):
+                problems.append(e)
+        else:
+            print("stopped" if address or not one else f"{one}: stopped")
+    return problems
 
 
 COMMAND = Command("stop", "both motors off, now", run, port_options)

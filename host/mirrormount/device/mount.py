@@ -17,6 +17,7 @@ from mirrormount.common.printable import printable
 from mirrormount.common.validation import whole_number
 from mirrormount.device import settings
 from mirrormount.device.axis import Axis
+from mirrormount.device.named import Place, place_of, x_axis_of
 from mirrormount.device.session import Session
 from mirrormount.device.status import AxisStatus, Ended, Homed, Limits, QueuedError, Status, table
 from mirrormount.transport.find import find_one
@@ -44,21 +45,24 @@ class Mount:
         self.x, self.y = self.by_name["x"], self.by_name["y"]
 
     @classmethod
-    def open(cls, address: str | None = None, *, x_axis: int = 2) -> Self:
-        """Open a mount: the one that is plugged in, or a port, socket://HOST:PORT or virtual://.
+    def open(cls, address: str | None = None, *, x_axis: int | None = None) -> Self:
+        """Open a mount: the one that is plugged in, or a port, socket://HOST:PORT or virtual://, or a name.
+
+        A name is that of a mount in table.toml (table_file.py). x_axis: unless that says otherwise, 2.
 
         Without an address only boards with a known USB id are considered, so that nothing is
         ever written to another instrument. All motion on the board is stopped.
 
-        Raises CannotOpen, BadAddress, or NotAMount if something else answers.
+        Raises CannotOpen, BadAddress, BadFile, or NotAMount if something else answers.
         """
         if not isinstance(address, str | None):
             raise BadValue(f"a port's address is text, not {address!r}")
-        address = find_one() if address is None else address
+        place = Place(find_one()) if address is None else place_of(address)
+        address = place.address
         try:
             link = Link(open_port(address))
             try:
-                mount = cls(link, x_axis=x_axis)
+                mount = cls(link, x_axis=x_axis_of(place, x_axis))
                 mount.accept_stops(address)
                 return mount
             except BaseException:

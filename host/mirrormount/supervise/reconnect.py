@@ -5,6 +5,7 @@ from collections.abc import Callable
 
 from mirrormount.common.errors import BadValue, MountError
 from mirrormount.device.mount import Mount
+from mirrormount.device.named import Place, place_of, x_axis_of
 from mirrormount.supervise.wire_log import WireLog
 from mirrormount.transport.find import find_one
 from mirrormount.transport.lines import Link
@@ -16,8 +17,8 @@ from mirrormount.transport.tap import TappedPort
 class Connection:
     """mount: None while there is no board. trouble: why there is none, "" if there is one.
 
-    address: a port, or None for the only board. log: takes in the traffic. on_stop(): called behind each stop that
-    another program of this user asks for (`mirrormount stop`), in a thread of its own.
+    address: a port, a mount's name, or None for the only board. log: takes in the traffic. on_stop(): called behind
+    each stop that another program of this user asks for (`mirrormount stop`), in a thread of its own.
     """
 
     def __init__(self, address: str | None, log: WireLog, on_stop: Callable[[], None]) -> None:
@@ -37,16 +38,16 @@ class Connection:
             raise
 
     def _open(self) -> Mount:
-        address = find_one() if self._address is None else self._address
-        port = open_port(address)
+        place = Place(find_one()) if self._address is None else place_of(self._address)
+        port = open_port(place.address)
         try:
             if port.lockstep:
                 raise BadValue("the panel needs a board at its own pace: speed=max is for use in one process")
-            mount = Mount(Link(TappedPort(port, self._log)))
+            mount = Mount(Link(TappedPort(port, self._log)), x_axis=x_axis_of(place, None))
         except BaseException:
             port.close()
             raise
-        mount.accept_stops(address, also=self._on_stop)
+        mount.accept_stops(place.address, also=self._on_stop)
         self.port, self.mount, self.trouble = port, mount, ""
         return mount
 

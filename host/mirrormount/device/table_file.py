@@ -1,0 +1,199 @@
+"""The names of an optical table: its mounts by board id, its cameras and their targets. A file that the user may edit.
+
+The file is table.toml in the user's folder for settings, or the one that $MIRRORMOUNT_TABLE names (`--table FILE`):
+
+    [mounts.first]
+    board = "e6616408432f5a21"   # the board's unique id (mirrormount status); or port = "socket://…", for any address
+    x_axis = 2                   # the board's axis that is x; the other one of its pair is y
+
+    [mounts.second]
+    board = "e6616408437a1f2e"
+    distance_mm = 600.0          # along the beam, from the mirror before; where known
+
+    [cameras.near]
+    camera = "0"                 # as --camera: an index, a device, a part of a webcam's name
+    distance_mm = 400.0          # along the beam, from the last mirror
+    target_x_px = 320.0          # where the spot belongs
+    target_y_px = 240.0
+
+Mounts stand in the order of the beam. A mount's name may be given wherever a port may. Imports errors, toml_file.
+"""
+
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from mirrormount.common import toml_file
+from mirrormount.common.errors import BadFile, BadValue
+from mirrormount.common.names import NAME_RULE, TABLE_VARIABLE, is_name
+from mirrormount.common.printable import printable
+from mirrormount.device import calibration
+from mirrormount.device.named import AXIS_OF_X
+
+_LONGEST_MM = 1e6
+_MOST = 8  # mounts, or cameras
+_HEADING = """mirrormount: the names of an optical table (docs/names.md).
+Mounts stand in the order of the beam. board: the unique id of the board; port: an address, instead. x_axis: the
+board's axis that is x. distance_mm: along the beam, from the mirror before. target_x_px, target_y_px: where the spot
+belongs. Written by `mirrormount table`, which keeps what it knows but no remarks."""
+
+
+@dataclass(frozen=True)
+class MountEntry:
+    """A mount of the table. One of board (its unique id) and port (an address) is given.
+
+    distance_mm: along the beam from the mirror before, None if not known.
+    """
+
+    board: str | None = None
+    port: str | None = None
+    x_axis: int = AXIS_OF_X
+    distance_mm: float | None = None
+
+
+@dataclass(frozen=True)
+class CameraEntry:
+    """A camera of the table. camera: its address. distance_mm: along the beam from the last mirror.
+
+    target_x_px, target_y_px: where the spot belongs, both or neither.
+    """
+
+    camera: str
+    distance_mm: float | None = None
+    target_x_px: float | None = None
+    target_y_px: float | None = None
+
+    @property
+    def target_px(self) -> tuple[float, float] | None:
+        """Where the spot belongs, None if nobody has said it."""
+        if self.target_x_px is None or self.target_y_px is None:
+            return None
+        return self.target_x_px, self.target_y_px
+
+
+@dataclass(frozen=True)
+class TableFile:
+    """What the file holds: mounts in the order of the beam, cameras in that of the file."""
+
+    mounts: Mapping[str, MountEntry] = field(default_factory=dict)
+    cameras: Mapping[str, CameraEntry] = field(default_factory=dict)
+
+
+def path() -> Path:
+    """The path of the file."""
+    named = os.environ.get(TABLE_VARIABLE)
+    return Path(named) if named else calibration.path().with_name("table.toml")
+
+
+def read() -> TableFile:
+    """The file's mounts and cameras; empty if there is no file and none was named. Raises BadFile."""
+    where = path()
+    if TABLE_VARIABLE in os.environ and not where.is_file():
+        raise BadFile(f"{where}: there is no such file of a table")
+    tables = toml_file.read(where)
+    for key in tables:
+        if key not in ("mounts", "cameras"):
+            raise BadFile(f"{where}: [{printable(key, 40)}] is not known: [mounts.NAME] and [cameras.NAME] are")
+    return TableFile(
+        _entries(tables, "mounts", where, _mount),
+        _entries(tables, "cameras", where, _camera),
+    )
+
+
+def write(table: TableFile) -> Path:
+    """Write the file. Returns its path. Raises CannotWrite."""
+    kinds = {"mounts": table.mounts, "cameras": table.cameras}
+    tables = {
+        kind: {
+            name: {key: value for key, value in asdict(entry).items() if value is not None}
+            for name, entry in entries.items()
+        }
+        for kind, entries in kinds.items()
+    }
+    where = path()
+    toml_file.write(where.resolve(), toml_file.text(tables, _HEADING), make_folder=True)
+    return where
+
+
+def check_name(name: str) -> str:
+    """The name, if a mount or a camera may have it. Raises BadValue."""
+    if not is_name(name):
+        raise BadValue(f"{printable(name, 40)!r} is no name: {NAME_RULE}")
+    return name
+
+
+def _entries(tables: Mapping[str, Any], kind: str, where: Path, parsed: Callable[[dict[str, Any], str], Any]) -> Any:
+    entries = tables.get(kind, {})
+    if not isinstance(entries, dict) or len(entries) > _MOST:
+        raise BadFile(f"{where}: [{kind}] holds at most {_MOST} tables, one for each name")
+    found = {}
+    for name, entry in entries.items():
+        place = f"{where}: [{kind}.{printable(name, 40)}]"
+        if not is_name(name):
+            raise BadFile(f"{place}: a name is {NAME_RULE}")
+        if not isinstance(entry, dict):
+            raise BadFile(f"{place} is not a table")
+        found[name] = parsed(entry, place)
+    return found
+
+
+def _mount(entry: dict[str, Any], where: str) -> MountEntry:
+    _only(entry, MountEntry, where)
+    board, port = _text(entry, "board", where), _text(entry, "port", where)
+    if (board is None) == (port is None):
+        raise BadFile(f"{where}: give the board's id (board = …) or an address (port = …), one of them")
+    x_axis = entry.get("x_axis", AXIS_OF_X)
+    if isinstance(x_axis, bool) or not isinstance(x_axis, int) or not 1 <= x_axis <= 4:
+        raise BadFile(f"{where}: x_axis is the number of an axis, 1 to 4")
+    return MountEntry(board, port, x_axis, _length(entry, "distance_mm", where))
+
+
+def _camera(entry: dict[str, Any], where: str) -> CameraEntry:
+    _only(entry, CameraEntry, where)
+    camera = _text(entry, "camera", where)
+    if camera is None:
+        raise BadFile(f"{where}: camera is missing: an index, a device, or a part of the webcam's name")
+    x, y = _pixel(entry, "target_x_px", where), _pixel(entry, "target_y_px", where)
+    if (x is None) != (y is None):
+        raise BadFile(f"{where}: a target is target_x_px and target_y_px, both")
+    return CameraEntry(camera, _length(entry, "distance_mm", where), x, y)
+
+
+def _only(entry: Mapping[str, Any], kind: type, where: str) -> None:
+    for key in entry:
+        if key not in kind.__dataclass_fields__:
+            raise BadFile(f"{where}: {printable(key, 40)} is not known: {', '.join(kind.__dataclass_fields__)} are")
+
+
+def _text(entry: Mapping[str, Any], key: str, where: str) -> str | None:
+    value = entry.get(key)
+    if value is None:
+        return None
+    if not isinstance(value, str) or not value.strip() or len(value) > 200 or not value.isprintable():
+        raise BadFile(f'{where}: {key} is a text in quotes, such as "0"')
+    return value
+
+
+def _length(entry: Mapping[str, Any], key: str, where: str) -> float | None:
+    value = _number(entry, key, where)
+    if value is not None and not 0 < value <= _LONGEST_MM:
+        raise BadFile(f"{where}: {key} is above 0 and at most {_LONGEST_MM:g}")
+    return value
+
+
+def _pixel(entry: Mapping[str, Any], key: str, where: str) -> float | None:
+    value = _number(entry, key, where)
+    if value is not None and not 0 <= value < 1e5:
+        raise BadFile(f"{where}: {key} is a place in the picture, from 0")
+    return value
+
+
+def _number(entry: Mapping[str, Any], key: str, where: str) -> float | None:
+    value = entry.get(key)
+    if value is None:
+        return None
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise BadFile(f"{where}: {key} is a number")
+    return float(value)

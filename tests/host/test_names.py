@@ -1,0 +1,127 @@
+"""Names of mounts in table.toml: what a port's place may be, where the board is, and what is refused."""
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from served import run_cli
+
+import mirrormount.transport.find
+from mirrormount import Mount
+from mirrormount.common import errors
+from mirrormount.device import named, table_file
+from mirrormount.device.table_file import CameraEntry, MountEntry, TableFile
+
+BOARD = "e6616408432f5a21"
+
+
+@pytest.fixture
+def table(tmp_path, monkeypatch) -> Path:
+    """A file of names that does not exist yet."""
+    monkeypatch.setenv("MIRRORMOUNT_CONFIG", str(tmp_path))
+    monkeypatch.delenv("MIRRORMOUNT_TABLE", raising=False)
+    return tmp_path / "table.toml"
+
+
+@pytest.fixture
+def plugged(monkeypatch) -> None:
+    """One board is plugged in, which nobody may open."""
+    port = SimpleNamespace(device="/dev/ttyACM7", vid=0x2E8A, pid=5, serial_number=BOARD.upper())
+    monkeypatch.setattr(mirrormount.transport.find.list_ports, "comports", lambda: [port])
+
+
+def test_a_mount_is_opened_by_its_name_with_its_axis_of_x(table):
+    table.write_text('[mounts.far]\nport = "virtual://?speed=max"\nx_axis = 1\n')
+    with Mount.open("far") as mount:
+        assert (mount.x.number, mount.y.number) == (1, 2)
+    with Mount.open("far", x_axis=2) as mount:
+        assert mount.x.number == 2
+
+
+def test_every_command_takes_the_name(table):
+    table.write_text('[mounts.far]\nport = "virtual://?speed=max"\n')
+    assert run_cli("step", "x", "2", "--port", "far").stdout == "x: +2.000 steps\n"
+
+
+def test_another_file_may_be_named_before_or_behind_the_command(table):
+    (other := table.with_name("other.toml")).write_text('[mounts.far]\nport = "virtual://?speed=max"\n')
+    for words in (
+        ("--table", str(other), "status", "--port", "far"),
+        ("status", "--port", "far", "--table", str(other)),
+    ):
+        assert "x: +0.000 steps" in run_cli(*words).stdout
+
+
+def test_a_board_is_found_by_its_id_wherever_it_is_plugged_in(table, plugged):
+    table.write_text(f'[mounts.near]\nboard = "{BOARD}"\n[mounts.far]\nboard = "e000000000000000"\n')
+    assert named.place_of("near") == ("/dev/ttyACM7", 2)
+    with pytest.raises(errors.NoBoardFound, match=r"far: the board e0+ is not plugged in \(there: /dev/ttyACM7\)"):
+        named.place_of("far")
+    assert named.addresses() == ["/dev/ttyACM7"]
+
+
+def test_a_name_that_the_table_lacks_is_told_with_those_that_it_has(table):
+    table.write_text('[mounts.near]\nport = "virtual://"\n')
+    with pytest.raises(errors.BadAddress, match=r"nare is no port, and no mount of .*: that has near"):
+        named.place_of("nare")
+
+
+def test_ports_and_files_are_no_names(table):
+    table.write_text("this is read by nobody")
+    for address in ("/dev/ttyACM0", "COM4", "com12", "socket://h:1", "virtual://", "", "1", str(table)):
+        assert named.place_of(address) == (address, None)
+
+
+def test_what_is_written_is_read(table):
+    written = TableFile(
+        {"near": MountEntry(board=BOARD), "far": MountEntry(port="virtual://", x_axis=4, distance_mm=600.0)},
+        {"one": CameraEntry("0", 400.0, 320.0, 240.5), "two": CameraEntry("Logitech C270")},
+    )
+    assert table_file.write(written) == table
+    read = table_file.read()
+    assert read == written and list(read.mounts) == ["near", "far"]
+    assert read.cameras["one"].target_px == (320.0, 240.5) and read.cameras["two"].target_px is None
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ('[mount.near]\nport = "x"', "mount.*not known"),
+        ('[mounts."a b"]\nport = "x"', "a name is a letter"),
+        ('[mounts.com3]\nport = "x"', "no COM port"),
+        ("mounts = 3", "at most 8 tables"),
+        ("[mounts]\nnear = 3", "not a table"),
+        ("[mounts.near]\n", "one of them"),
+        ('[mounts.near]\nport = "x"\nboard = "y"', "one of them"),
+        ('[mounts.near]\nport = "x"\nx_axis = 5', "1 to 4"),
+        ('[mounts.near]\nport = "x"\nx_axis = true', "1 to 4"),
+        ('[mounts.near]\nport = "x"\ndistance_mm = -1', "above 0"),
+        ('[mounts.near]\nport = "x"\ndistance_mm = nan', "above 0"),
+        ('[mounts.near]\nport = "x"\nspeed = 1', "speed is not known"),
+        ("[mounts.near]\nport = 3", "a text in quotes"),
+        ("[cameras.near]\n", "camera is missing"),
+        ('[cameras.near]\ncamera = "0"\ntarget_x_px = 3', "both"),
+        ('[cameras.near]\ncamera = "0"\ntarget_x_px = -3\ntarget_y_px = 1', "from 0"),
+        ('[cameras.near]\ncamera = "0"\ntarget_x_px = "3"\ntarget_y_px = 1', "a number"),
+    ],
+)
+def test_a_wrong_entry_is_one_line_that_names_its_place(table, text, why):
+    table.write_text(text)
+    with pytest.raises(errors.BadFile, match=why) as e:
+        table_file.read()
+    assert str(table) in str(e.value) and "\n" not in str(e.value)
+
+
+def test_a_named_file_that_is_missing_is_no_empty_table(table, monkeypatch):
+    monkeypatch.setenv("MIRRORMOUNT_TABLE", str(table))
+    with pytest.raises(errors.BadFile, match="no such file"):
+        table_file.read()
+
+
+def test_stop_takes_a_name_and_without_one_goes_to_every_mount_of_the_table(table, serve):
+    boards = [serve(), serve()]
+    table.write_text("".join(f'[mounts.m{i}]\nport = "{board.link}"\n' for i, board in enumerate(boards)))
+    assert run_cli("stop", "--port", "m1").stdout == "stopped\n"
+    run = run_cli("stop")
+    assert run.returncode == 0, run.stderr
+    assert sorted(run.stdout.splitlines()) == sorted(f"{board.link}: stopped" for board in boards)
