@@ -14,7 +14,7 @@ them until its move is over, listens to Ctrl-C only, and leaves the motors off.
 import sys
 
 from mountfw import build, codes
-from mountfw.motion.position import MAX_STEPS
+from mountfw.settings import MAX_STEPS
 
 _SPIN_US = 2_000  # this long before a deadline only the clock is watched: more than one pass takes on an RP2040
 _PAUSE_US = 500  # the longest pause while something moves: Ctrl-C waits for it

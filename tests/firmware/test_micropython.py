@@ -65,7 +65,6 @@ WORDS_OF_A_TRY = 3  # mp_exc_stack_t
         for name in (
             "axis",
             "actions",
-            "axis_settings",
             "bridge",
             "controller",
             "drive",

@@ -4,19 +4,12 @@ import itertools
 import re
 
 import pytest
+from rig import Rig
 
 from mirrormount.device import settings as host
 from mountfw import settings as declared
-from mountfw.motion.axis_settings import AxisSettings
-from mountfw.motion.endstop import EndStop
 
 NAMES = [entry[1] for entry in declared.SETTINGS]
-
-
-def made() -> AxisSettings:
-    settings = AxisSettings(EndStop(None), EndStop(None))
-    settings.factory()
-    return settings
 
 
 def test_no_name_and_no_mnemonic_is_declared_twice():
@@ -36,7 +29,7 @@ def test_a_setting_is_what_it_is_declared_to_be(entry):
     assert -(1 << 30) < least < most < 1 << 30  # a board's integers are small ones
     assert declared.allowed(entry, default)
     assert declared.named(name) is entry
-    assert getattr(made(), name) == default
+    assert getattr(Rig().axis1, name) == default
 
 
 @pytest.mark.parametrize("entry", declared.SETTINGS, ids=NAMES)

@@ -9,8 +9,7 @@ from mountfw import codes
 from mountfw.dialect.line import COMMAND, END, MINUS, NOTHING, NUMBER, PLUS, QUERY, key
 from mountfw.dialect.newfocus import ADDRESS, AXES, NewFocus
 from mountfw.dialect.queries import Queries
-from mountfw.motion.position import MAX_STEPS
-from mountfw.settings import AT_REST, HUNDREDTHS, SETTINGS, allowed
+from mountfw.settings import AT_REST, HUNDREDTHS, MAX_STEPS, SETTINGS, allowed
 
 _SETTINGS = {key(entry[0]): entry for entry in SETTINGS}
 _PULSE = _SETTINGS[key(b"XP")]  # a pulse of its own length (XU) is as long as a step's may be

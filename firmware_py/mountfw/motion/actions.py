@@ -1,17 +1,21 @@
-"""The actions of the axis's table: begin, drive, count, end. Imports axis_settings, codes, drive, homing.
+"""The settings of an axis, and the actions of its table: begin, drive, count, end.
 
-Each action takes the value of its event and returns True if the table's next state is right. False means that the
-state stays, or that another event was handled meanwhile. Which action is due when stands in axis.py alone.
+An action takes the value of its event. It returns True if the table's next state is right; False if the state stays,
+or another event was handled meanwhile. Which action is due when stands in axis.py alone.
+
+A changed setting counts from the next move on: the amounts of drive of a step and of the gap are computed at rest.
 """
 
 from mountfw import codes
-from mountfw.motion.axis_settings import AxisSettings
 from mountfw.motion.drive import Drive
 from mountfw.motion.homing import Homing
-from mountfw.motion.position import MAX_STEPS
+from mountfw.motion.position import Position
+from mountfw.settings import MAX_STEPS, SETTINGS, Settings
 from mountfw.wire.ticks import add
 
 _SHORT_US = 900  # a drive that may be over before the loop comes round is waited for where it begins
+_REST_US = 1_000  # least rest after a pulse
+_EDGE = MAX_STEPS * 1000  # millisteps: of what can be counted
 
 # the errors of reasons, in the positive and the negative direction
 _ERRORS = {
@@ -22,25 +26,27 @@ _ERRORS = {
 }
 
 
-class Actions(AxisSettings):
-    """An axis's settings, its drive, and the move under way. Arguments as of Axis."""
+class Actions(Settings):
+    """An axis's settings as its attributes, its drive, and the move under way. Arguments as of Axis."""
 
     def __init__(self, number, bridge, positive_stop, negative_stop, error_queue, ticks_us):
-        super().__init__(positive_stop, negative_stop)
         self.number = number
+        self.positive_stop = positive_stop
+        self.negative_stop = negative_stop
         self._errors = error_queue
         self._ticks_us = ticks_us
+        self.position = Position()
         self.drive = Drive(bridge, self.stop_towards, ticks_us)
         self.homing = Homing(self)
         self.has_moved = False  # has a move ended since store.py asked last?
+        self.inverted = 0
         self.reset()
 
     def reset(self):
         """Off, and everything as at power-up."""
         self.drive.reset()
         self.state = 0
-        self.factory()
-        self.apply()
+        self.load(())
         self.position.reset()
         self.last_relative = 0  # steps
 
@@ -59,11 +65,69 @@ class Actions(AxisSettings):
         self.resting = False  # is the period of the last pulse still running, whether or not a move is under way?
         self.counting = False  # is a drive that is over being counted?
 
-    def apply(self):
-        """The settings have changed."""
-        super().apply()
-        self.drive.watched = self.watched
+    # ---- settings
+
+    def load(self, values):
+        """Reset to defaults, then apply these (name, value) pairs."""
+        inverted = self.inverted
+        for entry in SETTINGS:
+            setattr(self, entry[1], entry[4])
+        for name, value in values:
+            setattr(self, name, value)
+        if self.inverted != inverted:
+            self.position.mirror()
+        self._apply()
+
+    def set(self, name, value):
+        """Change the setting of this name to an allowed value."""
+        if name == "inverted" and value != self.inverted:
+            self.position.mirror()  # and the soft limits stay where they are
+            self.soft_minimum, self.soft_maximum = -self.soft_maximum, -self.soft_minimum
+        setattr(self, name, value)
+        self._apply()
+
+    def _apply(self):
+        self.positive_stop.fitted = self.switches & 1 != 0
+        self.negative_stop.fitted = self.switches & 2 != 0
+        self.drive.watched = self.switches & 3 != 0 and not self.checking & 1
         self.drive.inverted = self.inverted
+        self.changed = self.state != 0  # then _close() measures
+        if not self.changed:
+            self._measure()
+
+    def _measure(self):
+        """Compute the amounts of drive that make a step, and the gap."""
+        step = self.pulse_us * self.step_duty
+        if step != self.position.step:
+            self.position.step_changed()
+            self.position.step = step
+        self.position.set_gap(self.take_up_us * self.step_duty)
+
+    def possible_velocity(self):
+        """Hundredths of a step per second: `velocity`, or less if that leaves no room for pulses and rests.
+
+        Then rounded down to whole steps if it is one at least: drivers of the dialect read whole numbers.
+        """
+        most = 100_000_000 // (self.pulse_us + _REST_US)
+        if self.velocity <= most:
+            return self.velocity
+        return most // 100 * 100 or most
+
+    # ---- the end-stops
+
+    def can_fit(self, switches):
+        """True if the board has inputs for these switches (bits as in settings.py)."""
+        return not switches & ~(self.positive_stop.has_input | self.negative_stop.has_input << 1)
+
+    def limits(self):
+        """Bit 0: positive end-stop active, bit 1: negative, bit 2: home. Switches not fitted read 0."""
+        return self.stop_towards(1).active() | self.stop_towards(-1).active() << 1
+
+    def stop_towards(self, direction):
+        """The end-stop in the axis's own direction 1 or -1: `inverted` swaps names, not switches."""
+        return self.positive_stop if (direction > 0) != (self.inverted > 0) else self.negative_stop
+
+    # ---- errors, and what may not be
 
     def error(self, number):
         """Queue error `number` of this axis."""
@@ -74,8 +138,6 @@ class Actions(AxisSettings):
         errors = _ERRORS.get(reason)
         if errors:
             self.error(errors[0] if direction > 0 else errors[1])
-
-    # ---- may it, and when it may not
 
     def may_begin(self, _value):
         """May a move begin? If not, an error says why."""
@@ -104,10 +166,6 @@ class Actions(AxisSettings):
         self.error(codes.AXIS_MOVING)
         return False
 
-    def nothing(self, _value):
-        """There is no move to end."""
-        return False
-
     def cannot_happen(self, _value):
         """The loop turns this into an internal fault: all off, error 64."""
         raise RuntimeError
@@ -127,27 +185,20 @@ class Actions(AxisSettings):
     def supersede(self, speed):
         """The move ends, and a frame's begins. The drive stays on: the new one may go the same way."""
         drive = self.drive
-        direction = 1 if speed > 0 else -1
-        goes_on = drive.measuring and not drive.was_cut and direction == drive.direction
+        goes_on = drive.measuring and not drive.was_cut and speed * drive.direction > 0
         self._close(codes.SUPERSEDED)
         drive.measuring = goes_on
-        drive.direction = direction  # begin() in its place: frames may come at 500 a second
-        drive.duty = speed * direction
-        drive.tripped = False
-        drive.on_us = 0
-        self.position.made = 0
-        return True
+        return self.begin(speed)
 
     def turn_on(self, us):
         """Drive for us at most. If the gate forbids it, the move ends."""
         self.resting = False
         reason = self.drive.on(us)
-        if not reason:
-            if us < _SHORT_US:
-                self.drive.cut_on_time()
-            return True
-        self.forbidden(reason)
-        return False
+        if reason:
+            self.forbidden(reason)
+        elif us < _SHORT_US:
+            self.drive.cut_on_time()
+        return not reason
 
     def forbidden(self, reason):
         """The gate has this reason against the drive: Axis makes an event of it."""
@@ -167,18 +218,17 @@ class Actions(AxisSettings):
         return True
 
     def pulsed(self, _value):
-        """Count a whole pulse."""
+        """Count a whole pulse: a step, or by its time if its length is its own. Its period goes on."""
         self.counting = True
         drive = self.drive
         drive.off()
         drive.measured_us(True)
         if self.length_us == self.pulse_us:
             self.position.pulsed(drive.direction)
-        else:
-            self.position.pulsed_by(drive.direction, self.length_us * drive.duty)
+        else:  # an estimate: half the time is not half the way
+            self.position.driven(drive.direction, self.length_us * drive.duty, True)
         self.pulses_left -= 1
-        self.next_at = add(drive.on_at, self.period_us)
-        self.resting = True
+        self.keep_period()
         self.counting = False
         return True
 
@@ -187,25 +237,6 @@ class Actions(AxisSettings):
         self.pulsed(0)
         self._close(self.ends_as)
         return True
-
-    def ran_out(self, _value):
-        """A run has come to its own end."""
-        return self.finish(self.ends_as)
-
-    def homing_ran_out(self, _value):
-        """So has a run of homing, which says what comes next."""
-        self.homing.ran_out(False)
-        return False
-
-    def homing_pulsed(self, _value):
-        """A slow pulse of homing is over."""
-        self.homing.ran_out(True)
-        return False
-
-    def homing_hit(self, _value):
-        """Homing is at a switch."""
-        self.homing.hit()
-        return False
 
     def settle(self, us):
         """Off for us, in the middle of homing."""
@@ -242,19 +273,16 @@ class Actions(AxisSettings):
     def _close(self, reason):
         """Count what the move has driven, and note how it ended."""
         self.counting = True
-        drive = self.drive
-        position = self.position
-        if drive.measuring:
-            position.driven(drive.direction, drive.measured_us(True) * drive.duty, True)
-        self.ended_steps = position.made
-        self.ended_on_us = drive.on_us
+        self.count(True)
+        self.ended_steps = self.position.made
+        self.ended_on_us = self.drive.on_us
         self.reason = reason
         self.homing.phase = 0
         self.has_moved = True
         self.counting = False
         if self.changed:
             self.changed = False
-            self.measure()
+            self._measure()
 
     # ---- count
 
@@ -272,4 +300,4 @@ class Actions(AxisSettings):
 
     def at_edge(self):
         """True if a run has come to the edge of what can be counted, and goes on outwards."""
-        return self.position.is_at_edge and self.position.millisteps * self.drive.direction > 0
+        return self.position.millisteps * self.drive.direction >= _EDGE

@@ -1,17 +1,15 @@
-"""One axis: the table of its states and events, and the moves. Imports codes, actions, drive, position, ticks.
+"""One axis: the table of its states and events, and the moves.
 
 A move is asked for by steps(), one_pulse(), move_to(), jog(), seek() or frame(), and carried on by service(), which
 never waits. Each of these, each stop, each deadline and each switch is an event. TABLE has, for every event in every
 state, the next state and the action; handle() does what it says, and nothing else changes the state.
-
-Every accepted move ends exactly once, with one of the reasons of codes.py. All driving goes through the gate of
-drive.py, which measures the on-time; position.py counts what it was worth.
 """
 
 from mountfw import codes
 from mountfw.motion.actions import Actions
 from mountfw.motion.drive import NEVER_US
-from mountfw.motion.position import MAX_STEPS, rounded
+from mountfw.motion.position import rounded
+from mountfw.settings import MAX_STEPS
 from mountfw.wire.ticks import add, diff
 
 # states: those above REST have drive; from RUN on it is counted as time goes by
@@ -43,7 +41,7 @@ HIT = 14  # the end-stop ahead is open (reason)
 
 # cells: the next state and the action; where the action returns False, the state stays
 _ = (IDLE, Actions.cannot_happen)
-nothing = (IDLE, Actions.nothing)
+nothing = (IDLE, lambda axis, reason: False)  # there is no move to end
 allow = (IDLE, Actions.may_begin)
 refuse = (IDLE, Actions.refuse)
 begin = (REST, Actions.begin)
@@ -58,13 +56,13 @@ settle = (SETTLE, Actions.settle)
 rest = (REST, Actions.taken_up)
 count = (REST, Actions.pulsed)
 done = (IDLE, Actions.last_pulsed)
-limit = (IDLE, Actions.ran_out)
+limit = (IDLE, lambda axis, _: axis.finish(axis.ends_as))
 last = (PULSE, Actions.make_last)
 cut = (IDLE, Actions.cut_short)
 end = (IDLE, Actions.finish)
-h_over = (IDLE, Actions.homing_ran_out)  # these three ask homing, which answers with an event of its own
-h_next = (IDLE, Actions.homing_pulsed)
-h_hit = (IDLE, Actions.homing_hit)
+h_over = (IDLE, lambda axis, _: axis.homing.ran_out())  # these three ask homing, which makes an event of its own
+h_next = (IDLE, lambda axis, _: axis.homing.pulsed())
+h_hit = (IDLE, lambda axis, _: axis.homing.hit())
 
 # fmt: off
 TABLE = {
@@ -86,7 +84,6 @@ TABLE = {
     HIT:         (_,       h_hit,   end,     cut,     cut,     h_hit,   end,     h_hit),
 }
 # fmt: on
-_ON_FRAME, _ON_DUE_RUN = TABLE[FRAME], TABLE[DUE_RUN]
 _FINISH_US = 250_000  # a soft stop lets a pulse end that has less than this to go
 _SHORTEST_US = 200  # no pulse is shorter, so less than that is not taken up
 _COUNT_US = 20_000  # a run is counted at least this often while it is served, so that its sums stay small
@@ -107,6 +104,10 @@ class Axis(Actions):
         return False
 
     # ---- status
+
+    def moving(self):
+        """True from a move's acceptance to its last pulse's end."""
+        return self.state != IDLE
 
     def driving(self):
         """True while the motor has drive."""
@@ -189,7 +190,7 @@ class Axis(Actions):
         """Find the end-stop in direction 1 or -1; with home, position 0 is there."""
         if not self.handle(ASK, 0):
             return False
-        if not (self.watched and self.stop_towards(direction).fitted):
+        if not (self.drive.watched and self.stop_towards(direction).fitted):
             self.error(codes.AXIS_NOT_FITTED)
             return False
         self.handle(SEEK, direction * self.run_duty)
@@ -209,17 +210,9 @@ class Axis(Actions):
                 self.error(codes.AXIS_EMERGENCY_STOP)
             self.abort(codes.EMERGENCY_STOP)
             return False
-        cell = _ON_FRAME[self.state]  # handle() in its place, here and below: frames may come at 500 a second
-        if cell[1](self, speed):
-            self.state = cell[0]
-        if 0 < for_ms <= self.run_limit_ms:
-            self.ends_as = codes.DONE
-        else:
-            self.ends_as = codes.RUN_LIMIT
-            for_ms = self.run_limit_ms
-        cell = _ON_DUE_RUN[self.state]
-        if cell[1](self, for_ms * 1000):
-            self.state = cell[0]
+        self.handle(FRAME, speed)
+        self.ends_as = codes.DONE if for_ms else codes.RUN_LIMIT
+        self.handle(DUE_RUN, (for_ms or self.run_limit_ms) * 1000)
         return True
 
     def _begin_pulses(self, n, us, target):
@@ -293,8 +286,7 @@ class Axis(Actions):
         drive = self.drive
         if drive.emergency:
             self.handle(END, codes.EMERGENCY_STOP)
-            return NEVER_US
-        if state <= REST:
+        elif state <= REST:
             left_us = diff(self.next_at, now_us)
             if left_us > 0:
                 return left_us
@@ -302,49 +294,35 @@ class Axis(Actions):
                 self.homing.rested()
             else:
                 self._next_pulse()
-            return self._next_us()
-        if drive.watched:
-            if drive.at_stop():
-                self.forbidden(codes.END_STOP)
-                return self._next_us()
-            if self.homing.phase and self.homing.watch():
-                return self._next_us()
-        left_us = diff(drive.ends_at, now_us)
-        if left_us <= 0 or (drive.was_cut and not drive.tripped):  # what guard() has just cut is for the next pass
-            if not drive.was_cut:
-                drive.cut()
-            self.handle(LAST_OVER if state == PULSE and self.pulses_left == 1 else OVER, 0)
-            return self._next_us()
-        if state >= RUN:
-            if diff(now_us, drive.counted_at) >= _COUNT_US:
-                self.count(False)
-            if self.position.is_at_edge and self.at_edge():
+        elif drive.watched and drive.at_stop():
+            self.forbidden(codes.END_STOP)
+        elif not (drive.watched and self.homing.phase and self.homing.watch()):
+            left_us = diff(drive.ends_at, now_us)
+            if left_us <= 0 or (drive.was_cut and not drive.tripped):  # what guard() has just cut is for the next pass
+                if not drive.was_cut:
+                    drive.cut()
+                self.handle(LAST_OVER if state == PULSE and self.pulses_left == 1 else OVER, 0)
+            elif state < RUN:
+                return left_us
+            else:
+                if diff(now_us, drive.counted_at) >= _COUNT_US:
+                    self.count(False)
+                if not self.at_edge():
+                    return left_us
                 self.handle(END, codes.RUN_LIMIT)
-                return NEVER_US
-        return left_us
-
-    def _next_us(self):
-        """Until the next thing to do."""
         if not self.state:
             return NEVER_US
-        return diff(self.next_at if self.state <= REST else self.drive.ends_at, self._ticks_us())
+        return diff(self.next_at if self.state <= REST else drive.ends_at, self._ticks_us())
 
-    # ---- homing's legs
+    # ---- what homing asks for
 
-    def run_for(self, direction, duty, us):
-        """Run for us at most; then homing.ran_out(False) is called."""
-        self._leg(DUE_SEARCH, direction, duty, us)
-
-    def pulse_for(self, direction, duty, us):
-        """Give one pulse; then homing.ran_out(True) is called."""
-        self._leg(DUE_SLOW, direction, duty, us)
+    def drive_for(self, us, direction, duty, slow):
+        """Drive for us at most; then homing.ran_out() is called, or after a slow pulse homing.pulsed()."""
+        self.drive.direction = direction
+        self.drive.duty = duty
+        self.drive.tripped = False
+        self.handle(DUE_SLOW if slow else DUE_SEARCH, us)
 
     def settle_for(self, us):
         """Off; then homing.rested() is called."""
         self.handle(DUE_SETTLE, us)
-
-    def _leg(self, event, direction, duty, us):
-        self.drive.direction = direction
-        self.drive.duty = duty
-        self.drive.tripped = False
-        self.handle(event, us)

@@ -5,21 +5,9 @@ commands.py, which acts on the same axes. A frame drives axes 1 and 2; every sto
 """
 
 from mountfw import codes
-from mountfw.motion.axis import REST
+from mountfw.motion.axis import IDLE, REST
 from mountfw.motion.drive import NEVER_US
 from mountfw.wire.ticks import diff
-
-
-def _chain(items):
-    """(first, (second, (... None))): walked by `item, rest = rest`.
-
-    MicroPython walks that as fast as a line for each item, and a `for` over a tuple takes half as long again, and four
-    words more of the call's state.
-    """
-    chain = None
-    for item in reversed(items):
-        chain = (item, chain)
-    return chain
 
 
 class Controller:
@@ -34,11 +22,11 @@ class Controller:
         self.errors = error_queue
         self.records = records
         self.boot_id = boot_id
-        self._axis1 = self.axes[0]  # of a frame
-        self._axis2 = self.axes[1]
-        self._chain = _chain(self.axes)
-        self._cuts = _chain([axis.drive.bridge.cut for axis in axes])
-        self._offs = _chain([axis.drive.bridge.off for axis in axes])
+        self._axis1, self._axis2 = self.axes[:2]  # of a frame
+        for axis, after in zip(self.axes, self.axes[1:] + (None,)):
+            axis.next = after  # a `for` would need the heap for the state of service() and ending()
+        self._cuts = tuple([axis.drive.bridge.cut for axis in axes])
+        self._offs = tuple([axis.drive.bridge.off for axis in axes])
         self._emergency_stop = emergency_stop
         self._ticks_ms = ticks_ms
         self._booted_ms = 0
@@ -51,14 +39,10 @@ class Controller:
     # ---- what the app hands in
 
     def off_all(self):
-        """All drives off: pin writes, nothing else before the last enable is low."""
-        rest = self._cuts
-        while rest:
-            cut, rest = rest
+        """All drives off: nothing but pin writes before the last enable is low."""
+        for cut in self._cuts:
             cut()
-        rest = self._offs
-        while rest:
-            off, rest = rest
+        for off in self._offs:
             off()
 
     def stop_all(self, reason):
@@ -105,15 +89,13 @@ class Controller:
         if self._emergency_stop.active():
             for axis in self.axes:
                 axis.drive.emergency = True
-            rest = self._cuts
-            while rest:
-                cut, rest = rest
+            for cut in self._cuts:
                 cut()
 
     def guard_stops(self):
         """Look at the switches ahead, for a port without interrupts: what drives into one is cut."""
         for axis in self.axes:
-            if axis.watched and axis.state > REST and not axis.drive.was_cut:
+            if axis.drive.watched and axis.state > REST and not axis.drive.was_cut:
                 axis.drive.guard(None)
 
     def inhibit(self, reason):
@@ -164,25 +146,25 @@ class Controller:
         if self._emergency_stop.fitted:
             self.guard(None)
         least_us = NEVER_US
-        rest = self._chain
-        while rest:
-            axis, rest = rest
+        axis = self._axis1
+        while axis:
             if axis.state or axis.resting:
                 left_us = axis.service(now_us)
                 if left_us < least_us:
                     least_us = left_us
+            axis = axis.next
         return least_us
 
     def ending(self, now_us, within_us):
         """The Axis whose drive ends first of those that end by themselves within within_us; or None."""
         first = None
-        rest = self._chain
-        while rest:
-            axis, rest = rest
+        axis = self._axis1
+        while axis:
             left_us = axis.drive.left_us(now_us)
             if left_us < within_us:
                 within_us = left_us
                 first = axis
+            axis = axis.next
         return first
 
     def limits(self):
@@ -206,23 +188,18 @@ class Controller:
 
     def moving(self):
         """True while any axis moves."""
-        moving = False  # a loop, for a generator would allocate
-        for axis in self.axes:
-            moving = moving or axis.moving()
-        return moving
+        return self.driving(IDLE)
 
-    def driving(self):
+    def driving(self, above=REST):
         """True while any motor has drive."""
-        rest = self._chain
-        while rest:
-            axis, rest = rest
-            if axis.state > REST:
-                return True
-        return False
+        found = False  # any() of a generator would allocate
+        for axis in self.axes:
+            found = found or axis.state > above
+        return found
 
     def watching(self):
         """True while a switch matters, so that the loop must not sleep."""
         watched = self._emergency_stop.fitted
         for axis in self.axes:
-            watched = watched or axis.watched
+            watched = watched or axis.drive.watched
         return watched and self.driving()

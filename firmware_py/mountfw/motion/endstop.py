@@ -4,17 +4,13 @@
 class EndStop:
     """A normally closed switch to ground with a pull-up: high is active, and so is a broken wire.
 
-    read returns 0 or 1, or is None where the board has no such input. A switch that is not
-    fitted is never read.
+    read returns 0 or 1, or is None where the board has no such input. A switch that is not fitted is never read.
     """
 
     def __init__(self, read):
         self._read = read
+        self.has_input = read is not None
         self.fitted = False
-
-    def can_fit(self):
-        """True if the board has an input for it."""
-        return self._read is not None
 
     def active(self):
         """True while the switch says stop. Two readings must agree: motors are noisy neighbours."""

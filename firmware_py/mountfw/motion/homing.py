@@ -58,7 +58,9 @@ class Homing:
         if self.phase == _BACK:
             self._wrong_end()
         elif self.phase == _SLOW:
-            self._found()
+            self._axis.abort(codes.DONE)
+            if self._home:
+                self._axis.position.homed()
         else:
             self.phase = _CONFIRM
             self._axis.settle_for(_SETTLE_US)
@@ -91,12 +93,13 @@ class Homing:
         else:
             self._go(_FAST if self.phase == _CONFIRM else _SLOW)
 
-    def ran_out(self, pulse):
-        """The drive has come to its end: a slow pulse, or as much as there may be."""
-        if pulse:
-            self._axis.settle_for(max(self._slow_us(), _SETTLE_US))
-        else:
-            self._fail(codes.AXIS_NOT_RELEASED if self.phase == _BACK else codes.AXIS_NOT_FOUND)
+    def pulsed(self):
+        """A slow pulse is over."""
+        self._axis.settle_for(max(self._slow_us(), _SETTLE_US))
+
+    def ran_out(self):
+        """It has driven as much as it may."""
+        self._fail(codes.AXIS_NOT_RELEASED if self.phase == _BACK else codes.AXIS_NOT_FOUND)
 
     # ---- inside
 
@@ -104,13 +107,13 @@ class Homing:
         self.phase = phase
         left_us = self._limit_us - self._axis.drive.on_us
         if left_us <= 0:
-            self.ran_out(False)
+            self.ran_out()
         elif phase == _FAST:
-            self._axis.run_for(self._direction, self._run_duty, left_us)
+            self._axis.drive_for(left_us, self._direction, self._run_duty, False)
         elif phase == _BACK:
-            self._axis.run_for(-self._direction, self._run_duty, min(left_us, self._back_off_us))
+            self._axis.drive_for(min(left_us, self._back_off_us), -self._direction, self._run_duty, False)
         else:
-            self._axis.pulse_for(self._direction, self._step_duty, min(left_us, self._slow_us()))
+            self._axis.drive_for(min(left_us, self._slow_us()), self._direction, self._step_duty, True)
 
     def _opened(self, direction):
         return self._axis.stop_towards(direction).active()
@@ -125,9 +128,3 @@ class Homing:
     def _wrong_end(self):
         self._axis.abort(codes.HOMING_FAILED)
         self._axis.error_of(codes.END_STOP, -self._direction)
-
-    def _found(self):
-        axis = self._axis
-        axis.abort(codes.DONE)
-        if self._home:
-            axis.position.homed()

@@ -11,7 +11,6 @@ No sum here reaches 2**30, where MicroPython's integers begin to allocate: a pul
 from mountfw import codes
 from mountfw.settings import MAX_STEPS
 
-_MOST = MAX_STEPS * 1000
 MOST_US = 400_000_000  # nothing drives longer: the greatest run limit
 
 
@@ -39,7 +38,6 @@ class Position:
         self.offset_known = False  # when it was homed last: was it known where home was,
         self.offset = 0  # and how far off (millisteps) was the count?
         self.part = 0  # of a step that a run is in the middle of
-        self.is_at_edge = False  # of what can be counted?
         self.made = 0  # whole steps of the move under way, signed
         self.lose_gap()
 
@@ -51,17 +49,6 @@ class Position:
         self.made += direction
         if self.gap:
             self._through_gap(direction, self.step)
-
-    def pulsed_by(self, direction, amount):
-        """A pulse of its own length has moved the mirror: an estimate, for half the time is not half the way."""
-        millisteps = self.worth(amount)
-        self.millisteps += direction * millisteps
-        self.made += direction * (millisteps // 1000)
-        self.is_at_edge = not -_MOST < self.millisteps < _MOST
-        if self.certainty:
-            self.certainty = codes.ESTIMATED
-        if self.gap:
-            self._through_gap(direction, amount)
 
     def worth(self, amount):
         """Millisteps that an amount of drive is worth."""
@@ -80,7 +67,6 @@ class Position:
             part -= whole * self.step
             self.millisteps += direction * whole * 1000
             self.made += direction * whole
-            self.is_at_edge = not -_MOST < self.millisteps < _MOST
         self.part = part
         if over and part:
             self.millisteps = self.now(direction)
@@ -167,7 +153,6 @@ class Position:
         else:
             self.home_known = False
         self.millisteps = steps * 1000
-        self.is_at_edge = False
         self.target = steps
         self.defined = steps
         self.certainty = codes.COUNTED
