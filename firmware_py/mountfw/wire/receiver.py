@@ -1,8 +1,7 @@
 """Bytes in, messages out. Pure (sans-IO); imports nothing of ours.
 
-receive() stores a byte and reports at once that it completes a stop: stops are detected before
-anything is parsed. next() returns the next message, or NEED_BYTES. Every change of state is in
-this file. Two stops that nothing can swallow: `!` anywhere, and eight `0` bytes in a row anywhere.
+receive() stores a byte and reports at once that it completes a stop, before anything is parsed. next() returns the
+next message, or NEED_BYTES. Two stops that nothing can swallow: `!` anywhere, and eight `0` bytes in a row anywhere.
 """
 
 # messages
@@ -34,6 +33,7 @@ _IN_LINE = 2
 _SKIPPING = 3  # the rest of something refused or cut, up to a line end or a gap
 _DECIDING = 4  # a frame is held: the bytes after it decide
 _RETURNED = 5  # the rest of the board's own reply, up to a gap
+_GAPS_US = (0, FRAME_GAP_US, LINE_GAP_US, FRAME_GAP_US, DECIDE_US, FRAME_GAP_US)  # of these
 
 _STOP = 0x21
 _CTRL_C = 0x03  # arrives only on a channel that is not the console
@@ -46,10 +46,9 @@ _AT_ONCE = 3  # bytes that one call of next() parses at most: a piece of work mu
 class Receiver:
     """The receiving side. frame is a Frame, line a Line (dialect/line.py), own an OwnReply; pack is frame.pack().
 
-    The port fills the ring, by receive() or with faster code of the same effect: ring, mask (size - 1;
-    the size is a power of two), write (index of the next byte), unparsed and zeros are for both.
-    The ring holds more than the buffers below it together (USB and stdin: 0.8 KB on the RP2040),
-    so that stops in these are detected at once, however slowly messages are executed.
+    The port fills the ring, by receive() or with faster code of the same effect: ring, mask (size - 1; the size is a
+    power of two), write (index of the next byte), unparsed and zeros are for both. The ring holds more than the buffers
+    below it together (USB and stdin: 0.8 KB on the RP2040), so that no stop waits there for messages to be executed.
     """
 
     def __init__(self, frame, line, pack, own, size=4096):
@@ -99,7 +98,7 @@ class Receiver:
                 self.unparsed -= _FRAME_LENGTH
                 return self._judge() if self._own.wary or self.unparsed > 1 else FRAME
         if self._state == _DECIDING:
-            return self._decide()
+            return self._decide(_AT_ONCE)
         for _ in range(_AT_ONCE):
             if not self.unparsed:
                 break
@@ -114,12 +113,7 @@ class Receiver:
 
     def gap_us(self):
         """The silence after which gap() is due; 0 at a message boundary: never."""
-        state = self._state
-        if state == _BOUNDARY:
-            return 0
-        if state == _DECIDING:
-            return DECIDE_US
-        return LINE_GAP_US if state == _IN_LINE else FRAME_GAP_US
+        return _GAPS_US[self._state]
 
     def deciding(self):
         """True while a frame is held: then silence counts from the last byte sent, too."""
@@ -141,44 +135,32 @@ class Receiver:
         """A frame is complete. FRAME; or SUSPECT or OWN_REPLY, if the board may have sent it."""
         own = self._own
         packed = self._frame.packed
-        if own.suspects(packed):
-            if own.is_number(packed):
-                return self._decided(OWN)
-            own.expect(packed)
-            self._state = _DECIDING
-            return SUSPECT
-        if self.unparsed < 2 or not own.may_end_line(self.ring[self.write - self.unparsed & self.mask]):
+        suspect = own.suspects(packed)
+        if suspect and own.is_number(packed):
+            return self._decided(OWN)
+        at = self.write - self.unparsed & self.mask
+        if not suspect and (self.unparsed < 2 or not own.may_end_line(self.ring[at])):
             return FRAME
         own.expect(packed)
-        while self.ahead < self.unparsed:  # the bytes already here may decide, however old they are
-            verdict = own.feed(self._after())
-            if verdict:
-                return self._decided(verdict)
-        return self._decided(UNDECIDED)
+        self._state = _DECIDING
+        if suspect:
+            return SUSPECT
+        return self._decide(self.unparsed) or self._decided(UNDECIDED)  # what is here may decide, however old it is
 
-    def _decide(self):
-        """Compare the bytes after the held frame. FRAME, OWN_REPLY, or NEED_BYTES."""
-        for _ in range(_AT_ONCE):
-            if self.ahead >= self.unparsed:
-                break
-            verdict = self._own.feed(self._after())
+    def _decide(self, most):
+        """Compare at most so many bytes after the held frame; they stay unparsed. FRAME, OWN_REPLY, or NEED_BYTES."""
+        while most and self.ahead < self.unparsed:
+            verdict = self._own.feed(self.ring[self.write - self.unparsed + self.ahead & self.mask])
+            self.ahead += 1
+            most -= 1
             if verdict:
                 return self._decided(verdict)
         return NEED_BYTES
 
-    def _after(self):
-        """The next byte after the held frame; it is not parsed yet."""
-        at = self.write - self.unparsed + self.ahead
-        self.ahead += 1
-        return self.ring[at & self.mask]
-
     def _decided(self, verdict):
         self.ahead = 0
-        if verdict == OWN:
-            self._state = _RETURNED
-            return OWN_REPLY
-        self._state = _BOUNDARY
-        return FRAME
+        self._state = _RETURNED if verdict == OWN else _BOUNDARY
+        return OWN_REPLY if verdict == OWN else FRAME
 
     def _skip(self, c):
         """Skip byte c. WAS_OWN_REPLY if it proves that the skipped bytes are the board's own reply."""
@@ -210,16 +192,17 @@ class Receiver:
             self.stops_ahead -= 1
             c = _ZERO
         message = NEED_BYTES
-        if state == _IN_LINE:
-            # in text, zeros would continue it
-            message = self._refuse(c, MALFORMED, self._line) if stopped else self._in_line(c)
+        if state == _IN_LINE and stopped:  # in text, zeros would continue it
+            message = self._refuse(c, MALFORMED, self._line)
+        elif state == _IN_LINE:
+            message = self._in_line(c)
         elif state == _IN_FRAME:
             message = self._in_frame(c)
         elif state == _BOUNDARY:
             message = self._first_byte(c)
         elif state == _SKIPPING:
             message = self._skip(c)
-        return ZEROS if stopped and not message else message
+        return message or (ZEROS if stopped else NEED_BYTES)
 
     def _first_byte(self, c):
         if c == 10 or c == 13 or c == 0x20 or c == 0:
@@ -230,11 +213,9 @@ class Receiver:
             self._state = _IN_FRAME
             return NEED_BYTES
         if 0x31 <= c <= 0x39 or 0x41 <= c & 0xDF <= 0x5A or c == 0x2A:
-            self._line.start()
             self._state = _IN_LINE
-            return self._in_line(c)
         self._line.start()
-        return self._refuse(c, MALFORMED, self._line)
+        return self._in_line(c) if self._state == _IN_LINE else self._refuse(c, MALFORMED, self._line)
 
     def _in_frame(self, c):
         frame = self._frame
@@ -245,12 +226,12 @@ class Receiver:
                 self._line.feed(frame.text[i])
             return self._in_line(c)
         result = frame.feed(c)
+        if result < 0:
+            return self._refuse(c, MALFORMED, frame)
         if result == 0:
             return NEED_BYTES
-        if result > 0:
-            self._state = _BOUNDARY
-            return self._judge() if self._own.wary or self.unparsed > 1 else FRAME
-        return self._refuse(c, MALFORMED, frame)
+        self._state = _BOUNDARY
+        return self._judge()
 
     def _in_line(self, c):
         line = self._line
