@@ -8,6 +8,7 @@ from served import run_cli
 
 import mirrormount.transport.find
 from mirrormount import Mount
+from mirrormount.cli import main
 from mirrormount.common import errors
 from mirrormount.device import named, table_file
 from mirrormount.device.table_file import CameraEntry, MountEntry, TableFile
@@ -125,3 +126,53 @@ def test_stop_takes_a_name_and_without_one_goes_to_every_mount_of_the_table(tabl
     run = run_cli("stop")
     assert run.returncode == 0, run.stderr
     assert sorted(run.stdout.splitlines()) == sorted(f"{board.link}: stopped" for board in boards)
+
+
+def test_names_are_given_listed_and_removed_in_the_shell(table, plugged, capsys):
+    def run(*words: str) -> tuple[int, str]:
+        status = main.main(["table", *words])
+        return status, "".join(capsys.readouterr())
+
+    assert run() == (0, f"{table}\nno names yet: mirrormount table mount NAME, mirrormount table camera NAME CAMERA\n")
+    assert "no scale of axis 1, axis 2 yet" in run("mount", "near")[1]
+    run("mount", "far", "socket://127.0.0.1:5023", "--x-axis", "1", "--distance", "600")
+    run("camera", "screen", "virtual-table://", "--target", "320", "240.5")
+    run("camera", "screen", "--distance", "400")
+    assert table_file.read() == TableFile(
+        {"near": MountEntry(board=BOARD), "far": MountEntry(port="socket://127.0.0.1:5023", x_axis=1, distance_mm=600)},
+        {"screen": CameraEntry("virtual-table://", 400.0, 320.0, 240.5)},
+    )
+    status, listed = run("list")
+    assert status == 0 and "near: /dev/ttyACM7, board" in listed and "target 320, 240.5 px, 400 mm behind" in listed
+    run("remove", "near")
+    assert list(table_file.read().mounts) == ["far"]
+
+
+def test_a_board_that_is_not_there_is_told_and_the_status_is_1(table, plugged, capsys):
+    table.write_text('[mounts.far]\nboard = "e000000000000000"\n')
+    assert main.main(["table"]) == 1
+    assert "far: NOT PLUGGED IN" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        (("mount", "com4", "/dev/x"), "no COM port"),
+        (("mount", "near", "--x-axis", "5"), "1 to 4"),
+        (("mount", "near", "--x-axis", "two"), "whole number"),
+        (("mount", "near", "--distance", "0"), "above 0"),
+        (("mount", "again", "/dev/ttyACM7"), "first is that mount already"),
+        (("mount", "screen"), "name of a camera already"),
+        (("camera", "first", "0"), "name of a mount already"),
+        (("camera", "new"), "which camera"),
+        (("camera", "new", "0", "--target", "-1", "2"), "from 0"),
+        (("camera", "new", "0", "--target", "a", "2"), "a number"),
+        (("remove", "new"), "no name of"),
+    ],
+)
+def test_a_wrong_word_is_one_line_and_the_file_stays(table, plugged, capsys, words, why):
+    table.write_text(before := f'[mounts.first]\nboard = "{BOARD}"\n[cameras.screen]\ncamera = "0"\n')
+    assert main.main(["table", *words]) == 1
+    told = capsys.readouterr().err
+    assert why in told and told.count("\n") == 1
+    assert table.read_text() == before

@@ -9,6 +9,8 @@ from mirrormount.beam.recording import open_folder
 from mirrormount.beam.webcam import open_webcam
 from mirrormount.common.beam_errors import CameraAbsent
 from mirrormount.common.errors import BadAddress
+from mirrormount.common.names import is_name
+from mirrormount.device import table_file
 from mirrormount.transport.open import TABLE_SCHEMES, open_table
 
 
@@ -16,10 +18,13 @@ def open_camera(address: str, *, limits: Limits = Limits()) -> Camera:  # noqa: 
     """Open a camera.
 
     address: an index ("0"), a device (/dev/video0), a part of a webcam's name, a folder, or virtual-table://…, with #2
-    for the second camera of the table. limits: of a webcam. Raises BadAddress, CameraError, CannotOpen.
+    for the second camera of the table; or a camera's name in table.toml. limits: of a webcam. Raises BadAddress,
+    BadFile, CameraError, CannotOpen.
     """
     if not address.strip():
         raise BadAddress("the camera's name is empty: leave it out, or give one (see: mirrormount camera list)")
+    if is_name(address) and (entry := table_file.read().cameras.get(address)):
+        address = entry.camera
     if address.partition("://")[0] in TABLE_SCHEMES:
         return _of_table(address)
     if os.path.isdir(address):

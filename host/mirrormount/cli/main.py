@@ -28,6 +28,7 @@ from mirrormount.cli import (
     setup,
     status,
     stop,
+    table,
     undeploy,
     virtual,
 )
@@ -48,6 +49,7 @@ COMMANDS: tuple[Command, ...] = (
     config.COMMAND,
     check.COMMAND,
     setup.COMMAND,
+    table.COMMAND,
     virtual.COMMAND,
     serve.COMMAND,
     panel.COMMAND,
