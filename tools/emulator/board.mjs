@@ -1,7 +1,9 @@
 // A Pico in the emulator: the RP2040 of rp2040js with what it lacks (flash writes, resets, a USB host), its pins,
 // and a run loop in emulated time.
 import { ConsoleLogger, GPIOPinState, LogLevel, RP2040 } from 'rp2040js';
+import { attachAs5600 } from './as5600.mjs';
 import { attachFlash, SpiFlash } from './flash.mjs';
+import { attachPio } from './pio.mjs';
 import { CdcHost } from './usb.mjs';
 
 const PINS = 30;
@@ -19,6 +21,10 @@ export class Board {
     this.onUsb = onUsb;
     this.flash = new SpiFlash(onFlash);
     this.driven = new Array(PINS).fill(null); // by the simulation: null, 0 or 1
+    this.angles = new Map(); // by the SDA of a bus: what an AS5600 there tells
+    this.coming = []; // changes of inputs to come, { us, wire, level } in their order
+    this.ends = new Set(); // pins of which a change ends a run
+    this.ended = false;
     this.baseNs = 0; // before the last reset
     this.mcu = null;
     this.pending = null; // a reset that was asked for
@@ -44,6 +50,8 @@ export class Board {
     mcu.qspi.forEach((pin, i) => { pin.padValue = 0x5a; if (i > 0) pin.setInputValue(true); }); // BOOTSEL not pressed
     mcu.gpio.forEach(pin => { pin.padValue = 0x56; pin.lastValue = pin.value; });
     this.watchPins(mcu);
+    this.pioUpToNow = attachPio(mcu);
+    mcu.i2c.forEach((i2c, i) => attachAs5600(i2c, mcu, () => this.angle(i)));
     this.host = new CdcHost(mcu.usbCtrl, mcu.clock);
     this.host.collects = this.collects;
     this.host.open = this.open;
@@ -71,7 +79,7 @@ export class Board {
       this.level(i);
       gpio.addListener(state => {
         const high = state === GPIOPinState.High ? 1 : 0;
-        if (high !== shown[i]) { shown[i] = high; this.onPin(i, high); }
+        if (high !== shown[i]) { shown[i] = high; this.ended ||= this.ends.has(i); this.onPin(i, high); }
         this.level(i);
       });
     });
@@ -85,26 +93,39 @@ export class Board {
   cutPower(operations, half) {
     this.flash.cutAfter(operations, half, () => { this.pending = { cause: 'power', watchdog: null }; });
   }
-  drivePin(i, value) { this.driven[i] = value; this.level(i); }
+  drivePin(i, value) { this.pioUpToNow(); this.driven[i] = value; this.level(i); }
+  angle(block) { // of the AS5600 on one of its buses (RP2040 datasheet, 1.4.3: SDA n belongs to block n / 2 mod 2)
+    for (const [sda, angle] of this.angles) if ((sda >> 1) % 2 === block) return angle;
+    return 0xffff;
+  }
+  change({ wire, level }) { // 64 + n: the angle on the bus whose SDA is n
+    if (wire >= 64) this.angles.set(wire - 64, level);
+    else this.drivePin(wire, level);
+  }
   setCollects(yes) { this.collects = yes; this.host.setCollects(yes); }
   setOpen(yes) { this.open = yes; this.host.setOpen(yes); }
 
-  // Run until emulated time `ns`. Sleeping (WFI) costs nothing: it jumps to the next alarm. Nor does polling the flash
+  // Run until emulated time `ns`, or until a pin of `ends` has changed. Sleeping (WFI) costs nothing: it jumps to the next alarm. Nor does polling the flash
   // while it is busy: after each poll time jumps to the next alarm or to the end of the operation.
   runUntil(ns) {
-    while (this.ns < ns) {
+    this.ended = false;
+    while (this.ns < ns && !this.ended) {
+      while (this.coming.length && this.coming[0].us * 1000 <= this.ns) this.change(this.coming.shift());
       if (this.pending) {
         const { cause, watchdog } = this.pending;
         this.pending = null;
         this.boot(cause, watchdog);
       }
       this.host.pump();
-      this.slice(ns - this.baseNs);
+      const next = this.coming.length ? Math.min(ns, this.coming[0].us * 1000) : ns;
+      this.slice(next - this.baseNs);
     }
+    while (this.coming.length && this.coming[0].us <= this.us) this.change(this.coming.shift());
+    this.coming.length = 0; // the rest will be told anew
   }
   slice(end) {
     const { core, clock } = this.mcu;
-    while (clock.nanos < end && !this.pending) {
+    while (clock.nanos < end && !this.pending && !this.ended) {
       // an interrupt that is pending but masked ends a WFI, too
       if (core.waiting && (core.pendingInterrupts & core.enabledInterrupts || core.pendingSystick || core.pendingPendSV)) {
         core.waiting = false;

@@ -20,7 +20,7 @@ const [bootromFile, imageFile, flashFile, startText, keep, cached] = process.arg
 const START_US = Number(startText);
 const RECORD = 16;
 const [EDGE, SENT, WAIT, USB, FLASH] = Buffer.from('ETSUF');
-const [RECEIVED, PIN, COLLECTS, GO, OPEN, RESET, CUT, REMEMBER, EJECT] = Buffer.from('RPWGDXCMJ');
+const [RECEIVED, PIN, COLLECTS, GO, OPEN, RESET, CUT, REMEMBER, EJECT, CHANGE, ENDS] = Buffer.from('RPWGDXCMJQN');
 
 const out = [];
 function record(kind, a, b, dt) {
@@ -83,6 +83,8 @@ function take(r) {
     board.pending = { cause: a === 1 ? 'run' : 'power', watchdog: null };
   }
   else if (kind === REMEMBER) remembered.set(board.flash.memory);
+  else if (kind === CHANGE) board.coming.push({ us: Number(r.readBigUInt64LE(8)) - START_US, wire: a, level: b });
+  else if (kind === ENDS) board.ends.add(a);
   else if (kind === EJECT) board.host.eject();
   else if (kind === CUT) board.cutPower(r.readUInt32LE(4), a === 1);
   else if (kind === GO) {

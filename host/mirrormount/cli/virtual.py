@@ -35,6 +35,22 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--bench", choices=("paper", "switches"), default="paper", help="with or without end-stops")
     parser.add_argument("--board", choices=("pico", "pico_drv8833"), default="pico", help="which H-bridge")
     profile_options(parser)
+    parser.add_argument("--supply", metavar="SHARE", help="the motors' voltage, of the nominal one (1)")
+    parser.add_argument(
+        "--encoder",
+        choices=("motor", "shaft"),
+        help="a magnetic disc on each motor's rear shaft, or an AS5600 on each gearbox's shaft",
+    )
+    parser.add_argument(
+        "--fault",
+        default="",
+        metavar="NAME[@S],…",
+        help="of both encoders (m1:NAME: of one), S seconds after power-up:"
+        " lost, swapped, broken, noise, hand (turns the knob), jammed",
+    )
+    parser.add_argument(
+        "--truth", type=Path, metavar="FILE", help="write the screws' true turns to FILE at each end of a motion"
+    )
     parser.add_argument("--speed", choices=("1", "max"), default="1", help="max is for virtual://?speed=max only")
 
 

@@ -11,9 +11,9 @@ from mirrormount.common.errors import BadAddress, BadValue, MountError
 from mirrormount.common.validation import digits
 from mirrormount.virtual.board import Options, make_simulation
 from mirrormount.virtual.ports import Port
-from mirrormount.virtual.profile import PROFILES, SMOOTH
+from mirrormount.virtual.profile import SMOOTH
 from mirrormount.virtual.pty_port import PtyPort
-from mirrormount.virtual.query import seed_of
+from mirrormount.virtual.query import orders_of, profile_named, seed_of
 from mirrormount.virtual.realtime import serve
 from mirrormount.virtual.simulation import BoardGone
 from mirrormount.virtual.tcp_port import TcpPort
@@ -26,14 +26,15 @@ def serve_board(args: argparse.Namespace) -> None:
     signal.signal(signal.SIGTERM, _end)
     if hasattr(signal, "SIGHUP"):
         signal.signal(signal.SIGHUP, _end)  # its terminal was closed
-    for name in ("link", "edges", "files", "image", "flash"):
+    for name in ("link", "edges", "files", "image", "flash", "truth"):
         if getattr(args, name) == Path(""):
             raise BadAddress(f"--{name} needs a file's name")
     ports = _ports(args)
     try:
-        names = ("machine", "bench", "board", "edges", "files", "image", "flash", "flash_cache")
+        names = ("machine", "bench", "board", "edges", "files", "image", "flash", "flash_cache", "encoder", "truth")
         given = {name: getattr(args, name) for name in names}
-        mechanics = {"profile": PROFILES[args.profile or SMOOTH.name], "seed": seed_of(args.seed or "1")}
+        profile = profile_named(args.profile or SMOOTH.name, args.supply)
+        mechanics = {"profile": profile, "seed": seed_of(args.seed or "1"), "orders": orders_of(args.fault)}
         simulation = make_simulation(Options(**given, **mechanics))
         try:
             print("ready " + " ".join(port.address for port in ports), flush=True)

@@ -9,11 +9,13 @@ setups. What it does not give is marked as such and chosen so that what it measu
 """
 
 import math
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mirrormount.virtual.drivetrain import SWITCH_REV, Drivetrain
+from mirrormount.virtual.encoder import Encoder
 from mirrormount.virtual.profile import SMOOTH, Profile
 from mirrormount.virtual.wiring import drives
 
@@ -28,6 +30,17 @@ BACKLASH_Y_MRAD = 0.70  # the paper, section III
 INCIDENCE = math.radians(45)  # a folding mirror
 LEVER_X_MM = 34.524  # screw to pivot, as seen by the yaw; fitted to STEP_X_MRAD
 LEVER_Y_MM = 22.341  # as seen by the pitch; fitted to STEP_Y_MRAD
+HAND_REV, HAND_S = 0.05, 0.5  # how far and how long a hand turns a knob; assumed
+REST_US = 2000  # a motion is at its end if no drive follows for so long: more than a period of the PWM
+
+
+@dataclass(frozen=True)
+class Order:
+    """A fault to come: its name (of encoder.FAULTS), its motor, and when it begins."""
+
+    name: str
+    motor: str
+    us: int = 0
 
 
 class Bench:
@@ -37,6 +50,8 @@ class Bench:
     normally closed switches sit at SWITCH_REV of either screw; otherwise nothing is connected.
     two_pwm: the H-bridge is a DRV8833, whose two inputs a motor carry the duty, instead of an
     SN754410 with an enable and two legs. axes: 2, or 4 with a second mirror.
+    encoder: a kind of encoder.KINDS on each motor, or None. orders: faults that begin by themselves.
+    on_rest(us, turns of each screw) is called, if it is set, REST_US after the end of a motion.
     """
 
     def __init__(
@@ -47,6 +62,8 @@ class Bench:
         seed: int = 1,
         profile: Profile = SMOOTH,
         axes: int = 2,
+        encoder: str | None = None,
+        orders: Sequence[Order] = (),
     ) -> None:
         self._noise = np.random.default_rng(seed)
         self.trains = {
@@ -61,6 +78,15 @@ class Bench:
         self._duty = dict.fromkeys(self.wires.values(), 0.0)
         self.two_pwm = two_pwm
         self.us = 0  # the time up to which everything has moved
+        self.encoders: dict[str, Encoder] = {}
+        if encoder is not None:
+            sources = np.random.SeedSequence((seed, 0xE)).spawn(axes)
+            for (motor, train), source in zip(self.trains.items(), sources, strict=True):
+                self.encoders[motor] = Encoder(train, encoder, 0, np.random.default_rng(source))
+        self._orders = sorted(orders, key=lambda order: order.us)
+        self.on_rest: Callable[[int, dict[str, float]], None] | None = None
+        self._moving: set[str] = set()
+        self._rests: dict[str, tuple[int, dict[str, float]]] = {}  # which may still turn out to be a pause
 
     def edge(self, t_us: int, pin: str, duty: int) -> None:
         """Pin `pin` has the duty 0 ... 65535 from t_us on."""
@@ -71,6 +97,11 @@ class Bench:
         after = self.drive(motor)
         if before is None and after is not None:
             self.trains[motor].begin(after, self._noise)
+        if after != before and motor in self.encoders:
+            self.encoders[motor].cut(self.us)
+        if after:
+            self._moving.add(motor)
+            self._rests.pop(motor, None)
 
     def duties(self) -> dict[str, float]:
         """Duty of every drive pin, 0 ... 1."""
@@ -85,11 +116,72 @@ class Bench:
 
     def advance(self, t_us: int) -> None:
         """Let everything move on to t_us."""
+        while self._orders and self._orders[0].us <= t_us:
+            order = self._orders.pop(0)
+            self._advance(max(order.us, self.us))
+            self.disturb(order.motor, order.name)
+        self._advance(t_us)
+
+    def disturb(self, motor: str, fault: str) -> None:
+        """Begin a fault of encoder.FAULTS at this motor, now; `hand` is one turn of the knob."""
+        train = self.trains[motor]
+        if fault == "hand":
+            train.hand_rev_s, train.hand_s = HAND_REV / HAND_S, HAND_S
+            self._moving.add(motor)
+        elif fault == "jammed":
+            train.jammed = True
+        encoder = self.encoders.get(motor)
+        if encoder is not None:
+            encoder.extend(self.us, self.drive(motor))
+            encoder.cut(self.us)
+            encoder.faults.add(fault)
+            encoder.again()
+
+    def mend(self, motor: str, fault: str) -> None:
+        """End a fault."""
+        self.trains[motor].jammed &= fault != "jammed"
+        encoder = self.encoders.get(motor)
+        if encoder is not None:
+            encoder.extend(self.us, self.drive(motor))
+            encoder.cut(self.us)
+            encoder.faults.discard(fault)
+            encoder.again()
+
+    def look_ahead(self, until_us: int) -> None:
+        """Let the encoders know their changes up to a time, if no pin changes before."""
+        for motor, encoder in self.encoders.items():
+            encoder.extend(until_us, self.drive(motor))
+
+    def _advance(self, t_us: int) -> None:
+        if self.encoders:
+            self.look_ahead(t_us)
+        if self.on_rest is not None:
+            self._come_to_rest(t_us)
         if t_us > self.us:
             dt = (t_us - self.us) * 1e-6
             for motor, train in self.trains.items():
                 train.advance(dt, self.drive(motor))
             self.us = t_us
+
+    def _come_to_rest(self, t_us: int) -> None:
+        """Tell the ends of motions up to a time: advance to each of them, and report it once it has lasted."""
+        assert self.on_rest
+        on_rest, self.on_rest = self.on_rest, None  # no further one on the way there
+        ends = []
+        for motor in self._moving:
+            train = self.trains[motor]
+            if not self.drive(motor):
+                ends.append((self.us + math.ceil(max(train.coast_s, train.hand_s) * 1e6), motor))
+        for end_us, motor in sorted(ends):
+            if end_us <= t_us:
+                self._advance(end_us)
+                self._moving.discard(motor)
+                self._rests[motor] = (end_us, {name: train.screw_rev for name, train in self.trains.items()})
+        self.on_rest = on_rest
+        for motor, (us, screws) in sorted(self._rests.items(), key=lambda rest: rest[1][0]):
+            if us + REST_US <= t_us:
+                del self._rests[motor]
+                on_rest(us, screws)
 
     def mirrors_rad(self, t_us: int | None = None) -> list[tuple[float, float]]:
         """Yaw and pitch of each mirror in radians: now, or at t_us if no pin changes until then."""

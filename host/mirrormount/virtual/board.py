@@ -4,6 +4,7 @@ virtual://                      in real time, as a real board would behave
 virtual://?speed=max            in lockstep with the caller: fast, exact, the same every time
 …&machine=cpython|micropython|rp2040|circuitpython  &bench=paper|switches  &board=pico|pico_drv8833
 …&profile=smooth|rough  &seed=N  &supply=VOLTAGE, of the nominal one  &axes=2|4
+…&encoder=motor|shaft  &fault=NAME[@SECONDS],…  &truth=FILE
 …&edges=FILE  &files=FOLDER  &image=FILE  &flash=FILE  &flash_cache=on|off
 """
 
@@ -19,20 +20,23 @@ from mirrormount.common.errors import BadAddress, CannotOpen, ConnectionLost, Mo
 from mirrormount.common.printable import printable
 from mirrormount.transport.tcp_port import SocketPort
 from mirrormount.virtual import machines
-from mirrormount.virtual.bench import Bench
-from mirrormount.virtual.files import four_axes_firmware, new_files
+from mirrormount.virtual.bench import Bench, Order
+from mirrormount.virtual.encoder import KINDS
+from mirrormount.virtual.files import THIS, board_text, firmware_with, new_files
 from mirrormount.virtual.image import is_circuitpython
 from mirrormount.virtual.lockstep import Lockstep
 from mirrormount.virtual.ports import PairPort
 from mirrormount.virtual.profile import SMOOTH, Profile
-from mirrormount.virtual.query import profile_named, seed_of
+from mirrormount.virtual.query import orders_of, profile_named, seed_of
 from mirrormount.virtual.realtime import serve
 from mirrormount.virtual.simulation import START_US, BoardGone, Simulation
+from mirrormount.virtual.truth import Truth
 
 _CIRCUITPYTHON_US = 6_000_000  # until the firmware is ready on it; its LED shows other things before that
 Run = Callable[[int, Callable[[], bool]], object]
 BENCHES = ("paper", "switches")
-BOARDS = {"pico": machines.PICO, "pico_drv8833": "pico_drv8833"}  # what MicroPython calls them
+# the firmware's board files, and what MicroPython calls the boards
+BOARDS = {"pico": machines.PICO, "pico_drv8833": "pico_drv8833"}
 BOARD_IDS = {"pico": machines.PICO_ID, "pico_drv8833": "pico_drv8833"}  # what CircuitPython calls them
 
 
@@ -41,7 +45,9 @@ class Options:
     """The kind of a virtual board. machine: see machines.py. files: its file system (default: a new one with the
     firmware on it; the cpython and circuitpython machines keep what they save there). image, flash and flash_cache
     are the rp2040 machine's. firmware: the folder that holds `mountfw` (those two; default: the installed one). axes:
-    2, or 4 on the cpython machine. unit: gives a board of that machine a unique id of its own."""
+    2, or 4 on the cpython machine. unit: gives a board of that machine a unique id of its own. encoder: a kind of
+    encoder.KINDS on motors 1 and 2; orders: its faults; truth: a file that gets the screws' turns at each end of a
+    motion. A folder of files that has something in it keeps its board file."""
 
     machine: str = "cpython"
     bench: str = "paper"
@@ -50,6 +56,9 @@ class Options:
     profile: Profile = SMOOTH
     axes: int = 2
     unit: int = 0
+    encoder: str | None = None
+    orders: tuple[Order, ...] = ()
+    truth: Path | None = None
     edges: Path | None = None
     files: Path | None = None
     image: Path | None = None
@@ -68,6 +77,8 @@ class Options:
                 raise BadAddress(f"there is no {what} {value!r}: choose one of {', '.join(known)}")
         if self.axes not in (2, 4) or (self.axes == 4 and (self.machine, self.board) != ("cpython", "pico")):
             raise BadAddress("a virtual board has two axes; with machine=cpython and board=pico it may have four")
+        if self.encoder not in (None, *KINDS):
+            raise BadAddress(f"there is no encoder {self.encoder!r}: choose one of {', '.join(KINDS)}")
         if self.machine == "rp2040" and self.board != "pico":
             raise BadAddress("the rp2040 machine is a Pico with an SN754410")
         for name, value in (("image", self.image), ("flash", self.flash)):
@@ -88,44 +99,37 @@ def make_simulation(options: Options | None = None, bench: Bench | None = None) 
     options.check()
     start_us = bench.us if bench else START_US
     scratch: list[tempfile.TemporaryDirectory] = []
+    board = board_text(options.board, options.axes, options.encoder)
     if options.machine == "rp2040":
-        command = machines.rp2040(options.image, options.flash, flash_cache=options.flash_cache)
+        command = machines.rp2040(options.image, options.flash, board, flash_cache=options.flash_cache)
     else:
-        if options.files is None:
-            scratch.append(tempfile.TemporaryDirectory(prefix="mirrormount-"))
-            files = Path(scratch[0].name)
-            if options.machine == "micropython":
-                new_files(files)
-        else:
-            files = options.files.absolute()
-            try:
-                files.mkdir(parents=True, exist_ok=True)
-            except OSError as e:  # FileExistsError: it is there and no folder
-                why = "it is not a folder" if isinstance(e, FileExistsError) else e.strerror
-                raise BadAddress(f"cannot use {options.files} for the board's files: {why}") from e
+        files = _files(options, board, scratch)
         firmware = options.firmware
-        if options.axes == 4:
+        if board is not None and options.machine != "micropython" and firmware is None:
             copy = tempfile.TemporaryDirectory(prefix="mirrormount-")
             scratch.append(copy)
-            firmware = four_axes_firmware(Path(copy.name))
+            firmware = firmware_with(Path(copy.name), board)
         if options.machine == "cpython":
             command = machines.cpython(files, BOARDS[options.board], firmware, options.unit, start_us)
         elif options.machine == "circuitpython":
-            command = machines.circuitpython(files, BOARD_IDS[options.board], options.firmware)
+            command = machines.circuitpython(files, BOARD_IDS[options.board], firmware)
         else:
             command = machines.micropython(files, BOARDS[options.board])
     try:
         file = options.edges.open("w", encoding="utf-8") if options.edges else None
     except OSError as e:
         raise BadAddress(f"cannot write pin edges to {options.edges}: {e.strerror}") from e
+    truth = Truth(options.truth, START_US) if options.truth else None
     bench = bench or Bench(
         switches=options.bench == "switches",
         two_pwm=options.board == "pico_drv8833",
         seed=options.seed,
         profile=options.profile,
         axes=options.axes,
+        encoder=options.encoder,
+        orders=[replace(order, us=START_US + order.us) for order in options.orders],
     )
-    simulation = Simulation(command, bench, edges=file, scratch=scratch, start_us=start_us)
+    simulation = Simulation(command, bench, edges=file, truth=truth, scratch=scratch, start_us=start_us)
     if options.machine == "rp2040":  # a real image starts slowly: in lockstep, not in real time
         board = Lockstep(simulation)
         try:
@@ -140,21 +144,43 @@ def make_simulation(options: Options | None = None, bench: Bench | None = None) 
     return simulation
 
 
+def _files(options: Options, board: str | None, scratch: list[tempfile.TemporaryDirectory]) -> Path:
+    """The folder of a board's files; with the firmware and this board file in it, if the machine has it there."""
+    if options.files is None:
+        scratch.append(tempfile.TemporaryDirectory(prefix="mirrormount-"))
+        files = Path(scratch[0].name)
+        if options.machine == "micropython":
+            new_files(files)
+            if board is not None:
+                (files / THIS).write_text(board, encoding="utf-8")
+        return files
+    files = options.files.absolute()
+    try:
+        files.mkdir(parents=True, exist_ok=True)
+    except OSError as e:  # FileExistsError: it is there and no folder
+        why = "it is not a folder" if isinstance(e, FileExistsError) else e.strerror
+        raise BadAddress(f"cannot use {options.files} for the board's files: {why}") from e
+    return files
+
+
 def open_virtual(url: str) -> "RealtimePort | LockstepPort":
     """A port (mirrormount.transport.port) on a new virtual board. Raises BadAddress for an option it has not."""
     given = dict(parse_qsl(url.removeprefix("virtual://").removeprefix("?"), keep_blank_values=True))
     speed = given.pop("speed", "1")
     texts = {name: given.pop(name) for name in ("machine", "bench", "board") if name in given}
-    paths = {name: Path(given.pop(name)) for name in ("edges", "files", "image", "flash") if name in given}
+    paths = {name: Path(given.pop(name)) for name in ("edges", "files", "image", "flash", "truth") if name in given}
     profile = profile_named(given.pop("profile", SMOOTH.name), given.pop("supply", None))
     seed, axes = seed_of(given.pop("seed", "1")), given.pop("axes", "2")
-    flash_cache = given.pop("flash_cache", "on")
+    flash_cache, encoder = given.pop("flash_cache", "on"), given.pop("encoder", None)
+    orders = orders_of(given.pop("fault", ""))
     if given or speed not in ("1", "max") or axes not in ("2", "4") or flash_cache not in ("on", "off"):
         raise BadAddress(
             f"{printable(url)}: options are speed=1|max, machine=, bench=, board=, profile=, seed=NUMBER, supply=,"
-            " axes=2|4, edges=, files=, image=, flash=, flash_cache=on|off"
+            " axes=2|4, encoder=motor|shaft, fault=, truth=, edges=, files=, image=, flash=, flash_cache=on|off"
         )
-    options = Options(seed=seed, profile=profile, axes=int(axes), flash_cache=flash_cache == "on")
+    options = Options(
+        seed=seed, profile=profile, axes=int(axes), flash_cache=flash_cache == "on", encoder=encoder, orders=orders
+    )
     simulation = make_simulation(replace(options, **texts, **paths))
     return LockstepPort(simulation) if speed == "max" else RealtimePort(simulation)
 

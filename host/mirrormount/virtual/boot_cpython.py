@@ -123,3 +123,4 @@ while True:
         _run_main()
     _prompt()
     _seam.seam.handlers.clear()
+    _seam.seam.counters.clear()

@@ -56,7 +56,7 @@ def _install():
 
     import _console
 
-    for name in ("machine", "select", "time"):  # now, while FAKES can be reached
+    for name in ("machine", "rp2", "select", "time"):  # now, while FAKES can be reached
         __import__(name)
 
     out = _console.stdout
@@ -89,6 +89,7 @@ def _soft_reset():
         if name not in _kept:
             del sys.modules[name]
     seam.handlers.clear()
+    seam.counters.clear()
     _globals.clear()
     _globals["__name__"] = "__main__"
     seam.interrupt_char = CTRL_C

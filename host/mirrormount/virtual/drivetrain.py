@@ -1,7 +1,8 @@
 """One actuator of a mount: motor, gearbox, gap, screw, and the angle by which it turns the mirror.
 
+The gap is the play of the gears and that of the coupler; the gearbox's output shaft is between the two.
 The motion between two changes of the drive is solved in closed form, so there is no time step to choose.
-Units: seconds; revolutions of the gearbox's output shaft.
+Units: seconds; revolutions of the gearbox's output shaft, also for the motor in front of it.
 """
 
 import math
@@ -18,6 +19,7 @@ COAST_S = 0.02  # time constant of viscous friction without drive; assumed
 COAST_REV_S2 = 5.0  # deceleration by dry friction without drive; assumed
 PITCH_MM = 25.4 / 80  # a fine adjustment screw of 80 threads an inch; assumed
 GAP_REV = 0.03481  # play between shaft and screw: fitted, with the levers of bench.py, to step and backlash
+GEAR_SHARE = 0.4  # of that gap is in the gears, 5 degrees; the rest is in the coupler; assumed
 TRAVEL_REV = 12.0  # hard ends of the screw either way; assumed
 SWITCH_REV = 1.5  # where the optional switches sit, either way; about 64 steps
 _MOST_SIGMA = 3.0  # of a pulse's scatter: a pulse of normal length never turns the shaft backwards
@@ -47,6 +49,10 @@ class Drivetrain:
     short: float = field(default=0.0, repr=False)  # this pulse's scatter at length 0
     ahead: float = field(default=1.0, repr=False)  # the gap's half towards positive, of gap_rev / 2
     behind: float = field(default=1.0, repr=False)  # towards negative
+    output_rev: float = field(default=0.0, repr=False)  # the gearbox's output shaft; shaft_rev is the motor's turn
+    hand_rev_s: float = field(default=0.0, repr=False)  # a hand turns the screw's knob so fast ...
+    hand_s: float = field(default=0.0, repr=False)  # ... for so long still
+    jammed: bool = field(default=False, repr=False)  # the screw does not turn: a motor that drives it stalls
 
     @classmethod
     def new(cls, lever_mm: float, profile: Profile, noise: np.random.Generator) -> "Drivetrain":
@@ -56,6 +62,7 @@ class Drivetrain:
             train.phase_rad = float(noise.uniform(0, 2 * math.pi))
         if profile.loose_start:
             train.shaft_rev = train.gap_rev * float(noise.uniform(-0.5, 0.5))
+            train.output_rev = train.shaft_rev * (1 - GEAR_SHARE)
         return train
 
     def begin(self, drive: float, noise: np.random.Generator) -> None:
@@ -85,6 +92,8 @@ class Drivetrain:
     def advance(self, dt: float, drive: float | None) -> None:
         """Move on by dt seconds; drive -1 ... 1 of full speed (0 brakes), None: coasting."""
         screw, whole = self.screw_rev, dt
+        if self.hand_s:
+            self._by_hand(dt)
         if drive and self.held_s and not self.rev_s:
             held = min(dt, self.held_s)
             self.held_s -= held
@@ -119,7 +128,7 @@ class Drivetrain:
     def _coasting(self, dt: float) -> None:
         way, speed = math.copysign(1.0, self.rev_s), abs(self.rev_s)
         floor = COAST_REV_S2 * COAST_S
-        rest = COAST_S * math.log(1 + speed / floor)
+        rest = self.coast_s
         t = min(dt, rest)
         fade = math.exp(-t / COAST_S)
         self.rev_s = 0.0 if t == rest else way * ((speed + floor) * fade - floor)
@@ -134,11 +143,42 @@ class Drivetrain:
         self.shaft_rev += rev
         half = self.gap_rev / 2
         # the screw follows the shaft with play, up to its hard ends; there the motor stalls
-        screw = min(max(self.screw_rev, self.shaft_rev - half * self.ahead), self.shaft_rev + half * self.behind)
-        self.screw_rev = min(max(screw, -self.travel_rev), self.travel_rev)
+        before = self.screw_rev
+        screw = min(max(before, self.shaft_rev - half * self.ahead), self.shaft_rev + half * self.behind)
+        self.screw_rev = before if self.jammed else min(max(screw, -self.travel_rev), self.travel_rev)
         if screw != self.screw_rev:
-            self.shaft_rev = self.screw_rev + (half * self.ahead if screw > 0 else -half * self.behind)
+            self.shaft_rev = self.screw_rev + (half * self.ahead if screw > self.screw_rev else -half * self.behind)
             self.rev_s = 0.0
+        self._follow()
+
+    def _follow(self) -> None:
+        """The output shaft stays within the gears' play of the motor and within the coupler's of the screw."""
+        gears = self.gap_rev / 2 * GEAR_SHARE
+        coupler = self.gap_rev / 2 - gears
+        output = min(max(self.output_rev, self.shaft_rev - gears * self.ahead), self.shaft_rev + gears * self.behind)
+        self.output_rev = min(
+            max(output, self.screw_rev - coupler * self.behind), self.screw_rev + coupler * self.ahead
+        )
+
+    def _by_hand(self, dt: float) -> None:
+        """A hand turns the screw, and through both plays the motor behind it."""
+        turned = min(dt, self.hand_s)
+        self.hand_s -= turned
+        screw = self.screw_rev + self.hand_rev_s * turned
+        self.screw_rev = min(max(screw, -self.travel_rev), self.travel_rev)
+        half = self.gap_rev / 2
+        least, most = self.screw_rev - half * self.behind, self.screw_rev + half * self.ahead
+        self.shaft_rev = min(max(self.shaft_rev, least), most)
+        self._follow()
+
+    @property
+    def coast_s(self) -> float:
+        """How long it turns on without a drive."""
+        return COAST_S * math.log(1 + abs(self.rev_s) / (COAST_REV_S2 * COAST_S))
+
+    def is_still(self, drive: float | None) -> bool:
+        """True if nothing moves, as long as the drive is this one."""
+        return not self.rev_s and not self.hand_s and not drive
 
     def far_from_switch(self, us: int) -> bool:
         """True if no switch can be reached within us microseconds, however it is driven."""

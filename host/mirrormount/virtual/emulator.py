@@ -18,6 +18,7 @@ from mirrormount.common.child_python import python_module
 from mirrormount.common.errors import DeployError, EmulatorMissing
 from mirrormount.deploy.fileset import firmware, folders, sources
 from mirrormount.virtual import npm
+from mirrormount.virtual.files import THIS
 from mirrormount.virtual.image import TOOLS, cache, find_image, held, is_circuitpython, last_line
 from mirrormount.virtual.lockstep import Lockstep
 from mirrormount.virtual.simulation import START_US, Simulation
@@ -31,17 +32,24 @@ _FIRST_BOOT_US = 8_000_000  # until its first output, if it has one without a re
 
 
 def command(
-    image: Path | None, flash: Path | None, start_us: int, keep: bool = True, flash_cache: bool = True
+    image: Path | None,
+    flash: Path | None,
+    start_us: int,
+    board: str | None = None,
+    *,
+    keep: bool = True,
+    flash_cache: bool = True,
 ) -> list[str]:
     """The command line of a machine (tools/emulator/main.mjs), with everything it needs in place.
 
     flash: a file that holds the flash's content, written back if keep; without one, a flash with the
-    firmware on it. flash_cache: misses of the flash's cache take their time. Raises EmulatorMissing.
+    firmware on it, and with board as the text of its board file. flash_cache: misses of the flash's cache take
+    their time. Raises EmulatorMissing.
     """
     node = npm.node()
     with held("emulator"):
         modules, bootrom, found = _modules(node), _bootrom(), find_image(image)
-    flash = flash or flash_with_firmware(found)
+    flash = flash or flash_with_firmware(found, board=board)
     switches = ["keep" if keep else "forget", "cached" if flash_cache else "uncached"]
     words = [modules.parent / "main.mjs", bootrom, found, flash, start_us, *switches]
     return [node, *(str(word) for word in words)]
@@ -143,17 +151,19 @@ class RawPrompt:
         return before
 
 
-def flash_with_firmware(image: Path | None, files: dict[str, bytes] | None = None) -> Path:
+def flash_with_firmware(image: Path | None, files: dict[str, bytes] | None = None, board: str | None = None) -> Path:
     """A flash content with the firmware on it; made once per image and firmware, then kept.
 
-    files: {name on the board: content}; default: the installed firmware, compiled as deploy compiles it. The
-    caller copies the flash: it is the cache's. Raises EmulatorMissing.
+    files: {name on the board: content}; default: the installed firmware, compiled as deploy compiles it. board: the
+    text of a board file this.py that is added. The caller copies the flash: it is the cache's. Raises EmulatorMissing.
     """
     if image is None:
         with held("emulator"):
             image = find_image(None)
     drive = is_circuitpython(image)
     files = files or (sources("circuitpython") if drive else _compiled_firmware())
+    if board is not None:
+        files = files | {THIS: board.encode()}
     digest = hashlib.sha256(image.read_bytes())
     for name, data in sorted(files.items()):
         digest.update(name.encode() + b"\0" + data + b"\0")

@@ -76,13 +76,16 @@ def circuitpython(
     return [sys.executable, "-I", "-S", *boot, "-1", "-1"]
 
 
-def rp2040(image: Path | None = None, flash: Path | None = None, *, flash_cache: bool = True) -> list[str]:
+def rp2040(
+    image: Path | None = None, flash: Path | None = None, board: str | None = None, *, flash_cache: bool = True
+) -> list[str]:
     """An emulated Pico that boots image; flash keeps its file system from run to run.
 
     A flash that does not exist yet gets MicroPython alone: the firmware has to be put on it. Without a
-    flash it is one with the firmware, and forgotten in the end. flash_cache: with the model of the flash's cache.
+    flash it is one with the firmware (and with board as the text of its board file), and forgotten in the end.
+    flash_cache: with the model of the flash's cache.
     Raises EmulatorMissing.
     """
     from mirrormount.virtual import emulator
 
-    return emulator.command(image, flash, START_US, keep=flash is not None, flash_cache=flash_cache)
+    return emulator.command(image, flash, START_US, board, keep=flash is not None, flash_cache=flash_cache)

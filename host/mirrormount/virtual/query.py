@@ -5,8 +5,11 @@ from dataclasses import replace
 
 from mirrormount.common.errors import BadAddress, BadValue
 from mirrormount.common.validation import digits
+from mirrormount.virtual.bench import Order
+from mirrormount.virtual.encoder import FAULTS
 from mirrormount.virtual.profile import PROFILES, Profile
 
+_MOST_S = 1e6
 MOST_SEED = (1 << 32) - 1
 LEAST_SUPPLY, MOST_SUPPLY = 0.3, 1.5  # of the nominal voltage: below, a gearmotor stands still
 
@@ -33,3 +36,25 @@ def seed_of(text: str) -> int:
         return digits(text, MOST_SEED)
     except BadValue:
         raise BadAddress(f"a seed is a number, 0 to {MOST_SEED}, not {text[:80]!r}") from None
+
+
+def orders_of(text: str) -> tuple[Order, ...]:
+    """The faults that a person has ordered, NAME@SECONDS after commas, of m1 and m2 unless one is named: m1:NAME.
+
+    Raises BadAddress.
+    """
+    orders: list[Order] = []
+    for word in filter(None, text.split(",")):
+        motor, _, rest = word.rpartition(":")
+        name, at, seconds = rest.partition("@")
+        try:
+            begins_s = float(seconds) if at and seconds.isascii() else 0.0 if not at else math.nan
+        except ValueError:
+            begins_s = math.nan
+        if name not in FAULTS or motor not in ("", "m1", "m2") or not 0 <= begins_s <= _MOST_S:
+            raise BadAddress(
+                f"a fault is one of {', '.join(FAULTS)}, as in fault=broken, fault=broken@5 (after 5 s) or"
+                f" fault=m1:broken@5, not {word[:80]!r}"
+            )
+        orders += [Order(name, which, round(begins_s * 1e6)) for which in ([motor] if motor else ["m1", "m2"])]
+    return tuple(orders)

@@ -16,6 +16,8 @@ from typing import IO
 
 from mirrormount.common.errors import CannotOpen, CannotWrite
 from mirrormount.virtual.bench import Bench
+from mirrormount.virtual.encoder_wires import EncoderWires
+from mirrormount.virtual.truth import Truth
 from mirrormount.virtual.wiring import LED, SWITCHES
 
 # the seam's records; virtual/fakes/_seam.py is the other side and explains them
@@ -25,6 +27,7 @@ _RECEIVED, _PIN, _COLLECTS, _GO, _OPEN, _RESET, _CUT, _REMEMBER, _EJECT = b"RPWG
 
 # half a second before the firmware's 30-bit clock wraps: every board lives through a wrap early
 START_US = (1 << 30) - 500_000
+CLOSING_US = 1_000_000  # of the truth, after the power went
 
 
 class BoardGone(Exception):
@@ -35,8 +38,8 @@ class Simulation:
     """A virtual board and its bench.
 
     machine: the command line of the child that is the board (see machines.py). edges: a text file
-    that gets one JSON object per pin edge. scratch: folders that go when the board does. start_us: its clock at
-    power-up, as in machine.
+    that gets one JSON object per pin edge. truth: gets the ends of motions. scratch: folders that go when the board
+    does. start_us: its clock at power-up, as in machine.
     on_sent is called with each byte that the board sends, on_console with those of a console beside its port.
     probes, {GPIO number: name}, may be filled with other pins whose edges are to be kept; nothing is connected to
     those.
@@ -49,6 +52,7 @@ class Simulation:
         bench: Bench | None = None,
         *,
         edges: IO[str] | None = None,
+        truth: Truth | None = None,
         scratch: Iterable[TemporaryDirectory] = (),
         start_us: int = START_US,
     ) -> None:
@@ -59,8 +63,12 @@ class Simulation:
         self.on_sent: Callable[[int], None] = lambda _c: None
         self.on_console: Callable[[int], None] = lambda _c: None
         self._edges_file = edges
+        self._truth = truth
+        if truth:
+            truth.watch(self.bench)
         self._scratch = scratch
         self._sent_levels: dict[str, int] = {}
+        self._encoder_wires = EncoderWires(self.bench) if self.bench.encoders else None
         self._collects = True
         self._opened = True
         self.usb = True
@@ -136,6 +144,7 @@ class Simulation:
     def go(self, t_us: int, grant_us: int, received: Iterable[int] = ()) -> None:
         """Let the firmware go on at t_us (>= now_us) for at most grant_us, with bytes received."""
         out = bytearray()
+        told_us = self.now_us  # the board knows what was before
         self.bench.advance(t_us)
         for number, name in SWITCHES.items():
             level = self.bench.switch_levels().get(name, 1)  # not connected: pulled up
@@ -151,6 +160,9 @@ class Simulation:
         switch_us = self.bench.next_switch_us(grant_us) if grant_us else None
         if switch_us is not None:
             grant_us = min(grant_us, switch_us - t_us)
+        if self._encoder_wires:
+            for kind, wire, level, us in self._encoder_wires.tell(told_us, t_us + grant_us):
+                out += _RECORD.pack(kind, wire, level, 0, us)
         out += _RECORD.pack(_GO, 0, 0, grant_us, t_us)
         try:
             self._to_child.write(out)
@@ -215,6 +227,10 @@ class Simulation:
                 with contextlib.suppress(OSError):  # a failed write was reported when it happened
                     self._edges_file.close()
                 self._edges_file = None
+            if self._truth:
+                self.bench.advance(self.bench.us + CLOSING_US)  # what turns still comes to rest
+                self.bench.on_rest = None
+                self._truth.close()
             for folder in self._scratch:
                 folder.cleanup()
 

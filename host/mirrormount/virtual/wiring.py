@@ -28,6 +28,11 @@ SWITCHES = {
     13: "m2_sw_neg",
     14: "emergency_stop",
 }
+ENCODERS = {  # motor: A and B of a quadrature encoder, or SDA and SCL of one on the output shaft
+    "m1": (8, 9),
+    "m2": (26, 27),
+}
+BUS = 64  # a change of the angle on the bus whose SDA is GPIO n is told as one of wire 64 + n
 
 
 def drives(axes: int) -> dict[int, str]:

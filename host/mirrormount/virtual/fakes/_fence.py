@@ -104,7 +104,7 @@ def install(root, changes):
     import vfs
 
     loaded = sys.modules
-    fakes = {name: loaded[name] for name in ("machine", "select", "time", "micropython")}
+    fakes = {name: loaded[name] for name in ("machine", "rp2", "select", "time", "micropython")}
     native_import, native_open = builtins.__import__, builtins.open
 
     vfs.umount("/")

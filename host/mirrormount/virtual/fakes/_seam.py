@@ -6,6 +6,9 @@ Fixed 16-byte records "<BBHIQ": kind, a, b, dt, t.
     from the simulation  R byte a was received        P pin a has level b
                     W the host collects (a = 1) or not (0)
                     D a program has the port open (a = 1) or not (0)
+                    N a change of pin a's duty ends the granted time
+                    Q input a has level b from t on, unless something is said again; a - 64 is the SDA of a bus
+                      whose angle is b
                     G go on: it is t, and you may run to t + dt before you ask again
 Time is absolute microseconds here; the wrap at 2**30 is applied where the firmware reads a clock.
 """
@@ -19,6 +22,7 @@ RECORD = "<BBHIQ"
 RECORD_SIZE = 16
 EDGE, SENT, WAIT = 69, 84, 83
 RECEIVED, PIN, COLLECTS, OPEN, GO = 82, 80, 87, 68, 71
+ENDS, CHANGE = 78, 81
 _NO_CHAR = -1
 
 
@@ -40,6 +44,9 @@ class Seam:
         self.latched = []  # (when, pin, duty): what a PWM will show when its period is over
         self.levels = {}  # of input pins that something drives
         self.handlers = {}  # of input pins: what to call when they rise
+        self.coming = []  # (when, input, level): what will change, while no drive does
+        self.counters = {}  # of inputs: what to call with (input, level) when they change
+        self._ends = set()
         self.interrupt_char = 3
         self._interrupted = False
         self._risen = []  # interrupts that are to be served
@@ -51,6 +58,8 @@ class Seam:
         self.t += us
         if self.latched:
             self._show_latched()
+        if self.coming:
+            self._show_coming()
         if self.t >= self._grant:
             self.wait(self.t)
 
@@ -62,12 +71,15 @@ class Seam:
             until = self.latched[0][0]
         locks = self._unlock()
         try:
+            self.coming = []
             self._send(WAIT, 0, self.waiting(), until - self.t)
             while self._take_record():
                 pass
         finally:
             self._lock(locks)
         self._show_latched()
+        if self.coming:
+            self._show_coming()
         while self._risen:
             self._risen.pop(0)()
         if self._interrupted:
@@ -76,6 +88,8 @@ class Seam:
 
     def edge(self, pin, duty):
         """Pin `pin` has duty 0 ... 65535 from now on."""
+        if pin in self._ends:
+            self._grant = self.t
         self._record(EDGE, pin, duty)
 
     def latch(self, t, pin, duty):
@@ -95,6 +109,15 @@ class Seam:
             self.t, pin, duty = self.latched.pop(0)
             self.edge(pin, duty)
         self.t = now
+
+    def _show_coming(self):
+        locks = self._unlock()
+        while self.coming and self.coming[0][0] <= self.t:
+            _, number, level = self.coming.pop(0)
+            self.levels[number] = level
+            if number in self.counters:
+                self.counters[number](number, level)
+        self._lock(locks)
 
     def sent(self, c):
         """Send byte c to the host."""
@@ -156,6 +179,10 @@ class Seam:
             self.levels[a] = b
             if rises and a in self.handlers:
                 self._risen.append(self.handlers[a])
+        elif kind == CHANGE:
+            self.coming.append((t, a, b))
+        elif kind == ENDS:
+            self._ends.add(a)
         elif kind == COLLECTS:
             self.collects = bool(a)
         elif kind == OPEN:

@@ -1,5 +1,6 @@
 """machine on the virtual board: pins and PWM of an RP2040. Every write is checked for range."""
 
+import _as5600
 import _seam
 
 _LED = 25
@@ -169,3 +170,15 @@ class _Mem32:
 
 
 mem32 = _Mem32()
+
+
+class I2C:
+    """A bus with at most an AS5600 on it."""
+
+    def __init__(self, id, *, scl, sda, freq=400_000, timeout=50_000):
+        if (scl.number, id) != (sda.number + 1, sda.number >> 1 & 1):
+            raise ValueError("bad SCL or SDA pin")
+        self._sda = sda.number
+
+    def readfrom_mem_into(self, address, register, buffer):
+        _as5600.read(self._sda, address, register, buffer)

@@ -38,5 +38,5 @@ gpio = {number: Pin(number) for number in range(49)}
 def reset():
     """Release the pins, as CircuitPython does at the end of a program."""
     for number in list(claimed):
-        owner = claimed[number]
-        owner.deinit()
+        if number in claimed:  # its owner may have had another one, too
+            claimed[number].deinit()
