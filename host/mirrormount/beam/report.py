@@ -1,8 +1,6 @@
 """The report of a measurement: a page with its pictures inside, and JSON with every number, unit and error."""
 
 import base64
-import html
-import io
 import json
 import math
 from collections.abc import Mapping, Sequence
@@ -11,24 +9,16 @@ from datetime import datetime
 from pathlib import Path
 
 import cv2
-import matplotlib
 import numpy as np
-from matplotlib.figure import Figure
+from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from mirrormount.beam import Spot
 from mirrormount.beam.estimate import Estimate
+from mirrormount.beam.html_page import chart, page, text
 from mirrormount.beam.optics import Optics
 from mirrormount.beam.result import Result, Series
 from mirrormount.common import toml_file
-
-_STYLE = """
-body{font:16px/1.5 system-ui,sans-serif;margin:0 auto;max-width:60rem;padding:1rem;color:#1a1a1a;background:#fff}
-h1{font-size:1.5rem}h2{font-size:1.15rem;margin-top:2rem}img,svg{max-width:100%;height:auto}
-.wide{overflow-x:auto}table{border-collapse:collapse}td,th{padding:.25rem .75rem .25rem 0;text-align:left;
-border-bottom:1px solid #ddd;white-space:nowrap}td.n{text-align:right;font-variant-numeric:tabular-nums}
-.partial{background:#fff3cd;padding:.5rem 1rem;border-left:4px solid #b58100}
-"""
 
 
 @dataclass(frozen=True)
@@ -62,29 +52,22 @@ def write_page(path: Path, result: Result, origin: Origin, last: tuple[NDArray[n
     began = origin.began.isoformat(sep=" ", timespec="seconds")
     of = " · ".join((began, origin.board, f"camera: {origin.camera}", f"mirrormount {origin.version}"))
     parts = [
-        f"<h1>mirrormount measure {_text(result.experiment)}</h1>",
-        f"<p>{_text(of)}</p>",
+        f"<h1>mirrormount measure {text(result.experiment)}</h1>",
+        f"<p>{text(of)}</p>",
     ]
     if result.partial:
         parts.append(
-            f'<p class="partial"><b>Ended early:</b> {_text(result.partial)}. What was measured by then is below.</p>'
+            f'<p class="partial"><b>Ended early:</b> {text(result.partial)}. What was measured by then is below.</p>'
         )
     parts += ["<h2>Results</h2>", _table(result.estimates, origin.optics)]
-    parts += [f"<p>{_text(remark)}</p>" for remark in result.remarks]
+    parts += [f"<p>{text(remark)}</p>" for remark in result.remarks]
     parts.append("<p>± is one standard error. The truth is within two of them in 95 of 100 measurements.</p>")
     for series in result.series:
-        parts += [f"<h2>{_text(series.title)}</h2>", _chart(series)]
+        parts += [f"<h2>{text(series.title)}</h2>", _chart(series)]
     if last:
         parts += ["<h2>The camera's last picture, with the spot that was found</h2>", _picture(*last)]
     parts += ["<h2>Settings of the mount</h2>", _settings(origin.settings)]
-    page = (
-        '<!doctype html><html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>measure {_text(result.experiment)}</title><style>{_STYLE}</style></head><body>\n"
-        + "\n".join(parts)
-        + "\n</body></html>\n"
-    )
-    toml_file.write(path, page)
+    toml_file.write(path, page(f"measure {result.experiment}", parts))
 
 
 def _finite(value: object) -> object:
@@ -94,10 +77,6 @@ def _finite(value: object) -> object:
     if isinstance(value, Sequence) and not isinstance(value, str):
         return [_finite(each) for each in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def _text(text: object) -> str:
-    return html.escape(str(text))
 
 
 def _table(estimates: Mapping[str, Estimate], optics: Optics) -> str:
@@ -110,35 +89,31 @@ def _table(estimates: Mapping[str, Estimate], optics: Optics) -> str:
             cells += [str(each) if each else "" for each in (optics.mm(estimate), optics.beam_urad(estimate), mirror)]
         else:
             cells += [""] * 3
-        rows.append(f"<tr><td>{_text(name)}</td>{''.join(f'<td class=n>{_text(c)}</td>' for c in cells)}</tr>")
+        rows.append(f"<tr><td>{text(name)}</td>{''.join(f'<td class=n>{text(c)}</td>' for c in cells)}</tr>")
     head = "<tr><th></th><th>measured</th><th>at the camera</th><th>of the beam</th><th>of the mirror</th></tr>"
     return f'<div class="wide"><table>{head}{"".join(rows)}</table></div>'
 
 
 def _settings(settings: Mapping[str, Mapping[str, int | float]]) -> str:
     names = list(next(iter(settings.values()), {}))
-    head = "".join(f"<th>{_text(axis)}</th>" for axis in settings)
+    head = "".join(f"<th>{text(axis)}</th>" for axis in settings)
     rows = ""
     for name in names:
-        cells = "".join(f"<td class=n>{_text(values.get(name, ''))}</td>" for values in settings.values())
-        rows += f"<tr><td>{_text(name)}</td>{cells}</tr>"
+        cells = "".join(f"<td class=n>{text(values.get(name, ''))}</td>" for values in settings.values())
+        rows += f"<tr><td>{text(name)}</td>{cells}</tr>"
     return f'<div class="wide"><table><tr><th></th>{head}</tr>{rows}</table></div>'
 
 
 def _chart(series: Series) -> str:
     """A curve as SVG, with bars of one standard error."""
-    with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": series.title, "font.family": "sans-serif"}):
-        figure = Figure(figsize=(7, 3.2), layout="constrained")
-        axes = figure.add_subplot()
+
+    def draw(axes: Axes) -> None:
         x, y, error = np.array(series.points, dtype=float).reshape(-1, 3).T
         style = {"color": "#1f5fa8", "marker": ".", "markersize": 5}
         axes.errorbar(x, y, error if error.any() else None, linestyle="-" if series.joined else "none", lw=1, **style)
         axes.set(xlabel=series.x_label, ylabel=series.y_label)
-        axes.grid(alpha=0.3)
-        out = io.StringIO()
-        figure.savefig(out, format="svg", metadata={"Date": None})
-    text = out.getvalue()
-    return text[text.index("<svg") :]
+
+    return chart(series.title, draw)
 
 
 def _picture(image: NDArray[np.uint8], spot: Spot) -> str:

@@ -22,6 +22,7 @@ from mirrormount.cli import (
     panel,
     ports,
     repl,
+    report,
     scan,
     send,
     serve,
@@ -59,6 +60,7 @@ COMMANDS: tuple[Command, ...] = (
     camera.COMMAND,
     scan.COMMAND,
     measure.COMMAND,
+    report.COMMAND,
     demo.COMMAND,
 )
 

@@ -1,0 +1,192 @@
+"""The report of a run, made of its log: how well the beam was held, what it would have done, what was done for it."""
+
+import math
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from mirrormount.beam.html_page import chart, page, table, text
+from mirrormount.beam.run_minutes import MINUTE_S, Minute, Sums
+from mirrormount.beam.run_reader import Run, spectrum
+from mirrormount.common import toml_file
+
+_COLOURS = ("#1f5fa8", "#b5521b", "#3c7d3c", "#7d3c7d")
+_LOOKS_LEAST = 64  # for a spectrum
+_GATES_SHOWN = 100
+
+
+def write_report(path: Path, run: Run) -> None:
+    """Write the page. Raises CannotWrite."""
+    toml_file.write(path, page("mirrormount hold", list(_parts(run))))
+
+
+def _parts(run: Run) -> Iterator[str]:
+    yield "<h1>How the beam was held</h1>"
+    yield f"<p>{text(' · '.join(f'{name}: {value}' for name, value in run.about.items() if _is_short(value)))}</p>"
+    if not run.minutes:
+        yield "<p>The log holds no events.</p>"
+        return
+    yield "<h2>Result</h2>"
+    yield _results(run)
+    yield "<p>Errors are from the target, of all looks while the loop held the beam.</p>"
+    if run.damaged:
+        yield f'<p class="partial">{run.damaged} lines of the log are damaged and left out (a power cut does that).</p>'
+    yield "<h2>Error, and what it would have been</h2>"
+    yield chart("errors", lambda axes: _draw_errors(axes, run), 4.0)
+    yield "<p>If nobody held it: where the spot would be had nothing been moved since the start. Estimated from the"
+    yield "pulses and the response.</p>"
+    yield "<h2>Each hour</h2>"
+    yield _hours(run)
+    yield from _of_looks(run)
+    yield "<h2>What the motors did</h2>"
+    yield chart("drive", lambda axes: _draw_drive(axes, run))
+    if any(minute.change is not None for minute in run.minutes):
+        yield "<h2>How the response changed</h2>"
+        yield chart("response", lambda axes: _draw_change(axes, run))
+    yield "<h2>Gates</h2>"
+    yield _gates(run)
+
+
+def _is_short(value: object) -> bool:
+    return isinstance(value, str | int | float) and len(str(value)) < 200
+
+
+def _results(run: Run) -> str:
+    errors = _joined(run.minutes, "errors_um")
+    angle = Sums()
+    for minute in run.minutes:
+        angle.join(minute.angle_urad)
+    rows: list[Sequence[object]] = [
+        (f"{camera}, µm", *map(_figure, sums.rms), *map(_figure, sums.mean), _figure(sums.most), sums.looks)
+        for camera, sums in errors.items()
+    ]
+    if angle.looks:
+        of_angle = (*map(_figure, angle.rms), *map(_figure, angle.mean), _figure(angle.most), angle.looks)
+        rows.append(("angle of the beam, µrad", *of_angle))
+    head = ("", "rms x", "rms y", "mean x", "mean y", "largest", "looks")
+    span_s = run.minutes[-1].begin_s + MINUTE_S - run.minutes[0].begin_s
+    held_s = sum(minute.held_s for minute in run.minutes)
+    counts = [
+        ("time", f"{span_s / 3600:.2f} h"),
+        ("held", f"{100 * held_s / span_s:.1f} %"),
+        ("corrections", sum(minute.corrections for minute in run.minutes)),
+        ("pulses", sum(minute.pulses for minute in run.minutes)),
+        ("reversals", sum(minute.reversals for minute in run.minutes)),
+        ("gates", sum(minute.gates_closed for minute in run.minutes)),
+        ("looks without a spot", sum(minute.missed for minute in run.minutes)),
+    ]
+    return table(head, rows) + table(("", ""), counts)
+
+
+def _joined(minutes: Sequence[Minute], name: str) -> dict[str, Sums]:
+    joined: dict[str, Sums] = {}
+    for minute in minutes:
+        for camera, sums in getattr(minute, name).items():
+            joined.setdefault(camera, Sums()).join(sums)
+    return joined
+
+
+def _figure(value: float) -> str:
+    return "–" if math.isnan(value) else f"{value:.3g}"
+
+
+def _hours(run: Run) -> str:
+    """rms of each hour since the start."""
+    began_s = run.minutes[0].begin_s
+    hours: dict[int, list[Minute]] = {}
+    for minute in run.minutes:
+        hours.setdefault(int((minute.begin_s - began_s) // 3600), []).append(minute)
+    cameras = list(_joined(run.minutes, "errors_um"))
+    rows = []
+    for hour, minutes in hours.items():
+        errors = _joined(minutes, "errors_um")
+        cells = [_figure(math.hypot(*errors[camera].rms)) if camera in errors else "–" for camera in cameras]
+        corrections, reversals, gates = (
+            sum(getattr(minute, name) for minute in minutes) for name in ("corrections", "reversals", "gates_closed")
+        )
+        rows.append((f"hour {hour + 1}", *cells, corrections, reversals, gates))
+    head = ("", *(f"{camera}, µm rms" for camera in cameras), "corrections", "reversals", "gates")
+    return table(head, rows)
+
+
+def _of_looks(run: Run) -> Iterator[str]:
+    """What needs single looks: those of the events that are kept."""
+    if len(run.times_s) < _LOOKS_LEAST:
+        return
+    span_s = run.times_s[-1] - run.times_s[0]
+    yield f"<h2>Distribution and spectrum of the last {span_s / 60:.0f} min</h2>"
+    yield chart("histogram", lambda axes: _draw_histogram(axes, run))
+    yield chart("spectrum", lambda axes: _draw_spectrum(axes, run))
+
+
+def _draw_errors(axes: Axes, run: Run) -> None:
+    began_s = run.minutes[0].begin_s
+    for colour, camera in zip(_COLOURS, _joined(run.minutes, "errors_um"), strict=False):
+        kept = [minute for minute in run.minutes if camera in minute.errors_um]
+        hours = [(minute.begin_s - began_s) / 3600 for minute in kept]
+        rms = [math.hypot(*minute.errors_um[camera].rms) for minute in kept]
+        most = [minute.errors_um[camera].most for minute in kept]
+        axes.plot(hours, rms, color=colour, lw=1.2, label=f"{camera}: rms of a minute")
+        axes.plot(hours, most, color=colour, lw=0, marker=".", ms=3, label=f"{camera}: largest of a minute")
+        free = [minute for minute in kept if camera in minute.free_um]
+        if free:
+            at = [(minute.begin_s - began_s) / 3600 for minute in free]
+            far = [math.hypot(*minute.free_um[camera].mean) for minute in free]
+            axes.plot(at, far, color=colour, lw=1, ls=":", label=f"{camera}: if nobody held it")
+    axes.set(xlabel="hours", ylabel="µm", yscale="log")
+    if axes.lines:
+        axes.legend(fontsize="small")
+
+
+def _draw_histogram(axes: Axes, run: Run) -> None:
+    for colour, (camera, errors) in zip(_COLOURS, run.errors_um.items(), strict=False):
+        for at, style in enumerate(("-", "--")):
+            values = np.array(errors)[:, at]
+            counts, edges = np.histogram(values, bins=60)
+            label = f"{camera}, {'xy'[at]}"
+            axes.stairs(counts, edges, color=colour, ls=style, label=label)
+    axes.set(xlabel="error, µm", ylabel="looks")
+    axes.legend(fontsize="small")
+
+
+def _draw_spectrum(axes: Axes, run: Run) -> None:
+    for colour, (camera, errors) in zip(_COLOURS, run.errors_um.items(), strict=False):
+        for at, style in enumerate(("-", "--")):
+            hz, density = spectrum(np.array(run.times_s), np.array(errors)[:, at])
+            axes.plot(hz, density, color=colour, ls=style, lw=1, label=f"{camera}, {'xy'[at]}")
+    axes.set(xlabel="Hz", ylabel="µm/√Hz", xscale="log", yscale="log")
+    axes.legend(fontsize="small")
+
+
+def _draw_drive(axes: Axes, run: Run) -> None:
+    began_s = run.minutes[0].begin_s
+    hours = [(minute.begin_s - began_s) / 3600 for minute in run.minutes]
+    names = dict.fromkeys(name for minute in run.minutes for name in minute.drive_us)
+    for name in names:
+        pairs = np.array([minute.drive_us.get(name, (0, 0)) for minute in run.minutes]) * 1e-6
+        axes.plot(hours, np.cumsum(pairs[:, 0] - pairs[:, 1]), lw=1, label=name)
+    axes.set(xlabel="hours", ylabel="drive forward less back, s")
+    if names:
+        axes.legend(fontsize="small")
+
+
+def _draw_change(axes: Axes, run: Run) -> None:
+    began_s = run.minutes[0].begin_s
+    known = [(minute.begin_s - began_s, minute.change) for minute in run.minutes if minute.change is not None]
+    axes.plot([at / 3600 for at, _ in known], [100 * change for _, change in known], color=_COLOURS[0], lw=1)
+    axes.set(xlabel="hours", ylabel="largest change of a column, %")
+
+
+def _gates(run: Run) -> str:
+    began_s = run.minutes[0].begin_s
+    rows = [
+        (f"{(at_s - began_s) / 60:.1f} min", number, name, cause)
+        for minute in run.minutes
+        for at_s, number, name, cause in minute.gates
+    ]
+    if not rows:
+        return "<p>None was closed.</p>"
+    more = f"<p>The first {_GATES_SHOWN} of {len(rows)}.</p>" if len(rows) > _GATES_SHOWN else ""
+    return table(("", "number", "gate", "cause"), rows[:_GATES_SHOWN]) + more
