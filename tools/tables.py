@@ -1,7 +1,8 @@
 """Write the tables and lists that follow from declarations: .venv/bin/python tools/tables.py [--check]
 
 Errors and reasons (docs/errors.md), settings (docs/protocol.md, the attributes of an axis on the board and its
-properties on the host), boards (docs/versions.md). --check changes nothing and fails if one of them differs.
+properties on the host), boards (docs/versions.md), the grammar of a line (dialect/line.py of the firmware).
+--check changes nothing and fails if one of them differs.
 """
 
 import importlib
@@ -18,6 +19,7 @@ from mountfw import codes
 from mountfw.boards import FILE_OF
 
 ROOT = Path(__file__).resolve().parent.parent
+FIRMWARE = ROOT / "firmware_py" / "mountfw"
 Rows = Iterable[tuple[str, ...]]
 
 
@@ -84,11 +86,58 @@ def properties() -> Iterator[str]:
         yield f'    {name} = Property[{"float" if s.decimals else "int"}]()\n    """{s.group}: {s.what}"""\n'
 
 
+_KINDS = "0A* >;\n+?.,"  # the kinds of bytes of a line, of which the first is a digit from 1 to 9
+_ZERO, _OTHER, _COLUMNS = 11, 12, 13
+_NOT_ALLOWED = 255
+
+
+def _kind(c: int) -> int:
+    """The column of a byte of a line."""
+    if 0x30 <= c <= 0x39:
+        return 0 if c > 0x30 else _ZERO
+    if 0x41 <= c & 0xDF <= 0x5A:
+        return 1
+    kind = {0x0D: "\n", 0x2D: "+"}.get(c, chr(c))
+    return _KINDS.find(kind if kind in _KINDS else ",") if kind in _KINDS or 0x22 <= c < 0x7F else _OTHER
+
+
+def _bytes(data: Iterable[int]) -> Iterator[str]:
+    """Bytes as a literal on several lines."""
+    text = [f"\\x{n:02x}" for n in data]
+    for at in range(0, len(text), 28):
+        yield f'    b"{"".join(text[at : at + 28])}"\n'
+
+
+def classes() -> Iterator[str]:
+    """The column of each byte, for the firmware's grammar."""
+    yield from _bytes(map(_kind, range(0x80)))
+
+
+def transitions() -> Iterator[str]:
+    """The grammar of a line (the comment in dialect/line.py) as a table: for each state, the next one by column."""
+    text = (FIRMWARE / "dialect" / "line.py").read_text(encoding="utf-8").split("#\n# first ")[1]
+    rows = [["first", *text.split("\n")[0].split()]]
+    for line in text.split("\n")[1:]:
+        if not line.startswith("# "):
+            break
+        rows.append(line[2:].split())
+    number = {row[0]: n for n, row in enumerate(rows)}
+    for name, *pairs in rows:
+        next_ = [_NOT_ALLOWED] * _COLUMNS
+        for byte, state in zip(pairs[::2], pairs[1::2], strict=True):
+            if byte in ("0", "00"):
+                next_[_ZERO] = number[state]
+            if byte != "00":
+                next_[_KINDS.find({"space": " ", "$": "\n"}.get(byte, byte))] = number[state]
+        yield from (line.replace("\n", f"  # {name}\n") for line in _bytes(next_))
+
+
 Maker = Callable[[], Rows] | Callable[[], Iterator[str]]
 WRITTEN: dict[str, tuple[Maker, ...]] = {
     "docs/errors.md": (board_errors, reasons, host_errors),
     "docs/protocol.md": (settings,),
     "docs/versions.md": (board_files,),
+    "firmware_py/mountfw/dialect/line.py": (classes, transitions),
     "firmware_py/mountfw/settings.py": (attributes,),
     "host/mirrormount/device/axis_properties.py": (properties,),
 }

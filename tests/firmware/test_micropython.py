@@ -28,8 +28,6 @@ AT_START = {
     "__init__",
     "build",
     "run",
-    "_table",
-    "_class_of",
     "<listcomp>",
     "<dictcomp>",
     "pack",

@@ -18,6 +18,7 @@ from typing import Self
 from mirrormount.deploy import fileset
 from mirrormount.virtual import emulator
 from mirrormount.virtual.board import Options, make_simulation
+from mirrormount.virtual.image import mpy_of
 from mirrormount.virtual.lockstep import Lockstep
 from mirrormount.virtual.simulation import Simulation
 
@@ -26,7 +27,6 @@ LOST = math.inf  # what never happened
 USB_US = 10  # the emulated controller takes so long for a packet: a stop lands then
 
 _GATE = "mountfw/ports/rp2_gate.py"
-_MPY = 6  # the .mpy version of MicroPython 1.23 on
 _PATIENCE_US = 20_000_000
 _ASK_US = 1_000_000  # ask again if no answer came: while the board's output is full it drops what it cannot say
 _REST_US = 5_000  # the pass that answered is over
@@ -203,7 +203,7 @@ class Lab:
 
     def board(self, *, source: bool = False, switches: bool = False) -> Board:
         """A new board that has started. source: with .py files instead of .mpy; switches: end-stops wired."""
-        files = fileset.firmware(None if source else _MPY)
+        files = fileset.firmware(None if source else mpy_of(emulator.find_image(self._image)))
         if not self._gate and has_gate():
             files |= {"mountfw/boards/this.py": b"from mountfw.boards.pico import *\n\nGATE = False\n"}
         flash = Path(self._folder.name) / f"{len(self._boards)}.bin"

@@ -35,74 +35,86 @@ _FIRST_DECIMAL = 100_000  # what it counts, in millionths
 # as LF), a comma for other punctuation. A number has up to ten digits before its point, as a 32-bit controller takes
 # them, but up to seven if it begins with 0: eight of them behind letters are a frame that came after garbage.
 # Names of six letters and more (HOSTNAME, IPADDR ...) are a network's: what follows them is text.
-_GRAMMAR = """
-first    0 first1  A name  * star  space first
-first1   0 first2  A name  * star  space axis_  > start
-first2             A name  * star  space axis_  > start
-start    0 axis1   A name  * star  space start
-axis1    0 axis2   A name  * star  space axis_
-axis2              A name  * star  space axis_
-axis_              A name  * star  space axis_
-star               A name
-name     0 whole1  A name2         space name_  + sign  ? after  ; start  $ end  00 whole4
-name2    0 whole1  A name3         space name_  + sign  ? after  ; start  $ end  00 whole4
-name3    0 whole1  A name4         space name_  + sign  ? after  ; start  $ end  00 whole4
-name4    0 whole1  A name5         space name_  + sign  ? after  ; start  $ end  00 whole4
-name5    0 whole1  A long          space name_  + sign  ? after  ; start  $ end  00 whole4
-long     0 text    A long          space text   + text  ? after  ; start  $ end  . text   , text
-name_    0 whole1                  space name_  + sign  ? after  ; start  $ end  00 whole4
-sign     0 whole1                  space after                   ; start  $ end  00 whole4
-whole1   0 whole2  . point         space after                   ; start  $ end
-whole2   0 whole3  . point         space after                   ; start  $ end
-whole3   0 whole4  . point         space after                   ; start  $ end
-whole4   0 whole5  . point         space after                   ; start  $ end
-whole5   0 whole6  . point         space after                   ; start  $ end
-whole6   0 whole7  . point         space after                   ; start  $ end
-whole7   0 whole8  . point         space after                   ; start  $ end
-whole8   0 whole9  . point         space after                   ; start  $ end
-whole9   0 whole10 . point         space after                   ; start  $ end
-whole10            . point         space after                   ; start  $ end
-point    0 part
-part     0 part                    space after                   ; start  $ end
-after                              space after                   ; start  $ end
-text     0 text    A text          space text   + text  ? text   ; start  $ end  . text   , text  * text
-end
-"""
-_CLASSES = "0A* >;\n+?.,"  # the kinds of bytes, of which the first is a digit from 1 to 9
-_ZERO = 11
-_OTHER = 12
+#
+# first    0 first1  A name  * star  space first
+# first1   0 first2  A name  * star  space axis_  > start
+# first2             A name  * star  space axis_  > start
+# start    0 axis1   A name  * star  space start
+# axis1    0 axis2   A name  * star  space axis_
+# axis2              A name  * star  space axis_
+# axis_              A name  * star  space axis_
+# star               A name
+# name     0 whole1  A name2         space name_  + sign  ? after  ; start  $ end  00 whole4
+# name2    0 whole1  A name3         space name_  + sign  ? after  ; start  $ end  00 whole4
+# name3    0 whole1  A name4         space name_  + sign  ? after  ; start  $ end  00 whole4
+# name4    0 whole1  A name5         space name_  + sign  ? after  ; start  $ end  00 whole4
+# name5    0 whole1  A long          space name_  + sign  ? after  ; start  $ end  00 whole4
+# long     0 text    A long          space text   + text  ? after  ; start  $ end  . text   , text
+# name_    0 whole1                  space name_  + sign  ? after  ; start  $ end  00 whole4
+# sign     0 whole1                  space after                   ; start  $ end  00 whole4
+# whole1   0 whole2  . point         space after                   ; start  $ end
+# whole2   0 whole3  . point         space after                   ; start  $ end
+# whole3   0 whole4  . point         space after                   ; start  $ end
+# whole4   0 whole5  . point         space after                   ; start  $ end
+# whole5   0 whole6  . point         space after                   ; start  $ end
+# whole6   0 whole7  . point         space after                   ; start  $ end
+# whole7   0 whole8  . point         space after                   ; start  $ end
+# whole8   0 whole9  . point         space after                   ; start  $ end
+# whole9   0 whole10 . point         space after                   ; start  $ end
+# whole10            . point         space after                   ; start  $ end
+# point    0 part
+# part     0 part                    space after                   ; start  $ end
+# after                              space after                   ; start  $ end
+# text     0 text    A text          space text   + text  ? text   ; start  $ end  . text   , text  * text
+# end
+
+_CLASS = (  # the column of each byte below 0x80
+    # classes: made by tools/tables.py
+    b"\x0c\x0c\x0c\x0c\x0c\x0c\x0c\x0c\x0c\x0c\x06\x0c\x0c\x06\x0c\x0c\x0c\x0c\x0c\x0c\x0c\x0c\x0c\x0c\x0c\x0c\x0c\x0c"
+    b"\x0c\x0c\x0c\x0c\x03\x0c\x0a\x0a\x0a\x0a\x0a\x0a\x0a\x0a\x02\x07\x0a\x07\x09\x0a\x0b\x00\x00\x00\x00\x00\x00\x00"
+    b"\x00\x00\x0a\x05\x0a\x0a\x04\x08\x0a\x01\x01\x01\x01\x01\x01\x01\x01\x01\x01\x01\x01\x01\x01\x01\x01\x01\x01\x01"
+    b"\x01\x01\x01\x01\x01\x01\x01\x0a\x0a\x0a\x0a\x0a\x0a\x01\x01\x01\x01\x01\x01\x01\x01\x01\x01\x01\x01\x01\x01\x01"
+    b"\x01\x01\x01\x01\x01\x01\x01\x01\x01\x01\x01\x0a\x0a\x0a\x0a\x0c"
+    # end
+)
+_NEXT = (  # for each state: the number of the next one, by the byte's column
+    # transitions: made by tools/tables.py
+    b"\x01\x08\x07\x00\xff\xff\xff\xff\xff\xff\xff\x01\xff"  # first
+    b"\x02\x08\x07\x06\x03\xff\xff\xff\xff\xff\xff\x02\xff"  # first1
+    b"\xff\x08\x07\x06\x03\xff\xff\xff\xff\xff\xff\xff\xff"  # first2
+    b"\x04\x08\x07\x03\xff\xff\xff\xff\xff\xff\xff\x04\xff"  # start
+    b"\x05\x08\x07\x06\xff\xff\xff\xff\xff\xff\xff\x05\xff"  # axis1
+    b"\xff\x08\x07\x06\xff\xff\xff\xff\xff\xff\xff\xff\xff"  # axis2
+    b"\xff\x08\x07\x06\xff\xff\xff\xff\xff\xff\xff\xff\xff"  # axis_
+    b"\xff\x08\xff\xff\xff\xff\xff\xff\xff\xff\xff\xff\xff"  # star
+    b"\x10\x09\xff\x0e\xff\x03\x1e\x0f\x1c\xff\xff\x13\xff"  # name
+    b"\x10\x0a\xff\x0e\xff\x03\x1e\x0f\x1c\xff\xff\x13\xff"  # name2
+    b"\x10\x0b\xff\x0e\xff\x03\x1e\x0f\x1c\xff\xff\x13\xff"  # name3
+    b"\x10\x0c\xff\x0e\xff\x03\x1e\x0f\x1c\xff\xff\x13\xff"  # name4
+    b"\x10\x0d\xff\x0e\xff\x03\x1e\x0f\x1c\xff\xff\x13\xff"  # name5
+    b"\x1d\x0d\xff\x1d\xff\x03\x1e\x1d\x1c\x1d\x1d\x1d\xff"  # long
+    b"\x10\xff\xff\x0e\xff\x03\x1e\x0f\x1c\xff\xff\x13\xff"  # name_
+    b"\x10\xff\xff\x1c\xff\x03\x1e\xff\xff\xff\xff\x13\xff"  # sign
+    b"\x11\xff\xff\x1c\xff\x03\x1e\xff\xff\x1a\xff\x11\xff"  # whole1
+    b"\x12\xff\xff\x1c\xff\x03\x1e\xff\xff\x1a\xff\x12\xff"  # whole2
+    b"\x13\xff\xff\x1c\xff\x03\x1e\xff\xff\x1a\xff\x13\xff"  # whole3
+    b"\x14\xff\xff\x1c\xff\x03\x1e\xff\xff\x1a\xff\x14\xff"  # whole4
+    b"\x15\xff\xff\x1c\xff\x03\x1e\xff\xff\x1a\xff\x15\xff"  # whole5
+    b"\x16\xff\xff\x1c\xff\x03\x1e\xff\xff\x1a\xff\x16\xff"  # whole6
+    b"\x17\xff\xff\x1c\xff\x03\x1e\xff\xff\x1a\xff\x17\xff"  # whole7
+    b"\x18\xff\xff\x1c\xff\x03\x1e\xff\xff\x1a\xff\x18\xff"  # whole8
+    b"\x19\xff\xff\x1c\xff\x03\x1e\xff\xff\x1a\xff\x19\xff"  # whole9
+    b"\xff\xff\xff\x1c\xff\x03\x1e\xff\xff\x1a\xff\xff\xff"  # whole10
+    b"\x1b\xff\xff\xff\xff\xff\xff\xff\xff\xff\xff\x1b\xff"  # point
+    b"\x1b\xff\xff\x1c\xff\x03\x1e\xff\xff\xff\xff\x1b\xff"  # part
+    b"\xff\xff\xff\x1c\xff\x03\x1e\xff\xff\xff\xff\xff\xff"  # after
+    b"\x1d\x1d\x1d\x1d\xff\x03\x1e\x1d\x1d\x1d\x1d\x1d\xff"  # text
+    b"\xff\xff\xff\xff\xff\xff\xff\xff\xff\xff\xff\xff\xff"  # end
+    # end
+)
 _COLUMNS = 13
+_END = len(_NEXT) // _COLUMNS - 1
 _NOT_ALLOWED = 255
-
-
-def _class_of(c):
-    if 0x30 <= c <= 0x39:
-        return 0 if c > 0x30 else _ZERO
-    if 0x41 <= c & 0xDF <= 0x5A:
-        return 1
-    kind = {_CR: "\n", 0x2D: "+"}.get(c, chr(c))
-    if kind in _CLASSES:
-        return _CLASSES.find(kind)
-    return _CLASSES.find(",") if 0x22 <= c < 0x7F else _OTHER
-
-
-def _table():
-    """The grammar as bytes: _COLUMNS for each state, the number of the next state or _NOT_ALLOWED."""
-    rows = [row.split() for row in _GRAMMAR.strip().split("\n")]
-    number = {row[0]: i for i, row in enumerate(rows)}
-    table = bytearray([_NOT_ALLOWED] * (_COLUMNS * len(rows)))
-    for row in rows:
-        for i in range(1, len(row), 2):
-            at = _COLUMNS * number[row[0]]
-            if row[i] in ("0", "00"):
-                table[at + _ZERO] = number[row[i + 1]]
-            if row[i] != "00":
-                table[at + _CLASSES.find({"space": " ", "$": "\n"}.get(row[i], row[i]))] = number[row[i + 1]]
-    return bytes(table), number["end"]
-
-
-_CLASS = bytes([_class_of(c) for c in range(0x80)])
-_NEXT, _END = _table()
 
 
 def key(name):

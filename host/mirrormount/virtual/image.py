@@ -9,6 +9,7 @@ import hashlib
 import http.client
 import os
 import queue
+import re
 import shutil
 import subprocess
 import sys
@@ -23,6 +24,7 @@ from typing import IO
 from platformdirs import user_cache_path
 
 from mirrormount.common.errors import EmulatorMissing
+from mirrormount.deploy.fileset import MPY_OF_PICO
 
 TOOLS = Path(__file__).parents[3] / "tools" / "emulator"
 _PATIENCE_S = 5.0  # until the site answers, and between two pieces of what it sends
@@ -117,6 +119,12 @@ def find_image(image: Path | None) -> Path:
 def is_circuitpython(image: Path) -> bool:
     """True for an image of CircuitPython, which is never fetched or built here; False for one of MicroPython."""
     return b"Adafruit CircuitPython" in _content(image.read_bytes())
+
+
+def mpy_of(image: Path) -> int:
+    """What sys.implementation._mpy is of a MicroPython for the RP2040 from 1.22 on."""
+    minor = re.search(rb"MicroPython v1\.(\d+)", _content(image.read_bytes()))
+    return MPY_OF_PICO if minor and int(minor[1]) > 22 else MPY_OF_PICO - (1 << 8)
 
 
 def _content(data: bytes) -> bytes:
