@@ -1,10 +1,7 @@
 """The loop: receive, service the axes, do one piece of work. build.py makes an App; this imports no port.
 
-A port is the hardware's verbs; tests/firmware/port_protocol.py lists them. The loop sleeps only in its any(),
-which returns as soon as a byte waits.
-
-No piece of work takes long: some bytes are parsed, or one message is dispatched, or one command of a line, or a
-few bytes are sent. So the input and the switches are polled again in less than a millisecond.
+A port is the hardware's verbs; tests/firmware/port_protocol.py lists them. The loop sleeps only in its any(), which
+returns as soon as a byte waits. docs/architecture.md walks through it.
 """
 
 from mountfw import codes
@@ -25,9 +22,8 @@ _MOST_STREAMED = 2048  # ... which is read before it is parsed, up to here
 _SEND = 4  # bytes sent in one pass
 _BEHIND = 64  # with so many bytes yet to be parsed, frames are executed without an echo
 
-
-def _no_watchdog():
-    pass
+# the LED in eight slots of 128 ms, the lowest bit first
+_DRIVES, _ERROR_WAITS, _READY = 0b01010101, 0b00000101, 0b11111111
 
 
 class App:
@@ -50,11 +46,11 @@ class App:
         controller.watch_input(self.poll_input)
         self.queries = commands.queries
         self._passed = commands.queries.passed
-        self._feed = _no_watchdog
+        self._feed = None  # feeds the watchdog, while it runs
         self._streams = False  # will more input follow at once?
         self._sleep_ms = 0
         self._shown_at = port.ticks_us()
-        self._lit = False
+        self._lit = 0
 
     def run(self):
         """Run the loop for ever. An internal fault stops the motors, queues an error, and the loop continues."""
@@ -76,7 +72,7 @@ class App:
         self.controller.shutdown(reason)
         self.gated.leave(self._ticks_us)
         self.port.stop_watchdog()
-        self._feed = _no_watchdog
+        self._feed = None
 
     def run_once(self):
         """Run one pass of the loop."""
@@ -107,7 +103,8 @@ class App:
             self._shown_at = now_us
             self.show()
             self._own.tick(now_us)
-            self._feed()
+            if self._feed:
+                self._feed()
         self._passed(diff(now_us, woke_at))
 
     def _receive(self):
@@ -116,9 +113,11 @@ class App:
         The input streams if this was at least half a packet of USB and the ring has room for more.
         """
         receiver = self._receiver
+        controller = self.controller
         before = receiver.unparsed
-        while self._read(_READ) and not self._must_end():
-            pass
+        while self._read(_READ):
+            if controller.driving() and controller.service(self._ticks_us()) < _SPIN_US:
+                break
         self._streams = receiver.unparsed - before >= _STREAM and receiver.unparsed < _MOST_STREAMED
 
     def _read(self, most):
@@ -135,10 +134,6 @@ class App:
         if count:
             self.controller.received_at = self._ticks_us()
         return stop != 0 or count == most
-
-    def _must_end(self):
-        """Service the axes that drive. True if a drive ends soon."""
-        return self.controller.driving() and self.controller.service(self._ticks_us()) < _SPIN_US
 
     def poll_input(self):
         """Read the bytes that wait, in the middle of longer work: a stop among them acts at once."""
@@ -216,22 +211,17 @@ class App:
         controller = self.controller
         left_us = controller.silence(now_us) if controller.keep_alive_ms else NEVER_US
         gap_us = self._receiver.gap_us()
-        if gap_us:
-            gap_us -= self._silent_us(now_us)
-            if gap_us <= 0:
-                self._dispatch(self._receiver.gap())
-            elif gap_us < left_us:
-                return gap_us
-        return left_us
-
-    def _silent_us(self, now_us):
-        """How long nothing was received; while a frame is held for its context, nor anything sent."""
-        silent_us = diff(now_us, self.controller.received_at)
-        if self._receiver.deciding():
+        if not gap_us:
+            return left_us
+        silent_us = diff(now_us, controller.received_at)
+        if self._receiver.deciding():  # a frame is held: silence is that of both directions
             unsent_us = diff(now_us, self._own.sent_at)
             if 0 <= unsent_us < silent_us:
-                return unsent_us
-        return silent_us
+                silent_us = unsent_us
+        if silent_us >= gap_us:
+            self._dispatch(self._receiver.gap())
+            return left_us
+        return min(left_us, gap_us - silent_us)
 
     def _send(self, now_us):
         """Send some bytes of the replies, if the host reads. Output never blocks."""
@@ -245,13 +235,8 @@ class App:
 
     def show(self):
         """Update the LED: on = ready, blinking = driving, double blink = an error waits to be read."""
-        slot = self.port.ticks_ms() >> 7 & 7
-        if self.controller.driving():
-            lit = slot & 1 == 0
-        elif self.controller.errors.waiting:
-            lit = slot == 0 or slot == 2
-        else:
-            lit = True
+        slots = _DRIVES if self.controller.driving() else _ERROR_WAITS if self.controller.errors.waiting else _READY
+        lit = slots >> (self.port.ticks_ms() >> 7 & 7) & 1
         if lit != self._lit:
             self._lit = lit
             self.port.led(lit)

@@ -23,16 +23,14 @@ built = None  # the App of the last build(): repl.py continues with it
 
 def _enable_bridge(port, board, pins):
     enable = port.output(pins["en"], board.PWM_HZ)
-    pos = port.output(pins["pos"])
-    neg = port.output(pins["neg"])
-    return EnableBridge(enable, pos, neg, board.DEAD_TIME_US, port.pause_us, port.ticks_us)
+    legs = port.output(pins["pos"]), port.output(pins["neg"])
+    return EnableBridge(enable, *legs, board.DEAD_TIME_US, port.pause_us, port.ticks_us)
 
 
 def _two_pwm_bridge(port, board, pins):
-    pos = port.output(pins["pos"], board.PWM_HZ)
-    neg = port.output(pins["neg"], board.PWM_HZ)
+    legs = port.output(pins["pos"], board.PWM_HZ), port.output(pins["neg"], board.PWM_HZ)
     make = getattr(port, "TwoPwmBridge", TwoPwmBridge)  # a port may have one of its platform's own
-    return make(pos, neg, board.DEAD_TIME_US, port.pause_us, port.ticks_us)
+    return make(*legs, board.DEAD_TIME_US, port.pause_us, port.ticks_us)
 
 
 BRIDGES = {"enable": _enable_bridge, "two-pwm": _two_pwm_bridge}  # by a board file's BRIDGE

@@ -7,7 +7,7 @@ happened. Everything is read off pin edges, but for the answer after a reset.
 from lab import ENABLES, LOST, Board, Edge, Lab, first_low_us, last_fall_us, on_times_us
 from probe import longest_pass_us, start_polled, start_probe
 
-from mountfw.wire.frame import encode
+from mirrormount.device.frame import encode
 
 IDLE_US = 64_000  # the longest sleep of an idle loop: moments are chosen from as long a stretch
 STREAM_US = 1_000  # a frame each millisecond

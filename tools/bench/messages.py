@@ -5,7 +5,7 @@ Ctrl-C (0x03) is never in them: it belongs to the interpreter and would end the 
 
 import random
 
-from mountfw.wire.frame import encode
+from mirrormount.device.frame import encode
 
 _SETTINGS = (("XP", 200, 2_000_000), ("XD", 1, 255), ("XV", 1, 255), ("XM", 1, 400_000), ("XT", 1, 400_000))
 _FLAGS = (("XI", 1), ("XL", 3), ("ZH", 1))

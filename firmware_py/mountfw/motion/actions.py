@@ -9,13 +9,12 @@ A changed setting counts from the next move on: the amounts of drive of a step a
 from mountfw import codes
 from mountfw.motion.drive import Drive
 from mountfw.motion.homing import Homing
-from mountfw.motion.position import Position
+from mountfw.motion.position import EDGE, Position
 from mountfw.settings import MAX_STEPS, SETTINGS, Settings
 from mountfw.wire.ticks import add
 
 _SHORT_US = 900  # a drive that may be over before the loop comes round is waited for where it begins
 _REST_US = 1_000  # least rest after a pulse
-_EDGE = MAX_STEPS * 1000  # millisteps: of what can be counted
 
 # the errors of reasons, in the positive and the negative direction
 _ERRORS = {
@@ -188,7 +187,12 @@ class Actions(Settings):
         goes_on = drive.measuring and not drive.was_cut and speed * drive.direction > 0
         self._close(codes.SUPERSEDED)
         drive.measuring = goes_on
-        return self.begin(speed)
+        drive.direction = 1 if speed > 0 else -1  # begin() in its place: frames may come at 500 a second
+        drive.duty = speed * drive.direction
+        drive.tripped = False
+        drive.on_us = 0
+        self.position.made = 0
+        return True
 
     def turn_on(self, us):
         """Drive for us at most. If the gate forbids it, the move ends."""
@@ -264,7 +268,7 @@ class Actions(Settings):
         """Off, and the move is over."""
         self.drive.off()
         self._close(reason)
-        if reason == codes.RUN_LIMIT and self.at_edge():
+        if reason == codes.RUN_LIMIT and self.position.millisteps * self.drive.direction >= EDGE:
             self.error(codes.AXIS_OUT_OF_RANGE)
         else:
             self.error_of(reason, self.drive.direction)
@@ -273,9 +277,12 @@ class Actions(Settings):
     def _close(self, reason):
         """Count what the move has driven, and note how it ended."""
         self.counting = True
-        self.count(True)
-        self.ended_steps = self.position.made
-        self.ended_on_us = self.drive.on_us
+        drive = self.drive
+        position = self.position
+        if drive.measuring:
+            position.driven(drive.direction, drive.measured_us(True) * drive.duty, True)
+        self.ended_steps = position.made
+        self.ended_on_us = drive.on_us
         self.reason = reason
         self.homing.phase = 0
         self.has_moved = True
@@ -297,7 +304,3 @@ class Actions(Settings):
         """The next pulse must wait until this one's period is over."""
         self.next_at = add(self.drive.on_at, self.period_us)
         self.resting = True
-
-    def at_edge(self):
-        """True if a run has come to the edge of what can be counted, and goes on outwards."""
-        return self.position.millisteps * self.drive.direction >= _EDGE

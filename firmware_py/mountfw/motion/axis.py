@@ -8,7 +8,7 @@ state, the next state and the action; handle() does what it says, and nothing el
 from mountfw import codes
 from mountfw.motion.actions import Actions
 from mountfw.motion.drive import NEVER_US
-from mountfw.motion.position import rounded
+from mountfw.motion.position import EDGE, rounded
 from mountfw.settings import MAX_STEPS
 from mountfw.wire.ticks import add, diff
 
@@ -84,6 +84,7 @@ TABLE = {
     HIT:         (_,       h_hit,   end,     cut,     cut,     h_hit,   end,     h_hit),
 }
 # fmt: on
+_ON_FRAME, _ON_DUE_RUN = TABLE[FRAME], TABLE[DUE_RUN]
 _FINISH_US = 250_000  # a soft stop lets a pulse end that has less than this to go
 _SHORTEST_US = 200  # no pulse is shorter, so less than that is not taken up
 _COUNT_US = 20_000  # a run is counted at least this often while it is served, so that its sums stay small
@@ -210,9 +211,13 @@ class Axis(Actions):
                 self.error(codes.AXIS_EMERGENCY_STOP)
             self.abort(codes.EMERGENCY_STOP)
             return False
-        self.handle(FRAME, speed)
+        cell = _ON_FRAME[self.state]  # handle() in its place, here and below: frames may come at 500 a second
+        if cell[1](self, speed):
+            self.state = cell[0]
         self.ends_as = codes.DONE if for_ms else codes.RUN_LIMIT
-        self.handle(DUE_RUN, (for_ms or self.run_limit_ms) * 1000)
+        cell = _ON_DUE_RUN[self.state]
+        if cell[1](self, (for_ms or self.run_limit_ms) * 1000):
+            self.state = cell[0]
         return True
 
     def _begin_pulses(self, n, us, target):
@@ -302,12 +307,10 @@ class Axis(Actions):
                 if not drive.was_cut:
                     drive.cut()
                 self.handle(LAST_OVER if state == PULSE and self.pulses_left == 1 else OVER, 0)
-            elif state < RUN:
-                return left_us
             else:
-                if diff(now_us, drive.counted_at) >= _COUNT_US:
+                if state >= RUN and diff(now_us, drive.counted_at) >= _COUNT_US:
                     self.count(False)
-                if not self.at_edge():
+                if state < RUN or self.position.millisteps * drive.direction < EDGE:
                     return left_us
                 self.handle(END, codes.RUN_LIMIT)
         if not self.state:

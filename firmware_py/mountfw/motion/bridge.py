@@ -1,13 +1,12 @@
 """H-bridge drivers. They take objects, not pins; the port makes those.
 
-A bridge has three verbs. cut() takes the drive away in one go and touches nothing else;
-off() does that and leaves every input in its defined state; drive(duty) drives at
--255 ... 255, never 0, positive meaning the `pos` leg high, and returns the time right before it did.
+A bridge has three verbs. cut() takes the drive away in one go and touches nothing else; off() does that and leaves
+every input in its defined state; drive(duty) drives at -255 ... 255, never 0, positive meaning the `pos` leg high, and
+returns the time right before it did.
 
-An output object has high(), low() and, where its duty can be set, level(duty_u16). high() and level()
-return the time right before the pin changed, or None where the port does not know it. low() is
-a pin level, never a PWM of duty zero: the PWM hardware keeps the old duty to the end of its
-period. For the same reason full duty is a pin level too.
+An output object has high(), low() and, where its duty can be set, level(duty_u16). high() and level() return the time
+right before the pin changed, or None where the port does not know it. low() and high() are pin levels, never a PWM's
+duty: the PWM hardware keeps the old duty to the end of its period.
 """
 
 _FULL = 255
@@ -17,8 +16,7 @@ _U16 = 257  # 255 * 257 = 65535
 class EnableBridge:
     """One enable that carries the duty, two direction legs: SN754410, L293D, TB6612.
 
-    pause_us is the port's busy wait. It is called for dead_time_us between the legs' change and
-    the enable, whenever the direction is not the one that the bridge already had.
+    pause_us is the port's busy wait: dead_time_us between the legs' change and the enable.
     """
 
     def __init__(self, enable, pos, neg, dead_time_us, pause_us, ticks_us):

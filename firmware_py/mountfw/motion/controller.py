@@ -1,7 +1,6 @@
 """All axes of a mount together: what drives, what stops it, what watches over it. Imports axis, codes, drive, ticks.
 
-The app hands in what comes over the wire: frame(), stop_all(), malformed(). Command lines are for
-commands.py, which acts on the same axes. A frame drives axes 1 and 2; every stop is for all axes.
+A frame drives axes 1 and 2; every stop is for all axes. Command lines go by dialect/commands.py to the same axes.
 """
 
 from mountfw import codes
@@ -13,7 +12,6 @@ from mountfw.wire.ticks import diff
 class Controller:
     """The axes, two or more, in the order of their numbers. error_queue is shared with them.
 
-    emergency_stop is an EndStop; records a Records.
     boot_id (0 ... 2**30-1) differs from boot to boot; ticks_ms is a millisecond clock that wraps at 2**30.
     """
 
@@ -24,7 +22,7 @@ class Controller:
         self.boot_id = boot_id
         self._axis1, self._axis2 = self.axes[:2]  # of a frame
         for axis, after in zip(self.axes, self.axes[1:] + (None,)):
-            axis.next = after  # a `for` would need the heap for the state of service() and ending()
+            axis.next = after  # a `for` takes longer, and more words of a call's state than the C stack has
         self._cuts = tuple([axis.drive.bridge.cut for axis in axes])
         self._offs = tuple([axis.drive.bridge.off for axis in axes])
         self._emergency_stop = emergency_stop
@@ -147,7 +145,7 @@ class Controller:
             self.guard(None)
         least_us = NEVER_US
         axis = self._axis1
-        while axis:
+        while axis is not None:
             if axis.state or axis.resting:
                 left_us = axis.service(now_us)
                 if left_us < least_us:
@@ -159,11 +157,13 @@ class Controller:
         """The Axis whose drive ends first of those that end by themselves within within_us; or None."""
         first = None
         axis = self._axis1
-        while axis:
-            left_us = axis.drive.left_us(now_us)
-            if left_us < within_us:
-                within_us = left_us
-                first = axis
+        while axis is not None:
+            drive = axis.drive
+            if drive.measuring and not drive.was_cut:
+                left_us = diff(drive.ends_at, now_us)
+                if left_us < within_us:
+                    within_us = left_us
+                    first = axis
             axis = axis.next
         return first
 
@@ -192,10 +192,10 @@ class Controller:
 
     def driving(self, above=REST):
         """True while any motor has drive."""
-        found = False  # any() of a generator would allocate
-        for axis in self.axes:
-            found = found or axis.state > above
-        return found
+        axis = self._axis1
+        while axis is not None and axis.state <= above:
+            axis = axis.next
+        return axis is not None
 
     def watching(self):
         """True while a switch matters, so that the loop must not sleep."""

@@ -1,10 +1,8 @@
 """The drive of one motor: a gate, on, cut, a deadline and the measured on-time. Imports codes, ticks.
 
 A pulse, a run and a frame are one on() with its deadline; measured_us() returns how long the motor had drive. Only
-_set() turns a motor on. Times are microseconds of a clock that wraps (ticks.py), read right before each pin write.
-
-Between any two lines here an interrupt may run guard(), or set `emergency`. Both only cut; on() checks again after it
-has driven, and the axis's service() does the rest.
+_set() turns a motor on. The clock is read right before each pin write. Between any two lines here an interrupt may run
+guard(), or set `emergency`: both only cut, on() checks again after it has driven, and Axis.service() does the rest.
 """
 
 from mountfw import codes
@@ -14,10 +12,6 @@ NEVER_US = 1 << 29  # "no deadline"
 
 _MOST_ON_US = 1_000_000_000  # a move's on-time is measured up to here: its sum stays a small integer
 _TURN_US = 5  # half a turn of cut_on_time()'s loop on an RP2040
-
-
-def _nothing():
-    pass
 
 
 class Drive:
@@ -36,7 +30,7 @@ class Drive:
         self.inverted = 0  # is the axis's positive direction the motor's negative one?
         self.watched = False  # is there an end-stop to look at?
         self.on_flash = False  # is the position recorded, or about to be? Then drop_record() comes first
-        self.drop_record = _nothing  # store.py sets it
+        self.drop_record = lambda: None  # store.py sets it
         self.direction = 0
         self.duty = 0
         self.on_us = 0  # measured since the move began
@@ -156,12 +150,6 @@ class Drive:
             self.cut()
 
     # ---- time
-
-    def left_us(self, now_us):
-        """Until the deadline; NEVER_US if it is not on, or cut already."""
-        if self.measuring and not self.was_cut:
-            return diff(self.ends_at, now_us)
-        return NEVER_US
 
     def measured_us(self, over):
         """On-time since it was measured last. over: this drive has ended, and the next on() begins a new one."""

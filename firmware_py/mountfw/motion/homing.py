@@ -6,8 +6,8 @@
     RELEASED   at rest: is it still closed?
     SLOW       towards it in short pulses; where it opens is the place
 
-The axis drives, counts and ends the move; this only decides the next leg. In all it may drive for
-search_limit_ms. A switch at the other end that opens meanwhile is a fault of the wiring, and ends it.
+The axis drives, counts and ends the move; this only decides the next leg. In all it may drive for search_limit_ms. A
+switch at the other end that opens meanwhile is a fault of the wiring, and ends it.
 """
 
 from mountfw import codes

@@ -1,16 +1,14 @@
-"""Where an axis is: its position, what that is worth, and where in the backlash gap its drive stands. Imports errors.
+"""Where an axis is: its position, what that is worth, and where in the backlash gap its drive stands. Imports codes.
 
-A drive is counted as microseconds times duty. `step` of it, one pulse's, is a step. A drive that has
-changed direction first turns through the gap, `gap` of it (both in axis.py's units), and the mirror
-stands still meanwhile: that much is no part of a step. `inside` is how far the drive is from the gap's
-negative end, 0 ... gap. Whatever drives says so here, so the gap is known whoever drove last.
-
-No sum here reaches 2**30, where MicroPython's integers begin to allocate: a pulse is at most 2 s at 255.
+A drive is counted as microseconds times duty. `step` of it, one pulse's, is a step. A drive that has changed direction
+first turns through the gap, `gap` of it, while the mirror stands still: that much is no part of a step. `inside` is how
+far the drive is from the gap's negative end, 0 ... gap.
 """
 
 from mountfw import codes
 from mountfw.settings import MAX_STEPS
 
+EDGE = MAX_STEPS * 1000  # millisteps: of what can be counted, either way
 MOST_US = 400_000_000  # nothing drives longer: the greatest run limit
 
 
@@ -85,20 +83,18 @@ class Position:
 
     def drive_to(self, steps, direction, duty):
         """How long to drive in direction at duty to come to a position; 0 if it lies behind, at most MOST_US."""
-        us = self._steps_us(direction * (steps - self.millisteps // 1000), direction * -(self.millisteps % 1000), duty)
-        if us > 0:
-            us += self.take_up(direction) // duty
-        return us if us < MOST_US else MOST_US
-
-    def _steps_us(self, steps, thousandths, duty):
-        """How long for so many steps and thousandths of one; 0 if there are none to go."""
+        steps = direction * (steps - self.millisteps // 1000)
+        thousandths = direction * -(self.millisteps % 1000)  # and so many of one more
+        us = self.step // duty  # of a step
         if steps < 0 or (steps == 0 and thousandths <= 0):
             return 0
-        us = self.step // duty  # of a step
         if us and steps > MOST_US // us:
             return MOST_US
         part = thousandths * us // 1000 if us < 1_000_000 else us // 1000 * thousandths  # no product is too large
-        return part + steps * us + steps * (self.step % duty) // duty
+        us = part + steps * us + steps * (self.step % duty) // duty
+        if us > 0:
+            us += self.take_up(direction) // duty
+        return min(us, MOST_US)
 
     # ---- the gap
 

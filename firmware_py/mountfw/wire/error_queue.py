@@ -12,7 +12,6 @@ class ErrorQueue:
         self._codes = [0] * _ROOM
         self._first = 0
         self.waiting = 0
-        self._dropping = False  # an ANSWER_DROPPED waits: one is enough
 
     def clear(self):
         """Empty the queue."""
@@ -20,12 +19,8 @@ class ErrorQueue:
             pass
 
     def push(self, code):
-        """Queue error code, unless ten older ones wait."""
-        if code == ANSWER_DROPPED:
-            if self._dropping:
-                return
-            self._dropping = self.waiting < _ROOM
-        if self.waiting < _ROOM:
+        """Queue error code, unless ten older ones wait. One ANSWER_DROPPED is enough."""
+        if self.waiting < _ROOM and (code != ANSWER_DROPPED or code not in self._codes):
             self._codes[(self._first + self.waiting) % _ROOM] = code
             self.waiting += 1
 
@@ -39,8 +34,7 @@ class ErrorQueue:
         if not self.waiting:
             return 0
         code = self._codes[self._first]
+        self._codes[self._first] = 0
         self._first = (self._first + 1) % _ROOM
         self.waiting -= 1
-        if code == ANSWER_DROPPED:
-            self._dropping = False
         return code

@@ -1,11 +1,10 @@
 """The 8-character frame `sddd sddd` (without the space): two signed speeds. Pure.
 
-`s` is `0` or `+` for positive, `-` for negative; each number is -255 ... 255. It is the
-frame of the paper's Arduino sketch, whose clients therefore work unchanged. The host uses
-encode() for the other direction.
+`s` is `0` or `+` for positive, `-` for negative; each number is -255 ... 255. It is the frame of the paper's Arduino
+sketch, whose clients therefore work unchanged.
 
-A frame is also known as one integer of 20 bits, "packed": two fields of 10, each with the sign
-as it was written (2 bits: an index into SIGNS) and the magnitude (8 bits).
+A frame is also one integer of 20 bits, "packed": two fields of 10, each with the sign as it was written (2 bits: an
+index into SIGNS) and the magnitude (8 bits).
 """
 
 MORE = 0
@@ -87,14 +86,3 @@ class Frame:
         self.m1 = -n if packed & 0x80000 else n
         n = packed & 0xFF
         self.m2 = -n if packed & 0x200 else n
-
-
-def encode(m1, m2):
-    """The frame that drives motor 1 at m1 and motor 2 at m2 (integers, -255 ... 255), as bytes.
-
-    Raises ValueError outside that range. Host side only: it allocates.
-    """
-    for n in (m1, m2):
-        if not -255 <= n <= 255:
-            raise ValueError("a frame's speed must be within -255 ... 255")
-    return b"".join(b"%s%03d" % (b"-" if n < 0 else b"0", abs(n)) for n in (m1, m2))

@@ -135,16 +135,15 @@ class Receiver:
         """A frame is complete. FRAME; or SUSPECT or OWN_REPLY, if the board may have sent it."""
         own = self._own
         packed = self._frame.packed
-        suspect = own.suspects(packed)
-        if suspect and own.is_number(packed):
-            return self._decided(OWN)
-        at = self.write - self.unparsed & self.mask
-        if not suspect and (self.unparsed < 2 or not own.may_end_line(self.ring[at])):
+        if own.suspects(packed):
+            if own.is_number(packed):
+                return self._decided(OWN)
+            own.expect(packed)
+            self._state = _DECIDING
+            return SUSPECT
+        if self.unparsed < 2 or not own.may_end_line(self.ring[self.write - self.unparsed & self.mask]):
             return FRAME
         own.expect(packed)
-        self._state = _DECIDING
-        if suspect:
-            return SUSPECT
         return self._decide(self.unparsed) or self._decided(UNDECIDED)  # what is here may decide, however old it is
 
     def _decide(self, most):
@@ -231,7 +230,7 @@ class Receiver:
         if result == 0:
             return NEED_BYTES
         self._state = _BOUNDARY
-        return self._judge()
+        return self._judge() if self._own.wary or self.unparsed > 1 else FRAME
 
     def _in_line(self, c):
         line = self._line

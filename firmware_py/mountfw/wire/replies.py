@@ -11,9 +11,8 @@ _CHARACTERS = tuple([bytes((c,)) for c in range(0x20, 0x40)])
 class Replies:
     """The sending side: a bounded queue. A reply that does not fit is dropped whole.
 
-    begin(), then add() and put(), then commit(); or echo(). read() while waiting. Texts, numbers
-    and frames are converted to bytes as they are sent, so that a reply takes little of one pass.
-    A text must not change until it is sent.
+    begin(), then add() and put(), then commit(); or echo(). read() while waiting. A text must not change until it is
+    sent.
     """
 
     def __init__(self, own, size=256):
@@ -49,15 +48,10 @@ class Replies:
 
     def echo(self, packed):
         """Queue the echo of a packed frame, as the paper's sketch sends it: a whole reply. False if it did not fit."""
-        head = self._head
-        mask = self._mask
-        if head - self._tail & mask > mask - 2:
-            return False
-        self._items[head] = None  # a frame follows
-        self._items[head + 1 & mask] = packed
-        self._head = head + 2 & mask
-        self.waiting = True
-        return True
+        self.begin()
+        self.add(None)  # a frame follows
+        self.add(packed)
+        return self.commit()
 
     def commit(self):
         """End the reply. False if it did not fit: then no part of it is sent."""

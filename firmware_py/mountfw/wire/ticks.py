@@ -1,10 +1,8 @@
 """Wrap-safe microseconds. Pure; imports nothing of ours.
 
-Clocks here count modulo 2**30, as MicroPython's ticks_us does. diff() is right while two
-times are less than 2**29 us (537 s) apart, so every time in the firmware stays under 500 s
-and a disarmed timer holds no time. On a board the built-in functions serve; these two
-are for CPython, written so that no step between leaves +-2**30 (a MicroPython small integer
-on a 32-bit board: beyond it, arithmetic allocates).
+Clocks here count modulo 2**30, as MicroPython's ticks_us does. diff() is right while two times are less than 2**29 us
+(537 s) apart, so every interval in the firmware stays under 500 s. On a board the built-in functions serve; these two
+are for CPython, written so that no step between leaves +-2**30.
 """
 
 import time

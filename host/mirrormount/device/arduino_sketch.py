@@ -9,9 +9,9 @@ from typing import Self
 
 from mirrormount.common.errors import BadValue, ConnectionLost, MountError, NoAnswer, NotAMount, NotSupported
 from mirrormount.common.validation import whole_number
+from mirrormount.device.frame import encode
 from mirrormount.transport.lines import Link
 from mirrormount.transport.open import open_port
-from mountfw.wire.frame import encode
 
 LIMITS = (
     "the paper's sketch: a step is timed by this computer (about 0.2 s, +-2 ms), positions are unknown,"

@@ -17,6 +17,7 @@ from mirrormount.common.printable import printable
 from mirrormount.common.validation import whole_number
 from mirrormount.device import settings
 from mirrormount.device.axis import Axis
+from mirrormount.device.frame import encode
 from mirrormount.device.named import Place, place_of, x_axis_of
 from mirrormount.device.session import Session
 from mirrormount.device.status import AxisStatus, Ended, Homed, Limits, QueuedError, Status, table
@@ -24,7 +25,6 @@ from mirrormount.transport.find import find_one
 from mirrormount.transport.lines import Link
 from mirrormount.transport.open import open_port
 from mirrormount.transport.stop_socket import held_here
-from mountfw.wire.frame import encode
 
 __all__ = ["Axis", "AxisStatus", "Ended", "Homed", "Limits", "Mount", "QueuedError", "Status"]
 
