@@ -8,6 +8,7 @@ says why, before any pin is touched, and no other file takes its place. `mirrorm
 BRIDGES = {"enable": ("en",), "two-pwm": ("pos", "neg")}
 DRIVES = ("en", "pos", "neg")
 STOPS = ("stop_pos", "stop_neg")
+ENCODERS = ("encoder", "shaft")  # which an axis may have: A and B on the motor's shaft; SDA and SCL of an AS5600
 AXES = ("AXIS_1", "AXIS_2", "AXIS_3", "AXIS_4")  # as many as the dialect knows; the first two are required
 REQUIRED = ("NAME", "BRIDGE", "AXIS_1", "AXIS_2", "PWM_HZ", "DEAD_TIME_US", "LED")
 OPTIONAL = ("AXIS_3", "AXIS_4", "EMERGENCY_STOP", "ONE_CHANNEL", "GATE")
@@ -69,7 +70,7 @@ def fault(values, rp2=True):
     for name in REQUIRED:
         if name not in values:
             return "%s is missing" % name
-    return _fault_of_constants(values) or _fault_of_axes(values) or _fault_of_pins(values, rp2)
+    return _fault_of_constants(values) or _fault_of_axes(values, rp2) or _fault_of_pins(values, rp2)
 
 
 def _fault_of_constants(values):
@@ -88,26 +89,26 @@ def _fault_of_constants(values):
     return ""
 
 
-def _fault_of_axes(values):
+def _fault_of_axes(values, rp2):
     before = "AXIS_1"
     for axis in AXES:
         if axis in values:
             if before not in values:
                 return "%s is there, but %s is missing: axes are numbered without a gap" % (axis, before)
-            wrong = _fault_of_axis(axis, values)
+            wrong = _fault_of_axis(axis, values, rp2)
             if wrong:
                 return wrong
         before = axis
     return ""
 
 
-def _fault_of_axis(axis, values):
+def _fault_of_axis(axis, values, rp2):
     pins = values[axis]
     if not isinstance(pins, dict):
         return "%s is no dictionary of pins" % axis
     for name in sorted(pins):
-        if name not in DRIVES + STOPS:
-            return "%s: %r is not one of %s" % (axis, name, ", ".join(DRIVES + STOPS))
+        if name not in DRIVES + STOPS + ENCODERS:
+            return "%s: %r is not one of %s" % (axis, name, ", ".join(DRIVES + STOPS + ENCODERS))
     for name in DRIVES + STOPS:
         if name not in pins:
             return "%s: %s is missing" % (axis, name)
@@ -116,6 +117,22 @@ def _fault_of_axis(axis, values):
             return "%s: %s is %r, not a pin's number" % (axis, name, pins[name])
     if values["BRIDGE"] != "enable" and pins["en"] is not None:
         return "%s: en is %r, but a %s bridge has none: None" % (axis, pins["en"], values["BRIDGE"])
+    return _fault_of_encoder(axis, pins, rp2)
+
+
+def _fault_of_encoder(axis, pins, rp2):
+    """An encoder is two pins; on an RP2040 or RP2350 neighbours, for its PIO, and for I2C the first one even."""
+    fitted = [name for name in ENCODERS if name in pins]
+    if len(fitted) > 1:
+        return "%s: has both an encoder and a shaft: one of them" % axis
+    for name in fitted:
+        pair = pins[name]
+        if not isinstance(pair, tuple) or len(pair) != 2 or not (_is_pin(pair[0]) and _is_pin(pair[1])):
+            return "%s: %s is %r, not two pins' numbers" % (axis, name, pair)
+        if rp2 and pair[1] != pair[0] + 1:
+            return "%s: %s: pin %d must be followed by pin %d" % (axis, name, pair[0], pair[0] + 1)
+        if rp2 and name == "shaft" and pair[0] & 1:
+            return "%s: shaft: SDA is an even pin, not %d (data sheet, functions of the pins)" % (axis, pair[0])
     return ""
 
 
@@ -130,6 +147,9 @@ def _fault_of_pins(values, rp2):
     places += [
         ("%s: %s" % (axis, name), values[axis][name]) for axis in AXES if axis in values for name in DRIVES + STOPS
     ]
+    for axis in AXES:
+        for name in ENCODERS:
+            places += [("%s: %s" % (axis, name), pin) for pin in values.get(axis, {}).get(name, ())]
     for place, pin in places:
         if pin is None:
             continue
@@ -141,6 +161,15 @@ def _fault_of_pins(values, rp2):
             if carrier in carriers:
                 return "pins %d and %d share one PWM output, so both motors would turn" % (carriers[carrier], pin)
             carriers[carrier] = pin
+    buses = {}
+    for axis in AXES:
+        for sda in values.get(axis, {}).get("shaft", ())[:1]:
+            if rp2 and sda >> 1 & 1 in buses:
+                return "%s: shaft: its bus is that of %s, and both sensors have one address" % (
+                    axis,
+                    buses[sda >> 1 & 1],
+                )
+            buses[sda >> 1 & 1] = axis
     return ""
 
 

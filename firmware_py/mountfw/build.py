@@ -5,8 +5,8 @@ from mountfw.app import App
 from mountfw.dialect.commands import Commands
 from mountfw.dialect.line import Line
 from mountfw.dialect.queries import About
+from mountfw.encoded import make
 from mountfw.gated import Gated
-from mountfw.motion.axis import Axis
 from mountfw.motion.bridge import EnableBridge, TwoPwmBridge
 from mountfw.motion.controller import Controller
 from mountfw.motion.endstop import EndStop
@@ -47,7 +47,7 @@ def make_axis(number, port, board, pins, error_queue):
     """Axis `number`, on these pins of a board file, with its interrupts."""
     positive = EndStop(port.reader(pins["stop_pos"]))
     negative = EndStop(port.reader(pins["stop_neg"]))
-    axis = Axis(number, make_bridge(port, board, pins), positive, negative, error_queue, port.ticks_us)
+    axis = make(port, pins, number, make_bridge(port, board, pins), positive, negative, error_queue, port.ticks_us)
     for name in ("stop_pos", "stop_neg"):
         if pins[name] is not None:
             port.on_rise(pins[name], axis.drive.guard)

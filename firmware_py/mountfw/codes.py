@@ -189,7 +189,8 @@ Remedy: Wait for `MD?` to be 1, or stop it.
 
 AXIS_NOT_FITTED = _axis_error(35, b"NOT FITTED OR SWITCHED OFF")
 """A switch was declared fitted for which the board has no input; or a search (`MT`, `OR`) needs a switch that is not
-fitted (`XL`) or is ignored (`ZH1`); or a closed loop was asked for, and there is no encoder.
+fitted (`XL`) or is ignored (`ZH1`); or a closed loop was asked for, and there is no encoder, or the counts of a step
+(`XN`) are not set.
 
 Remedy: Say what is fitted: `mirrormount setup`, or `mirrormount config set x.switches 3` (`XL`). See the board's file
 in `mountfw/boards` for its inputs.
@@ -214,6 +215,14 @@ Remedy: Find out why it was pressed. Close it, then `mirrormount send '*RST'` (`
 anew.
 """
 
+AXIS_FOLLOWING = _axis_error(44, b"FOLLOWING ERROR")
+"""An axis with an encoder was driven for one step's time, and its counts were wrong by more than `FE` allows; or a step
+did not come to its counts in three times its time. The motor is off.
+
+Remedy: Is the supply far from what it was when `XN` was measured, or does the mount bind? `mirrormount setup` measures
+`XN` anew; a larger `FE` allows more; `ZH2` on that axis ignores it.
+"""
+
 AXIS_NOT_FOUND = _axis_error(45, b"HOMING: SWITCH NOT FOUND")
 """The axis drove for as long as `XT` allows, and no switch opened.
 
@@ -225,6 +234,43 @@ AXIS_NOT_RELEASED = _axis_error(46, b"HOMING: SWITCH NOT RELEASED")
 """The axis drove off the switch for 20 steps, or off the one at the other end, and it did not close.
 
 Remedy: A stuck switch or a broken wire; or the motor does not turn, or turns the other way (`XI`).
+"""
+
+AXIS_STALLED = _axis_error(47, b"MOTOR STALLED")
+"""An axis with an encoder had drive and no count for `XG`: the end of the travel, a motor without power, or a wire of
+the encoder. The motor is off.
+
+Remedy: Drive the other way. If no count comes there either (`XC?` before and after): the motor's plug, its supply, the
+encoder's wires. `MM0` on that axis goes on without the encoder.
+"""
+
+AXIS_WRONG_WAY = _axis_error(48, b"COUNTS THE WRONG WAY")
+"""The encoder counted against the drive's direction: the encoder's wires A and B or the motor's leads are exchanged
+since `XN` was measured, or something turns the shaft. The motor is off.
+
+Remedy: `mirrormount setup` measures which way it counts (or change the sign of `XN`), unless the motor turns the wrong
+way: then exchange its leads, or `XI`.
+"""
+
+AXIS_ENCODER_LOST = _axis_error(49, b"ENCODER LOST")
+"""The encoder does not answer, sees no magnet, or its two signals change in a way that no shaft can turn. The motor is
+off; the position is an estimate from here on.
+
+Remedy: Its plug and its supply; the distance of the magnet; motor wires close to those of the encoder. `MM0` on that
+axis goes on without the encoder.
+"""
+
+AXIS_DEAD_BAND = _axis_error(50, b"DEAD BAND NOT REACHED")
+"""Three corrections after a move, and it still stands more than `DB` counts beside its target. The position says where.
+
+Remedy: Send the move again, or a larger `DB`. If it happens often: something pushes the shaft, or `XN` is wrong.
+"""
+
+AXIS_RECORD_DIFFERS = _axis_error(51, b"ENCODER DISAGREES WITH THE RECORD")
+"""At the start the encoder on the screw stood elsewhere than where the recorded position was: somebody turned the
+screw while the board was off. The position is corrected by up to half a turn, and an estimate.
+
+Remedy: Was the knob turned by more than half a turn? Then find a known place and define it (`DH`), or home (`OR`).
 """
 
 # ---- why a move ended
@@ -263,10 +309,22 @@ EMERGENCY_STOP = _reason(10, "emergency stop")
 """see n43"""
 
 CLOSED_LOOP_FAILED = _reason(11, "closed loop failed")
-"""reserved"""
+"""see n50"""
 
 HOMING_FAILED = _reason(12, "homing failed")
 """see n45, n46, and n04, n05: the switch at the other end"""
+
+STALLED = _reason(13, "motor stalled")
+"""see n47"""
+
+WRONG_WAY = _reason(14, "counts the wrong way")
+"""see n48"""
+
+FOLLOWING = _reason(15, "following error")
+"""see n44"""
+
+ENCODER_LOST = _reason(16, "encoder lost")
+"""see n49"""
 
 # why the board was reset last
 POWER = 1  # or its reset pin
@@ -281,7 +339,8 @@ UNKNOWN = 0
 COUNTED = 1
 HOMED = 2
 ESTIMATED = 3
-CERTAINTY = ("unknown", "counted", "homed", "estimated")  # in words, by number
+MEASURED = 4
+CERTAINTY = ("unknown", "counted", "homed", "estimated", "measured")  # in words, by number
 
 
 def message(code):

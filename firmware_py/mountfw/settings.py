@@ -121,9 +121,14 @@ class Settings:
     # end
 
 
-def named(name):
+def entries_of(axis):
+    """The settings that an axis has: these, and with an encoder those of encoder/settings.py."""
+    return getattr(axis, "entries", SETTINGS)
+
+
+def named(name, entries=SETTINGS):
     """The setting of this name, as in SETTINGS; None if there is none."""
-    for entry in SETTINGS:
+    for entry in entries:
         if entry[1] == name:
             return entry
     return None

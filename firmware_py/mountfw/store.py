@@ -11,7 +11,7 @@ the position is unknown. That bounds the flash's wear, too: not more than one re
 from binascii import crc32
 
 from mountfw import codes
-from mountfw.settings import SETTINGS, allowed, named
+from mountfw.settings import allowed, entries_of, named
 from mountfw.wire.ticks import diff
 
 _RENAMED = {"move_limit_ms": "search_limit_ms"}  # what an older firmware has saved
@@ -48,9 +48,10 @@ def unseal(data):
 def position_line(axis):
     """The line of an axis in the record of the positions."""
     p = axis.position
+    certainty = codes.COUNTED if p.certainty == codes.MEASURED else p.certainty  # while it is off, nobody measures
     return "%d %d %d %d %d %d %d %d %d %d %d %d\n" % (
         (axis.number, axis.inverted, p.step, p.gap, p.gap_known, p.inside)
-        + (p.millisteps, p.certainty, p.target, p.defined, p.home_known, p.home)
+        + (p.millisteps, certainty, p.target, p.defined, p.home_known, p.home)
     )
 
 
@@ -111,7 +112,7 @@ class Records:
             return 1 if self.drop_record() else 0
         if stage == 1:
             lines = [
-                "%d %s %d\n" % (a.number, entry[1], getattr(a, entry[1])) for a in self._axes for entry in SETTINGS
+                "%d %s %d\n" % (a.number, entry[1], getattr(a, entry[1])) for a in self._axes for entry in entries_of(a)
             ]
             return 2 if self._try(self._port.store, _SETTINGS + _NEW, seal("".join(lines))) else 0
         self._try(self._port.rename, _SETTINGS + _NEW, _SETTINGS)
@@ -148,7 +149,7 @@ class Records:
                 number, name, value = int(words[0]), _RENAMED.get(words[1], words[1]), int(words[2])
             except ValueError:
                 return None
-            entry = named(name)
+            entry = named(name, entries_of(self._axes[number - 1]))
             if (
                 entry is None
                 or not allowed(entry, value)

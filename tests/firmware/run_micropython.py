@@ -21,6 +21,7 @@ TESTS = (
     "test_backlash",
     "test_homing",
     "test_emergency",
+    "test_encoder",
     "test_memory",
     "test_settings",
     "test_recorded",

@@ -1,7 +1,7 @@
 """Boards of three and four axes: what drives, stops and saves two does so for all. On CPython and MicroPython."""
 
 from mountfw import codes
-from mountfw.store import SETTINGS
+from mountfw.settings import SETTINGS
 
 from rig import Board, Rig  # isort: skip
 

@@ -33,6 +33,13 @@ def test_every_board_file_of_ours_is_good():
     assert board_file.fault(board_file.values(adafruit_feather_esp32s3), False) == ""
 
 
+def test_an_axis_may_have_an_encoder():
+    both = {"AXIS_1": pins(encoder=(8, 9)), "AXIS_2": dict(pico.AXIS_2, encoder=(26, 27))}
+    assert board_file.fault(said(**both)) == ""
+    assert board_file.fault(said(AXIS_1=pins(shaft=(8, 9)), AXIS_2=dict(pico.AXIS_2, shaft=(26, 27)))) == ""
+    assert board_file.fault(said(AXIS_1=pins(encoder=(9, 8))), False) == ""
+
+
 def test_a_slip_is_refused_in_words():
     two_pwm = dict(pico_drv8833.AXIS_1)
     for changes, words in (
@@ -50,7 +57,21 @@ def test_a_slip_is_refused_in_words():
         ({"AXIS_1": pins(pos="GP3")}, "AXIS_1: pos is 'GP3', not a pin's number"),
         ({"AXIS_1": pins(pos=True)}, "AXIS_1: pos is True, not a pin's number"),
         ({"AXIS_1": pins(stop_pos=1.0)}, "AXIS_1: stop_pos is 1.0, not a pin's number"),
-        ({"AXIS_1": pins(enable=2)}, "AXIS_1: 'enable' is not one of en, pos, neg, stop_pos, stop_neg"),
+        ({"AXIS_1": pins(enable=2)}, "AXIS_1: 'enable' is not one of en, pos, neg, stop_pos, stop_neg, encoder, shaft"),
+        ({"AXIS_1": pins(encoder=8)}, "AXIS_1: encoder is 8, not two pins' numbers"),
+        ({"AXIS_1": pins(encoder=(8, 9, 14))}, "AXIS_1: encoder is (8, 9, 14), not two pins' numbers"),
+        ({"AXIS_1": pins(shaft=(8, None))}, "AXIS_1: shaft is (8, None), not two pins' numbers"),
+        ({"AXIS_1": pins(encoder=(8, 9), shaft=(14, 15))}, "AXIS_1: has both an encoder and a shaft: one of them"),
+        ({"AXIS_1": pins(encoder=(9, 8))}, "AXIS_1: encoder: pin 9 must be followed by pin 10"),
+        ({"AXIS_1": pins(encoder=(9, 10))}, "pin 10 is used twice, at AXIS_1: stop_pos and at AXIS_1: encoder"),
+        (
+            {"AXIS_1": pins(shaft=(15, 16))},
+            "AXIS_1: shaft: SDA is an even pin, not 15 (data sheet, functions of the pins)",
+        ),
+        (
+            {"AXIS_1": pins(shaft=(8, 9)), "AXIS_2": dict(pico.AXIS_2, shaft=(16, 17))},
+            "AXIS_2: shaft: its bus is that of AXIS_1, and both sensors have one address",
+        ),
         ({"AXIS_1": {"en": 2, "pos": 3, "neg": 4, "stop_pos": None}}, "AXIS_1: stop_neg is missing"),
         ({"BRIDGE": "two-pwm"}, "AXIS_1: en is 2, but a two-pwm bridge has none: None"),
         ({"AXIS_1": pins(en=5)}, "pin 5 is used twice, at AXIS_1: en and at AXIS_2: en"),

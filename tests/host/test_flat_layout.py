@@ -14,7 +14,8 @@ from mirrormount.deploy.circuitpython_copy import Files, remove
 from mirrormount.deploy.fileset import firmware_hash, folders, sources
 
 OLD = flat("micropython", ".mpy") | {"main.py": f"{MAIN}# 0.1.0\n".encode()}
-NEW_FOLDERS = {"mountfw", "mountfw/boards", "mountfw/dialect", "mountfw/motion", "mountfw/ports", "mountfw/wire"}
+ROOMS = ("boards", "dialect", "encoder", "motion", "ports", "wire")
+NEW_FOLDERS = {"mountfw", *(f"mountfw/{room}" for room in ROOMS)}
 
 
 def stand_ins(platform: str, suffix: str = ".py") -> dict[str, bytes]:

@@ -67,6 +67,15 @@ class Commands:
             b"XH": (False, None, queries.health),
         }
         commands.update(NewFocus(line, replies, self._number).rows())
+        self._settings = _SETTINGS
+        for axis in self._axes:
+            if hasattr(axis, "reader") and self._settings is _SETTINGS:
+                from mountfw.dialect import encoder  # only where there is one
+
+                self._settings = dict(_SETTINGS)
+                self._settings.update(encoder.SETTINGS)
+                parts = (self._number, self._set, self._ask_setting, commands)
+                commands.update(encoder.EncoderWords(self._axes, line, replies, *parts).rows())
         self._commands = {key(name): entry for name, entry in commands.items()}
         for name in _SETTINGS:
             self._commands[name] = (True, self._set, self._ask_setting)
@@ -254,7 +263,7 @@ class Commands:
     # ---- settings
 
     def _set(self, axis, line):
-        entry = _SETTINGS[line.name]
+        entry = self._settings[line.name]
         if not (self._number(line) if entry[5] & HUNDREDTHS else self._integer(line, entry[2], entry[3])):
             return
         if entry[5] & AT_REST and self._refused(axis):
@@ -270,7 +279,7 @@ class Commands:
                 axis.error(codes.AXIS_TOO_FAST)
 
     def _ask_setting(self, axis):
-        entry = _SETTINGS[self._line.name]
+        entry = self._settings[self._line.name]
         if entry[5] & HUNDREDTHS:
             self.queries.hundredths(axis.possible_velocity() if self._line.name == _VA else getattr(axis, entry[1]))
         else:

@@ -28,13 +28,13 @@ _ERRORS = {
 class Actions(Settings):
     """An axis's settings as its attributes, its drive, and the move under way. Arguments as of Axis."""
 
-    def __init__(self, number, bridge, positive_stop, negative_stop, error_queue, ticks_us):
+    def __init__(self, number, bridge, positive_stop, negative_stop, error_queue, ticks_us, position=None):
         self.number = number
         self.positive_stop = positive_stop
         self.negative_stop = negative_stop
         self._errors = error_queue
         self._ticks_us = ticks_us
-        self.position = Position()
+        self.position = position or Position()
         self.drive = Drive(bridge, self.stop_towards, ticks_us)
         self.homing = Homing(self)
         self.has_moved = False  # has a move ended since store.py asked last?

@@ -135,6 +135,13 @@ def stop_watchdog():
         microcontroller.watchdog.mode = None
 
 
+def encoder(number, pins):
+    """The reader (counted.py) of an axis whose pins name an encoder; None, after a printed line."""
+    from mountfw.ports import circuitpython_encoder  # only where there is one
+
+    return circuitpython_encoder.reader(number, pins)
+
+
 def collect():
     """Free what starting up has left behind; the loop leaves nothing."""
     gc.collect()

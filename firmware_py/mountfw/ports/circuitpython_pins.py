@@ -24,7 +24,7 @@ _inputs = {}
 _led = None
 
 
-def _pin(number):
+def pin_of(number):
     """GPIO `number`, or the pin that the module `board` calls by that name."""
     return getattr(pins, number) if isinstance(number, str) else getattr(_gpios, "GPIO%d" % number)
 
@@ -33,7 +33,7 @@ class _Level:
     """An output that is high or low."""
 
     def __init__(self, number):
-        self.io = digitalio.DigitalInOut(_pin(number))
+        self.io = digitalio.DigitalInOut(pin_of(number))
         self.io.switch_to_output(False)
 
     def low(self):
@@ -49,7 +49,7 @@ class _Duty:
     """An output that carries a duty, from the end of a PWM period on."""
 
     def __init__(self, number, pwm_hz):
-        self.io = pwmio.PWMOut(_pin(number), duty_cycle=0, frequency=max(pwm_hz, _LEAST_PWM_HZ))
+        self.io = pwmio.PWMOut(pin_of(number), duty_cycle=0, frequency=max(pwm_hz, _LEAST_PWM_HZ))
 
     def low(self):
         """Pin low."""
@@ -116,7 +116,7 @@ def reader(number):
     if number is None:
         return None
     if number not in _inputs:
-        io = digitalio.DigitalInOut(_pin(number))
+        io = digitalio.DigitalInOut(pin_of(number))
         io.switch_to_input(digitalio.Pull.UP)
         _inputs[number] = io
     io = _inputs[number]
@@ -140,7 +140,7 @@ def find_board():
     number = shared.led_of(found, pins.board_id.endswith("_w")) if found else None
     if _led is None and number is not None:
         try:
-            _led = digitalio.DigitalInOut(_pin(number))
+            _led = digitalio.DigitalInOut(pin_of(number))
             _led.switch_to_output(False)
         except (AttributeError, ValueError):
             pass  # this board has none of that name, or uses it for something else

@@ -94,6 +94,13 @@ def reader(number):
     return None if number is None else Pin(number, Pin.IN, Pin.PULL_UP).value
 
 
+def encoder(number, pins):
+    """The reader (counted.py) of an axis whose pins name an encoder; None, after a printed line."""
+    from mountfw.ports import micropython_encoder  # only where there is one
+
+    return micropython_encoder.reader(number, pins)
+
+
 def on_rise(number, handler):
     """Call handler(pin) from a hard interrupt when input pin `number` rises. It must not allocate."""
     Pin(number, Pin.IN, Pin.PULL_UP).irq(handler, Pin.IRQ_RISING, hard=True)

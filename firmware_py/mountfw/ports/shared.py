@@ -10,7 +10,7 @@ _MOST_BYTES = 4096  # more than any file of ours: another one of that name must 
 _NO_SUCH_FILE = 2  # ENOENT
 
 # every folder that an import of ours can find; a test holds them to the tree
-FOLDERS = ("mountfw", "mountfw/boards", "mountfw/dialect", "mountfw/motion", "mountfw/ports", "mountfw/wire")
+FOLDERS = ("mountfw",) + tuple(["mountfw/" + f for f in ("boards", "dialect", "encoder", "motion", "ports", "wire")])
 
 
 def find_board(title, name, listdir, rp2):

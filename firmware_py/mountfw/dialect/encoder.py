@@ -1,0 +1,121 @@
+"""The dialect's words for a closed loop, on a board with an encoder. Imports codes, line, settings of both kinds.
+
+Without one, newfocus.py answers them. On an axis without one, so does this.
+"""
+
+from mountfw import codes
+from mountfw.dialect.line import NOTHING, key
+from mountfw.encoder.settings import ENCODER_SETTINGS
+
+SETTINGS = {key(entry[0]): entry for entry in ENCODER_SETTINGS}
+_NEED_COUNTS = (key(b"MM"), key(b"SN"))
+_UNCHECKED = 1  # bit of ZZ
+
+
+class EncoderWords:
+    """The rows of the command table: {mnemonic: (needs an axis, set, query)}, as in Commands, which has the others.
+
+    axes are all axes; line is the Line that is executed; number(line) says whether it carries a number, and queues an
+    error if not; set_any(axis, line) and ask_any(axis) execute a setting; rows are those of Commands.
+    """
+
+    def __init__(self, axes, line, replies, number, set_any, ask_any, rows):
+        self._axes = axes
+        self._line = line
+        self._replies = replies
+        self._number = number
+        self._set_any = set_any
+        self._ask_any = ask_any
+        self._configured = 0  # what ZZ has said
+        self._steps = {name: rows[name] for name in (b"PR", b"PA", b"TP", b"DH")}
+
+    def rows(self):
+        """Those that differ from a board's without an encoder."""
+        rows = {
+            b"XC": (True, None, self._raw),
+            b"ZZ": (False, self._configure, self._configuration),
+            b"PR": (True, self._move_by, self._last_relative),
+            b"PA": (True, self._move_to, self._target),
+            b"TP": (True, None, self._position),
+            b"DH": (True, self._define, self._defined),
+        }
+        for entry in ENCODER_SETTINGS:
+            rows[entry[0]] = (True, self._set, self._ask)
+        return rows
+
+    # ---- settings
+
+    def _set(self, axis, line):
+        if not hasattr(axis, "reader"):
+            if self._number(line) and (line.whole or line.millionths):
+                axis.error(codes.AXIS_NOT_FITTED)
+        elif line.name in _NEED_COUNTS and line.whole and not axis.counts_per_step:
+            axis.error(codes.AXIS_NOT_FITTED)
+        else:
+            self._set_any(axis, line)
+
+    def _ask(self, axis):
+        if hasattr(axis, "reader"):
+            self._ask_any(axis)
+        else:
+            self._replies.add(0)
+
+    def _raw(self, axis):
+        if hasattr(axis, "reader"):
+            self._replies.add(axis.reader.counts())
+        else:
+            axis.error(codes.AXIS_NOT_FITTED)
+            self._replies.add(b"ERROR ")
+            self._replies.add(axis.number * 100 + codes.AXIS_NOT_FITTED)
+
+    def _configure(self, _axis, line):
+        """Bit 0: no motor is checked when it is to move, so no drive is watched for a stall. Others mean nothing."""
+        if self._number(line):
+            self._configured = line.rounded() & _UNCHECKED
+            for axis in self._axes:
+                if hasattr(axis, "reader"):
+                    axis.check_motor(not self._configured)
+
+    def _configuration(self, _axis):
+        self._replies.add(self._configured)
+
+    # ---- counts instead of steps
+
+    def _move_by(self, axis, line):
+        if not getattr(axis, "units", 0):
+            self._steps[b"PR"][1](axis, line)
+        elif self._number(line):
+            axis.by_counts(line.rounded())
+
+    def _move_to(self, axis, line):
+        if not getattr(axis, "units", 0):
+            self._steps[b"PA"][1](axis, line)
+        elif self._number(line):
+            axis.to_counts(line.rounded())
+
+    def _define(self, axis, line):
+        if not getattr(axis, "units", 0):
+            self._steps[b"DH"][1](axis, line)
+        elif line.kind == NOTHING or self._number(line):
+            axis.define_counts(line.rounded())
+
+    def _last_relative(self, axis):
+        self._in_units(b"PR", axis, "relative_counts")
+
+    def _target(self, axis):
+        self._in_units(b"PA", axis, "target_counts")
+
+    def _defined(self, axis):
+        self._in_units(b"DH", axis, "defined_counts")
+
+    def _position(self, axis):
+        if getattr(axis, "units", 0):
+            self._replies.add(axis.counts_now())
+        else:
+            self._steps[b"TP"][2](axis)
+
+    def _in_units(self, name, axis, counts):
+        if getattr(axis, "units", 0):
+            self._replies.add(getattr(axis, counts))
+        else:
+            self._steps[name][2](axis)

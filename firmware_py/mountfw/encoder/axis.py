@@ -1,0 +1,284 @@
+"""An axis with an encoder. Imports axis, closed_loop, codes, position, settings, stall_homing, ticks, watch.
+
+In the open loop it is an Axis. In the closed loop (`MM1`) its position is measured, its pulses last until their counts
+are there, and every drive is watched. The states, the table and the drive are those of Axis: only when a pulse ends,
+and what comes after it, is decided here.
+"""
+
+from mountfw import codes
+from mountfw.encoder.closed_loop import ClosedLoop
+from mountfw.encoder.counts import apart
+from mountfw.encoder.position import MeasuredPosition
+from mountfw.encoder.settings import ENCODER_SETTINGS
+from mountfw.encoder.stall_homing import StallHoming
+from mountfw.encoder.watch import Watch
+from mountfw.motion.axis import ASK, DUE_PULSE, END, PULSE, REST, SEEK, Axis
+from mountfw.motion.drive import NEVER_US
+from mountfw.settings import SETTINGS
+from mountfw.wire.ticks import add, diff
+
+_MANY = 1 << 20  # pulses left, for the table: the closed loop counts its own
+_LOOKS = 2  # of resting: no pulse's rest, but the encoder is looked at
+_LOOK_US = 4_000  # between two looks, at most: the loop sleeps less than that
+_LOOK_AT_RUN_US = 10_000
+
+# the axis's error of each reason, whatever the direction
+_ERRORS = {
+    codes.CLOSED_LOOP_FAILED: codes.AXIS_DEAD_BAND,
+    codes.STALLED: codes.AXIS_STALLED,
+    codes.WRONG_WAY: codes.AXIS_WRONG_WAY,
+    codes.FOLLOWING: codes.AXIS_FOLLOWING,
+    codes.ENCODER_LOST: codes.AXIS_ENCODER_LOST,
+}
+
+
+class EncodedAxis(Axis):
+    """reader: the encoder's (counts.py). The other arguments are those of Axis."""
+
+    entries = SETTINGS + ENCODER_SETTINGS
+
+    # attributes, for type checkers: those of encoder/settings.py
+    counts_per_step: int
+    closed_loop: int
+    units: int
+    dead_band: int
+    correction_s: int
+    following_error: int
+    stall_ms: int
+    stall_duty: int
+
+    def __init__(self, number, bridge, positive_stop, negative_stop, error_queue, ticks_us, reader):
+        self.target_counts = self.relative_counts = self.defined_counts = 0  # as they were said in counts
+        self.reader = reader
+        self.unchecked = False  # is no drive watched for a stall (ZZ)?
+        self._loop = ClosedLoop()
+        self._watch = Watch()
+        self._watched_at = -1  # on_at of the drive that is watched
+        self._counts = 0  # of the pulse that is to begin, if it is not by its length
+        self._pulses = False  # is the move under way one of the closed loop?
+        self._rested_at = 0  # counts of the motor while the position is on the flash
+        self.measured = MeasuredPosition(reader)  # its position
+        super().__init__(number, bridge, positive_stop, negative_stop, error_queue, ticks_us, self.measured)
+        self._switch_homing = self.homing
+        self._stall_homing = StallHoming(self)
+
+    # ---- settings
+
+    def load(self, values):
+        for entry in ENCODER_SETTINGS:
+            setattr(self, entry[1], entry[4])
+        super().load(values)
+
+    def _measure(self):
+        if not self.counts_per_step:
+            self.closed_loop = self.units = 0
+        super()._measure()
+        self.measured.measure(self.closed_loop, self.counts_per_step, self.inverted)
+        per_step = self.measured.per_step
+        self._loop.set_up(self.dead_band, per_step, self.pulse_us, self.step_duty)
+        self._watch.stall_us = 0 if self.unchecked else self.stall_ms * 1000
+        self._watch.follow(per_step, self.pulse_us, self.following_error or per_step * 3 >> 2)
+
+    def check_motor(self, checked):
+        """Is a drive watched for a stall? From the next move on."""
+        self.unchecked = not checked
+        self._apply()
+
+    # ---- status
+
+    def position_now(self):
+        if not self.measured.closed:
+            return super().position_now()
+        self.measured.look()
+        return self.measured.millisteps
+
+    def counts_now(self):
+        """The position in counts, signed, in the axis's own direction."""
+        self.position_now()
+        return self.measured.in_counts()
+
+    # ---- moves
+
+    def by_counts(self, n):
+        """Move by n counts; in the open loop by the nearest steps. False: refused, and an error says why."""
+        return self._to(self.counts_now() + n, n)
+
+    def to_counts(self, counts):
+        """Move to a position in counts; in the open loop to the nearest step."""
+        return self._to(counts, counts - self.counts_now())
+
+    def _to(self, target, n):
+        position = self.measured
+        steps = (target + (position.per_step >> 1)) // position.per_step
+        if not position.closed:
+            return self.move_to(steps)
+        if not self.handle(ASK, 0) or self.out_of_reach(steps, steps):
+            return False
+        self.target_counts = target
+        self.relative_counts = n
+        self._counts = abs(n)
+        self._begin_pulses(1 if n > 0 else -1 if n else 0, self.pulse_us, steps)
+        return True
+
+    def define_counts(self, counts):
+        """The position here is so many counts. False: refused, and an error says why."""
+        if not self.handle(ASK, 0) or self.out_of_reach(0, abs(counts) // self.measured.per_step + 1):
+            return False
+        if self.drive.on_flash:
+            self.drive.drop_record()
+        if not self.drive.on_flash:
+            self.measured.define_counts(counts)
+            self.defined_counts = self.target_counts = counts
+        return True
+
+    def seek(self, direction, home):
+        """Find the end-stop in direction 1 or -1, or the end by stall where none is fitted."""
+        if not self.measured.closed or not self.stall_duty or self.stop_towards(direction).fitted:
+            if not self.state:
+                self.homing = self._switch_homing
+            return super().seek(direction, home)
+        if not self.handle(ASK, 0):
+            return False
+        self.homing = self._stall_homing
+        self.handle(SEEK, direction * self.stall_duty)
+        self.homing.start(direction, home)
+        return True
+
+    def _begin_pulses(self, n, us, target):
+        self.resting = self.resting is True
+        if self.measured.closed and not self._begin_loop(n, us):
+            n = 0
+        super()._begin_pulses(n, us, target)
+        self._pulses = self._pulses and self.state != 0
+
+    def _begin_loop(self, n, us):
+        """A closed-loop move of |n| pulses begins, each us long at XN's speed. Returns the counts of each."""
+        position = self.measured
+        per_pulse = self._counts or (
+            us * position.per_step // self.pulse_us if us != self.pulse_us else position.per_step
+        )
+        self._counts = 0
+        position.look()
+        position.begin()
+        self._loop.begin(position.place, n, per_pulse)
+        self._pulses = True
+        return per_pulse
+
+    def _next_pulse(self):
+        if not self._pulses:
+            super()._next_pulse()
+            return
+        position = self.measured
+        position.look()
+        reason = self._loop.next(position.place)
+        if reason:
+            position.done()
+            self.handle(END, reason)
+        else:
+            self._drive(position.motor)
+
+    def _drive(self, motor):
+        """Begin the drive that the loop wants next."""
+        drive, loop = self.drive, self._loop
+        drive.direction = 1 if loop.way > 0 else -1
+        drive.tripped = False
+        self.pulses_left = _MANY
+        loop.drive(drive.direction, abs(loop.way) + self.measured.gap_left(drive.direction))
+        self.handle(DUE_PULSE, loop.bound_us())
+        if self.state == PULSE:
+            self._begin_watch(motor)
+
+    def abort(self, reason):
+        super().abort(reason)
+        if not self.state:
+            self._pulses = False
+
+    # ---- the loop
+
+    def service(self, now_us):
+        position = self.measured
+        if not position.closed:
+            return super().service(now_us)
+        state = self.state
+        if not state:
+            self._pulses = False
+            return self._idle(now_us)
+        if state > REST:
+            reason = self._look(now_us)
+            if reason:
+                return self._failed(reason)
+        left_us = super().service(now_us)
+        if state == PULSE and self.state == REST and self._pulses:
+            self._rest()
+            return diff(self.next_at, self._ticks_us())
+        if self.state > REST:
+            return min(left_us, _LOOK_US if self._pulses else _LOOK_AT_RUN_US)
+        return left_us
+
+    def _look(self, now_us):
+        """Look at the encoder in a drive. Returns the reason why it must end, or 0."""
+        drive = self.drive
+        if drive.was_cut:
+            return 0
+        if drive.on_at != self._watched_at:
+            self._begin_watch(self.measured.motor)
+        self.measured.look()
+        reason = self._judge(now_us)
+        if not reason and self._pulses:
+            us = self._loop.cut_in(self._watch)
+            if us >= 0:
+                drive.ends_at = add(now_us, us)
+                if drive.gate:
+                    drive.gate.end_at(drive.ends_at)
+        return reason
+
+    def _judge(self, now_us):
+        """The reason why the drive must end, or 0."""
+        if self._watch.lost(self.reader):
+            if self.measured.certainty:
+                self.measured.certainty = codes.ESTIMATED
+            return codes.ENCODER_LOST
+        reason = self._watch.look(self.measured.motor, now_us)
+        if not (reason or self.drive.duty != self.step_duty or self.checking & 2 or self._watch.follows(now_us)):
+            return codes.FOLLOWING
+        return reason
+
+    def _begin_watch(self, motor):
+        self._watched_at = self.drive.on_at
+        self._watch.begin(motor, self.drive.direction, self.reader.slips, self._watched_at)
+
+    def _failed(self, reason):
+        if self.homing is self._stall_homing and self.homing.phase and reason == codes.STALLED:
+            self.homing.stalled()
+        else:
+            if self._pulses:
+                self.measured.done()
+            self.handle(END, reason)
+        return diff(self.next_at, self._ticks_us()) if self.state else NEVER_US
+
+    def _rest(self):
+        """A pulse is over: the rest before the next one, or before the end is judged."""
+        settled_at = add(self.drive.cut_at, self.correction_s * 10_000)
+        if not self._loop.left or diff(settled_at, self.next_at) > 0:
+            self.next_at = settled_at
+
+    def _idle(self, now_us):
+        """Nothing moves, but a hand may turn the shaft. resting stays true, so that the controller comes here."""
+        position, drive = self.measured, self.drive
+        if self.resting is True:  # a pulse's
+            super().service(now_us)
+        self.resting = self.resting or _LOOKS
+        if position.look():
+            self.has_moved = True
+            if drive.on_flash and not -self.dead_band <= apart(position.motor, self._rested_at) <= self.dead_band:
+                drive.drop_record()  # it would tell another number
+        if not drive.on_flash:
+            self._rested_at = position.motor
+        return NEVER_US
+
+    def error_of(self, reason, direction):
+        error = _ERRORS.get(reason)
+        if error:
+            self.error(error)
+        else:
+            super().error_of(reason, direction)

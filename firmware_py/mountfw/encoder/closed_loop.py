@@ -1,0 +1,146 @@
+"""A move of the closed loop: each pulse until its counts are there, then corrections. Imports codes, counts.
+
+Its goal is a place (counts that have moved the mirror, position.py), so what one pulse misses the next one makes up
+for. The drive is cut early by what the motor coasts on, which is learned from the place where it came to rest: for each
+direction, and in proportion to the speed. The end of a drive is foretold from the speed, and the loop waits for it as
+for the end of any drive.
+"""
+
+from mountfw import codes
+from mountfw.encoder.counts import apart
+
+MOST_CORRECTIONS = 3
+_BOUND = 3  # a pulse may drive so many times as long as its counts are worth ...
+_MORE_US = 50_000  # ... and this
+_FULL_SPEED_US = 60_000  # a drive that lasts longer ends at full speed
+_MOST_COAST = 4  # at most that part of a step
+
+
+class Coast:
+    """What one direction coasts on, in sixteenths of a count, at a speed (Watch.rate())."""
+
+    def __init__(self):
+        self.forget()
+
+    def forget(self):
+        """Nothing is known."""
+        self._coast = 0
+        self._rate = 0
+
+    def known(self):
+        """True if it was learned."""
+        return self._rate > 0
+
+    def at(self, rate):
+        """What it coasts on from this speed."""
+        return self._coast * rate // self._rate if self._rate else 0
+
+    def learn(self, was, rate, missed, most):
+        """From this speed it was cut `was` early, and came to rest `missed` counts beyond the goal. At most `most`."""
+        missed *= 16
+        if self._rate:
+            missed >>= 2  # a pulse's own scatter
+        self._coast = min(max(0, was + missed), most)
+        self._rate = rate
+
+
+class ClosedLoop:
+    """The move of one axis. Directions are 1 and -1."""
+
+    def __init__(self):
+        self.goal = 0  # a place
+        self.left = 0  # pulses to go
+        self.way = 0  # counts of the next drive, signed
+        self.corrections = 0
+        self.target = 0  # counts of the drive at which it is there
+        self.was = 0  # it was cut so early (sixteenths), ...
+        self.rate = 0  # ... from this speed
+        self.foretold = False  # is the drive's end that of its counts?
+        self._dead_band = 0
+        self._per_step = 1
+        self._step_us = 1
+        self._duty = 0
+        self._per_pulse = 0  # counts, signed
+        self._learns = self._will_learn = False
+        self._drove = False  # was a drive begun?
+        self._direction = 0
+        self._coasts = (Coast(), Coast())
+
+    def set_up(self, dead_band, per_step, step_us, duty):
+        """The settings are these now. With another step, what was learned is forgotten."""
+        self._dead_band = dead_band
+        if per_step != self._per_step or step_us != self._step_us or duty != self._duty:
+            self._coasts[0].forget()
+            self._coasts[1].forget()
+        self._per_step = per_step
+        self._step_us = step_us
+        self._duty = duty
+
+    def begin(self, place, n, per_pulse):
+        """A move by n pulses of per_pulse counts each. It starts where the last one should have ended, if it did."""
+        if not -self._dead_band <= apart(place, self.goal) <= self._dead_band:
+            self.goal = place
+        self.left = abs(n)
+        self._per_pulse = per_pulse if n > 0 else -per_pulse
+        self.corrections = 0
+        self._learns = self._drove = False
+
+    def next(self, place):
+        """What comes next: 0 is a drive that moves the mirror by self.way counts; else the reason why it ends."""
+        if self._learns:
+            self._learns = False
+            self._learn(apart(place, self.goal) * self._direction)
+        if self._drove and not self.foretold:
+            return codes.FOLLOWING
+        self._drove = False
+        self.way = 0
+        while self.left and not self.way:
+            self.left -= 1
+            self.goal = apart(self.goal + self._per_pulse, 0)
+            self.way = apart(self.goal, place)
+        if self.way:
+            return 0
+        self.way = apart(self.goal, place)
+        if -self._dead_band <= self.way <= self._dead_band:
+            return codes.DONE
+        if self.corrections == MOST_CORRECTIONS:
+            return codes.CLOSED_LOOP_FAILED
+        self.corrections += 1
+        return 0
+
+    def _learn(self, missed):
+        most = self._per_step * 16 // _MOST_COAST
+        self._coasts[self._direction > 0].learn(self.was, self.rate, missed, most)
+
+    def drive(self, direction, counts):
+        """A drive begins: so many counts of the motor."""
+        self._direction = direction
+        self.target = counts
+        self.foretold = False
+        self._drove = True
+        self._will_learn = self._worth_us() > _FULL_SPEED_US
+
+    def _worth_us(self):
+        """How long a drive to the target takes at a step's speed."""
+        return min(self.target * (self._step_us // self._per_step + 1), 100_000_000)
+
+    def bound_us(self):
+        """The longest that it may take."""
+        return self._worth_us() * _BOUND + _MORE_US
+
+    def cut_in(self, watch):
+        """Microseconds until the drive is to be cut; -1 if that is far."""
+        left = self.target - watch.counts
+        if left > 500:
+            return -1
+        rate = watch.rate()
+        coast = self._coasts[self._direction > 0]
+        coast = (coast if coast.known() else self._coasts[self._direction < 0]).at(rate)
+        sixteenths = left * 16 - coast
+        us = 0 if sixteenths <= 0 else watch.until(sixteenths)
+        if us >= 0:
+            self.foretold = True
+            self.was = coast
+            self.rate = rate
+            self._learns = self._will_learn and rate > 0
+        return us

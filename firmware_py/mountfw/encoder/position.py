@@ -1,0 +1,211 @@
+"""Where an axis is, by the counts of its encoder. Imports codes, counts, position.
+
+In the open loop it is a Position as of any axis. In the closed loop the amounts that others hand in, which are time
+times duty, count for nothing: each call looks at the encoder instead. What the encoder has turned goes through the gap
+first, as a drive's amount does, but in counts.
+"""
+
+from mountfw import codes
+from mountfw.encoder.counts import apart
+from mountfw.motion.position import MAX_STEPS, Position
+
+_MOST = MAX_STEPS * 1000
+_SMALL = 1 << 29
+_MOST_GAP = 20_000  # thousandths of a step
+
+
+class MeasuredPosition(Position):
+    """The position of one axis whose encoder is read by reader (counts.py)."""
+
+    def __init__(self, reader):
+        self.reader = reader
+        self.closed = False
+        self.per_step = 1  # counts
+        self.way = 1  # of the encoder, in the axis's own direction
+        self.raw = 0  # the reader's counts when it was looked at
+        self.motor = 0  # the same in the axis's direction; wraps
+        self.place = 0  # what of it has moved the mirror; wraps
+        self._slips = 0
+        self._gap_counts = 0
+        self._at = 0  # counts from the gap's negative end, as `inside` ...
+        self._inside_shown = 0  # ... which was made of them
+        self._base = 0  # millisteps, plus steps and counts since
+        self._steps = 0
+        self._counts = 0
+        self._shown = 0  # millisteps, as they were made of these
+        self._begun = 0  # the place where the move under way began
+        self._run = 0  # counts of the drive that is not over yet
+        super().__init__()
+
+    def reset(self):
+        """As at power-up: nothing is known."""
+        super().reset()
+        self.raw = self.reader.counts()
+        self._slips = self.reader.slips
+
+    def measure(self, closed, counts_per_step, inverted):
+        """The settings are these. XP, XD and XB are in step and gap already."""
+        per_step = abs(counts_per_step)
+        closed = bool(closed and per_step)
+        if closed != self.closed or (closed and per_step != self.per_step):
+            if closed and self.closed:
+                super().step_changed()  # a step is another now
+            if self.certainty == codes.MEASURED:
+                self.certainty = codes.COUNTED
+            self.lose_gap()
+            self.closed = closed
+            self.raw = self.reader.counts()
+            self._slips = self.reader.slips
+            self._rebase()
+        if per_step:
+            self.per_step = per_step
+        self.way = -1 if (counts_per_step < 0) != (inverted > 0) else 1
+        self._measure_gap()
+
+    def _measure_gap(self):
+        thousandths = min(self.gap // max(1, self.step // 1000), _MOST_GAP)  # of a step, so that no product is large
+        gap_counts = thousandths * self.per_step // 1000
+        if gap_counts != self._gap_counts:
+            self._gap_counts = gap_counts
+            self.lose_gap()
+
+    def _rebase(self):
+        """Others have said where it is: count from there."""
+        self._base = self._shown = self.millisteps
+        self._steps = self._counts = 0
+        self._inside_shown = self.inside
+        if self._gap_counts:
+            self._at = min(self.inside // (self.gap // self._gap_counts), self._gap_counts)
+
+    # ---- what the encoder says
+
+    def look(self):
+        """Count what it has turned since. Returns the counts in the axis's own direction."""
+        raw = self.reader.counts()
+        turned = apart(raw, self.raw) * self.way
+        if self.reader.slips != self._slips:
+            self._slips = self.reader.slips
+            if self.certainty:
+                self.certainty = codes.ESTIMATED
+        if not turned:
+            return 0
+        if self.millisteps != self._shown or self.inside != self._inside_shown:
+            self._rebase()
+        self.raw = raw
+        self.motor = apart(self.motor + turned, 0)
+        moved = self._through(turned) if self._gap_counts else turned
+        self.place = apart(self.place + moved, 0)
+        self._run += moved
+        counts = self._counts + moved
+        if not 0 <= counts < self.per_step:
+            whole = counts // self.per_step
+            counts -= whole * self.per_step
+            self._steps += whole
+        self._counts = counts
+        self.millisteps = self._base + self._steps * 1000 + (counts * 1000 + (self.per_step >> 1)) // self.per_step
+        self._shown = self.millisteps
+        self.is_at_edge = not -_MOST < self.millisteps < _MOST
+        return turned
+
+    def _through(self, turned):
+        """What of these counts has moved the mirror."""
+        direction = 1 if turned > 0 else -1
+        if not self.gap_known:
+            if direction != self._way:
+                self._way = direction
+                self._one_way = 0
+            self._one_way += abs(turned)
+            if self._one_way >= self._gap_counts:
+                self.gap_known = True
+                self._to(self._gap_counts if direction > 0 else 0)
+            return turned
+        at = self._at + turned
+        moved = at - self._gap_counts if at > self._gap_counts else at if at < 0 else 0
+        self._to(at - moved)
+        return moved
+
+    def _to(self, at):
+        self._at = at
+        self.inside = self._inside_shown = self.gap if at == self._gap_counts else self.gap // self._gap_counts * at
+
+    def gap_left(self, direction):
+        """Counts that the motor turns in this direction before the mirror moves, as far as is known."""
+        if not (self._gap_counts and self.gap_known):
+            return 0
+        return self._gap_counts - self._at if direction > 0 else self._at
+
+    def in_counts(self):
+        """The position in counts, rounded."""
+        return self.counts_of(self._base) + self._steps * self.per_step + self._counts
+
+    def counts_of(self, millisteps):
+        """Millisteps in counts, rounded; bounded, so that they are a small integer."""
+        steps = millisteps // 1000
+        most = _SMALL // self.per_step
+        if not -most < steps < most:
+            return _SMALL if steps > 0 else -_SMALL
+        return steps * self.per_step + (millisteps % 1000 * self.per_step + 500) // 1000
+
+    def begin(self):
+        """A closed-loop move begins: what it makes is counted from here."""
+        self._run = 0
+        self._begun = self.place
+
+    def done(self):
+        """It is over: whole steps, to the nearest hundredth, for a dead band is no missing step."""
+        way = apart(self.place, self._begun)
+        self.made = (abs(way) + self.per_step // 100) // self.per_step * (1 if way > 0 else -1)
+
+    # ---- as of a Position
+
+    def pulsed(self, direction):
+        if self.closed:
+            self.look()
+        else:
+            super().pulsed(direction)
+
+    def driven(self, direction, amount, over):
+        if not self.closed:
+            super().driven(direction, amount, over)
+            return
+        self.look()
+        if over:
+            self.made = abs(self._run) // self.per_step * (1 if self._run > 0 else -1)
+            self._run = 0
+
+    def now(self, direction):
+        return self.millisteps if self.closed else super().now(direction)
+
+    def lose_gap(self):
+        super().lose_gap()
+        self._at = self._inside_shown = 0
+
+    def step_changed(self):
+        if not self.closed:
+            super().step_changed()
+
+    def mirror(self):
+        if self.closed:
+            self.look()
+        super().mirror()
+        self._rebase()
+
+    def define(self, steps):
+        if self.closed:
+            self.look()
+        super().define(steps)
+        if self.closed:
+            self._rebase()
+            self.certainty = codes.MEASURED
+
+    def define_counts(self, counts):
+        """Call the present position so many counts."""
+        steps = counts // self.per_step
+        self.define(steps)
+        self._counts = counts - steps * self.per_step
+        self.millisteps = self._shown = steps * 1000 + (self._counts * 1000 + (self.per_step >> 1)) // self.per_step
+
+    def homed(self):
+        super().homed()
+        if self.closed:
+            self.certainty = codes.MEASURED

@@ -1,0 +1,64 @@
+"""The settings of an axis that only one with an encoder has: one declaration each, as in settings.py. Pure.
+
+An axis without an encoder has none of them: their queries say 0, and setting anything but 0 is refused with n35.
+"""
+
+from mountfw.settings import AT_REST, BITS, HUNDREDTHS
+
+ENCODER_SETTINGS = []  # as SETTINGS; a closed loop needs counts of a step, so these come first
+
+
+def _setting(mnemonic, name, least, most, default, flags=0):
+    ENCODER_SETTINGS.append((mnemonic, name, least, most, default, flags))
+
+
+_setting(b"XN", "counts_per_step", -10_000, 10_000, 0, AT_REST)
+"""Encoder: counts of one step; 0: not measured
+
+Negative: the encoder counts down while the motor runs in its own positive direction (whatever `XI` is). `mirrormount
+setup` measures both. 0 ends the closed loop.
+"""
+
+_setting(b"MM", "closed_loop", 0, 1, 0, BITS | AT_REST)
+"""Encoder: 1: closed loop, the position is measured; 0: open loop
+
+1 is refused with n35 while `XN` is 0. 0: steps are timed and counted as if there were no encoder: the way to go on
+without one that has failed.
+"""
+
+_setting(b"SN", "units", 0, 1, 0, BITS | AT_REST)
+"""Encoder: 1: `PR PA TP DH` are in counts; 0: in steps
+
+1 is refused with n35 while `XN` is 0.
+"""
+
+_setting(b"DB", "dead_band", 0, 10_000, 1)
+"""Encoder: counts that a move may end beside its target
+
+More than that are corrected, at most three times.
+"""
+
+_setting(b"CL", "correction_s", 0, 1000, 5, HUNDREDTHS)
+"""Encoder: rest before a move's end is judged, s
+
+After its last pulse, and after each correction: the motor coasts for some hundredths of a second.
+"""
+
+_setting(b"FE", "following_error", 0, 10_000, 0)
+"""Encoder: counts that a step's drive may be wrong by
+
+Looked at each `XP` of drive at duty `XD`, in any motion of the closed loop. 0: three quarters of `XN`. `ZH` with bit 1
+(2) ignores it.
+"""
+
+_setting(b"XG", "stall_ms", 0, 1000, 60)
+"""Encoder: drive without a count that ends a move, ms
+
+0: not checked.
+"""
+
+_setting(b"XA", "stall_duty", 0, 255, 0)
+"""Encoder: duty of a search for the end by stall; 0: off
+
+Where no switch is fitted in that direction, `MT` and `OR` then run so until the motor stalls, off it, and again.
+"""

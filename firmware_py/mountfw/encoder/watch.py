@@ -1,0 +1,100 @@
+"""Watches one drive by the counts it makes: stall, wrong way, following error, speed. Imports codes, counts, ticks.
+
+All counts here are in the drive's direction, since it began.
+"""
+
+from mountfw import codes
+from mountfw.encoder.counts import apart
+from mountfw.wire.ticks import diff
+
+_SPAN_US = 16_384  # the speed is that of the last one to two of these: counts come singly
+_STALE_US = 60_000
+_LEAST_WRONG = 16  # a motor that coasts one way is driven the other way: so many at least are no error
+_MOST_SLIPS = 8  # of one drive; more are no single disturbance
+
+
+class Watch:
+    """One axis's. begin() with each drive, then look() again and again."""
+
+    def __init__(self):
+        self.counts = 0
+        self.stall_us = 0  # drive without a count that is a stall; 0: none is
+        self._per_step = 1
+        self._step_us = 1
+        self._most = 0
+        self._start = 0
+        self._direction = 0
+        self._began_at = 0
+        self._furthest = 0
+        self._progress_at = 0
+        self._slips = 0
+        self._old_at = self._new_at = 0  # two instants of the past ...
+        self._old_counts = self._new_counts = 0
+        self._now = 0
+        self._step_at = 0  # since then one step's time is measured ...
+        self._step_counts = 0
+
+    def follow(self, per_step, step_us, most):
+        """In step_us of drive at a step's duty the counts of a step are expected, give or take `most`."""
+        self._per_step = per_step
+        self._step_us = step_us
+        self._most = most
+
+    def begin(self, motor, direction, slips, on_at):
+        """A drive has begun at on_at, at these counts of the motor."""
+        self._start = motor
+        self._direction = direction
+        self._slips = slips
+        self.counts = self._furthest = self._old_counts = self._new_counts = self._step_counts = 0
+        self._began_at = self._progress_at = self._old_at = self._new_at = self._step_at = self._now = on_at
+
+    def look(self, motor, now_us):
+        """The counts now. Returns the reason why the drive must end, or 0."""
+        counts = self.counts = apart(motor, self._start) * self._direction
+        self._now = now_us
+        if counts > self._furthest:
+            self._furthest = counts
+            self._progress_at = now_us
+        elif self.stall_us and diff(now_us, self._progress_at) >= self.stall_us:
+            return codes.STALLED
+        elif self._furthest - counts > max(_LEAST_WRONG, self._per_step >> 3):
+            return codes.WRONG_WAY
+        if diff(now_us, self._new_at) >= _SPAN_US:
+            if diff(now_us, self._old_at) >= _STALE_US:
+                self._old_at, self._old_counts = now_us, counts
+            else:
+                self._old_at, self._old_counts = self._new_at, self._new_counts
+            self._new_at, self._new_counts = now_us, counts
+        return 0
+
+    def lost(self, reader):
+        """True if the encoder has failed in this drive."""
+        return reader.gone or apart(reader.slips, self._slips) > _MOST_SLIPS
+
+    def follows(self, now_us):
+        """False if in the last step's time of drive the counts were wrong."""
+        if diff(now_us, self._step_at) < self._step_us:
+            return True
+        wrong = self.counts - self._step_counts - self._per_step
+        self._step_at, self._step_counts = now_us, self.counts
+        return -self._most <= wrong <= self._most
+
+    def rate(self):
+        """The speed, in sixteenths of a count in 16.384 ms; 0 if it is not known."""
+        us = diff(self._now, self._old_at)
+        quarters = self._quarters()
+        return quarters * 65_536 // us if us > 0 and quarters > 0 else 0
+
+    def until(self, sixteenths):
+        """Microseconds until so many sixteenths of a count (at most 8000) have come, at this speed; -1: not known."""
+        us = diff(self._now, self._old_at)
+        quarters = self._quarters()
+        return sixteenths * us // (quarters << 2) if quarters > 0 and us < _STALE_US + _SPAN_US else -1
+
+    def _quarters(self):
+        """Quarters of a count made since the older instant, at the speed of now.
+
+        From rest, a motor's speed after less than its time constant is nearly twice that of the mean.
+        """
+        made = self.counts - self._old_counts
+        return made * 7 if self._old_at == self._began_at else made * 4

@@ -1,0 +1,59 @@
+"""Readers of encoders on CircuitPython: rotaryio, and an AS5600. counted.py says what a reader is."""
+
+from mountfw.ports.circuitpython_pins import pin_of
+from mountfw.ports.counted import Turns
+
+_ADDRESS = 0x36  # AS5600 data sheet: its only one
+_STATUS = b"\x0b"  # the register before RAW ANGLE
+_readers = {}  # pins: reader; its pins are taken until it is given back
+
+
+def reader(number, pins):
+    """The reader of axis `number`'s encoder. None, after a printed line, where this board has no way to count."""
+    pair = pins.get("shaft") or pins["encoder"]
+    if pair not in _readers:
+        try:
+            _readers[pair] = Shaft(*pair) if "shaft" in pins else Edges(*pair)
+        except ImportError as e:
+            print("mountfw: axis %d: encoder not fitted: %s" % (number, e))
+            return None
+    return _readers[pair]
+
+
+class Edges:
+    """Edges of A and B, counted by rotaryio."""
+
+    gone = False
+    slips = 0
+
+    def __init__(self, a, b):
+        import rotaryio
+
+        self._encoder = rotaryio.IncrementalEncoder(pin_of(a), pin_of(b), 1)
+
+    def counts(self):
+        """The edges so far; A before B is positive."""
+        return self._encoder.position
+
+
+class Shaft(Turns):
+    """An AS5600 on a bus of its own."""
+
+    def __init__(self, sda, scl):
+        import busio
+
+        super().__init__()
+        self._bus = busio.I2C(pin_of(scl), pin_of(sda), frequency=400_000)
+        self._bus.try_lock()
+        self._answer = bytearray(3)
+
+    def counts(self):
+        """4096 a turn; the lowest 12 bits are the angle."""
+        answer = self._answer
+        try:
+            self._bus.writeto_then_readfrom(_ADDRESS, _STATUS, answer)
+        except OSError:
+            self.silent()
+        else:
+            self.take(answer[0], answer[1], answer[2])
+        return self.count

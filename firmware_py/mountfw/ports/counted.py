@@ -1,0 +1,64 @@
+"""What readers of encoders make counts of, on every platform. Pure; imports nothing of ours.
+
+A reader has counts(), a signed integer that wraps at 2**30; slips, how often a change was seen that no shaft can
+make, so that counts are missing; and gone: the sensor does not answer.
+"""
+
+_MASK = 0x3FFF_FFFF
+_HALF = 1 << 29
+_TURN = 4096  # of an AS5600
+_MOST_SILENT = 3  # looks without an answer; then the sensor is gone
+
+
+class Phases:
+    """Slips of a counter of edges. take(word) of its words: count << 2 | B << 1 | A, 32 bits, signed.
+
+    In one turn of the four phases A leads B through 00, A, AB, B, and each edge counts one. So the count and the phase
+    stay together modulo four; a change of both signals at once, which counts nothing, takes them two apart.
+    """
+
+    def __init__(self):
+        self.slips = 0
+        self._apart = -1  # not known yet
+
+    def take(self, word):
+        """The count in a word."""
+        count = word >> 2
+        phase = word & 3
+        apart_now = (count - (phase ^ phase >> 1)) & 3
+        if apart_now != self._apart:
+            if self._apart >= 0:
+                self.slips = self.slips + 1 & _MASK
+            self._apart = apart_now
+        return count
+
+
+class Turns:
+    """Counts of an AS5600. take(status, high, low) of its registers STATUS and RAW ANGLE (data sheet, register map)."""
+
+    def __init__(self):
+        self.slips = 0
+        self.gone = True
+        self.count = 0  # its lowest 12 bits are the angle
+        self._silent = _MOST_SILENT
+
+    def take(self, status, high, low):
+        """An answer: the shorter way round from the angle before, unless it sees no magnet."""
+        if not status & 0x20:
+            self.silent()
+            return
+        angle = (high & 15) << 8 | low
+        way = (angle - self.count + (_TURN >> 1)) & (_TURN - 1)
+        self.count = (self.count + way - (_TURN >> 1) + _HALF & _MASK) - _HALF
+        if self._silent:  # meanwhile it may have turned further than half a turn
+            if self._silent >= _MOST_SILENT:
+                self.slips = self.slips + 1 & _MASK
+            self._silent = 0
+            self.gone = False
+
+    def silent(self):
+        """No answer."""
+        self._silent += 1
+        if self._silent >= _MOST_SILENT:
+            self._silent = _MOST_SILENT
+            self.gone = True
