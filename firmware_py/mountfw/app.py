@@ -42,7 +42,6 @@ class App:
         self._ticks_us = port.ticks_us
         self._any = port.any
         self._drain = port.drain
-        self._poll_input = self.poll_input
         controller.watch_input(self.poll_input)
         self.queries = commands.queries
         self._passed = commands.queries.passed
@@ -88,7 +87,7 @@ class App:
             left_us = self._end_drives(now_us)
             woke_at = now_us = self._ticks_us()
         elif not received:
-            self._poll_input()
+            self.poll_input()
         self._sleep_ms = 0
         if self._streams:
             pass  # a stop may be in the bytes still to come: everything else can wait
@@ -180,10 +179,10 @@ class App:
                     self.controller.guard_stops()
             if axis.driving():
                 axis.drive.cut_on_time()
-                self._poll_input()
+                self.poll_input()
             axis = self.controller.ending(self._ticks_us(), _SPIN_US)
         left_us = self.controller.service(self._ticks_us())
-        self._poll_input()
+        self.poll_input()
         return left_us
 
     def _idle(self, now_us, left_us):
@@ -228,7 +227,7 @@ class App:
         left = _SEND
         while left and self._replies.waiting and self.port.writable():
             self.port.write(self._replies.read())
-            self._poll_input()
+            self.poll_input()
             left -= 1
         if left < _SEND:
             self._own.sent(now_us)

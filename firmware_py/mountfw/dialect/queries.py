@@ -1,6 +1,7 @@
 """The answers to queries. Each query adds the parts of its answer to a Replies. Imports codes."""
 
 from mountfw import __version__, codes
+from mountfw.motion.position import rounded
 
 _VERSION = __version__.encode()
 
@@ -47,7 +48,7 @@ class Queries:
         self._replies.add(axis.position.target)
 
     def position(self, axis):
-        self._replies.add(axis.whole_steps())
+        self._replies.add(rounded(axis.position_now()))
 
     def defined(self, axis):
         self._replies.add(axis.position.defined)

@@ -125,17 +125,13 @@ class Axis(Actions):
         self.count(False)
         return self.position.now(self.drive.direction)
 
-    def whole_steps(self):
-        """The same, rounded to steps, halves away from zero."""
-        return rounded(self.position_now())
-
     # ---- moves; False: refused, and an error says why
 
     def steps(self, n):
         """Move by n steps: n pulses, each with its rest."""
         if not self.handle(ASK, 0):
             return False
-        target = self.whole_steps() + n
+        target = rounded(self.position_now()) + n
         if self.out_of_reach(target, target):
             return False
         self.last_relative = n
