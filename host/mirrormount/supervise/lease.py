@@ -231,6 +231,15 @@ class Lease:
         """True if check() raises nothing."""
         return self.holder is client and (client.is_person or client.claimed_at == self.stops)
 
+    def count_own_stop(self, client: Client) -> bool:
+        """Count a stop through which the client that asks for it keeps control. False if it does not have control."""
+        with self._lock:
+            if not self.has_control(client):
+                return False
+            self.stops += 1
+            client.claimed_at = self.stops
+            return True
+
     def end_stopped(self, cause: str) -> None:
         """Release a holder whose control a stop has ended."""
         with self._lock:

@@ -97,9 +97,13 @@ class Program(Client):
         axis = self._checked(axis)
         return self.call(lambda mount: mount.send(f"{mount.axis(axis).number}ST"))
 
-    def stop(self) -> None:
-        """All motors off, now. With or without control; a program has to take it again afterwards."""
-        self._worker.stop(f"{self.name} asked for it")
+    def stop(self, *, keep_control: bool = False) -> None:
+        """All motors off, now. With or without control; a program has to take it again afterwards.
+
+        keep_control: a program that has control keeps it through this stop, unless somebody else stops as well.
+        """
+        kept = keep_control and self._worker.lease.count_own_stop(self)
+        self._worker.stop(f"{self.name} asked for it", counted=kept)
 
     def call(self, work: Callable[[Mount], T], *, changes: bool = False) -> "Future[T]":
         """Run work(mount), which must neither wait nor move, between two polls: settings, zero.

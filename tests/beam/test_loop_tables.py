@@ -1,0 +1,173 @@
+"""What a loop drives: mounts of a virtual table in lockstep, and supervised mounts in real time."""
+
+import pytest
+
+from mirrormount import Mount
+from mirrormount.beam.camera import Controls, Frame, Size
+from mirrormount.beam.direct import DirectTable
+from mirrormount.beam.eyes import CameraEye
+from mirrormount.beam.supervised import SupervisedTable
+from mirrormount.common.beam_errors import CameraAbsent, CameraGone, CameraSizeChanged
+from mirrormount.common.errors import ConnectionLost, MoveEnded, NotInControl
+from mirrormount.supervise import Supervisor
+from mirrormount.supervise.lease import Client
+from mirrormount.transport.lines import Link
+from mirrormount.transport.open import open_table
+
+
+def finish(table, actuator) -> None:
+    """Until the actuator is at rest."""
+    while actuator.is_moving():
+        table.sleep(0.03)
+
+
+@pytest.fixture
+def direct():
+    with open_table("virtual-table://") as virtual:
+        mounts = [(name, Mount(Link(port))) for name, port in zip(("first", "second"), virtual.ports, strict=True)]
+        yield DirectTable(mounts, (), virtual.now_s, virtual.sleep), virtual
+
+
+def test_actuators_stand_in_the_order_of_the_beam_and_know_their_boards(direct):
+    table, _ = direct
+    assert [actuator.name for actuator in table.actuators] == ["first.x", "first.y", "second.x", "second.y"]
+    assert table.actuators[0].board_id == table.actuators[1].board_id != table.actuators[2].board_id
+    assert table.actuators[3].step_us == 200_000
+
+
+def test_two_mounts_move_at_once_and_each_ends_by_itself(direct):
+    table, virtual = direct
+    table.actuators[0].step(3)
+    table.actuators[3].pulse(-150_000)
+    before_s = table.now_s()
+    for actuator in (table.actuators[0], table.actuators[3]):
+        finish(table, actuator)
+    assert table.now_s() - before_s < 1.6, "one after the other they need more"
+    assert virtual.simulations[0].bench.horizontal.screw_rev > 0 > virtual.simulations[1].bench.vertical.shaft_rev
+
+
+def test_a_loop_that_asks_no_more_is_stopped_by_the_board(direct):
+    table, virtual = direct
+    table.actuators[0].step(20)
+    virtual.sleep(3.0)
+    with pytest.raises(MoveEnded, match="keep-alive"):
+        finish(table, table.actuators[0])
+    assert not table.actuators[0].is_moving(), "told once"
+
+
+def test_stop_reaches_every_board_even_if_one_has_gone(direct):
+    table, virtual = direct
+    table.actuators[0].step(20)
+    table.actuators[2].step(20)
+    virtual.ports[0].close()
+    with pytest.raises(ConnectionLost):
+        table.stop()
+    driven = [duty for _, pin, duty in virtual.simulations[1].edges if pin == "m2_en"]
+    assert max(driven) > 0 and driven[-1] == 0
+
+
+@pytest.fixture
+def supervised():
+    with Supervisor("virtual://") as first, Supervisor("virtual://") as second:
+        mounts = [("first", first, ("x", "y")), ("second", second, ("x", "y"))]
+        with SupervisedTable("hold", mounts, ()) as table:
+            yield table, first, second
+
+
+def test_a_loop_drives_what_it_has_control_of(supervised):
+    table, _, second = supervised
+    assert table.taken_over, "control is taken, never assumed"
+    table.take_control()
+    assert table.taken_over == ""
+    table.actuators[0].step(1)
+    table.actuators[3].pulse(20_000)
+    for actuator in table.actuators:
+        finish(table, actuator)
+    assert second.status.y.position == pytest.approx(0.1, abs=0.01)
+
+
+def test_its_own_stop_leaves_it_in_control_and_the_motors_off(supervised):
+    table, first, _ = supervised
+    table.take_control()
+    table.actuators[0].step(50)
+    table.stop()
+    with pytest.raises(MoveEnded):
+        finish(table, table.actuators[0])
+    assert table.taken_over == "" and not first.status.moving
+    table.actuators[0].step(1)
+    finish(table, table.actuators[0])
+
+
+def test_anybody_elses_stop_ends_its_control_until_it_is_told_to_go_on(supervised):
+    table, first, _ = supervised
+    table.take_control()
+    table.actuators[1].step(50)
+    first.stop("the user pressed STOP")
+    with pytest.raises(MoveEnded):
+        finish(table, table.actuators[1])
+    table.sleep(60)  # ends when control is lost
+    assert "the user pressed STOP" in table.taken_over
+    with pytest.raises(NotInControl):
+        table.actuators[0].step(1)
+    table.take_control()
+    assert table.taken_over == ""
+
+
+def test_a_person_takes_one_mount_and_has_both_stand_still(supervised):
+    table, first, _ = supervised
+    table.take_control()
+    person = Client("page of Ada", is_person=True)
+    first.worker.lease.join(person, person)
+    first.worker.take_control(person)
+    assert "page of Ada took control" in table.taken_over
+    with pytest.raises(NotInControl, match="page of Ada has control"):
+        table.take_control()
+    with pytest.raises(NotInControl):
+        table.actuators[2].step(1)
+
+
+class _Camera:
+    """Yields one frame, and fails then."""
+
+    name = "test"
+    controls = Controls(None, None)
+
+    def __init__(self, size: Size) -> None:
+        self.size = size
+        self.closed = False
+
+    def monotonic(self) -> float:
+        return 0.0
+
+    def close(self) -> None:
+        self.closed = True
+
+    def frames(self):
+        yield Frame(None, 0.0, 0)
+        raise CameraGone("test was unplugged")
+
+
+def test_a_camera_that_comes_back_is_opened_again_and_must_have_its_size():
+    first = _Camera(Size(640, 480))
+    cameras = iter([None, _Camera(Size(640, 480)), _Camera(Size(320, 240))])
+
+    def reopen():
+        camera = next(cameras)
+        if camera is None:
+            raise CameraAbsent("not back yet")
+        return camera
+
+    eye = CameraEye("near", first, (320.0, 240.0), (50.0, 50.0), 0.4, reopen=reopen)
+    frames = eye.frames()
+    next(frames)
+    with pytest.raises(CameraGone):
+        next(frames)
+    with pytest.raises(CameraAbsent):
+        next(eye.frames())
+    assert first.closed
+    frames = eye.frames()
+    assert next(frames).number == 0
+    with pytest.raises(CameraGone):
+        next(frames)
+    with pytest.raises(CameraSizeChanged, match="came back with 320 x 240"):
+        next(eye.frames())
