@@ -1,69 +1,20 @@
-"""What a loop drives: mounts of a virtual table in lockstep, and supervised mounts in real time."""
+"""What a loop drives on real boards: supervised mounts, and cameras that come back."""
 
 import pytest
 
-from mirrormount import Mount
 from mirrormount.beam.camera import Controls, Frame, Size
-from mirrormount.beam.direct import DirectTable
 from mirrormount.beam.eyes import CameraEye
 from mirrormount.beam.supervised import SupervisedTable
 from mirrormount.common.beam_errors import CameraAbsent, CameraGone, CameraSizeChanged
-from mirrormount.common.errors import ConnectionLost, MoveEnded, NotInControl
+from mirrormount.common.errors import MoveEnded, NotInControl
 from mirrormount.supervise import Supervisor
 from mirrormount.supervise.lease import Client
-from mirrormount.transport.lines import Link
-from mirrormount.transport.open import open_table
 
 
 def finish(table, actuator) -> None:
     """Until the actuator is at rest."""
     while actuator.is_moving():
         table.sleep(0.03)
-
-
-@pytest.fixture
-def direct():
-    with open_table("virtual-table://") as virtual:
-        mounts = [(name, Mount(Link(port))) for name, port in zip(("first", "second"), virtual.ports, strict=True)]
-        yield DirectTable(mounts, (), virtual.now_s, virtual.sleep), virtual
-
-
-def test_actuators_stand_in_the_order_of_the_beam_and_know_their_boards(direct):
-    table, _ = direct
-    assert [actuator.name for actuator in table.actuators] == ["first.x", "first.y", "second.x", "second.y"]
-    assert table.actuators[0].board_id == table.actuators[1].board_id != table.actuators[2].board_id
-    assert table.actuators[3].step_us == 200_000
-
-
-def test_two_mounts_move_at_once_and_each_ends_by_itself(direct):
-    table, virtual = direct
-    table.actuators[0].step(3)
-    table.actuators[3].pulse(-150_000)
-    before_s = table.now_s()
-    for actuator in (table.actuators[0], table.actuators[3]):
-        finish(table, actuator)
-    assert table.now_s() - before_s < 1.6, "one after the other they need more"
-    assert virtual.simulations[0].bench.horizontal.screw_rev > 0 > virtual.simulations[1].bench.vertical.shaft_rev
-
-
-def test_a_loop_that_asks_no_more_is_stopped_by_the_board(direct):
-    table, virtual = direct
-    table.actuators[0].step(20)
-    virtual.sleep(3.0)
-    with pytest.raises(MoveEnded, match="keep-alive"):
-        finish(table, table.actuators[0])
-    assert not table.actuators[0].is_moving(), "told once"
-
-
-def test_stop_reaches_every_board_even_if_one_has_gone(direct):
-    table, virtual = direct
-    table.actuators[0].step(20)
-    table.actuators[2].step(20)
-    virtual.ports[0].close()
-    with pytest.raises(ConnectionLost):
-        table.stop()
-    driven = [duty for _, pin, duty in virtual.simulations[1].edges if pin == "m2_en"]
-    assert max(driven) > 0 and driven[-1] == 0
 
 
 @pytest.fixture
