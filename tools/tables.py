@@ -14,7 +14,7 @@ from pathlib import Path
 from mirrormount.common import remedies
 from mirrormount.common.declared import one_line, texts
 from mirrormount.deploy.fileset import boards, firmware
-from mirrormount.device.settings import SETTINGS
+from mirrormount.device.settings import ENCODER, SETTINGS
 from mountfw import codes
 from mountfw.boards import FILE_OF
 
@@ -48,7 +48,7 @@ def host_errors() -> Rows:
 
 
 def settings() -> Rows:
-    """The settings of an axis."""
+    """The settings of an axis. Those of an encoder come last; a board without one knows none."""
     yield "command", "name", "meaning", "range", "default", "in a move"
     for name, s in SETTINGS.items():
         bounds = ", ".join(map(str, s.among)) if s.among else f"{_number(s.least)} … {_number(s.most)}"
@@ -77,7 +77,8 @@ def _number(n: float) -> str:
 def attributes() -> Iterator[str]:
     """The settings as annotations of a class, for the firmware."""
     for name in SETTINGS:
-        yield f"    {name}: int\n"
+        if name not in ENCODER:
+            yield f"    {name}: int\n"
 
 
 def properties() -> Iterator[str]:

@@ -5,34 +5,39 @@ import re
 
 import pytest
 from rig import Rig
+from rig_encoder import encoded
 
 from mirrormount.device import settings as host
 from mountfw import settings as declared
+from mountfw.encoder.settings import ENCODER_SETTINGS
 
-NAMES = [entry[1] for entry in declared.SETTINGS]
+ALL = [*declared.SETTINGS, *ENCODER_SETTINGS]
+NAMES = [entry[1] for entry in ALL]
 
 
 def test_no_name_and_no_mnemonic_is_declared_twice():
     assert len(NAMES) == len(set(NAMES)) >= 14
-    assert len({entry[0] for entry in declared.SETTINGS}) == len(NAMES)
+    assert len({entry[0] for entry in ALL}) == len(NAMES)
 
 
 def test_the_host_has_the_settings_that_the_firmware_has():
-    assert [(s.name, s.command.encode()) for s in host.SETTINGS.values()] == [(e[1], e[0]) for e in declared.SETTINGS]
+    assert [(s.name, s.command.encode()) for s in host.SETTINGS.values()] == [(e[1], e[0]) for e in ALL]
     assert list(host.SETTINGS) == NAMES
 
 
-@pytest.mark.parametrize("entry", declared.SETTINGS, ids=NAMES)
+@pytest.mark.parametrize("entry", ALL, ids=NAMES)
 def test_a_setting_is_what_it_is_declared_to_be(entry):
     command, name, least, most, default, _ = entry
     assert re.fullmatch(rb"[A-Z]{2}", command) and re.fullmatch(r"[a-z_]+", name)
     assert -(1 << 30) < least < most < 1 << 30  # a board's integers are small ones
     assert declared.allowed(entry, default)
-    assert declared.named(name) is entry
-    assert getattr(Rig().axis1, name) == default
+    of_encoder = entry in ENCODER_SETTINGS
+    axis = (encoded(settings=b"") if of_encoder else Rig()).axis1
+    assert declared.named(name, declared.entries_of(axis)) is entry
+    assert getattr(axis, name) == default
 
 
-@pytest.mark.parametrize("entry", declared.SETTINGS, ids=NAMES)
+@pytest.mark.parametrize("entry", ALL, ids=NAMES)
 def test_the_host_allows_what_the_board_allows(entry):
     setting = host.SETTINGS[entry[1]]
     scale = 100 if entry[5] & declared.HUNDREDTHS else 1

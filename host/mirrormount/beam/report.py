@@ -95,7 +95,7 @@ def _table(estimates: Mapping[str, Estimate], optics: Optics) -> str:
 
 
 def _settings(settings: Mapping[str, Mapping[str, int | float]]) -> str:
-    names = list(next(iter(settings.values()), {}))
+    names = list(dict.fromkeys(name for values in settings.values() for name in values))
     head = "".join(f"<th>{text(axis)}</th>" for axis in settings)
     rows = ""
     for name in names:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from mirrormount.common import toml_file
-from mirrormount.common.errors import BadFile, BadValue
+from mirrormount.common.errors import BadFile, BadValue, NotSupported
 from mirrormount.device.mount import Mount
 from mirrormount.device.settings import SETTINGS, check, setting
 
@@ -58,6 +58,8 @@ def get(mount: Mount, name: str | None) -> None:
     values = mount.settings()
     if name is not None:
         axis, _, rest = name.partition(".")
+        if rest not in values[axis]:
+            raise NotSupported(f"{name}: the board says that {axis} has no encoder")
         print(values[axis][rest])
         return
     for axis, named in values.items():

@@ -6,7 +6,7 @@ and what to do, or NotTested with the reason. Other checks still run after one t
 
 from collections.abc import Callable, Iterator
 
-from mirrormount.cli import self_test_motion
+from mirrormount.cli import self_test_encoder, self_test_motion
 from mirrormount.cli.outcomes import NotTested, Wrong
 from mirrormount.common.errors import BoardError, CheckFailed, ConnectionLost, MountError
 from mirrormount.common.printable import printable
@@ -60,6 +60,9 @@ def _checks(mount: Mount, move: bool) -> Iterator[tuple[str, Callable[[], str]]]
         yield f"{axis.name} emergency stop", lambda axis=axis: emergency_stop(axis)
     for axis in axes:
         yield f"{axis.name} end-stops", lambda axis=axis: end_stops(axis)
+    for axis in axes:
+        if axis.has_encoder:
+            yield f"{axis.name} encoder", lambda axis=axis: self_test_encoder.at_rest(axis)
     yield "stop", lambda: stop_at_rest(mount)
     for axis in axes:
         for what, test in self_test_motion.checks(mount, axis):

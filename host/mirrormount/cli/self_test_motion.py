@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Iterator
 
+from mirrormount.cli import self_test_encoder
 from mirrormount.cli.outcomes import Wrong
 from mirrormount.common.errors import REASONS
 from mirrormount.device.mount import Axis, Ended, Mount
@@ -14,6 +15,8 @@ _LATE_US = 1000  # what a pulse may be wrong by
 
 def checks(mount: Mount, axis: Axis) -> Iterator[tuple[str, Callable[[], str]]]:
     """The checks of one axis: (what, check)."""
+    if axis.has_encoder:
+        yield "encoder in a move", lambda: self_test_encoder.in_a_move(axis)
     yield "one step forward", lambda: one_step(axis, 1)
     yield "one step back", lambda: one_step(axis, -1)
     yield "stop in a move", lambda: stop(mount, axis)
@@ -24,6 +27,8 @@ def one_step(axis: Axis, n: int) -> str:
     """A step is done, and its time under drive is the pulse's; a take-up of the backlash may come on top."""
     pulse_us, take_up_us = axis.ask_whole("XP?", "XB?")
     axis.step(n)
+    if axis.has_encoder and axis.closed_loop:
+        return f"done, {axis.last_move().on_time_s * 1e6:.0f} us under drive until its counts were there"
     on_us = round(axis.last_move().on_time_s * 1e6)
     if not pulse_us - _LATE_US <= on_us <= pulse_us + take_up_us + _LATE_US:
         raise Wrong(f"the motor had drive for {on_us} us, not {pulse_us} us: report it")

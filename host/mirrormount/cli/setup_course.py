@@ -7,6 +7,7 @@ motors are off and the old settings are on the board.
 from collections.abc import Callable
 
 from mirrormount.cli.dialogue import Dialogue
+from mirrormount.cli.setup_encoder import encoder, measured
 from mirrormount.cli.setup_steps import Ways, direction, scale, switches, ways
 from mirrormount.common.errors import MountError, SetupEnded
 from mirrormount.device import calibration
@@ -59,6 +60,8 @@ def _go_through(mount: Mount, talk: Dialogue) -> dict[int, Scale]:
         direction(mount, axis, way, talk)
     for axis, way in axes.items():
         switches(mount, axis, way, talk)
+    for axis in axes:
+        encoder(mount, axis, talk)
     scales = {}
     summary = []
     mirrors = [{mount.x: axes[mount.x], mount.y: axes[mount.y]}]  # the axes of each mirror
@@ -73,6 +76,7 @@ def _go_through(mount: Mount, talk: Dialogue) -> dict[int, Scale]:
     for axis in axes:
         inverted, fitted = axis.ask_whole("XI?", "XL?")
         summary.append(f"{axis.name}: {'inverted' if inverted else 'not inverted'}, end-stops fitted (XL): {fitted}")
+        summary += measured(axis)
     talk.say("\n".join(summary))
     return scales
 

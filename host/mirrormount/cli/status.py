@@ -1,8 +1,12 @@
 """`mirrormount status`: identity, one line an axis, and the errors that wait in the board."""
 
 import argparse
+from typing import TYPE_CHECKING
 
 from mirrormount.cli.command import Command, open_any, port_options
+
+if TYPE_CHECKING:
+    from mirrormount.device.mount import Axis
 
 _LIMITS = {0: "-", 1: "positive", 2: "negative", 3: "both"}
 
@@ -17,15 +21,25 @@ def run(args: argparse.Namespace) -> None:
             print(LIMITS)
             return
         status = mount.status()
+        errors = mount.take_errors()  # before a question could empty their queue
         print(mount.identity)
         for name, axis in status.by_name.items():
             print(
                 f"{name}: {axis.position:+.3f} steps ({axis.certainty}),"
                 f" {'moving' if axis.moving else 'at rest'}, last move: {REASONS.get(axis.reason, axis.reason)},"
-                f" end-stops: {_LIMITS[axis.limits & 3]}"
+                f" end-stops: {_LIMITS[axis.limits & 3]}{_encoder(mount.by_name[name])}"
             )
-        for error in mount.take_errors():
+        for error in errors:
             print(f"error {error}")
+
+
+def _encoder(axis: "Axis") -> str:
+    """Counts and loop, to follow a status; "" without an encoder."""
+    if not axis.has_encoder:
+        return ""
+    per_step, closed = axis.ask_whole("XN?", "MM?")
+    loop = f"closed loop, {abs(per_step)} counts a step" if closed else "open loop"
+    return f", encoder: {axis.counts} counts ({loop})"
 
 
 COMMAND = Command("status", "show what the board knows", run, port_options)

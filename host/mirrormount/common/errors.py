@@ -28,8 +28,8 @@ class BadValue(MountError, ValueError):
 
 
 class NotSupported(MountError):
-    """The paper's sketch cannot do this; or a frame is asked of a mount on axes 3 and 4, and frames drive 1 and 2.
-    Remedy: Put `mountfw` on a board that runs MicroPython. Axes 3 and 4: `jog` drives each of them.
+    """The paper's sketch cannot do this; or frames are asked for axes 3 and 4; or the axis has no encoder.
+    Remedy: Put `mountfw` on a MicroPython board. Axes 3 and 4: `jog`. Encoder: name its pins in the board file.
     """
 
 
@@ -193,6 +193,12 @@ class PanelFault(MountError):
     """
 
 
+class EncoderFault(MountError):
+    """An encoder does not count as its motor turns. The motors are off, and nothing was changed.
+    Remedy: Its plug, supply and wires ([bring-up.md](bring-up.md)). `config set x.closed_loop 0` goes on without it.
+    """
+
+
 class CheckFailed(MountError):
     """`mirrormount check` found something wrong: each line that begins with FAILED says what, and what to do.
     Remedy: What that line says.
@@ -207,9 +213,8 @@ class SetupEnded(MountError):
 
 
 class EmulatorMissing(MountError):
-    """The machine of a virtual board cannot be started: no MicroPython VM, no Node.js, no `adafruit_motor`, no
-    image, or what came in place of the official image is not that image (a portal that wants a login, a damaged
-    download).
+    """The machine of a virtual board cannot be started: no MicroPython VM, no Node.js, no `adafruit_motor`, no image,
+    or what came in place of the official image is not that image (a portal that wants a login, a damaged file).
     Remedy: The line says what to install, or name an image with `--image FILE`; `--machine cpython` needs nothing.
     """
 
@@ -254,8 +259,7 @@ class DriveReadOnly(DeployError):
 
 
 class DriveFull(DeployError):
-    """The drive has no room for the firmware, counted in whole clusters. The line says whether anything was
-    changed.
+    """The drive has no room for the firmware, counted in whole clusters. The line says whether anything was changed.
     Remedy: Remove files of your own from the drive, then deploy again.
     """
 
@@ -269,8 +273,7 @@ class DriveFailed(DeployError):
 
 
 class LibraryMissing(DeployError):
-    """`adafruit-circuitpython-motor`, two files of which go to a CircuitPython board, is not installed on this
-    computer.
+    """`adafruit-circuitpython-motor`, two files of which go to a CircuitPython board, is not installed here.
     Remedy: `pip install -e ".[circuitpython]"` in the copy of the repository, or `pip install --no-deps
     adafruit-circuitpython-motor`: its files are copied, not run.
     """

@@ -16,6 +16,7 @@ _REQUIRED = {"NAME", "BRIDGE", "AXIS_1", "AXIS_2", "PWM_HZ", "DEAD_TIME_US", "LE
 _OPTIONAL = {"AXIS_3", "AXIS_4", "EMERGENCY_STOP", "ONE_CHANNEL"}
 _BRIDGES = ("enable", "two-pwm")
 _PINS = ("en", "pos", "neg", "stop_pos", "stop_neg")
+_ENCODERS = ("encoder", "shaft")  # of an axis that has one: two GPIO numbers
 _NAME = re.compile(rb"[ -+\--:<-~]{1,40}")  # printable, without the comma and the semicolon of an answer
 _RANGES = {"PWM_HZ": (100, 100_000), "DEAD_TIME_US": (0, 1000)}
 _HIGHEST_GPIO = 48
@@ -132,11 +133,16 @@ def _faults_of_pins(found: dict[str, object]) -> str:
         if axis not in found:
             continue
         wires = found[axis]
-        if not isinstance(wires, dict) or set(wires) != set(_PINS):
-            return f"{axis} says {', '.join(_PINS)}, each once, and nothing else"
+        if not isinstance(wires, dict) or set(wires) - set(_ENCODERS) != set(_PINS):
+            return f"{axis} says {', '.join(_PINS)}, each once, and {' or '.join(_ENCODERS)} where one is fitted"
         if (wires["en"] is None) != two_pwm:
             return f'{axis}: "en" is a pin for BRIDGE "enable", and None for "two-pwm"'
         pins += [(f"{axis} {key}", wires[key], key.startswith("stop") or (key == "en" and two_pwm)) for key in _PINS]
+        for key in set(wires) & set(_ENCODERS):
+            pair = wires[key]
+            if not isinstance(pair, tuple) or len(pair) != 2:
+                return f'{axis}: "{key}" is a pair of GPIO numbers: {"A and B" if key == "encoder" else "SDA and SCL"}'
+            pins += [(f"{axis} {key}", pin, False) for pin in pair]
     used: dict[object, str] = {}
     for place, pin, optional in pins:
         if pin is None and optional:

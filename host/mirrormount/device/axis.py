@@ -1,4 +1,4 @@
-"""One axis of a mount: moves, jogs, homing, limits. Imports errors, moves, settings, status, validation.
+"""One axis of a mount: moves, jogs, homing, limits. Imports encoder, errors, moves, settings, status.
 
 An Axis uses a Session, which keeps its motion alive and orders stops before starts. An interrupt (Ctrl-C, or an
 interrupted cell of a notebook) of a method that waits for a motion stops all motors.
@@ -9,13 +9,14 @@ import html
 from mirrormount.common.errors import BadValue
 from mirrormount.common.validation import whole_number, whole_numbers
 from mirrormount.device import settings
-from mirrormount.device.moves import Moves, Progress
+from mirrormount.device.encoder import Encoded
+from mirrormount.device.moves import Progress
 from mirrormount.device.status import Homed, Limits, table
 
 _SOFT_LIMITS_CHECKED = 8  # the bit of ZH
 
 
-class Axis(Moves):
+class Axis(Encoded):
     """One axis: x (right positive), y (up positive), axis3 … number: the board's. Its settings are properties."""
 
     __slots__ = ()

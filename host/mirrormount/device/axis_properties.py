@@ -72,4 +72,20 @@ class AxisProperties:
     """Limits: longest run, ms"""
     search_limit_ms = Property[int]()
     """Limits: longest search for a switch, ms of drive"""
+    counts_per_step = Property[int]()
+    """Encoder: counts of one step; 0: not measured"""
+    closed_loop = Property[int]()
+    """Encoder: 1: closed loop, the position is measured; 0: open loop"""
+    units = Property[int]()
+    """Encoder: 1: `PR PA TP DH` are in counts; 0: in steps"""
+    dead_band = Property[int]()
+    """Encoder: counts that a move may end beside its target"""
+    correction_s = Property[float]()
+    """Encoder: rest before a move's end is judged, s"""
+    following_error = Property[int]()
+    """Encoder: counts that a step's drive may be wrong by"""
+    stall_ms = Property[int]()
+    """Encoder: drive without a count that ends a move, ms"""
+    stall_duty = Property[int]()
+    """Encoder: duty of a search for the end by stall; 0: off"""
     # end

@@ -31,6 +31,7 @@ class Board:
         self.identity = identity
         self.x_axis = x_axis
         self.last: tuple[float, Status] | None = None
+        self.encoders: dict[int, bool] = {}  # by number: has the axis one? As far as it was asked
         self.numbers: dict[str, int] = {}  # of the axes, by name: x, y, axis3 …
         self._boot_id: int | None = None
 

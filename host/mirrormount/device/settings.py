@@ -1,6 +1,7 @@
 """The settings of all axes: their table, reading and writing them.
 
-mountfw/settings.py declares them. The board decides: if it refuses a setting, all settings are restored.
+mountfw/settings.py declares them, and mountfw/encoder/settings.py those of an axis with an encoder. The board decides:
+if it refuses a setting, all settings are restored.
 """
 
 import contextlib
@@ -15,11 +16,12 @@ from mirrormount.common.printable import printable
 from mirrormount.device.session import Session
 from mountfw import codes as wire
 from mountfw import settings as declared
+from mountfw.encoder.settings import ENCODER_SETTINGS
 
 
 @dataclass(frozen=True)
 class Setting:
-    """One setting of an axis, as mountfw/settings.py declares it.
+    """One setting of an axis, as mountfw/settings.py or mountfw/encoder/settings.py declares it.
 
     command: its mnemonic on the wire; decimals: how many it keeps; among: all values that it may have, if not
     each within least … most; at_rest: refused while the axis moves.
@@ -50,7 +52,8 @@ class Setting:
         return self._words()[2]
 
     def _words(self) -> tuple[str, str, str]:
-        words, _, details = texts("settings", "_setting")[self.name].partition("\n\n")
+        module = "encoder/settings" if self.name in ENCODER else "settings"
+        words, _, details = texts(module, "_setting")[self.name].partition("\n\n")
         group, _, what = one_line(words).partition(": ")
         return group, what, one_line(details)
 
@@ -81,7 +84,9 @@ def _setting(command: bytes, name: str, least: int, most: int, default: int, fla
 
 
 # in the order in which they are written: the direction first, because limits follow it
-SETTINGS = {entry[1]: _setting(*entry) for entry in declared.SETTINGS}
+SETTINGS = {entry[1]: _setting(*entry) for entry in [*declared.SETTINGS, *ENCODER_SETTINGS]}
+ENCODER = {entry[1]: SETTINGS[entry[1]] for entry in ENCODER_SETTINGS}  # those that only an axis with an encoder has
+_OF_ALL = {name: setting for name, setting in SETTINGS.items() if name not in ENCODER}
 
 
 def groups() -> list[str]:
@@ -90,22 +95,40 @@ def groups() -> list[str]:
 
 
 def read(session: Session) -> dict[str, dict[str, int | float]]:
-    """{"x": {"pulse_us": …}, "y": {…}}, and axis3 … Raises BoardError, NotAMount."""
+    """{"x": {"pulse_us": …}, "y": {…}}, and axis3 … Those of an encoder, where one is. Raises BoardError, NotAMount."""
     return {name: _read_axis(session, number) for name, number in session.board.numbers.items()}
 
 
 def _read_axis(session: Session, number: int) -> dict[str, int | float]:
     try:
-        answers = session.send(";".join(f"{number}{setting.command}?" for setting in SETTINGS.values()))
+        return _read_some(session, number, _OF_ALL) | (
+            _read_some(session, number, ENCODER) if has_encoder(session, number) else {}
+        )
     except BoardError as e:
         if e.code == wire.NO_SUCH_COMMAND:
             raise NotSupported("the board's firmware is older than its settings: `mirrormount deploy`") from e
         raise
+
+
+def _read_some(session: Session, number: int, some: Mapping[str, Setting]) -> dict[str, int | float]:
+    answers = session.send(";".join(f"{number}{setting.command}?" for setting in some.values()))
     try:
-        pairs = zip(SETTINGS.items(), answers.split("; "), strict=True)
+        pairs = zip(some.items(), answers.split("; "), strict=True)
         return {name: setting.parse(text) for (name, setting), text in pairs}
     except ValueError as e:
         raise NotAMount(f"not a mount's settings: {answers[:80]!r}") from e
+
+
+def has_encoder(session: Session, number: int) -> bool:
+    """Does the board say that this axis has an encoder? It is asked once."""
+    known = session.board.encoders
+    if number not in known:
+        try:
+            session.send(f"{number}XC?")
+            known[number] = True
+        except BoardError:
+            known[number] = False
+    return known[number]
 
 
 def read_one(session: Session, axis: str, name: str) -> int | float:
@@ -143,7 +166,7 @@ def _apply(session: Session, wanted: Mapping[str, Mapping[str, int | float]]) ->
         now = read(session)
         for axis in wanted:
             for name in names:
-                if name in wanted[axis] and wanted[axis][name] != now[axis][name]:
+                if name in wanted[axis] and wanted[axis][name] != now[axis].get(name, 0):  # 0: no encoder
                     _set(session, axis, name, wanted[axis][name])
 
 

@@ -7,7 +7,7 @@ from nicegui import ui
 from nicegui.events import GenericEventArguments
 
 from mirrormount.common.errors import BadValue
-from mirrormount.device.settings import SETTINGS, groups
+from mirrormount.device.settings import ENCODER, SETTINGS, groups
 from mirrormount.panel.cards_of_motion import card
 from mirrormount.panel.run_on_mount import confirm, run_on_mount, warn
 from mirrormount.supervise.board_settings import BoardSettings
@@ -76,11 +76,17 @@ class _Form:
         self._fields: dict[tuple[str, str], ui.input] = {}
         self._read: dict[tuple[str, str], str] = {}  # what the board had when it was last asked
         title = ""
+        of_all = ui.element("div")
+        with ui.element("div") as self._of_encoders:
+            pass
+        self._of_encoders.set_visibility(False)  # until an axis turns out to have one
         for name, setting in SETTINGS.items():
-            if setting.group != title:
-                title = setting.group
-                ui.label(title).classes("group")
-            self._row(name)
+            box = self._of_encoders if name in ENCODER else of_all
+            with box:
+                if setting.group != title:
+                    title = setting.group
+                    ui.label(title).classes("group")
+                self._row(name)
 
     def _row(self, name: str) -> None:
         what = SETTINGS[name].what
@@ -95,8 +101,11 @@ class _Form:
         settings = await run_on_mount(self._settings.read())
         if settings:
             for (axis, name), field in self._fields.items():
-                self._read[axis, name] = str(settings[axis][name])
+                there = name in settings[axis]
+                self._read[axis, name] = str(settings[axis][name]) if there else ""
                 field.set_value(self._read[axis, name])
+                field.set_enabled(there)
+            self._of_encoders.set_visibility(any(name in ENCODER for values in settings.values() for name in values))
 
     async def apply(self, done: str = "applied") -> bool:
         """Apply all edited settings, or none. True if the board took them.

@@ -22,7 +22,8 @@ _CERTAINTY = {
     "unknown": ("position unknown", "Counted since the board started, from nowhere known. Zero it, or home it."),
     "counted": ("counted", "Counted in steps since it was called zero."),
     "homed": ("homed", "Counted from its home switch."),
-    "estimated": ("estimated", "Part of it was run by time, not by steps."),
+    "estimated": ("estimated", "Part of it was run by time, not by steps; or an encoder has lost counts."),
+    "measured": ("measured", "Counted by the encoder since it was called zero: a hand on the knob shows, too."),
 }
 _SWITCHES = ((1, "+ end-stop"), (2, "− end-stop"), (4, "home"))
 _PLOT_S = 60.0

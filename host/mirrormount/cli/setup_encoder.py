@@ -1,0 +1,41 @@
+"""The step of `mirrormount setup` for an axis with an encoder: which way it counts, and how many counts a step has.
+
+Changes settings on the board and saves nothing, as the other steps.
+"""
+
+from mirrormount.cli.dialogue import Dialogue
+from mirrormount.common.errors import EncoderFault, SetupEnded
+from mirrormount.device.mount import Axis, Mount
+
+
+def encoder(mount: Mount, axis: Axis, talk: Dialogue) -> None:
+    """Measure the counts of a step, and ask whether the loop is to be closed; nothing where no encoder is fitted."""
+    if not axis.has_encoder:
+        return
+    talk.say(f"{axis.name}: thirteen steps and back, to see what its encoder counts …")
+    mount.apply({axis.name: {"closed_loop": 0}})
+    while True:
+        try:
+            found = axis.measure_counts()
+            break
+        except EncoderFault as e:
+            talk.say(f"  {e}: look at its plug and its wires")
+            if not talk.yes("Measure again? (no: go on without it)"):
+                if talk.yes("Is the encoder to be left out of this setup?"):
+                    return
+                raise SetupEnded(f"the encoder of {axis.name} does not count") from e
+    way = "up" if found.per_step > 0 else "down"
+    talk.say(
+        f"  it counts {way} as the motor turns its positive way: {abs(found.positive):.0f} a step,"
+        f" {abs(found.negative):.0f} back"
+    )
+    closed = talk.yes(f"Close the loop, so that a step of {axis.name} is {abs(found.per_step)} counts from now on?")
+    mount.apply({axis.name: {"counts_per_step": found.per_step, "closed_loop": int(closed)}})
+
+
+def measured(axis: Axis) -> list[str]:
+    """A line for the summary, where there is an encoder."""
+    if not axis.has_encoder:
+        return []
+    per_step, closed = axis.ask_whole("XN?", "MM?")
+    return [f"{axis.name}: encoder, {per_step} counts a step, {'closed' if closed else 'open'} loop"]

@@ -1,0 +1,228 @@
+"""A mount with encoders: a step is its counts, a stall ends, a hand shows, and a position is worth what it says."""
+
+import random
+
+import pytest
+from closed_loop import PER_STEP, ClosedLoop, with_files
+
+from mirrormount.cli import main
+from mirrormount.cli.demo_square import closure, square
+from mirrormount.cli.dialogue import Dialogue
+from mirrormount.cli.self_test import run_checks
+from mirrormount.cli.setup_encoder import encoder as set_up
+from mirrormount.common import errors
+from mirrormount.device.encoder import judged
+from mirrormount.device.settings import ENCODER
+from mountfw import codes as wire
+
+STALL_US = 80_000  # from the last count to the pin, of which 60 ms are the setting's
+
+
+@pytest.fixture
+def loop():
+    made = []
+
+    def make(*args, **options):
+        made.append(ClosedLoop(*args, **options))
+        return made[-1]
+
+    yield make
+    for each in made:
+        each.close()
+
+
+@pytest.mark.parametrize("supply", [0.8, 1.0, 1.2])
+@pytest.mark.parametrize("profile", ["smooth", "rough"])
+def test_a_step_is_its_counts_whatever_the_supply(loop, profile, supply):
+    mount = loop(profile, supply)
+    choose = random.Random(3)
+    ways = [choose.choice((1, -1)) for _ in range(14)]
+    made = [mount.step(way) for way in ways]
+    assert all(abs(counts - way * PER_STEP) <= 2 for way, (counts, _) in zip(ways, made, strict=True)), made
+    assert mount.mount.x.status().certainty == "measured"
+    assert mount.mount.x.position == pytest.approx(sum(ways), abs=2 / PER_STEP)
+
+
+def test_in_the_open_loop_a_step_follows_the_supply(loop):
+    mount = loop("smooth", 0.8, closed=False)
+    mount.step(1)
+    counts = [mount.step(1)[0] for _ in range(5)]
+    assert all(0.75 * PER_STEP < count < 0.82 * PER_STEP for count in counts), counts
+
+
+def test_a_square_closes_to_a_hundredth_of_a_milliradian(loop):
+    mount = loop("smooth")
+    play_us = round(mount.bench.trains["m1"].gap_rev * 11836.92 / PER_STEP * 200_000)
+    mount.mount.x.take_up_us = mount.mount.y.take_up_us = play_us
+    corners, *_ = square(mount.mount)
+    assert all(abs(left.measured) <= 0.01 for left in closure(corners)), closure(corners)
+
+
+@pytest.mark.parametrize(("fault", "reason"), [("jammed", wire.STALLED), ("broken", wire.STALLED)])
+@pytest.mark.parametrize("profile", ["smooth", "rough"])
+def test_a_motor_that_makes_no_counts_is_off_in_80_ms(loop, profile, fault, reason):
+    mount = loop(profile)
+    mount.step(1)
+    mount.mount.x.step(5, wait=False)
+    mount.mount.sleep(0.1)
+    assert mount.mount.x.status().moving
+    mount.bench.disturb("m2", fault)
+    last_us = mount.bench.us
+    while mount.bench.drive("m2"):
+        before = mount.counts()
+        mount.mount.sleep(0.001)
+        if fault == "jammed" and mount.counts() != before:
+            last_us = mount.bench.us  # what is left of the play
+    assert mount.off_us() - last_us <= STALL_US
+    mount.mount.sleep(0.2)
+    ended = mount.mount.x.last_move()
+    assert ended.reason == reason
+    assert [error.code for error in mount.mount.errors()] == [200 + wire.AXIS_STALLED]
+
+
+def test_wires_that_are_exchanged_end_a_move_at_once_and_say_so(loop):
+    mount = loop()
+    mount.bench.disturb("m2", "swapped")
+    with pytest.raises(errors.MoveEnded) as failed:
+        mount.mount.x.step(1)
+    assert failed.value.codes == (200 + wire.AXIS_WRONG_WAY,)
+    assert abs(mount.counts()) < 20_000 and mount.bench.drive("m2") is None
+
+
+def test_the_position_follows_a_hand_on_the_knob(loop):
+    mount = loop()
+    mount.step(2)  # the play is taken up
+    before = mount.counts()
+    mount.bench.disturb("m2", "hand")
+    mount.mount.sleep(2)
+    turned = mount.counts() - before
+    assert turned > 100
+    assert mount.mount.x.position == pytest.approx(2 + turned / PER_STEP, abs=3 / PER_STEP)
+    assert mount.mount.x.status().certainty == "measured"
+
+
+@pytest.mark.parametrize("encoder", ["motor", "shaft"])
+def test_a_host_finds_out_how_the_encoder_counts(loop, encoder):
+    mount = loop(closed=False, encoder=encoder)
+    per_step = mount.mount.x.measure_counts().per_step
+    assert per_step == pytest.approx({"motor": 277, "shaft": 96}[encoder], rel=0.02)
+    mount.mount.x.inverted = 1
+    assert mount.mount.x.measure_counts().per_step == pytest.approx(per_step, abs=3)
+    mount.bench.disturb("m2", "swapped")
+    assert mount.mount.x.measure_counts().per_step == pytest.approx(-per_step, abs=3)
+    assert mount.mount.x.counts_per_step == 0  # it only measures
+
+
+def test_an_encoder_that_counts_nothing_or_nonsense_is_told_in_one_line(loop):
+    mount = loop(closed=False)
+    mount.bench.disturb("m2", "broken")
+    with pytest.raises(errors.EncoderFault, match=r"^x: the encoder counts nothing"):
+        mount.mount.x.measure_counts()
+    with pytest.raises(errors.EncoderFault, match="the same way"):
+        judged("x", 280.0, -279.0)
+    with pytest.raises(errors.EncoderFault, match="much more"):
+        judged("x", 280.0, 100.0)
+
+
+def test_without_an_encoder_there_are_no_counts_and_no_settings_of_one(loop):
+    mount = loop(closed=False, encoder=None).mount
+    assert not mount.x.has_encoder
+    assert "counts_per_step" not in mount.settings()["x"]
+    with pytest.raises(errors.NotSupported, match="x has no encoder"):
+        _ = mount.x.counts
+    with pytest.raises(errors.SettingRefused):
+        mount.apply({"x": {"counts_per_step": 280}})
+    mount.apply({"x": {"counts_per_step": 0}})  # as a file from such a board says
+    assert not mount.errors()
+
+
+def test_a_position_after_a_power_cut_is_worth_no_more_than_it_is(tmp_path):
+    mount = with_files(tmp_path, profile="rough")
+    mount.mount.save()
+    choose = random.Random(11)
+    origin = mount.counts()
+    known = 0
+    for _ in range(8):
+        mount.mount.x.step(choose.choice((3, -3)), wait=False)
+        mount.mount.sleep(choose.choice((0.05, 0.3, 0.9, 3, 14)) * choose.uniform(0.8, 1.2))
+        mount.switch_off_and_on()
+        mount.mount.sleep(0.3)  # what turned has come to rest
+        status = mount.mount.x.status()
+        if status.certainty in ("counted", "homed", "measured"):
+            known += 1
+            assert status.position == pytest.approx((mount.counts() - origin) / PER_STEP, abs=0.1)
+        else:
+            mount.mount.x.zero()
+            origin = mount.counts()
+    mount.close()
+    assert 0 < known < 8
+
+
+OTHER = {
+    "counts_per_step": -280,
+    "closed_loop": 1,
+    "units": 1,
+    "dead_band": 5,
+    "correction_s": 0.1,
+    "following_error": 100,
+    "stall_ms": 200,
+    "stall_duty": 120,
+}
+
+
+def test_the_settings_of_an_encoder_can_be_changed_and_saved(loop):
+    mount = loop(closed=False).mount
+    assert list(OTHER) == list(ENCODER)
+    mount.apply({"x": OTHER})
+    mount.save()
+    mount.recall(factory=True)
+    assert mount.x.closed_loop == 0
+    mount.recall()
+    assert {name: mount.settings()["x"][name] for name in OTHER} == OTHER
+    assert mount.x.dead_band == 5 and mount.x.correction_s == 0.1
+
+
+def test_a_setting_of_an_encoder_that_is_not_there_is_told_in_one_line(capsys):
+    assert main.main(["config", "get", "x.closed_loop", "--port", "virtual://?speed=max"]) == 1
+    assert "x has no encoder" in capsys.readouterr().err
+
+
+def test_setup_measures_an_encoder_and_closes_the_loop_if_it_may(loop):
+    mount = loop(closed=False).mount
+    said, asked = [], []
+
+    def person(question):
+        asked.append(question)
+        return "yes"
+
+    set_up(mount, mount.x, Dialogue(person, said.append))
+    assert mount.x.closed_loop == 1 and mount.x.counts_per_step == pytest.approx(277, abs=3)
+    assert any("counts up" in text for text in said) and len(asked) == 1
+
+
+def test_setup_goes_on_without_an_encoder_that_does_not_count(loop):
+    mount = loop(closed=False)
+    mount.bench.disturb("m2", "broken")
+    answers = ["yes", "no", "yes"]
+    set_up(mount.mount, mount.mount.x, Dialogue(lambda _question: answers.pop(0), lambda _text: None))
+    assert mount.mount.x.closed_loop == 0 and not answers
+
+
+def test_status_shows_the_counts_and_what_they_are_worth(capsys):
+    assert main.main(["status", "--port", "virtual://?speed=max&encoder=motor"]) == 0
+    assert capsys.readouterr().out.count("encoder: 0 counts (open loop)") == 2
+
+
+@pytest.mark.parametrize(("fault", "found"), [(None, None), ("swapped", "the other way"), ("broken", "counts nothing")])
+def test_check_tells_what_an_encoder_does_not_do(loop, capsys, fault, found):
+    mount = loop()
+    if fault:
+        mount.bench.disturb("m2", fault)
+    try:
+        run_checks(lambda: mount.mount, move=True)
+    except errors.CheckFailed:
+        assert fault
+    lines = capsys.readouterr().out.splitlines()
+    line = next(line for line in lines if "x encoder in a move" in line)
+    assert line.startswith("FAILED" if fault else "ok") and (found or "none at rest") in line
+    assert any(line.startswith("ok") and "y encoder in a move" in line for line in lines)
