@@ -2,9 +2,10 @@
 
 import pytest
 
+from mirrormount import Mount
 from mirrormount.beam.camera import Controls, Frame, Size
 from mirrormount.beam.eyes import CameraEye
-from mirrormount.beam.supervised import SupervisedTable
+from mirrormount.beam.supervised import SupervisedTable, answer
 from mirrormount.common.beam_errors import CameraAbsent, CameraGone, CameraSizeChanged
 from mirrormount.common.errors import MoveEnded, NotInControl
 from mirrormount.supervise import Supervisor
@@ -75,6 +76,21 @@ def test_a_person_takes_one_mount_and_has_both_stand_still(supervised):
         table.take_control()
     with pytest.raises(NotInControl):
         table.actuators[2].step(1)
+
+
+def test_the_loops_settings_are_there_while_it_has_control_and_no_longer(supervised):
+    _, first, second = supervised
+    own = answer(first.ask(Mount.settings))
+    mounts = [("first", first, ("x", "y")), ("second", second, ("x", "y"))]
+    with SupervisedTable("loop", mounts, (), {"take_up_us": 0, "velocity": 4.0}) as table:
+        assert answer(first.ask(Mount.settings)) == own
+        table.take_control()
+        assert answer(first.ask(Mount.settings))["y"]["velocity"] == 4.0
+        second.stop("STOP was pressed")
+        table.sleep(60)  # ends when control is lost
+        assert answer(first.ask(Mount.settings)) == own
+        table.take_control()
+    assert answer(first.ask(Mount.settings)) == own
 
 
 class _Camera:

@@ -1,0 +1,108 @@
+"""Table: the mounts and cameras that table.toml names, open and supervised.
+
+with Table.open() as table, table.loop("my loop", WANTED) as loop:   # what align and hold need
+    loop.take_control()
+"""
+
+import contextlib
+from collections.abc import Mapping
+from functools import partial
+from types import TracebackType
+from typing import Self
+
+from mirrormount.beam import scale
+from mirrormount.beam.eyes import CameraEye
+from mirrormount.beam.open_camera import open_camera
+from mirrormount.beam.supervised import SupervisedTable
+from mirrormount.common.axis_names import axis_name, paired
+from mirrormount.common.errors import BadFile, NotCalibrated
+from mirrormount.device import table_file
+from mirrormount.device.table_file import CameraEntry, MountEntry
+from mirrormount.supervise import Supervisor
+
+
+class Table:
+    """An open table. supervisors: by the name of the mount; two mounts on one board share one. eyes: by name.
+
+    Use open(), and close() or `with`.
+    """
+
+    def __init__(self, mounts: Mapping[str, tuple[Supervisor, tuple[str, str]]], eyes: Mapping[str, CameraEye]) -> None:
+        self.supervisors = {name: supervisor for name, (supervisor, _) in mounts.items()}
+        self.axes = {name: axes for name, (_, axes) in mounts.items()}
+        self.eyes = dict(eyes)
+        self._closing = contextlib.ExitStack()
+
+    @classmethod
+    def open(cls) -> Self:
+        """Open all mounts and cameras of the table's file; motors that moved are stopped.
+
+        Raises BadFile if it names none, NotCalibrated for a camera without a scale, CameraError, and as Mount.open().
+        """
+        table = table_file.read()
+        for what, entries in (("mount", table.mounts), ("camera", table.cameras)):
+            if not entries:
+                raise BadFile(f"{table_file.path()} names no {what}: `mirrormount table {what} NAME` gives it a name")
+        with contextlib.ExitStack() as opened:
+            eyes = {}
+            for name, entry in table.cameras.items():
+                eyes[name] = _eye(name, entry)
+                opened.callback(eyes[name].close)
+            mounts = _mounts(table.mounts)
+            for supervisor in dict.fromkeys(supervisor for supervisor, _ in mounts.values()):
+                opened.enter_context(supervisor)
+            made = cls(mounts, eyes)
+            made._closing = opened.pop_all()
+            return made
+
+    def loop(self, name: str, settings: Mapping[str, int | float] | None = None) -> SupervisedTable:
+        """A client of all mounts under a name that people read, with these settings while it has control."""
+        mounts = [(mount, supervisor, self.axes[mount]) for mount, supervisor in self.supervisors.items()]
+        return SupervisedTable(name, mounts, tuple(self.eyes.values()), settings)
+
+    def stop(self, cause: str = "the program asked for it") -> None:
+        """All motors of all mounts off, now; returns at once. Any thread."""
+        for supervisor in dict.fromkeys(self.supervisors.values()):
+            supervisor.stop(cause)
+
+    def close(self) -> None:
+        """Motors off, ports and cameras closed. Raises MountError if motors did not stop."""
+        self._closing.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def _mounts(entries: Mapping[str, MountEntry]) -> dict[str, tuple[Supervisor, tuple[str, str]]]:
+    """Supervisors, not open yet: one for each board, under the name of its first mount, which finds it on any port."""
+    boards: dict[str, tuple[Supervisor, int]] = {}
+    mounts: dict[str, tuple[Supervisor, tuple[str, str]]] = {}
+    for name, entry in entries.items():
+        key = entry.board.upper() if entry.board else f"port {entry.port}"
+        supervisor, x_axis = boards.setdefault(key, (Supervisor(name), entry.x_axis))
+        axes = axis_name(entry.x_axis, x_axis), axis_name(paired(entry.x_axis), x_axis)
+        mounts[name] = supervisor, axes
+    return mounts
+
+
+def _eye(name: str, entry: CameraEntry) -> CameraEye:
+    camera = open_camera(entry.camera)
+    try:
+        mm_per_px = scale.read(camera).mm_per_px
+    except NotCalibrated as e:
+        camera.close()
+        raise NotCalibrated(f"{name}: {e}; errors are told in um, so it is needed: `mirrormount camera scale`") from e
+    except BaseException:
+        camera.close()
+        raise
+    middle = (camera.size.width - 1) / 2, (camera.size.height - 1) / 2
+    um = 1000 * mm_per_px
+    distance_m = None if entry.distance_mm is None else entry.distance_mm / 1000
+    return CameraEye(
+        name, camera, entry.target_px or middle, (um, um), distance_m, reopen=partial(open_camera, entry.camera)
+    )
