@@ -13,15 +13,19 @@ from mirrormount.transport.open import open_port
 from mirrormount.transport.port import Port
 from mirrormount.transport.tap import TappedPort
 
+Address = str | Callable[[], Port] | None
+_OF_TABLE = "virtual-table://"  # for `mirrormount stop`
+
 
 class Connection:
     """mount: None while there is no board. trouble: why there is none, "" if there is one.
 
-    address: a port, a mount's name, or None for the only board. log: takes in the traffic. on_stop(): called behind
-    each stop that another program of this user asks for (`mirrormount stop`), in a thread of its own.
+    address: a port, a mount's name, None for the only board, or what opens the port (of a virtual table). log: takes
+    in the traffic. on_stop(): called behind each stop that another program of this user asks for (`mirrormount stop`),
+    in a thread of its own.
     """
 
-    def __init__(self, address: str | None, log: WireLog, on_stop: Callable[[], None]) -> None:
+    def __init__(self, address: Address, log: WireLog, on_stop: Callable[[], None]) -> None:
         self._address = address
         self._log = log
         self._on_stop = on_stop
@@ -38,8 +42,7 @@ class Connection:
             raise
 
     def _open(self) -> Mount:
-        place = Place(find_one()) if self._address is None else place_of(self._address)
-        port = open_port(place.address)
+        place, port = self._open_port()
         try:
             if port.lockstep:
                 raise BadValue("the panel needs a board at its own pace: speed=max is for use in one process")
@@ -50,6 +53,12 @@ class Connection:
         mount.accept_stops(place.address, also=self._on_stop)
         self.port, self.mount, self.trouble = port, mount, ""
         return mount
+
+    def _open_port(self) -> tuple[Place, Port]:
+        if callable(self._address):
+            return Place(_OF_TABLE), self._address()
+        place = Place(find_one()) if self._address is None else place_of(self._address)
+        return place, open_port(place.address)
 
     def lose(self, why: MountError) -> None:
         """The board has gone, or does not answer: motors off if it still can be reached, port closed."""

@@ -9,6 +9,7 @@ from mirrormount.device.mount import Mount
 from mirrormount.device.status import Status
 from mirrormount.supervise.lease import PATIENCE_S, Lease
 from mirrormount.supervise.program import Program
+from mirrormount.supervise.reconnect import Address
 from mirrormount.supervise.worker import Worker
 
 T = TypeVar("T")
@@ -17,12 +18,13 @@ T = TypeVar("T")
 class Supervisor:
     """Opens a mount, and carries out the requests of the client that has control. Use `with`.
 
-    address: as Mount.open(); None: the only board that is plugged in. patience_s: silence of a client after which its
-    motion is stopped. A board that goes away is opened again when it is back; no motion is resumed.
+    address: as Mount.open(); None: the only board that is plugged in; or what opens a port. patience_s: silence of a
+    client after which its motion is stopped. A board that goes away is opened again when it is back; no motion is
+    resumed.
     worker: for a server of its own, such as the panel.
     """
 
-    def __init__(self, address: str | None = None, *, patience_s: float = PATIENCE_S) -> None:
+    def __init__(self, address: Address = None, *, patience_s: float = PATIENCE_S) -> None:
         self.worker = Worker(address, Lease(patience_s=patience_s))
 
     def open(self) -> Self:

@@ -32,7 +32,7 @@ from mirrormount.supervise.motions import Asked, Motion, Motions, start
 from mirrormount.supervise.notices import Notices, ToNotices
 from mirrormount.supervise.pad import Pad
 from mirrormount.supervise.presses import Hold, Presses
-from mirrormount.supervise.reconnect import Connection
+from mirrormount.supervise.reconnect import Address, Connection
 from mirrormount.supervise.requests import Press, Request
 from mirrormount.supervise.state import POLL_S, State
 from mirrormount.supervise.tasks import Tasks
@@ -53,7 +53,7 @@ class Worker:
     driver (the client whose motion it is), stop_cause (of the last stop).
     """
 
-    def __init__(self, address: str | None, lease: Lease, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, address: Address, lease: Lease, clock: Callable[[], float] = time.monotonic) -> None:
         self.lease = lease
         self.log = WireLog()
         self.connection = Connection(
@@ -116,12 +116,12 @@ class Worker:
         self.stop(f"{person.name} handed control to {question.client.name}", counted=True)
         question.outcome.set_result(None)
 
-    def request(self, client: Client, request: Request, motion: Motion | None = None) -> None:
+    def request(self, client: Client, request: Request, motion: Motion | None = None, stops: int | None = None) -> None:
         """Carry out a request; a later refusal becomes the motion's outcome, or a notice of the client.
 
-        A press while a step of an earlier press is under way waits for its turn. Raises NotInControl.
+        A press during a step waits for its turn. stops: lease.stops when it was decided. Raises NotInControl.
         """
-        asked = Asked(client, request, self.lease.stops, self._clock(), motion)
+        asked = Asked(client, request, self.lease.stops if stops is None else stops, self._clock(), motion)
         self.lease.check(client)  # behind the count: control is claimed before the motion of its last holder is stopped
         if not isinstance(request, Press):
             self._tasks.add(lambda: self._begin(asked), asked.refuse)
