@@ -24,6 +24,10 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--patience", default="0.35", metavar="S", help="stop what a page drives when it is silent for so long (0.35)"
     )
+    parser.add_argument(
+        "--camera",
+        help="a camera's picture, and clicks that move the spot: index, device, part of a name; with --virtual: 1 or 2",
+    )
     parser.add_argument("--no-browser", dest="browser", action="store_false", help="do not open the browser")
 
 

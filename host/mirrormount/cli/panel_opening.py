@@ -15,7 +15,9 @@ import webbrowser
 from collections.abc import Callable
 from dataclasses import dataclass
 from types import FrameType
+from typing import TYPE_CHECKING
 
+from mirrormount.cli import panel_camera
 from mirrormount.cli.browser_link import page_to
 from mirrormount.cli.command import virtual_address
 from mirrormount.common.errors import BadAddress, BadValue, CannotListen, ExtraMissing, NoBoardFound
@@ -23,6 +25,10 @@ from mirrormount.common.extras import install
 from mirrormount.common.tokens import SHORT, is_short, read_token
 from mirrormount.panel.sign_in import SignIn
 from mirrormount.transport.find import find
+
+if TYPE_CHECKING:
+    from mirrormount.panel.camera_view import CameraView
+    from mirrormount.supervise.reconnect import Address
 
 _PORT = 8080
 _PATIENCE_S = 0.1, 2.0
@@ -56,7 +62,8 @@ def serve_panel(args: argparse.Namespace) -> None:
         for warning in _warnings(args.token, token):
             print(f"mirrormount: warning: {warning}", file=sys.stderr)
         opening = Opening(listener, _links(listener), wide, SignIn(token))
-        _serve(address, opening, patience_s, args.browser)
+        with panel_camera.opened(args, address) as (board, view):
+            _serve(board, opening, patience_s, args.browser, view)
     finally:
         listener.close()
 
@@ -148,19 +155,19 @@ def _patience(text: str) -> float:
     return seconds
 
 
-def _serve(address: str | None, opening: Opening, patience_s: float, browser: bool) -> None:
+def _serve(board: "Address", opening: Opening, patience_s: float, browser: bool, view: "CameraView | None") -> None:
     from mirrormount.panel.server import make_server
     from mirrormount.supervise import Supervisor
 
     signal.signal(signal.SIGTERM, _end)  # while the web server runs, it ends that first
     if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:  # nohup ignores it
         signal.signal(signal.SIGHUP, lambda *_: signal.raise_signal(signal.SIGTERM))
-    with Supervisor(address, patience_s=patience_s) as supervisor, contextlib.ExitStack() as pages:
+    with Supervisor(board, patience_s=patience_s) as supervisor, contextlib.ExitStack() as pages:
         worker = supervisor.worker
         sign_in, best, own = opening.sign_in, opening.addresses[0], opening.addresses[-1]
         sign_in.told = lambda client, _code: _tell_used(opening, client)
         phone = (lambda: opening.link(best, sign_in.new_code)) if opening.wide else None
-        server = make_server(worker, sign_in, phone)
+        server = make_server(worker, sign_in, phone, view)
         _tell(worker.mount.identity if worker.mount else "", opening)
         if browser:  # in a thread: some do not return
             with contextlib.suppress(OSError):  # no room for the page of the link: the terminal has shown one

@@ -11,8 +11,12 @@ cards_of_motion.py   press and hold, steps, speeds                          Nice
 cards_of_state.py    positions, lamps, plot, events, virtual screen         NiceGUI
 card_of_settings.py  all settings, apply, save, restore                     NiceGUI
 card_of_wire.py      the wire log                                           NiceGUI
+card_of_camera.py    the camera's picture                                   NiceGUI
+camera_view.py       what is shown of a camera, as data                     OpenCV
+camera_route.py      its pictures, one at a time for each page              ASGI
+spot_moves.py        clicks on the picture move the spot                    OpenCV
 server.py            NiceGUI on uvicorn; the log file                       uvicorn
-static/              panel.js (drives), screen.js (the spot), panel.css
+static/              panel.js (drives), screen.js (the virtual screen), camera.js (pictures), panel.css
 
 The mount itself is owned by mirrormount.supervise. `mirrormount panel` is cli/panel.py.
 """

@@ -4,6 +4,7 @@ import json
 import logging
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from nicegui import app, ui
 
@@ -15,10 +16,14 @@ from mirrormount.panel.socket import refusal
 from mirrormount.supervise.board_settings import BoardSettings
 from mirrormount.supervise.worker import Worker
 
+if TYPE_CHECKING:
+    from mirrormount.panel.camera_view import CameraView
+
 STATIC = Path(__file__).parent / "static"
 _REFRESH_S = 0.1
 _HEAD = """<link rel="stylesheet" href="/panel/panel.css">
-<script src="/panel/panel.js" defer></script><script src="/panel/screen.js" defer></script>"""
+<script src="/panel/panel.js" defer></script><script src="/panel/screen.js" defer></script>
+<script src="/panel/camera.js" defer></script>"""
 _MODES = {None: "brightness_auto", False: "light_mode", True: "dark_mode"}
 
 Refresh = Callable[[], None]
@@ -26,8 +31,11 @@ Link = Callable[[], str] | None
 _log = logging.getLogger("mirrormount.panel")
 
 
-def register(pages: Pages, worker: Worker, link: Link) -> None:
-    """Register the page with NiceGUI. link(): a new link for a phone, None if only this computer can open the panel."""
+def register(pages: Pages, worker: Worker, link: Link, view: "CameraView | None") -> None:
+    """Register the page with NiceGUI. link(): a new link for a phone, None if only this computer can open the panel.
+
+    view: the camera, if there is one.
+    """
     app.add_static_files("/panel", STATIC, max_cache_age=0)
     settings = BoardSettings(worker)
 
@@ -40,10 +48,10 @@ def register(pages: Pages, worker: Worker, link: Link) -> None:
         page = pages.add(client.ip or "?")
         page.drop = client.delete
         client.on_delete(lambda: pages.forget(page))
-        _build(page, worker, settings, link)
+        _build(page, worker, settings, link, view)
 
 
-def _build(page: Page, worker: Worker, settings: BoardSettings, link: Link) -> None:
+def _build(page: Page, worker: Worker, settings: BoardSettings, link: Link, view: "CameraView | None") -> None:
     ui.add_head_html(_HEAD)
     axes = worker.state.axes
     refreshes: list[Refresh] = [_header(page, worker, link), _question(page, worker)]
@@ -52,10 +60,14 @@ def _build(page: Page, worker: Worker, settings: BoardSettings, link: Link) -> N
             refreshes += [cards_of_motion.hold(worker)]
             cards_of_motion.by_numbers(worker)
         with ui.element("div").classes("column"):
+            if view:
+                from mirrormount.panel import card_of_camera  # and with it OpenCV
+
+                card_of_camera.build(view)
             refreshes += [cards_of_state.axis(worker, name) for name in axes]
             refreshes += [cards_of_state.plot(worker), cards_of_state.news(page, worker)]
         with ui.element("div").classes("column"):
-            if worker.connection.spot_mm():
+            if worker.connection.spot_mm() and not view:
                 cards_of_state.screen()
             refreshes += [card_of_settings.build(settings, lambda tick: refusal(worker, page, tick))]
             refreshes += [card_of_wire.build(worker)]

@@ -4,9 +4,10 @@ import logging
 import logging.handlers
 import socket
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import uvicorn
-from fastapi import FastAPI
+from fastapi import FastAPI, Request
 from nicegui import app as gui
 from nicegui import core, ui
 from platformdirs import user_log_path
@@ -14,12 +15,15 @@ from starlette.types import ASGIApp
 
 from mirrormount.common.errors import CannotListen
 from mirrormount.common.printable import printable
-from mirrormount.panel import page
+from mirrormount.panel import camera_route, page
 from mirrormount.panel.auth import Auth
 from mirrormount.panel.pages import Pages
 from mirrormount.panel.sign_in import SignIn
-from mirrormount.panel.socket import routes
+from mirrormount.panel.socket import Orders, routes
 from mirrormount.supervise.worker import Worker
+
+if TYPE_CHECKING:
+    from mirrormount.panel.camera_view import CameraView
 
 _LOG_MOST = 1 << 20  # bytes of the log; one older file of this size is kept
 _MESSAGE_MOST = 1 << 16  # bytes of a message of a socket
@@ -74,13 +78,22 @@ class Server(uvicorn.Server):
         super().handle_exit(sig, frame)  # type: ignore[arg-type]
 
 
-def make_server(worker: Worker, sign_in: SignIn, link: Callable[[], str] | None) -> Server:
-    """The panel of a worker. link(): a new link for a phone, if the panel is open to the network."""
+def make_server(
+    worker: Worker, sign_in: SignIn, link: Callable[[], str] | None, view: "CameraView | None" = None
+) -> Server:
+    """The panel of a worker. link(): a new link for a phone, if the panel is open to the network. view: the camera."""
     _log_to_file()
     pages = Pages(worker.lease)
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
-    app.include_router(routes(pages, worker, sign_in.key))
-    page.register(pages, worker, link)
+    orders = Orders()
+    if view:
+        from mirrormount.panel.spot_moves import SpotMoves
+
+        moves = SpotMoves(worker, view)
+        orders = Orders({"place": moves.place, "learn": moves.learn}, moves.give_way)
+        app.include_router(camera_route.routes([view], lambda request: _viewer(pages, request)))
+    app.include_router(routes(pages, worker, sign_in.key, orders))
+    page.register(pages, worker, link, view)
 
     def fault(error: Exception) -> None:
         worker.stop("the panel has a fault", tell=False)
@@ -96,6 +109,12 @@ def make_server(worker: Worker, sign_in: SignIn, link: Callable[[], str] | None)
     core.app.config.message_history_length = 0  # what was sent to a page that was away is not true any more
     core.sio.on("log", lambda _sid, _message: None)  # what a page would write to this program's log
     return Server(Auth(app, sign_in), worker, pages)
+
+
+def _viewer(pages: Pages, request: Request) -> str | None:
+    """The page that asks for a picture, by its own key; None if it is not connected: it has shown no key then."""
+    found = pages.find(request.headers.get("x-page", ""))
+    return found.name if found and found.connected else None
 
 
 def _log_to_file() -> None:

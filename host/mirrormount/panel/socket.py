@@ -8,7 +8,8 @@ arrives late is known to be late by its tick (lease.py). Only a stop is carried 
 import asyncio
 import contextlib
 import json
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
 
 from fastapi import APIRouter, Response, WebSocket, WebSocketDisconnect
 
@@ -28,7 +29,17 @@ _NO_KEY = 4401  # a close code: the page must sign in
 _UNKNOWN_PAGE = 4404  # a close code: the page is of another run of the panel: reload
 
 
-def routes(pages: Pages, worker: Worker, key: str | None) -> APIRouter:
+class Orders(NamedTuple):
+    """Orders beside those of requests.py. by_name: each is called with the page and its message, may raise BadValue.
+
+    give_way(): called before any request of requests.py is carried out.
+    """
+
+    by_name: Mapping[str, Callable[[Page, Mapping[str, Any]], None]] = {}
+    give_way: Callable[[], None] = lambda: None
+
+
+def routes(pages: Pages, worker: Worker, key: str | None, orders: Orders = Orders()) -> APIRouter:  # noqa: B008
     """The routes /drive, and /stop as a second way for a stop.
 
     key: a secret in the storage of this panel's origin (sign_in.py), None if no sign-in is needed.
@@ -53,7 +64,7 @@ def routes(pages: Pages, worker: Worker, key: str | None) -> APIRouter:
                 text = await socket.receive_text()
                 if page.connection is not socket:
                     break
-                _receive(text, page, worker)
+                _receive(text, page, worker, orders)
         except WebSocketDisconnect as e:
             if e.code == FLOOD:
                 worker.report(f"{page.name} was closed: it sent too many messages")
@@ -90,7 +101,7 @@ async def _see_off(socket: WebSocket) -> None:
         await socket.close(_UNKNOWN_PAGE)
 
 
-def _receive(text: str, page: Page, worker: Worker) -> None:
+def _receive(text: str, page: Page, worker: Worker, orders: Orders) -> None:
     """Carry out one message."""
     message = _parsed(text)
     what = message.get("do")
@@ -107,14 +118,14 @@ def _receive(text: str, page: Page, worker: Worker) -> None:
         page.notices.append(_LATE)
     else:
         try:
-            _carry_out(message, page, worker)
+            _carry_out(message, page, worker, orders)
         except BadValue as e:
             page.notices.append(f"nothing was done: {e}")
         except NotInControl as e:
             page.notices.append(str(e))
 
 
-def _carry_out(message: dict[str, Any], page: Page, worker: Worker) -> None:
+def _carry_out(message: dict[str, Any], page: Page, worker: Worker, orders: Orders) -> None:
     """Carry out a fresh message. Raises BadValue, NotInControl."""
     holder = worker.lease.holder
     match message.get("do"):
@@ -126,11 +137,16 @@ def _carry_out(message: dict[str, Any], page: Page, worker: Worker) -> None:
             worker.lease.keep(page, message.get("question"))
         case _ if holder is None or (holder is not page and holder.is_person):
             raise NotInControl(_watches(worker))
-        case _:
-            request = parse(message, worker.state.axes)
+        case what:
+            order = orders.by_name.get(what) if isinstance(what, str) else None
+            request = None if order else parse(message, worker.state.axes)
             if holder is not page:  # a press takes control from a program
                 worker.take_control(page)
-            worker.request(page, request)
+            if order:
+                order(page, message)
+            elif request:
+                orders.give_way()
+                worker.request(page, request)
 
 
 def refusal(worker: Worker, page: Page, tick: object) -> str:

@@ -212,6 +212,7 @@
     if (element && !element.disabled) request(element);
   });
 
+  window.mountSend = send; // a click on the picture (camera.js)
   window.mountTick = () => tick; // for what NiceGUI's own buttons ask
 
   connect();
