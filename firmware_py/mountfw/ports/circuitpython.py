@@ -1,7 +1,7 @@
 """The hardware's verbs on CircuitPython. Only ports/circuitpython*.py name its modules.
 
-CircuitPython has no interrupts for Python code: end-stops are polled. Its finest clock that does not
-allocate has steps of 1/1024 s. docs/circuitpython.md has what follows from both.
+CircuitPython has no interrupts for Python code, so end-stops are polled. The finest clock that does not allocate has
+steps of 1/1024 s. docs/circuitpython.md lists the consequences.
 """
 
 import binascii
@@ -26,24 +26,24 @@ from mountfw.ports.circuitpython_pins import (  # noqa: F401 (likewise)
     reader,
 )
 
-_WRAP_MASK = 0x3FFF_FFFF  # written as a sum with 1 << 30 it would be a large integer, and allocate at each use
+_WRAP_MASK = 0x3FFF_FFFF  # a literal: computed from 1 << 30 it would be a large integer, and allocate at each use
 _MS_MASK = (1 << 29) - 1  # supervisor.ticks_ms() wraps there
 _MOST_MS = (1 << 20) - 1  # between two readings; in microseconds still a small integer
 _HALF = 1 << 29
 _ticks_ms = supervisor.ticks_ms
 _delay_us = microcontroller.delay_us
 
-# The watchdog waits so long. While the PC writes on the drive, its flash is erased in the middle of our loop, sector
-# by sector, 0.4 s each at worst (W25Q16JV): a reset then would damage the drive.
+# The watchdog's timeout. When the PC writes to the drive, CircuitPython erases flash during a pass of the loop, up to
+# 0.4 s a sector (W25Q16JV). A reset in an erase would damage the drive's file system.
 _HUNG_S = 4
 
 
 class _Clock:
-    """Time that wraps at 2**30, without an integer that would allocate, in the steps that CircuitPython's clock has.
+    """Time that wraps at 2**30, in the steps of CircuitPython's clock, without an allocation.
 
-    Those are 1/1024 s, read as whole milliseconds, rounded down: 128 steps are 125 ms, in which three of them do not
-    show. So the milliseconds come at uneven times, but known ones: the microseconds are those of the step that was
-    seen last. It must be asked at least each 17 minutes: after a longer silence some of the microseconds are lost.
+    A step is 1/1024 s, and the clock is read as whole milliseconds, rounded down. So 128 steps are 125 ms, and three of
+    them do not change the reading. The time of each change is known all the same: us() returns that of the last one.
+    Call us() at least every 17 minutes: after a longer pause it loses time.
     """
 
     def __init__(self):
@@ -52,11 +52,11 @@ class _Clock:
             steps = (2 * time.monotonic_ns() + 1) // 1953125
             if _ticks_ms() == self._seen_ms:
                 break
-        # Of the millisecond among 125. What comes of a large integer stays one, however small its value, and allocates
-        # at each use, and so does all that comes of it: but not what is read from digits.
+        # The millisecond's place among 125. It goes through text: a number that is computed from a large integer stays
+        # one, and allocates at each use.
         self._place = int(str(steps * 1000 // 1024 % 125))
         self._ms = 0
-        self._us = _WRAP_MASK - 499_999  # half a second before it wraps: every start lives through that
+        self._us = _WRAP_MASK - 499_999  # half a second before it wraps: each start tests that
 
     def us(self):
         """Microseconds."""
@@ -82,7 +82,7 @@ class _Clock:
 
 
 def _steps_us(ms):
-    """The time in microseconds of the step at which the clock reads ms (0 ... 124)."""
+    """Microseconds of the step at which the clock first reads ms (0 ... 124)."""
     return (ms * 128 + 124) // 125 * 15625 // 16
 
 
@@ -92,7 +92,7 @@ ticks_ms = _clock.ms
 
 
 def pause_us(us):
-    """Wait for us and a PWM period, then for the clock's next step: what begins on a step can end on one."""
+    """Wait for us and a PWM period, then for the clock's next step: a drive that begins on a step can end on one."""
     _delay_us(us + PERIOD_US)
     ms = _ticks_ms()
     while _ticks_ms() == ms:
@@ -118,7 +118,7 @@ def reset_cause():
 
 
 def start_watchdog():
-    """From here on the board is reset unless the function that this returns is called every few seconds."""
+    """Start the watchdog. Returns the function that feeds it; call that every few seconds, or the board is reset."""
     dog = microcontroller.watchdog
     if dog is None:
         return stop_watchdog
@@ -130,7 +130,7 @@ def start_watchdog():
 
 
 def stop_watchdog():
-    """No feeding is needed from here on: at the prompt."""
+    """Stop the watchdog: at the prompt nothing feeds it."""
     if microcontroller.watchdog is not None:
         microcontroller.watchdog.mode = None
 
@@ -143,17 +143,17 @@ def encoder(number, pins):
 
 
 def collect():
-    """Free what starting up has left behind; the loop leaves nothing."""
+    """Collect the garbage of the start; the loop makes none."""
     gc.collect()
 
 
 def free_memory():
-    """Bytes of the heap that are free. Allocates nothing, but walks the heap: ask it seldom."""
+    """Free bytes of the heap. Allocates nothing, but walks the heap, which takes milliseconds."""
     return gc.mem_free()  # pyright: ignore[reportAttributeAccessIssue]
 
 
 def uninterrupted(action, argument):
-    """action(argument), from the start again however often Ctrl-C comes meanwhile: it cannot be switched off here."""
+    """Call action(argument), again after each Ctrl-C, until it has returned: Ctrl-C cannot be switched off here."""
     while True:
         try:
             action(argument)
@@ -163,7 +163,7 @@ def uninterrupted(action, argument):
 
 
 def leave(board):
-    """Motors off and watchdog off on the way to the prompt, however often Ctrl-C comes meanwhile."""
+    """Turn motors and watchdog off before the prompt, whatever Ctrl-C interrupts."""
     uninterrupted(_leave, board)
 
 

@@ -1,6 +1,6 @@
 """A CircuitPython board's pins: outputs, bridges, inputs, and its board file.
 
-boot.py takes this much of the port, before USB is there.
+boot.py imports this part of the port alone, before USB starts.
 """
 
 import os
@@ -13,19 +13,19 @@ import pwmio
 
 from mountfw.ports import shared
 
-# A duty takes effect when the PWM's period is over (RP2040 data sheet 4.5.2), and off is a duty here: to put a
-# pin in another's hands takes a new object. So whatever the board file asks for, no period is longer than 50 us.
+# A new duty takes effect at the end of the PWM's period (RP2040 data sheet 4.5.2). Off is a duty here: to drive the pin
+# as a level, CircuitPython needs a new object. So no period is longer than 50 us, whatever the board file says.
 _LEAST_PWM_HZ = 20_000
 PERIOD_US = 50
 
 _gpios = getattr(microcontroller, "pin")  # noqa: B009 (CircuitPython's stubs do not know it)
-_outputs = {}  # pin: what drives it; an object of CircuitPython's keeps its pin until it is given back
+_outputs = {}  # {pin: its output}; CircuitPython reserves a pin until deinit() of its object
 _inputs = {}
 _led = None
 
 
 def pin_of(number):
-    """GPIO `number`, or the pin that the module `board` calls by that name."""
+    """GPIO `number`, or the pin of that name in the module `board`."""
     return getattr(pins, number) if isinstance(number, str) else getattr(_gpios, "GPIO%d" % number)
 
 
@@ -46,7 +46,7 @@ class _Level:
 
 
 class _Duty:
-    """An output that carries a duty, from the end of a PWM period on."""
+    """An output with a duty, which takes effect at the end of the PWM's period."""
 
     def __init__(self, number, pwm_hz):
         self.io = pwmio.PWMOut(pin_of(number), duty_cycle=0, frequency=max(pwm_hz, _LEAST_PWM_HZ))
@@ -65,7 +65,7 @@ class _Duty:
 
 
 def output(number, pwm_hz=0):
-    """An output pin, low from the start: low() and high(), and with pwm_hz level() too."""
+    """An output pin, low at first. Has low() and high(), and with pwm_hz also level()."""
     known = _outputs.get(number)
     if known and isinstance(known, _Duty) == (pwm_hz > 0):
         known.low()
@@ -82,7 +82,7 @@ class TwoPwmBridge:
     """A bridge with two PWM inputs, as bridge.TwoPwmBridge: by Adafruit's DCMotor. Both inputs low is coasting."""
 
     def __init__(self, pos, neg, dead_time_us, pause_us, ticks_us):
-        from adafruit_motor.motor import DCMotor  # on the drive's lib/; only such a bridge needs it
+        from adafruit_motor.motor import DCMotor  # in lib/ on the drive; no other bridge needs it
 
         self._motor = DCMotor(pos.io, neg.io)
         self._dead_time_us = dead_time_us
@@ -124,7 +124,7 @@ def reader(number):
 
 
 def on_rise(_number, _handler):
-    """No action: a pin cannot call Python code here, so the loop polls the switches."""
+    """Do nothing: CircuitPython has no pin interrupts, so the loop polls the switches."""
 
 
 def led(on):
@@ -134,7 +134,7 @@ def led(on):
 
 
 def find_board():
-    """The board file, as shared.find_board() says, by the board_id; its LED is set up."""
+    """The board file by shared.find_board() for this board_id, or None. Sets its LED up."""
     global _led
     found = shared.find_board(pins.board_id, pins.board_id, os.listdir, sys.platform[:3] == "RP2")
     number = shared.led_of(found, pins.board_id.endswith("_w")) if found else None
@@ -143,7 +143,7 @@ def find_board():
             _led = digitalio.DigitalInOut(pin_of(number))
             _led.switch_to_output(False)
         except (AttributeError, ValueError):
-            pass  # this board has none of that name, or uses it for something else
+            pass  # no such pin, or it is in use
     return found
 
 

@@ -1,7 +1,7 @@
-"""`mirrormount deploy` and `undeploy` for a CircuitPython board: its drive takes the files, its ports tell the rest.
+"""`mirrormount deploy` and `undeploy` for a CircuitPython board: files to its drive, commands to its serial ports.
 
-drive_plan.py says what has to be done, drive_copy.py does it. The firmware is stopped through the console first: at
-its prompt CircuitPython does not restart programs because their files change.
+circuitpython_plan.py computes the steps, circuitpython_copy.py executes them. Before that the program is interrupted on
+the console: at its prompt CircuitPython does not restart a program whose files change.
 """
 
 import contextlib
@@ -49,16 +49,16 @@ from mirrormount.transport.circuitpy_ports import Channels, channels, namesakes,
 from mirrormount.transport.lines import Link
 from mirrormount.transport.open import open_port
 
-_BACK_S = 30.0  # a reset, a second of safe-mode wait, a second before boot_out.txt, USB, and the imports
-_BY_HAND_S = 60.0  # for somebody to find the reset button
+_BACK_S = 30.0  # for a reset: 1 s of safe-mode wait, 1 s before boot_out.txt, USB, and the imports
+_BY_HAND_S = 60.0  # for a person to find and press the reset button
 _AGAIN_S = 0.2
 _IDENTITY = re.compile(r"mirrormount,([^,]*),[^,]*,([^\s,]+)")
 
 
 def deploy(drive: Drive, this: dict[str, bytes], options: Options, progress: Progress) -> str:
-    """Put the firmware on the drive, and `this` as the choice of a board file. Returns one line for the user.
+    """Put the firmware on the drive, with the files `this`, which choose the board file. Returns one line for the user.
 
-    Raises DeployError, CannotOpen, ConnectionLost. The line says what the drive is left with.
+    Raises DeployError, CannotOpen, ConnectionLost; the message says what is on the drive then.
     """
     started = time.monotonic()
     check_version(drive)
@@ -95,7 +95,10 @@ def deploy(drive: Drive, this: dict[str, bytes], options: Options, progress: Pro
 
 
 def undeploy(drive: Drive, options: Options, progress: Progress) -> str:
-    """Take off the drive what deploy has put there, and nothing else. Returns one line for the user."""
+    """Remove what deploy has put on the drive, and nothing else. Returns one line for the user.
+
+    Raises DeployError, CannotOpen, ConnectionLost.
+    """
     files = Files(drive.path)
     _check_claims(drive)
     old = survey(files)[2]
@@ -116,7 +119,7 @@ def undeploy(drive: Drive, options: Options, progress: Progress) -> str:
 
 
 def may_replace(options: Options) -> Callable[[dict[str, str]], bool]:
-    """What drive_plan() asks about somebody else's files: --replace-main, or whoever sits at the terminal."""
+    """The question of drive_plan() about other people's files, answered by --replace-main or at the terminal."""
 
     def ask_user(aside: dict[str, str]) -> bool:
         if options.replace_main:
@@ -143,7 +146,7 @@ def _channels(drive: Drive) -> Channels:
 
 
 def _check_claims(drive: Drive) -> None:
-    """Raise WrongDrive for a drive whose ports are not certain: something else may be there."""
+    """Raise WrongDrive if the drive's serial ports are not certain: another instrument may be connected there."""
     if others := [] if drive.vouched else namesakes(drive, find_drives()):
         names = ", ".join(str(other) for other in others)
         raise WrongDrive(f"{drive} has the same UID as {names}: nothing was changed; unplug all but one")
@@ -155,9 +158,9 @@ def _check_claims(drive: Drive) -> None:
 
 
 def _approach(drive: Drive, stop: bool) -> Channels:
-    """See to it that no motor moves and no program runs. Raises DeployError, CannotOpen. Returns the board's ports."""
+    """Check that no motor moves, and interrupt the program. Returns the ports. Raises DeployError, CannotOpen."""
     ports = _channels(drive)
-    if drive.has_mountfw and ports.protocol:  # a question that a stranger's program should not get
+    if drive.has_mountfw and ports.protocol:  # another program must not get this query
         link = Link(open_port(ports.protocol))
         try:
             link.drain(0.1)
@@ -171,7 +174,7 @@ def _approach(drive: Drive, stop: bool) -> Channels:
 
 @contextlib.contextmanager
 def _restart_if_it_fails(ports: Channels):
-    """Start the board again when nothing comes of a deploy: its old program, or a code.py that does nothing."""
+    """If the deploy fails, restart the board: with its old program, or with the code.py that does nothing."""
     try:
         yield
     except BaseException:
@@ -182,7 +185,7 @@ def _restart_if_it_fails(ports: Channels):
 
 
 def _already(drive: Drive, stop: bool, expected: tuple[str, ...]) -> str:
-    """For a drive that needs no change: ask what runs; restart the board only if it is not that."""
+    """For a drive that needs no change: ask for the hash of what runs, and restart the board only if it differs."""
     with contextlib.suppress(NotSeenRunning):
         return _listen(drive, expected, 0.0)
     ports = _approach(drive, stop)
@@ -190,7 +193,7 @@ def _already(drive: Drive, stop: bool, expected: tuple[str, ...]) -> str:
 
 
 def _restart(drive: Drive, ports: Channels, expected: tuple[str, ...], progress: Progress) -> str:
-    """Restart the board and hear what it runs. Raises NotSeenRunning."""
+    """Restart the board and wait for its answers. Raises FirmwareFailed, NotSeenRunning."""
     if ports.console:
         progress.phase("restarting")
         circuitpython_console.reset(ports.console)
@@ -200,7 +203,7 @@ def _restart(drive: Drive, ports: Channels, expected: tuple[str, ...], progress:
 
 
 def _put_back(drive: Drive, back: WayBack, ports: Channels, ours: bool, progress: Progress) -> str:
-    """Bring back what was on the drive, and tell what the board has now. ours: whether a mount's firmware was there."""
+    """Restore the files that were on the drive. Returns the result in words. ours: it was a firmware of a mount."""
     progress.phase("the new firmware does not start; putting back the files that were there")
     if not ports.console:
         return "the new files are on the drive"
@@ -215,15 +218,15 @@ def _put_back(drive: Drive, back: WayBack, ports: Channels, ours: bool, progress
     try:
         _listen(drive, None, _BACK_S)
     except DeployError:
-        return "the firmware that was there before is back, but was not heard"
+        return "the firmware that was there before is back, but does not answer"
     return "the firmware that was there before is back and answers"
 
 
 def _listen(drive: Drive, expected: tuple[str, ...] | None, longest_s: float) -> str:
-    """Wait for the board to tell the hash of what was sent. Returns "board, mountfw version, n axes, …".
+    """Wait until the board answers XF? with one of the hashes. Returns "board, mountfw version, n axes, …".
 
-    expected: what XF? may answer; None: anything. Its ports go and come back meanwhile, under other names perhaps.
-    Raises FirmwareFailed if the board says why it does not start, else NotSeenRunning.
+    expected: the hashes; None: any. The board's ports disappear meanwhile and may return under other names.
+    Raises FirmwareFailed with the board's own error if the firmware does not start, else NotSeenRunning.
     """
     end = time.monotonic() + longest_s
     why = "no port of it was seen"
@@ -243,8 +246,8 @@ def _listen(drive: Drive, expected: tuple[str, ...] | None, longest_s: float) ->
         if said:
             raise FirmwareFailed(f"the firmware on the board does not start; it says: {said}")
     raise NotSeenRunning(
-        f"the files are on the drive and were read back as sent, but the board was not heard to run them ({why}):"
-        " press its reset button, then deploy again, which only asks"
+        "the files are on the drive and were read back as sent, but the board has not confirmed that it runs them"
+        f" ({why}): press its reset button, then deploy again, which only asks"
     )
 
 
@@ -252,10 +255,10 @@ def _identity(device: str, expected: tuple[str, ...] | None) -> str:
     link = Link(open_port(device))
     try:
         link.drain(0.1)
-        heard = ask(link, b"*IDN?\n")
-        found = _IDENTITY.search(heard)  # on a console there may be other text before it
+        answer = ask(link, b"*IDN?\n")
+        found = _IDENTITY.search(answer)  # on a console there may be other text before it
         if not found:
-            raise DeployError(f"{device} says {heard.strip()[-60:]!r}" if heard.strip() else f"{device} is silent")
+            raise DeployError(f"{device} says {answer.strip()[-60:]!r}" if answer.strip() else f"{device} is silent")
         axes, told = check(link, expected)
         what = "checksum (it has no SHA-256)" if told.startswith("crc32-") else "hash"
         who = printable(f"{found[1]}, mountfw {found[2]}")

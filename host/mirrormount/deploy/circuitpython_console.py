@@ -1,4 +1,4 @@
-"""The console of a CircuitPython board: stop what runs there, and restart the board."""
+"""The console of a CircuitPython board: interrupt the program, and restart the board."""
 
 import time
 
@@ -12,28 +12,27 @@ _PROMPT_S = 6.0
 _QUIET_S = 0.2
 _LAST_WORDS_S = 3.0
 _START_S = 20.0  # how long a program may take to fail: all of it is compiled first
-_ENDED = (b"Code done running", b"Press any key", b">>> ")  # what CircuitPython says after a program
-_KEYS = 8  # between one Ctrl-C and the next
+_ENDED = (b"Code done running", b"Press any key", b">>> ")  # CircuitPython's output after a program
+_KEYS = 8  # times that a key is sent between two Ctrl-C
 
 
 def interrupt(port: str) -> None:
-    """Stop the program, so that its `finally` turns the motors off, and wait for the prompt. Raises DeployError.
+    """Interrupt the program, whose `finally` turns the motors off, and wait for the prompt. Raises DeployError.
 
-    At the prompt CircuitPython does not reload by itself when the drive is written to. It stays there when the
-    port is closed.
+    At the prompt CircuitPython does not reload when the drive is written to. It stays there after the port is closed.
     """
     link = Link(open_port(port))
     try:
         end = time.monotonic() + _PROMPT_S
         while time.monotonic() < end:
             link.write(prompt.INTERRUPT)
-            heard = link.drain(_QUIET_S)
-            # Ctrl-C is given time for the program's `finally`; after the program has ended any key brings the
-            # prompt, and Ctrl-B leaves a raw one
+            received = link.drain(_QUIET_S)
+            # A second Ctrl-C at once would interrupt the program's `finally`. After the program any key opens the
+            # prompt, and Ctrl-B leaves a raw prompt.
             for _ in range(_KEYS):
                 link.write(b"\r" + prompt.FRIENDLY)
-                heard = heard[-200:] + link.drain(_QUIET_S)
-                if heard.rstrip().endswith(prompt.SIGN):
+                received = received[-200:] + link.drain(_QUIET_S)
+                if received.rstrip().endswith(prompt.SIGN):
                     return
     finally:
         link.close()
@@ -44,7 +43,7 @@ def interrupt(port: str) -> None:
 
 
 def reset(port: str) -> None:
-    """Restart the board as its reset button does, from its prompt: only that runs boot.py again."""
+    """Reset the board from its prompt, as its button does: a soft reset would not run boot.py."""
     link = Link(open_port(port))
     try:
         link.write(b"\r" + prompt.INTERRUPT + prompt.FRIENDLY)
@@ -54,24 +53,24 @@ def reset(port: str) -> None:
         link.write(b"microcontroller.reset()\r")
         link.drain(_QUIET_S)
     except ConnectionLost:
-        pass  # it has gone: that is what a reset looks like
+        pass  # the reset closes the port
     finally:
         link.close()
 
 
 def last_words(port: str) -> str:
-    """Run the program once more, to hear why it ends: the last line of an error, or "". Raises DeployError."""
+    """Run the program once more. Returns the last line of its error, or "". Raises DeployError."""
     interrupt(port)
     link = Link(open_port(port))
     try:
         link.write(prompt.RESTART)
-        heard = b""
+        received = b""
         end = time.monotonic() + _START_S
-        while not any(sign in heard for sign in _ENDED) and time.monotonic() < end:
-            heard += link.drain(_QUIET_S, _LAST_WORDS_S)
+        while not any(sign in received for sign in _ENDED) and time.monotonic() < end:
+            received += link.drain(_QUIET_S, _LAST_WORDS_S)
     finally:
         link.close()
-    text = heard.decode("utf-8", "replace")
+    text = received.decode("utf-8", "replace")
     said = [
         line.strip() for line in text.splitlines() if "Error" in line or line.startswith(("mirrormount", "mountfw:"))
     ]

@@ -1,8 +1,8 @@
-"""The file operations of a deploy on a CircuitPython drive, in the order that drive_plan.py explains.
+"""The file operations of a deploy on a CircuitPython drive, in the order that circuitpython_plan.py explains.
 
-A file is written straight to its place while code.py stands still, for nobody looks at it; what CircuitPython may look
-at (code.py, boot.py) and what a later deploy relies on (the manifest, copies of the user's files) is written
-beside, made sure of, and renamed. FAT has no journal: power that goes inside one operation can still damage it.
+While code.py does nothing, no program reads the firmware's files, so they are written in place. CircuitPython reads
+code.py and boot.py, and a later deploy relies on the manifest and on the copies of the user's files: these are written
+under another name, read back, and renamed. FAT has no journal: a power cut inside one operation can still damage it.
 """
 
 import contextlib
@@ -39,7 +39,7 @@ _LIBRARY = "lib/adafruit_motor"
 
 
 def survey(files: Files) -> tuple[dict[str, str], dict[str, int], Manifest]:
-    """{path: SHA-256} and {path: bytes} of the files that a deploy may have to do with, and its manifest.
+    """{path: SHA-256} and {path: size in bytes} of the files that a deploy may touch, and the manifest.
 
     Raises DriveFailed.
     """
@@ -53,30 +53,30 @@ def survey(files: Files) -> tuple[dict[str, str], dict[str, int], Manifest]:
 
 
 def kept_sources(files: Files, todo: DrivePlan, wanted: Iterable[str]) -> dict[str, bytes]:
-    """{path: content} of what stays of somebody's own in mountfw, a board file for instance. Raises DriveFailed."""
+    """{path: content} of the user's own files in mountfw/, such as a board file. Raises DriveFailed."""
     kept = [path for path in todo.after.keys() - set(wanted) if path.startswith("mountfw/")]
     with _told("nothing was changed"):
         return {path: files.read(path) for path in kept if path.endswith((".py", ".mpy"))}
 
 
 def _folders(paths: Iterable[str]) -> tuple[str, ...]:
-    """The folders that these files need, each after the one that it is in."""
+    """The folders of these files, each after its parent."""
     return ("lib", _LIBRARY, *folders(paths))
 
 
 def _name(path: str) -> str:
-    """FAT knows no case: CODE.PY, as some systems write it, is code.py."""
+    """The path in lower case if it is a program's: FAT ignores case, and some systems write CODE.PY."""
     return path.lower() if path.lower() in PROGRAMS else path
 
 
 def check_writable(room: Room) -> None:
-    """Raise DriveReadOnly for a drive that takes nothing."""
+    """Raise DriveReadOnly for a drive that cannot be written to."""
     if room.read_only:
         raise DriveReadOnly(f"{READ_ONLY}; nothing was changed")
 
 
 def check_room(todo: DrivePlan, sizes: dict[str, int], room: Room) -> None:
-    """Raise DriveReadOnly or DriveFull for a drive that cannot take the files. Room is counted in whole clusters."""
+    """Raise DriveReadOnly or DriveFull if the files do not fit on the drive. Counts whole clusters, as FAT does."""
     if todo.nothing:
         return
     check_writable(room)
@@ -93,7 +93,7 @@ def check_room(todo: DrivePlan, sizes: dict[str, int], room: Room) -> None:
 
 
 def install(files: Files, todo: DrivePlan, progress: Progress) -> None:
-    """Do what the plan says, and read back what was written. Raises DriveFull, DriveReadOnly, DriveFailed."""
+    """Execute the plan, and read back what was written. Raises DriveFull, DriveReadOnly, DriveFailed."""
     with _told("nothing of the firmware was changed"):
         for folder in _folders(todo.write):
             files.make_folder(folder)
@@ -102,7 +102,7 @@ def install(files: Files, todo: DrivePlan, progress: Progress) -> None:
         _beside(files, MANIFEST, todo.during)
     with _told("nothing runs on the board now: deploy again"):
         _beside(files, CODE, STUB)
-        for path in filter(files.exists, todo.remove):  # a leftover may have become what it was meant to be
+        for path in filter(files.exists, todo.remove):  # a leftover may have been renamed into place
             files.remove(path)
         progress.phase(f"copying {len(todo.write)} files")
         for number, (path, content) in enumerate(todo.write.items()):
@@ -124,10 +124,10 @@ def install(files: Files, todo: DrivePlan, progress: Progress) -> None:
 
 
 class WayBack:
-    """What is on a drive before a plan is done, kept in this computer's memory: a drive has no room for it twice."""
+    """The drive's files before a deploy, kept in this computer's memory: the drive has no room for both."""
 
     def __init__(self, files: Files, todo: DrivePlan) -> None:
-        """Read it. Raises DriveFailed."""
+        """Read the files that the plan will change. Raises DriveFailed."""
         self._files = files
         with _told("nothing was changed"):
             paths = (*todo.write, *todo.remove, CODE, MANIFEST)
@@ -146,7 +146,7 @@ class WayBack:
         )
 
     def go(self, progress: Progress) -> None:
-        """Bring it back. Raises DriveFull, DriveReadOnly, DriveFailed."""
+        """Restore them. Raises DriveFull, DriveReadOnly, DriveFailed."""
         install(self._files, self._plan, progress)
         with _told("what was there before is back, and some files of the deploy are still there"):
             absent = [path for path in (CODE, MANIFEST) if path not in self._was]
@@ -158,12 +158,12 @@ class WayBack:
 
 
 def _late(path: str) -> tuple[bool, str]:
-    """Sorts what CircuitPython runs at start-up behind the rest."""
+    """Sort key: the programs that CircuitPython runs at start-up come last."""
     return "/" not in path, path
 
 
 def remove(files: Files) -> tuple[list[str], list[str], list[str]]:
-    """Take off what deploy has put there; give the user's files their names back. Returns removed, kept, restored."""
+    """Remove what deploy has put there, and rename the user's files back. Returns removed, kept, restored paths."""
     there, _, old = survey(files)
     ours = [path for path in sorted(old.files) if belongs(path, there, old)]  # boot.py and code.py come first
     restored = {path for path, (_, sha) in old.aside.items() if there.get(path) == sha}  # before a cut
@@ -184,7 +184,7 @@ def remove(files: Files) -> tuple[list[str], list[str], list[str]]:
 
 
 def _beside(files: Files, path: str, content: bytes) -> None:
-    """Write path under another name first, so that it has its old content or its new one, never a part."""
+    """Write path under another name and rename it: after a power cut it has its old content or its new one."""
     if files.exists(path) and files.read(path) == content:
         return
     files.write(path + ".new", content)
@@ -195,7 +195,7 @@ def _beside(files: Files, path: str, content: bytes) -> None:
 
 @contextlib.contextmanager
 def _told(state: str) -> Iterator[None]:
-    """Tell an error of the system as one of ours, with what the drive is left with."""
+    """Turn an OSError into a DeployError whose message ends with the state of the drive."""
     try:
         yield
     except DeployError:

@@ -1,8 +1,8 @@
-"""What a deploy puts on a CircuitPython drive, and from what is there the steps to it. Touches no drive.
+"""The files of a deploy on a CircuitPython drive, and the steps from what is there to these. Touches no drive.
 
-CircuitPython has nothing like the journal of a MicroPython deploy: at start-up it runs code.py, whatever else the
-drive holds. So the plan has code.py stand still first, with STUB in its place, and brings it back last: a deploy that
-is cut anywhere leaves the old firmware, or the new one, or a board that does nothing, never a mix of versions.
+A CircuitPython drive has no journal as in a MicroPython deploy: at start-up the board runs code.py, whatever else the
+drive holds. So the plan replaces code.py by STUB first, and writes the new code.py last. A deploy that is cut anywhere
+leaves the old firmware, or the new one, or a board that does nothing, but never a mix of versions.
 """
 
 import hashlib
@@ -26,8 +26,8 @@ from mountfw import __version__
 CODE, BOOT = "code.py", "boot.py"
 PROGRAMS = fileset.PROGRAMS["circuitpython"]
 STUB = b'print("mirrormount: a deploy of the firmware was not finished. Nothing runs: deploy again.")\n'
-_BEFORE_OURS = "code.txt"  # CircuitPython takes it rather than code.py
-_FRESH = b'print("Hello World!")\n'  # the code.py that CircuitPython writes on a new drive: nobody's
+_BEFORE_OURS = "code.txt"  # CircuitPython runs it instead of code.py
+_FRESH = b'print("Hello World!")\n'  # the code.py that CircuitPython writes on a new drive: no user's work
 _LIBRARY = "lib/adafruit_motor"
 _SHA256 = re.compile("[0-9a-f]{64}")
 
@@ -40,7 +40,7 @@ def sha256(content: bytes) -> str:
 def motor_library() -> dict[str, bytes]:
     """{path on the drive: content} of the part of adafruit_motor that drives DC motors. Raises LibraryMissing.
 
-    The installed package is only looked at, not imported: that would need a board.
+    The package is found, but not imported: its import needs a board.
     """
     try:
         spec = importlib.util.find_spec("adafruit_motor")
@@ -56,16 +56,16 @@ def motor_library() -> dict[str, bytes]:
 
 @dataclass(frozen=True)
 class Manifest:
-    """What an earlier deploy has noted on the drive."""
+    """The list that an earlier deploy has left on the drive."""
 
-    files: dict[str, str] = field(default_factory=dict)  # path: SHA-256 of what it has put there
-    aside: dict[str, list[str]] = field(default_factory=dict)  # somebody else's file: [its copy, SHA-256]
-    # it was cut: {path: SHA-256} of what was there of an earlier one; other files of it may be half written
+    files: dict[str, str] = field(default_factory=dict)  # {path: SHA-256} of the files that it wrote
+    aside: dict[str, list[str]] = field(default_factory=dict)  # {the user's file: [its copy, SHA-256]}
+    # of a deploy that was cut: {path: SHA-256} of the programs before it; its other files may be half written
     unfinished: dict[str, str] | None = None
-    damage: str = ""  # why what is on the drive was not taken: it is then as if there were none
+    damage: str = ""  # why the manifest on the drive is ignored
 
     def text(self) -> bytes:
-        """As it is on the drive; `version` and `files` are as on MicroPython."""
+        """The manifest as JSON; `version` and `files` are as on MicroPython."""
         told = {"version": __version__, "files": dict(sorted(self.files.items()))}
         if self.aside:
             told["aside"] = dict(sorted(self.aside.items()))
@@ -75,7 +75,7 @@ class Manifest:
 
 
 def read_manifest(text: bytes) -> Manifest:
-    """From what is on the drive, which is checked like any input; an empty one, with the reason, if it is not ours."""
+    """The manifest in this text, which is checked as untrusted input. Empty, with `damage`, if no deploy wrote it."""
     if not text:
         return Manifest()
     try:
@@ -111,20 +111,20 @@ def _is_ours(path: str) -> bool:
 
 @dataclass(frozen=True)
 class DrivePlan:
-    """What a deploy has to do on a drive. First during and then manifest is what MANIFEST says."""
+    """The steps of a deploy on a drive. MANIFEST has the content `during` while it runs, then `manifest`."""
 
-    aside: dict[str, str]  # somebody else's file: what it is copied to
+    aside: dict[str, str]  # {the user's file: its copy}
     remove: list[str]
     write: dict[str, bytes]  # without code.py and the manifest
     during: bytes
     manifest: bytes
     code: bytes
     changed: int  # files of the firmware that are new or differ
-    after: dict[str, str]  # path: SHA-256 when it is done
+    after: dict[str, str]  # {path: SHA-256} at the end
 
     @property
     def nothing(self) -> bool:
-        """True if the drive is already as it should be."""
+        """True if the drive needs no change."""
         return not self.during
 
 
@@ -133,8 +133,8 @@ def drive_plan(
 ) -> DrivePlan:
     """The plan that makes a drive with the files `there` ({path: SHA-256}) hold `wanted`.
 
-    What is neither wanted nor of an earlier deploy stays as it is. may_replace is asked about files of
-    somebody else that have to go, {path: name of the copy}. Raises DeployError if it says no.
+    A file that is neither wanted nor of an earlier deploy stays. may_replace gets the user's files that are in the way,
+    {path: name of the copy}. Raises DeployError if it returns False.
     """
     hashes = {path: sha256(content) for path, content in wanted.items()}
     aside = _aside(hashes, there, old)
@@ -153,7 +153,7 @@ def drive_plan(
     gone |= leftovers(there)
     gone |= aside.keys() - wanted.keys()
     changed = {path for path in wanted if there.get(path) != hashes[path]}
-    # the library first, boot.py last: what a board does at start-up changes as late as it can
+    # the library first, boot.py last: it runs at start-up, so it changes as late as possible
     order = sorted(changed - {CODE}, key=lambda path: (path == BOOT, path))
     remove = sorted(gone & set(there))
     as_it_is = not (aside or remove or changed) and there.get(MANIFEST) == sha256(manifest)
@@ -166,12 +166,12 @@ def drive_plan(
 
 
 def leftovers(there: Iterable[str]) -> set[str]:
-    """What a deploy that was cut has left of the files that it renames into place."""
+    """Files that a deploy wrote to rename them into place, and was cut before."""
     return {path for path in there if path.endswith(".new") and path.startswith((*PROGRAMS, _BEFORE_OURS, MANIFEST))}
 
 
 def belongs(path: str, there: dict[str, str], old: Manifest) -> bool:
-    """True if what is at path is what a deploy has put there, and nobody has changed it since."""
+    """True if a deploy wrote the file at path, and it is unchanged since."""
     present = there.get(path)
     if present is None or path not in old.files:
         return False
@@ -179,12 +179,12 @@ def belongs(path: str, there: dict[str, str], old: Manifest) -> bool:
         return True
     if old.unfinished is None:
         return False
-    # those two are renamed into place, so never half written
+    # programs are renamed into place, so they are never half written
     return path not in PROGRAMS or present == old.unfinished.get(path)
 
 
 def _aside(hashes: dict[str, str], there: dict[str, str], old: Manifest) -> dict[str, str]:
-    """The files of somebody else that have to go, each with a name for its copy that loses no older copy."""
+    """{path: name of its copy} of the user's files that are in the way. No older copy is overwritten."""
     found = {}
     for path in (*hashes, _BEFORE_OURS):
         present = there.get(path)

@@ -1,4 +1,4 @@
-"""Drives of CircuitPython boards: found by their boot_out.txt, which CircuitPython writes at start-up."""
+"""Drives of CircuitPython boards, found by the boot_out.txt that CircuitPython writes at start-up."""
 
 import re
 from dataclasses import dataclass, field
@@ -23,9 +23,9 @@ GET_IT = (
 
 @dataclass(frozen=True)
 class Drive:
-    """A board's drive: where it is mounted, and the contents of its boot_out.txt. uid is upper-case hex, or "".
+    """A board's drive: its mount point, and the fields of its boot_out.txt. uid is upper-case hex, or "".
 
-    vouched: a person has named a port as that of this board.
+    vouched: the user has named a port as this board's.
     """
 
     path: Path
@@ -40,7 +40,7 @@ class Drive:
 
     @property
     def has_mountfw(self) -> bool:
-        """True if the firmware has been put there."""
+        """True if the firmware is on the drive."""
         return (self.path / "mountfw").is_dir()
 
 
@@ -50,7 +50,7 @@ def find_drives() -> list[Drive]:
 
 
 def read_drive(path: Path) -> Drive | None:
-    """The drive at path, or None if no CircuitPython has written a boot_out.txt there."""
+    """The drive at path, or None if it has no boot_out.txt of CircuitPython."""
     try:
         said = read_beginning(path, "boot_out.txt", _LONGEST).decode("utf-8", "replace")
     except (OSError, WrongDrive):
@@ -70,7 +70,7 @@ def read_drive(path: Path) -> Drive | None:
 
 
 def drive_at(path: Path) -> Drive:
-    """The drive that somebody has named. Raises WrongDrive."""
+    """The drive at the path that the user has named. Raises WrongDrive."""
     drive = read_drive(path)
     if drive:
         return drive
@@ -87,7 +87,7 @@ def drive_at(path: Path) -> Drive:
 
 
 def check_version(drive: Drive) -> None:
-    """Raise WrongDrive for a CircuitPython that is too old. A build without a number is taken as new."""
+    """Raise WrongDrive if its CircuitPython is too old. A build without a number counts as new."""
     number = _NUMBER.match(drive.version)
     if number and CIRCUITPYTHON.too_old((int(number[1]), int(number[2]))):
         raise WrongDrive(
@@ -97,7 +97,7 @@ def check_version(drive: Drive) -> None:
 
 
 def untried(drive: Drive) -> bool:
-    """True if this CircuitPython is newer than any that was tried."""
+    """True if its CircuitPython is newer than all tested versions."""
     number = _NUMBER.match(drive.version)
     return bool(number) and CIRCUITPYTHON.untried((int(number[1]), int(number[2])))
 

@@ -1,7 +1,7 @@
 """The files of a CircuitPython drive by their paths from its root. No path leaves the drive, and no link is followed.
 
-A drive is untrusted input. CircuitPython's file system, FAT, has neither links nor device files. So
-a drive on which there are some where the firmware's files belong is refused as a whole.
+A drive is untrusted input. FAT, CircuitPython's file system, has neither links nor device files. A drive that has some
+in the place of the firmware's files is refused.
 """
 
 import contextlib
@@ -28,7 +28,7 @@ _IS_A_LINK = (errno.ELOOP, errno.ENOTDIR, errno.EMLINK)  # errors of O_NOFOLLOW
 
 
 def is_path(text: object) -> bool:
-    """True for the path of a file on any drive: relative, with `/`, without `..` or a name that Windows keeps."""
+    """True for a path that any drive can have: relative, with `/`, without `..` and names that Windows reserves."""
     if not isinstance(text, str) or not 0 < len(text) <= _LONGEST_NAME:
         return False
     return all(
@@ -48,7 +48,7 @@ def read_beginning(root: Path, name: str, longest: int) -> bytes:
 
 
 class Files:
-    """A drive's files. On return of a method that writes, the system was told to flush it to the drive.
+    """A drive's files. A method that writes has flushed the system's cache when it returns.
 
     All methods raise OSError, and WrongDrive for a link, a device, or an impossible path.
     """
@@ -57,7 +57,7 @@ class Files:
         self.root = root
 
     def read(self, path: str) -> bytes:
-        """A file's content, from the drive itself if the system allows it (Linux), else possibly from a cache."""
+        """A file's content: on Linux from the drive, elsewhere perhaps from the system's cache."""
         with self.opened(path, os.O_RDONLY) as descriptor, open(descriptor, "rb", closefd=False) as f:
             if hasattr(os, "posix_fadvise"):
                 os.posix_fadvise(descriptor, 0, 0, os.POSIX_FADV_DONTNEED)
@@ -67,7 +67,7 @@ class Files:
         return content
 
     def contents(self, paths: list[str]) -> dict[str, bytes]:
-        """{path: content}; together they are no more than a board's flash has room for."""
+        """{path: content}. Raises WrongDrive if it is more than a board's flash can hold."""
         found: dict[str, bytes] = {}
         left = _MOST_BYTES
         for path in paths:
@@ -78,7 +78,7 @@ class Files:
         return found
 
     def write(self, path: str, content: bytes) -> None:
-        """Write a file in its place."""
+        """Write a file in place."""
         flags = os.O_WRONLY | os.O_CREAT
         with self.opened(path, flags) as descriptor, open(descriptor, "wb", closefd=False) as f:
             f.truncate(0)
@@ -87,7 +87,7 @@ class Files:
             os.fsync(descriptor)
 
     def rename(self, path: str, to: str) -> None:
-        """Rename a file, over another if there is one."""
+        """Rename a file; another of that name is replaced."""
         with self._at(path) as (old, old_folder), self._at(to) as (new, new_folder):
             os.replace(old, new, src_dir_fd=old_folder, dst_dir_fd=new_folder)
         self.sync()
@@ -98,7 +98,7 @@ class Files:
             os.remove(name, dir_fd=folder)
 
     def make_folder(self, path: str) -> None:
-        """Make a folder, if it is not there."""
+        """Make a folder, unless it exists."""
         with self._at(path) as (name, folder):
             with contextlib.suppress(FileExistsError):
                 os.mkdir(name, dir_fd=folder)
@@ -106,7 +106,7 @@ class Files:
                 raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), path)
 
     def remove_folder(self, path: str) -> None:
-        """Remove a folder if it is there and nothing is in it."""
+        """Remove a folder if it exists and is empty."""
         try:
             with self._at(path) as (name, folder):
                 os.rmdir(name, dir_fd=folder)
@@ -115,7 +115,7 @@ class Files:
                 raise
 
     def sync(self) -> None:
-        """Flush the system's cache. Windows has no such call: there each file is flushed alone."""
+        """Flush the system's cache. Windows has no such call: there write() flushes each file."""
         if hasattr(os, "sync"):
             os.sync()
 
@@ -129,9 +129,9 @@ class Files:
         return stat.S_ISREG(mode)
 
     def listed(self, folder: str = "") -> list[str]:
-        """The paths of the files in a folder ("": the root alone) and below it; none if there is no such folder.
+        """The paths of the files in a folder and below it ("": in the root, not below); empty without such a folder.
 
-        Names that no drive can have are left out.
+        Names that is_path() refuses are left out.
         """
         try:
             return list(self._walk(folder, 0))
@@ -156,10 +156,10 @@ class Files:
 
     @contextlib.contextmanager
     def opened(self, path: str, flags: int) -> Iterator[int]:
-        """A file's descriptor. What is opened is a plain file with one name, on this drive."""
+        """A file's descriptor: of a plain file on this drive, without a second name."""
         flags |= getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
         with self._at(path) as (name, folder):
-            with contextlib.suppress(FileNotFoundError):  # to open a device may already do something
+            with contextlib.suppress(FileNotFoundError):  # opening a device can have effects
                 _no_link(path, os.stat(name, dir_fd=folder, follow_symlinks=False))
             try:
                 descriptor = os.open(name, flags | getattr(os, "O_CLOEXEC", 0), 0o666, dir_fd=folder)
@@ -177,7 +177,7 @@ class Files:
 
     @contextlib.contextmanager
     def _at(self, path: str) -> Iterator[tuple[str, int | None]]:
-        """(name, descriptor of its folder), or where the system has no such calls (whole path, None)."""
+        """(name, descriptor of its folder); on a system without such calls (whole path, None)."""
         if not is_path(path):
             raise WrongDrive(f"{printable(path)} is not a path on a drive: nothing was done with it")
         *folders, name = path.split("/")
@@ -189,7 +189,7 @@ class Files:
 
     @contextlib.contextmanager
     def _folder(self, folders: list[str]) -> Iterator[int | str]:
-        """A folder of the drive, opened name by name; its path where the system cannot do that (Windows)."""
+        """The descriptor of a folder, opened name by name; its path on a system that cannot do that (Windows)."""
         if not _RELATIVE_TO_FOLDERS:
             place = str(self.root)
             for name in folders:
@@ -216,7 +216,7 @@ class Files:
 
 
 def _no_link(path: str, found: os.stat_result) -> int:
-    """The mode of an entry. Raises WrongDrive for one that is neither a plain file nor a folder."""
+    """The mode of an entry. Raises WrongDrive if it is neither a plain file nor a folder."""
     if getattr(found, "st_reparse_tag", 0) or not (stat.S_ISREG(found.st_mode) or stat.S_ISDIR(found.st_mode)):
         raise _link(path)
     return found.st_mode

@@ -1,11 +1,12 @@
-"""Which serial ports belong to which CircuitPython board, by the system's lists. Opens none.
+"""The serial ports of each CircuitPython board, from the system's lists. Opens none.
 
-A board shows its console, and a second port, the data channel, where its boot.py has switched that on. Both carry
-the board's UID as USB serial number, the same that is in its boot_out.txt. (How CircuitPython makes these
-names and numbers: its shared-module/usb_cdc/__init__.c and supervisor/shared/usb/usb_desc.c.)
+A board has a console, and a second port, the data channel, if its boot.py enables it. The USB serial number of both is
+the board's UID, as in its boot_out.txt. (CircuitPython makes these names and numbers in
+shared-module/usb_cdc/__init__.c and supervisor/shared/usb/usb_desc.c.)
 
-What a drive says is no proof: it may say another instrument's serial number. A port is taken for a board's only if
-the system lists both below one USB device (Linux), or has the USB ids of CircuitPython on that board, or was named.
+A drive's text proves nothing: it may contain another instrument's serial number. A port counts as a board's only if the
+system lists both below one USB device (Linux), if it has the USB ids of CircuitPython on that board, or if the user has
+named it.
 """
 
 import os
@@ -19,8 +20,8 @@ from mirrormount.common.printable import printable
 from mirrormount.transport.circuitpy_drives import Drive
 
 _SYSFS = "/sys"
-# The USB ids (vendor, product) that CircuitPython gives a board, by its board id: USB_VID and USB_PID of its
-# ports/*/boards/*/mpconfigboard.mk. Where the system does not tell which USB device a drive is, they have to agree.
+# {board id: USB ids (vendor, product)} of CircuitPython: USB_VID and USB_PID in its
+# ports/*/boards/*/mpconfigboard.mk. Where the system does not list a drive's USB device, a port must have these.
 _USB_IDS = {
     "raspberry_pi_pico": (0x239A, 0x80F4),
     "raspberry_pi_pico_w": (0x239A, 0x8120),
@@ -36,19 +37,19 @@ _DATA = " CDC2 "  # in the interface's name, for instance "CircuitPython CDC2 co
 
 @dataclass(frozen=True)
 class Channels:
-    """A board's serial ports. data is None on a board with one channel, console if boot.py switched it off."""
+    """A board's serial ports. data is None on a board with one channel; console is None if boot.py disables it."""
 
     console: str | None = None
     data: str | None = None
 
     @property
     def protocol(self) -> str | None:
-        """Where the firmware listens: the data channel, and where there is none the console."""
+        """The firmware's port: the data channel, or the console of a board without one."""
         return self.data or self.console
 
 
 def channels(drive: Drive, ports: Iterable[Any]) -> Channels:
-    """The ports that are certainly those of the board with this drive, among those of pyserial's list_ports."""
+    """The ports that certainly belong to this drive's board, among these of pyserial's list_ports."""
     own = [port for port in ports if _belongs(drive, port)]
     if not own:
         return Channels()
@@ -56,19 +57,19 @@ def channels(drive: Drive, ports: Iterable[Any]) -> Channels:
     named = [port for port in own if _DATA in (port.interface or "")]
     if len(own) == 1:
         return Channels(data=own[0].device) if named else Channels(console=own[0].device)
-    # macOS gives all ports of a board the name of one of them, and Windows gives none: there the order decides,
-    # for the console's interface always has the lower number
+    # macOS gives all ports of a board one interface name, and Windows gives none. There the order decides: the console
+    # has the interface with the lower number.
     data = named[0] if len(named) == 1 else own[-1]
     return Channels(console=next(port.device for port in own if port is not data), data=data.device)
 
 
 def unproven(drive: Drive, ports: Iterable[Any]) -> list[str]:
-    """Ports that the drive claims by their serial number, with nothing else that says so. Nothing is sent there."""
+    """Ports whose only link to this drive is the serial number in its text. Nothing is sent there."""
     return [port.device for port in ports if _belongs(drive, port) is None]
 
 
 def _belongs(drive: Drive, port: Any) -> bool | None:
-    """Are this drive and this port of one board? None if only the drive's text says so, which anybody can write."""
+    """True if this drive and this port are of one board; None if only the drive's text says so."""
     if not drive.uid or serial_number(port) != drive.uid:
         return False
     if drive.vouched:
@@ -81,7 +82,7 @@ def _belongs(drive: Drive, port: Any) -> bool | None:
 
 
 def _device_in_sysfs(path: Path) -> str:
-    """Where Linux lists the device that is mounted there; "" if it lists none."""
+    """The path in sysfs of the device that is mounted there; "" if there is none."""
     try:
         number = os.stat(path).st_dev
         place = f"{_SYSFS}/dev/block/{os.major(number)}:{os.minor(number)}"
@@ -96,7 +97,7 @@ def serial_number(port: Any) -> str:
 
 
 def mounts(drives: Sequence[Drive], ports: Sequence[Any]) -> list[tuple[str, str]]:
-    """(device, description) of the boards that have mountfw on their drive and can be spoken to."""
+    """(device, description) of the boards with mountfw on their drive and a port."""
     with_mountfw = [drive for drive in drives if drive.has_mountfw and not namesakes(drive, drives)]
     found = [(channels(drive, ports).protocol, drive) for drive in with_mountfw]
     return [
@@ -107,7 +108,7 @@ def mounts(drives: Sequence[Drive], ports: Sequence[Any]) -> list[tuple[str, str
 
 
 def namesakes(drive: Drive, drives: Iterable[Drive]) -> list[Drive]:
-    """Other drives with the same UID: one of them is forged or copied."""
+    """Other drives with the same UID: all but one are copies or forged."""
     return [other for other in drives if drive.uid and other.uid == drive.uid and not _is_same(other, drive)]
 
 
@@ -119,12 +120,12 @@ def _is_same(one: Drive, other: Drive) -> bool:
 
 
 def unknown_data_channels(ports: Iterable[Any]) -> list[str]:
-    """Data channels by their name (Linux only). What listens there is not known."""
+    """Data channels by their interface name (Linux only). Which program runs there is unknown."""
     return [port.device for port in ports if _DATA in (getattr(port, "interface", None) or "")]
 
 
 def _place(port: Any) -> tuple[int, list[int], str]:
-    """Sorts a board's ports by the number of their USB interface (1-2:1.0, 1-2:x.2), else by their names' numbers."""
+    """Sort key: the number of the port's USB interface (1-2:1.0, 1-2:x.2), else the numbers in its name."""
     number = re.search(r":\w+\.(\d+)$", getattr(port, "location", None) or "")
     in_name = [int(digits) for digits in re.findall(r"\d+", port.device)]
     return (int(number[1]) if number else 0, in_name, port.device)
