@@ -179,11 +179,14 @@ def read(camera: Camera) -> Scale:
     """The saved scale of a camera. Raises NotCalibrated if there is none, or of another size; BadFile."""
     tables = toml_file.read(path())
     if camera.name not in tables:
-        raise NotCalibrated(f"no scale is saved for {camera.name} ({path()})")
+        raise NotCalibrated(f"no scale is saved for {camera.name} ({path()}): run `mirrormount camera scale`")
     scale = _parsed(tables[camera.name], f"{path()}: [{camera.name}]")
     if Size(scale.width, scale.height) != camera.size:
         was = Size(scale.width, scale.height)
-        raise NotCalibrated(f"the scale of {camera.name} is of {was} pixels, and the camera has {camera.size}")
+        raise NotCalibrated(
+            f"the scale of {camera.name} is of {was} pixels, and the camera has {camera.size}:"
+            " run `mirrormount camera scale` again"
+        )
     return scale
 
 

@@ -154,9 +154,9 @@ class SettingRefused(MountError):
 
 class NotCalibrated(MountError):
     """An angle was asked for, and nobody has measured that axis in that direction, or the scale is that of another
-    pulse or duty than the board has now.
-    Remedy: `mirrormount setup`, or write the lines that the message names into the file
-    ([calibration.md](calibration.md)); or set the pulse and duty of the scale again.
+    pulse or duty than the board has now; or a camera has no scale.
+    Remedy: `mirrormount setup`, for a camera `mirrormount camera scale`, or write the lines that the message names
+    into the file ([calibration.md](calibration.md)); or set the pulse and duty of the scale again.
     """
 
 

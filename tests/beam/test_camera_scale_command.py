@@ -1,0 +1,73 @@
+"""`mirrormount camera scale`: what it saves, what it keeps, and each wrong input in one line."""
+
+import cv2
+import numpy as np
+import pytest
+
+from mirrormount.beam import scale
+from mirrormount.beam.open_camera import open_camera
+from mirrormount.cli.main import main
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    """A camera: a folder with a picture of a checkerboard, 40 pixels a square, 9 x 6 inner corners."""
+    monkeypatch.setenv("MIRRORMOUNT_CONFIG", str(tmp_path / "settings"))
+    pictures = tmp_path / "pictures"
+    pictures.mkdir()
+    squares = np.kron(np.indices((7, 10)).sum(axis=0) % 2, np.ones((40, 40))) * 200 + 30
+    cv2.imwrite(str(pictures / "1.png"), np.pad(squares, 40, constant_values=230).astype(np.uint8))
+    monkeypatch.setenv("MIRRORMOUNT_CAMERA", str(pictures))
+    return pictures
+
+
+def saved(folder):
+    return scale.read(open_camera(str(folder)))
+
+
+def test_a_ruler_saves_millimetres_a_pixel_and_angles(folder, capsys):
+    words = "ruler 10 20 250 340 20 --error 0.08 --distance 1500 --distance-error 5 --incidence 45"
+    assert main(["camera", "scale", *words.split()]) == 0
+    assert "33.33 ± " in capsys.readouterr().out
+    found = saved(folder)
+    assert (found.mm_per_px, found.distance_mm, found.sigma_distance_mm, found.incidence_deg) == (0.05, 1500, 5, 45)
+
+
+def test_a_checkerboard_in_the_picture_is_measured(folder, capsys):
+    assert main(["camera", "scale", "checkerboard", "9", "6", "5"]) == 0
+    assert "angles need --distance" in capsys.readouterr().out
+    assert saved(folder).mm_per_px == pytest.approx(0.125, rel=1e-3)
+
+
+def test_what_is_not_given_stays_as_it_was(folder, capsys):
+    assert main(["camera", "scale", "pitch", "3", "--distance", "1500"]) == 0
+    assert main(["camera", "scale", "geometry", "--incidence", "45"]) == 0
+    assert "distance as saved before" in capsys.readouterr().out
+    assert (saved(folder).mm_per_px, saved(folder).distance_mm, saved(folder).incidence_deg) == (0.003, 1500, 45)
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        ("show", "no scale is saved for pictures"),
+        ("geometry --distance 1500", "run `mirrormount camera scale`"),
+        ("geometry", "give --distance or --incidence"),
+        ("geometry --incidence 90", "0 … 90 degrees"),
+        ("geometry --distance-error 3", "--distance-error needs --distance"),
+        ("pitch 3 --distance 0", "--distance is above 0"),
+        ("pitch 3 --error -1", "--error is 0 or more"),
+        ("pitch 500", "0.1 to 100 um"),
+        ("pitch nan", "UM is"),
+        ("ruler 1 2 3 4 5", "at least 10 pixels apart"),
+        ("ruler 1 2 900 4 5", "not in the picture of 480 x 360 pixels"),
+        ("ruler a 2 300 4 5", "X1 is a number"),
+        ("ruler 1 2 300 4 0", "MM is above 0"),
+        ("checkerboard 8 7 5", "no checkerboard with 8 x 7"),
+        ("checkerboard 2 6 5", "inner corners, 3 … 30"),
+    ],
+)
+def test_wrong_input_is_one_line_and_nothing_is_saved(words, says, capsys):
+    assert main(["camera", "scale", *words.split()]) == 1
+    out, err = capsys.readouterr()
+    assert says in err and err.count("\n") == 1 and out == ""
+    assert not scale.path().exists()
