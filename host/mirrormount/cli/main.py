@@ -17,6 +17,7 @@ from mirrormount.cli import (
     config,
     demo,
     deploy,
+    hold,
     measure,
     motion,
     panel,
@@ -60,6 +61,7 @@ COMMANDS: tuple[Command, ...] = (
     camera.COMMAND,
     scan.COMMAND,
     measure.COMMAND,
+    *hold.COMMANDS,
     report.COMMAND,
     demo.COMMAND,
 )

@@ -60,3 +60,23 @@ class NotMeasurable(MountError):
     """The readings contradict what the experiment assumes, or the picture is too small for it.
     Remedy: What the line says.
     """
+
+
+class ResponseOfOther(MountError):
+    """The saved calibration of the table belongs to other boards, other cameras, another length of a step, or another
+    size of the pictures: what it says of a pulse is not true here.
+    Remedy: `mirrormount calibrate`, or put back what was changed.
+    """
+
+
+class NotControllable(MountError):
+    """These cameras cannot tell what these mounts do: two mounts move the beam in four ways, and one camera sees two of
+    them; or an axis does not move the spot at all.
+    Remedy: What the line says: a second camera at another distance, one mount, or look at motor and coupler.
+    """
+
+
+class GateEnded(MountError):
+    """A gate of the loop that holds the beam closed, and a person has to act. Motors are off.
+    Remedy: What the line says; docs/hold.md has every gate.
+    """

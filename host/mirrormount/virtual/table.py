@@ -15,6 +15,7 @@ LASER_DRIFT_URAD = 3.0  # of the beam's direction after one second, either way, 
 LASER_JITTER_URAD = 1.0  # of the beam's direction; assumed
 MOUNT_DRIFT_URAD = 0.1  # of a mirror after one second; assumed
 MOUNT_JITTER_URAD = 0.3  # of a mirror, from the table's vibration; assumed
+_MOST_ON_MIRROR_MM = 7.0  # from a mirror's middle: the rest of its radius is for what the mounts do
 Mount = Callable[[], list[tuple[float, float]]]
 _OFF_MM, _OFF_MRAD = 1.0, 0.8  # a laser that was put down by hand: its offset and angle, before they are scaled
 
@@ -56,7 +57,22 @@ class Table:
         self._knocked[mirror] = yaw + yaw_urad * 1e-6, pitch + pitch_urad * 1e-6
 
     def misalign(self, off_mm: float, noise: np.random.Generator) -> None:
-        """Displace the laser at random, so that the farthest spot is off_mm from its centre, right or up."""
+        """Displace the laser at random, so that the farthest spot is off_mm from its centre, right or up.
+
+        Offset and angle that nearly cancel at the cameras would be so large that the beam nearly misses a mirror:
+        others are drawn then.
+        """
+        self._displace(off_mm, noise)
+        while self._off_mirrors_mm() > _MOST_ON_MIRROR_MM:
+            self._displace(off_mm, noise)
+
+    def _off_mirrors_mm(self) -> float:
+        """How far from a mirror's middle the displaced beam hits, for small angles."""
+        ways_m = (self.geometry.laser_m, self.geometry.laser_m + self.geometry.between_m)[: len(self.vibrations)]
+        pairs = zip(self.laser.offset_mm, self.laser.angle_urad, strict=True)
+        return max(abs(mm + urad * 1e-3 * way_m) for mm, urad in pairs for way_m in ways_m)
+
+    def _displace(self, off_mm: float, noise: np.random.Generator) -> None:
         drawn = noise.standard_normal(4)
         offset, angle = drawn[:2] * _OFF_MM, drawn[2:] * _OFF_MRAD * 1e-3
         rest = [(0.0, 0.0)] * len(self.vibrations)

@@ -1,0 +1,77 @@
+"""Brings the beam to its targets: corrections by the response until all spots are near enough. Imports guard."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from mirrormount.beam.choosing import Prices
+from mirrormount.beam.correcting import QUICKLY
+from mirrormount.beam.events import ALIGNING, ENDED, STOPPED, Event, GateClosed, Listen, StateChanged, silent
+from mirrormount.beam.gap import Gap
+from mirrormount.beam.gates import Closed
+from mirrormount.beam.guard import Guard
+from mirrormount.beam.loop_table import LoopTable
+from mirrormount.beam.response import Response, check_belongs
+from mirrormount.beam.summary import Summary
+
+WITHIN_UM = 15.0  # on every camera, along x and y
+MOST_CORRECTIONS = 10
+_MOST_CREEPS = 80
+_FRAMES = 6  # of a look that decides
+_AIM = 0.6  # of WITHIN_UM, at which it ends early
+_PRICES = Prices(pulse_um2=9.0, gap_um2=80.0)
+
+
+def align(
+    table: LoopTable,
+    response: Response,
+    gaps: Sequence[Gap] | None = None,
+    listen: Listen = silent,
+    *,
+    within_um: float = WITHIN_UM,
+    most: int = MOST_CORRECTIONS,
+    cancelled: Callable[[], bool] = lambda: False,
+) -> Summary:
+    """Align. Motors are off at the end. reached of what is returned tells whether the goal was met.
+
+    A gate that closes ends it: it is in `gates`. Raises ResponseOfOther.
+    """
+    check_belongs(response, table)
+    summary = Summary(table.eyes)
+
+    def told(event: Event) -> None:
+        if isinstance(event, GateClosed):
+            summary.gates.append(event)
+        listen(event)
+
+    guard = Guard(table, response, gaps, told)
+    guard.corrector.creep = QUICKLY
+    begin_s = table.now_s()
+    weight = np.eye(len(response.noise_um))
+    told(StateChanged(begin_s, ALIGNING, f"until all spots are within {within_um:g} um of their targets"))
+    why = ""
+    try:
+        while True:
+            look = guard.look(_FRAMES)
+            summary.add(look.time_s, look.errors_um)
+            if look.worst_um <= _AIM * within_um or cancelled():
+                break
+            if guard.corrector.number >= most or guard.corrector.creeps > _MOST_CREEPS:
+                why = f"{most} corrections were not enough"
+                break
+            choice = guard.choose(_PRICES, weight)
+            if not choice:
+                break
+            guard.correct(choice, _PRICES, weight, frames=2)
+        summary.reached = summary.last_um is not None and float(np.max(np.abs(summary.last_um))) <= within_um
+    except Closed as closed:
+        told(closed.event(table.now_s()))
+        told(StateChanged(table.now_s(), STOPPED, closed.detail))
+        why = closed.detail
+    finally:
+        table.stop()
+        summary.corrections = guard.corrector.number
+        summary.actions, summary.reversals = guard.mover.actions, guard.mover.reversals
+        summary.motor_s, summary.seconds = guard.mover.motor_s, table.now_s() - begin_s
+    told(StateChanged(table.now_s(), ENDED, why))
+    return summary

@@ -1,0 +1,124 @@
+"""Looks and corrections behind the gates: whatever is wrong becomes a closed gate. Imports correcting, gates."""
+
+import math
+from collections.abc import Sequence
+from typing import NoReturn
+
+import numpy as np
+
+from mirrormount.beam.choosing import Choice, Prices, choose, needed_steps
+from mirrormount.beam.correcting import Corrector, Outcome
+from mirrormount.beam.events import Listen, silent
+from mirrormount.beam.gap import Gap
+from mirrormount.beam.gates import BOARD, CONTROL, JUMPED, NO_HELP, NO_SPOT, STUCK, Closed, of_fault
+from mirrormount.beam.looking import Look, Looker, Vector
+from mirrormount.beam.loop_table import LoopTable
+from mirrormount.beam.mover import Mover, SpotLostMoving
+from mirrormount.beam.response import Matrix, Response
+from mirrormount.beam.tracker import Tracker
+from mirrormount.common.errors import MountError, NotInControl
+
+BAD = 3  # corrections in a row that did not help
+_HELPED = 0.2  # of what was expected, at least
+_TOLD_SIGMAS = 4.0  # of a change that is told from noise
+_GREW = 1.2  # factor of an error that has grown
+
+
+class Guard:
+    """One table with its response. gaps: where the shafts are, if that is known.
+
+    motors_off() is done before any Closed is raised.
+    """
+
+    def __init__(
+        self, table: LoopTable, response: Response, gaps: Sequence[Gap] | None = None, listen: Listen = silent
+    ) -> None:
+        self.table, self.response = table, response
+        self.looker = Looker(table, listen)
+        self.mover = Mover(table, self.looker, listen)
+        gaps = [Gap(widths) for widths in response.widths] if gaps is None else gaps
+        self.corrector = Corrector(table, response, gaps, self.looker, self.mover, listen)
+        self._bad = 0
+
+    @property
+    def tracker(self) -> Tracker:
+        """Where the spots are."""
+        return self.corrector.tracker
+
+    def look(self, frames: int) -> Look:
+        """A look at rest, with all spots. Raises Closed."""
+        self._check_control()
+        look = self.looker.look(frames)
+        if not look:
+            self._close(of_fault(look.faults[0]))
+        self.corrector.see(look, frames)
+        return look
+
+    def choose(self, prices: Prices, weight: Matrix) -> Choice:
+        """What is to be done about the errors."""
+        return choose(self.tracker.mean, self.response, self.corrector.gaps, prices, weight)
+
+    def check_reach(self, most_steps: float) -> None:
+        """Raises Closed if an axis would have to move by more."""
+        steps = needed_steps(self.tracker.mean, self.response)
+        if float(np.max(np.abs(steps))) > most_steps:
+            um = float(np.max(np.abs(self.tracker.mean)))
+            self._close(
+                Closed(JUMPED, f"the spot is {um / 1000:.2f} mm off: more than {most_steps:g} steps of an axis")
+            )
+
+    def correct(self, choice: Choice, prices: Prices, weight: Matrix, frames: int) -> Outcome:
+        """Give the pulses, look, learn. Raises Closed."""
+        self._check_control()
+        before = self.tracker.mean.copy()
+        try:
+            driven = self.corrector.drive(choice, prices, weight)
+        except SpotLostMoving:
+            self._close(Closed(NO_SPOT, "the spot was lost during a motion"))
+        except NotInControl as e:
+            self._close(Closed(CONTROL, self.table.taken_over or str(e)))
+        except MountError as e:
+            taken = self.table.taken_over
+            self._close(Closed(CONTROL, taken) if taken else Closed(BOARD, str(e)))
+        look = self.looker.look(frames)
+        if not look:
+            self._close(of_fault(look.faults[0]))
+        outcome = self.corrector.learn(driven, look, frames)
+        if outcome.stuck:
+            names = ", ".join(self.table.actuators[i].name for i in outcome.stuck)
+            self._close(Closed(STUCK, f"{names}: the motor turned, and the spot did not move"))
+        self._judge(outcome, before)
+        return outcome
+
+    def start_anew(self) -> None:
+        """After a gate: nothing is known of the shafts, and no correction counts as bad any more."""
+        self._bad = 0
+        for gap in self.corrector.gaps:
+            gap.forget()
+
+    def _judge(self, outcome: Outcome, before: Vector) -> None:
+        """Three corrections that do not do what was expected, or after which the error is larger, are the last."""
+        noise = _TOLD_SIGMAS * math.sqrt(float(np.trace(self.response.noise_um + self.tracker.covariance)))
+        expected = float(np.linalg.norm(outcome.expected_um))
+        size, after = float(np.linalg.norm(before)), float(np.linalg.norm(before + outcome.changed_um))
+        helped = outcome.helped
+        if (helped is not None and expected > noise and helped < _HELPED) or after > max(_GREW * size, size + noise):
+            self._bad += 1
+        elif after < size or (helped is not None and expected > noise):
+            self._bad = 0
+        if self._bad >= BAD:
+            self._close(
+                Closed(NO_HELP, f"{BAD} corrections in a row: the error went from {size:.0f} to {after:.0f} um")
+            )
+
+    def _check_control(self) -> None:
+        if taken := self.table.taken_over:
+            self._close(Closed(CONTROL, taken))
+
+    def _close(self, closed: Closed) -> NoReturn:
+        """All motors off; a board that has gone is off by its keep-alive."""
+        try:
+            self.table.stop()
+        except MountError as e:
+            closed = Closed(closed.gate, f"{closed.detail} ({e})")
+        raise closed

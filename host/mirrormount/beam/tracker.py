@@ -1,0 +1,77 @@
+"""Where the spots are, from noisy looks: a Kalman filter for a random walk whose drift is learned. Imports numpy.
+
+R. E. Kalman, J. Basic Eng. 82 (1960) 35. The covariance of the drift is estimated from the innovations at rest, as by
+R. K. Mehra, IEEE Trans. Autom. Control 15 (1970) 175: a laser that wanders moves all spots together, and once that is
+known a look at all spots tells more of each.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+
+_FIRST_DRIFT_UM2_S = 30.0  # of each error, until looks have shown the drift
+_LEAST_DRIFT_UM2_S = 0.5
+_LEARN = 0.01  # weight of a new innovation in the long run
+_PRIOR = 10  # innovations that the first drift counts for
+_OUTLIER = 5.0  # standard deviations beyond which an innovation teaches nothing
+
+
+class Tracker:
+    """Errors of all spots (um) and their covariance. noise: covariance of one frame's errors."""
+
+    def __init__(self, noise: Matrix) -> None:
+        n = len(noise)
+        self.noise = noise
+        self.mean = np.zeros(n)
+        self.covariance = np.eye(n) * 1e8
+        self.drift = np.eye(n) * _FIRST_DRIFT_UM2_S  # um² a second
+        self.time_s: float | None = None
+        self._learned = 0
+
+    def pass_to(self, time_s: float) -> float:
+        """Time has passed, up to time_s. Returns by how much, in seconds."""
+        dt = 0.0 if self.time_s is None else max(0.0, time_s - self.time_s)
+        self.time_s = time_s
+        self.covariance = self.covariance + self.drift * dt
+        return dt
+
+    def moved(self, effect: Vector, covariance: Matrix) -> None:
+        """The loop has moved the spots by effect, which is not sure."""
+        self.mean = self.mean + effect
+        self.covariance = self.covariance + covariance
+
+    def innovation(self, errors: Vector, frames: int) -> tuple[Vector, Matrix]:
+        """By how much a look differs from what was expected, and the covariance of that."""
+        return errors - self.mean, self.covariance + self.noise / frames
+
+    def see(self, errors: Vector, frames: int, rested_s: float = 0.0) -> None:
+        """A look. rested_s: the time since the look before, if nothing was moved in between: then it teaches."""
+        nu, s = self.innovation(errors, frames)
+        inverse = np.linalg.inv(s)
+        if rested_s > 0.1:
+            self._learn(nu, s, float(nu @ inverse @ nu), rested_s)
+        gain = self.covariance @ inverse
+        self.mean = self.mean + gain @ nu
+        self.covariance = (np.eye(len(nu)) - gain) @ self.covariance
+        self.covariance = (self.covariance + self.covariance.T) / 2
+
+    def lose(self) -> None:
+        """Nothing is known of the spots any more, but the drift is."""
+        self.covariance = np.eye(len(self.mean)) * 1e8
+        self.time_s = None
+
+    @property
+    def sigma_um(self) -> Vector:
+        """Standard errors of the means."""
+        return np.sqrt(np.diag(self.covariance))
+
+    def _learn(self, nu: Vector, s: Matrix, chi2: float, dt: float) -> None:
+        if chi2 > _OUTLIER**2 * len(nu):
+            return
+        self._learned += 1
+        weight = max(_LEARN, 1 / (self._learned + _PRIOR))
+        drift = self.drift + weight * (np.outer(nu, nu) - s) / dt
+        values, vectors = np.linalg.eigh((drift + drift.T) / 2)
+        self.drift = (vectors * np.maximum(values, _LEAST_DRIFT_UM2_S)) @ vectors.T

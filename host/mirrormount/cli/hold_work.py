@@ -1,0 +1,196 @@
+"""The work of `mirrormount calibrate | align | hold`: table, calibration, loop, files, and what is said of them."""
+
+import argparse
+import contextlib
+import json
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from mirrormount.beam import direct
+from mirrormount.beam.align import align
+from mirrormount.beam.calibrate import Calibration, check_controllable
+from mirrormount.beam.events import Event, GateClosed, GateOpened, Listen, Progress, StateChanged
+from mirrormount.beam.eyes import CameraEye
+from mirrormount.beam.gap import Gap
+from mirrormount.beam.hold import Hold
+from mirrormount.beam.loop_table import LoopTable
+from mirrormount.beam.optical_table import Table
+from mirrormount.beam.response import Response, load, save
+from mirrormount.beam.run_log import RunLog
+from mirrormount.beam.summary import Summary
+from mirrormount.cli.command import number, virtual_address, whole
+from mirrormount.common.errors import BadValue, CannotWrite
+from mirrormount.common.progress import StatusLine
+from mirrormount.common.signals import ended_in_order
+from mirrormount.device import calibration
+from mirrormount.device.mount import Mount
+from mirrormount.transport.lines import Link
+from mirrormount.transport.open import open_table
+from mirrormount.virtual.geometry import DEFAULT
+from mirrormount.virtual.sensor import Sensor
+
+_VIRTUAL_S = 3600.0  # of a virtual hold, unless another duration is asked for
+
+
+def work(verb: str, args: argparse.Namespace) -> int:
+    """Run one of the three; the exit status: 0 only if the goal was met. Raises MountError."""
+    goals = _goals(verb, args)
+    path = args.calibration or (None if args.virtual else calibration.path().with_name("table-calibration.json"))
+    with ended_in_order(), contextlib.ExitStack() as stack:
+        table = stack.enter_context(_virtual(args) if args.virtual else _real(args))
+        check_controllable(table)
+        tell = stack.enter_context(_told(args))
+        if verb == "calibrate":
+            response, _ = _calibrated(table, tell, path)
+            result = response.to_json() | {"reached": True, "seconds": round(table.now_s(), 3)}
+            _write(args.json, result)
+            _tell_response(response, path)
+            return 0
+        response, gaps, fresh = _response(table, tell, path)
+        summary = Summary(table.eyes)
+        if verb == "align" or fresh:
+            summary = align(table, response, gaps, tell, **(goals if verb == "align" else {}))
+            _tell_align(summary)
+        if verb == "hold":
+            goals_of_hold = {key: goals[key] for key in ("rms_urad", "most_um")}
+            hold = Hold(table, response, gaps if fresh else None, tell, **goals_of_hold)
+            summary = hold.summary
+            with contextlib.suppress(KeyboardInterrupt):
+                hold.run(goals["seconds"])
+            _tell_hold(summary)
+        if path:
+            save(response, path)
+        _write(args.json, summary.to_json(final=verb == "align"))
+        return 0 if summary.reached else 1
+
+
+def _goals(verb: str, args: argparse.Namespace) -> dict[str, Any]:
+    """What is asked for, checked before anything is opened. Raises BadValue."""
+    number(args.off, "--off")
+    if verb == "align":
+        return {"within_um": number(args.within, "--within"), "most": whole(args.most, "--most")}
+    if verb == "hold":
+        seconds = number(args.duration, "--duration") if args.duration else _VIRTUAL_S if args.virtual else None
+        if seconds is not None and seconds <= 0:
+            raise BadValue(f"--duration is more than 0 s, not {args.duration}")
+        goals = number(args.rms_urad, "--rms-urad"), number(args.max_um, "--max-um")
+        return {"seconds": seconds, "rms_urad": goals[0], "most_um": goals[1]}
+    return {}
+
+
+# ---- tables
+
+
+@contextlib.contextmanager
+def _virtual(args: argparse.Namespace) -> Iterator[LoopTable]:
+    """The virtual table in lockstep, its mounts driven from here."""
+    address = virtual_address(args, "virtual-table", mounts=args.mounts, cameras=args.cameras, off=args.off)
+    assert address is not None
+    with contextlib.closing(open_table(address)) as table, contextlib.ExitStack() as stack:
+        names = ("first", "second")[: int(args.mounts)]
+        mounts = {name: stack.enter_context(Mount(Link(port))) for name, port in zip(names, table.ports, strict=True)}
+        um = 1000 * Sensor.pixel_mm
+        distances_m = DEFAULT.cameras_m[-len(table.cameras) :]
+        eyes = [
+            CameraEye(camera.name, camera, ((camera.size.width - 1) / 2, (camera.size.height - 1) / 2), (um, um), at_m)
+            for camera, at_m in zip(table.cameras, distances_m, strict=True)
+        ]
+        yield stack.enter_context(direct.opened(mounts, eyes, table.now_s, table.sleep, print))
+
+
+@contextlib.contextmanager
+def _real(args: argparse.Namespace) -> Iterator[LoopTable]:
+    """The table of the file: each mount with a supervisor, each camera with its scale."""
+    virtual_address(args)  # --profile without --virtual is an error
+    with Table.open() as table, table.loop("beam loop", direct.WANTED) as loop:
+        loop.take_control()
+        yield loop
+
+
+# ---- calibration
+
+
+def _response(table: LoopTable, tell: Listen, path: Path | None) -> tuple[Response, Sequence[Gap] | None, bool]:
+    """The saved calibration, or a new one; whether it is new."""
+    if path and (response := load(path, table)):
+        print(f"calibration of {response.measured} ({path})")
+        return response, None, False
+    print("there is no calibration yet: measuring it first")
+    response, gaps = _calibrated(table, tell, path)
+    return response, gaps, True
+
+
+def _calibrated(table: LoopTable, tell: Listen, path: Path | None) -> tuple[Response, Sequence[Gap]]:
+    begin_s = table.now_s()
+    measuring = Calibration(table, tell)
+    response = measuring.run()
+    print(f"calibrated in {table.now_s() - begin_s:.0f} s of the mounts' time")
+    if path:
+        save(response, path)
+    return response, measuring.gaps
+
+
+# ---- what is said
+
+
+@contextlib.contextmanager
+def _told(args: argparse.Namespace) -> Iterator[Listen]:
+    """What takes the loop's events: the line on the terminal, gates on stdout, and the log."""
+    line = StatusLine()
+    with contextlib.ExitStack() as stack:
+        stack.callback(line.end)
+        log: Callable[[Event], object] | None = None
+        if args.log:
+            log = stack.enter_context(RunLog(args.log, {"command": "hold"}, patient=args.virtual))
+
+        def tell(event: Event) -> None:
+            if log:
+                log(event)
+            match event:
+                case GateClosed():
+                    line.end()
+                    print(f"{event.time_s:.1f} s: gate {event.number}, {event.name}: {event.cause}; {event.remedy}")
+                case GateOpened():
+                    line.end()
+                    print(f"{event.time_s:.1f} s: gate {event.number}, {event.name}, is open; the loop goes on")
+                case StateChanged():
+                    line.show(f"{event.time_s:8.1f} s  {event.state}: {event.why}"[:110])
+                case Progress():
+                    line.show(f"{event.done:4.0%}  {event.what}")
+                case _:
+                    pass
+
+        yield tell
+
+
+def _tell_response(response: Response, path: Path | None) -> None:
+    for i, (name, *_) in enumerate(response.belongs["actuators"]):
+        gaps = " and ".join(f"{response.widths[i][way].mean:.2f}" for way in (1, -1))
+        um = ", ".join(f"{value:+.0f}" for value in response.matrices[1][:, i])
+        print(f"{name}: a step moves the spots by {um} um; gap {gaps} steps")
+    if path:
+        print(path)
+
+
+def _tell_align(summary: Summary) -> None:
+    um = "not known" if summary.last_um is None else f"{abs(summary.last_um).max():.1f} um"
+    goal = "aligned" if summary.reached else "NOT aligned"
+    print(f"{goal}: largest error {um} after {summary.corrections} corrections, {summary.seconds:.0f} s")
+
+
+def _tell_hold(summary: Summary) -> None:
+    rms = "angle not known" if summary.rms_urad is None else f"{summary.rms_urad:.1f} urad rms"
+    goal = "held" if summary.reached else "NOT held as asked"
+    print(
+        f"{goal}: {rms}, largest error {summary.max_um:.0f} um, {summary.corrections} corrections,"
+        f" {summary.reversals} reversals, {summary.actions} pulses in {summary.seconds:.0f} s"
+    )
+
+
+def _write(path: Path | None, result: dict[str, Any]) -> None:
+    if path:
+        try:
+            path.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+        except OSError as e:
+            raise CannotWrite(f"{path}: {e.strerror or e}") from e
