@@ -2,6 +2,7 @@
 // and a run loop in emulated time.
 import { ConsoleLogger, GPIOPinState, LogLevel, RP2040 } from 'rp2040js';
 import { attachAs5600 } from './as5600.mjs';
+import { adopt, run } from './execute.mjs';
 import { attachFlash, SpiFlash } from './flash.mjs';
 import { attachPio } from './pio.mjs';
 import { CdcHost } from './usb.mjs';
@@ -45,6 +46,7 @@ export class Board {
     const mcu = (this.mcu = new RP2040());
     mcu.logger = new ConsoleLogger(LogLevel.Error, false);
     mcu.loadBootrom(this.bootrom);
+    adopt(mcu);
     attachFlash(mcu, this.flash, RESET[cause], this.cached);
     this.catchResets(mcu, watchdog);
     mcu.qspi.forEach((pin, i) => { pin.padValue = 0x5a; if (i > 0) pin.setInputValue(true); }); // BOOTSEL not pressed
@@ -135,7 +137,7 @@ export class Board {
       else if (this.flash.polled) {
         this.flash.polled = false;
         this.pass(Math.min(end, this.flash.busyUntil));
-      } else core.run(clock, 1e9 / this.mcu.clkSys, end);
+      } else run(clock, 1e9 / this.mcu.clkSys, end);
     }
   }
   pass(end) { // without an instruction, to the next alarm or to `end`

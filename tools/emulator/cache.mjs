@@ -39,13 +39,18 @@ export function missCycles(register) {
 
 // What the processor reads is named by word: address >>> 2. stall collects cycles until the processor counts them.
 export class FlashCache {
-  constructor() {
+  // Two Int32Array of WORDS and a Uint8Array of SETS.
+  constructor(way0, way1, older) {
+    this.way0 = way0; // the word that each place holds, or -1
+    this.way1 = way1;
+    this.older = older; // the way that was used longer ago
+    this.reset();
+  }
+  reset() {
     this.cost = 0; // cycles of a miss; 0 until the SSI is set up
     this.stall = 0;
     this.ahead = -1; // the word that was fetched last
-    this.way0 = new Int32Array(WORDS); // the word that each place holds, or -1
-    this.way1 = new Int32Array(WORDS);
-    this.older = new Uint8Array(SETS); // the way that was used longer ago
+    this.older.fill(0);
     this.flush();
   }
   flush() {

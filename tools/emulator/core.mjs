@@ -1,9 +1,7 @@
 // Rewrites rp2040js' processor, CortexM0Core, of which the original is kept beside it. May be run again at any time.
 //
-// - More than three times faster: executeInstruction becomes a table-driven switch instead of a chain of tests, and
-//   accesses to RAM, flash and the boot ROM get a short way. The bodies of the instructions are moved, not changed; flags
-//   are computed in 32-bit integers. run() executes many instructions: the clock is brought up to date before an access
-//   to anything but memory, and after it the next alarm is looked up again.
+// - Faster: execute.mjs executes nearly all instructions. What stays here gets a short way to the memories, and flags in
+//   32-bit integers. The clock is brought up to date (touch) before an access to anything but memory.
 // - What is read from flash passes a model of its cache, core.cache (cache.mjs), which stalls the processor.
 // - PUSH, POP and exceptions take the cycles of the Cortex-M0+.
 // - An interrupt that is pending but masked wakes the core from WFI.
@@ -29,89 +27,19 @@ function swap(from, to, count = 1) {
   source = source.split(from).join(to);
 }
 
-// ---- the instructions: a switch over the kind of each of the 65536 first half-words
+// ---- instructions: the chain of tests stays, for what execute.mjs leaves to it
 
-const lines = source.split('\n');
-const start = lines.findIndex(l => l === '    executeInstruction() {');
-const end = lines.findIndex((l, i) => i > start && l === '    }');
-const chainStart = lines.findIndex((l, i) => i > start && /^        let deltaCycles = 1;/.test(l)) + 1;
-const chainEnd = lines.findIndex((l, i) => i > start && /^        this\.cycles \+= deltaCycles;/.test(l));
-const branches = [];
-let branch = null;
-for (let i = chainStart; i < chainEnd; i++) {
-  const line = lines[i];
-  const condition = /^        (?:else )?if \((.*)\) \{$/.exec(line);
-  if (condition || /^        else \{$/.test(line)) branches.push(branch = { condition: condition?.[1] ?? null, body: [] });
-  else if (line === '        }') branch = null;
-  else if (branch) branch.body.push(line);
-  else if (!/^\s*\/\//.test(line) && line.trim()) throw new Error(`line ${i} is not understood: ${line}`);
-}
-if (branches.length < 70 || branches.at(-1).condition !== null) throw new Error(`unexpected: ${branches.length} kinds`);
-const tests = branches.map(({ condition }) => {
-  if (condition === null) return () => true;
-  return condition.includes('opcode2') ? null : new Function('opcode', 'return ' + condition);
-});
-const WIDE = branches.length; // instructions of two half-words: BL, and others that go through the original chain
-const kinds = new Uint8Array(65536);
-for (let opcode = 0; opcode < 65536; opcode++) {
-  const wide = opcode >> 12 === 15 || opcode >> 11 === 29;
-  kinds[opcode] = wide ? WIDE : tests.findIndex(test => test && test(opcode));
-}
-const branchLink = branches.find(b => b.condition?.startsWith('opcode >> 11 === 0b11110 && opcode2 >> 14 === 0b11'));
-const COUNT = `        if (this.cache.stall) { deltaCycles += this.cache.stall; this.cache.stall = 0; }
+swap(`        this.cycles += deltaCycles;
+        return deltaCycles;
+    }`, `        if (this.cache.stall) { deltaCycles += this.cache.stall; this.cache.stall = 0; }
         this.cycles += deltaCycles;
-        return deltaCycles;`;
-const cases = [...new Set(kinds)].filter(kind => kind !== WIDE).flatMap(kind => [
-  `        case ${kind}: { // ${branches[kind].condition ?? 'else'}`, ...branches[kind].body, '            break;', '        }',
-]);
-const execute = `    executeInstruction() {
-        if (this.interruptsUpdated) { if (this.checkForInterrupts()) { this.waiting = false; } }
-        const opcodePC = this.registers[15] & ~1;
-        let opcode;
-        if ((opcodePC >>> 24) === 0x10) {
-            if (opcodePC & 2 || opcodePC >>> 2 !== this.cache.ahead) this.cache.fetch(opcodePC);
-            opcode = this.flash16[(opcodePC & 0xffffff) >> 1];
-        } else opcode = this.readUint16(opcodePC);
-        const kind = OPTABLE[opcode];
-        if (kind === ${WIDE}) {
-            const opcode2 = this.readUint16((opcodePC + 2) >>> 0);
-            if (!(${branchLink.condition})) return this.executeInstructionSlow();
-            let deltaCycles = 1; this.registers[15] += 2;
-${branchLink.body.join('\n')}
-${COUNT}
-        }
-        const opcode2 = 0;
-        this.registers[15] += 2;
-        let deltaCycles = 1;
-        switch (kind) {
-${cases.join('\n')}
-        }
-${COUNT}
+        return deltaCycles;
     }
-    // Execute until the next alarm or \`end\`, an access to anything but memory, or a wait; the clock is then right.
-    run(clock, cycle, end) {
-        this.clock = clock; this.cycle = cycle; this.ran = 0; this.touched = false;
-        const alarm = clock.nextAlarm;
-        const ns = (alarm !== null && alarm.nanos < end ? alarm.nanos : end) - clock.nanosCounter;
-        const last = Math.ceil(ns / cycle);
-        do {
-            const cycles = this.executeInstruction(); // it may set \`ran\`
-            this.ran += cycles;
-        } while (this.ran < last && !this.touched && !this.waiting);
-        const passed = this.ran * cycle;
-        this.ran = 0;
-        clock.tick(passed);
-    }
-    touch() {
+    touch() { // something that is not memory: the clock must be right
         this.touched = true;
         this.clock.nanosCounter += this.ran * this.cycle;
         this.ran = 0;
-    }`;
-const slow = ['    executeInstructionSlow() {', ...lines.slice(start + 1, end + 1)];
-source = [...lines.slice(0, start), execute, ...slow, ...lines.slice(end + 1)].join('\n');
-swap(`        }\n        this.cycles += deltaCycles;\n        return deltaCycles;`, `        }\n${COUNT}`); // the original chain
-const table = Buffer.from(kinds).toString('base64');
-swap('export class CortexM0Core {', `const OPTABLE = new Uint8Array(Buffer.from('${table}', 'base64'));\nexport class CortexM0Core {`);
+    }`);
 
 // ---- memory
 
@@ -165,12 +93,12 @@ replaceBody('addUpdateFlags(addend1, addend2)', `        const sum = addend1 + a
 replaceBody('cyclesIO(addr, write = false)', `        const region = addr >>> 28; // 0xd: SIO, 4: APB
         return region === 0xd ? 0 : region === 4 ? (write ? 4 : 3) : 1;`);
 
-// ---- cycles, and waking up. The instructions stand twice, in the switch and in the original chain
+// ---- cycles, and waking up
 
 const PUSH = 'this.writeUint32(address, this.registers[14]);';
-swap(PUSH, `${PUSH} deltaCycles += ${STACKED_CYCLES};`, 2);
+swap(PUSH, `${PUSH} deltaCycles += ${STACKED_CYCLES};`);
 const POP = /(this\.BXWritePC\(this\.readUint32\(address\)\);\s*deltaCycles \+= 2);/g;
-if (source.match(POP)?.length !== 2) throw new Error('POP is not as expected');
+if (source.match(POP)?.length !== 1) throw new Error('POP is not as expected');
 source = source.replace(POP, `$1 + ${STACKED_CYCLES};`);
 swap('        const vectorTable = this.VTOR;\n', `        const vectorTable = this.VTOR;
         this.cache.stall += ${EXCEPTION_CYCLES};

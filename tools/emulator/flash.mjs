@@ -1,7 +1,7 @@
 // The Pico's SPI flash (a W25Q16JV of 2 MiB) and the peripherals through which the RP2040 writes and reads it.
 // rp2040js maps flash for reading only; MicroPython's file system needs erase and program with their times.
 import { BasePeripheral } from 'rp2040js';
-import { FlashCache, missCycles } from './cache.mjs';
+import { missCycles } from './cache.mjs';
 
 export const FLASH_SIZE = 2 * 1024 * 1024;
 const UNIQUE_ID = [0xe6, 0x61, 0x64, 0x08, 0x43, 0x2f, 0x5a, 0x21];
@@ -181,8 +181,7 @@ export function attachFlash(rp2040, flash, resetCause, cached) {
   rp2040.flash.set(flash.memory, 0);
   flash.powerOn(rp2040.clock);
   flash.onChange = (start, size) => rp2040.flash.set(flash.memory.subarray(start, start + size), start);
-  const cache = new FlashCache();
-  rp2040.core.cache = cache;
+  const { cache } = rp2040.core;
   const ssi = new Ssi(rp2040, flash, register => { if (cached) cache.cost = missCycles(register); });
   rp2040.peripherals[0x18000] = ssi;
   rp2040.peripherals[0x40018] = new IoQspi(rp2040, ssi);
