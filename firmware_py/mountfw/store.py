@@ -49,15 +49,16 @@ def position_line(axis):
     """The line of an axis in the record of the positions."""
     p = axis.position
     certainty = codes.COUNTED if p.certainty == codes.MEASURED else p.certainty  # while it is off, nobody measures
-    return "%d %d %d %d %d %d %d %d %d %d %d %d\n" % (
+    line = "%d %d %d %d %d %d %d %d %d %d %d %d" % (
         (axis.number, axis.inverted, p.step, p.gap, p.gap_known, p.inside)
         + (p.millisteps, certainty, p.target, p.defined, p.home_known, p.home)
     )
+    return line + (" %d\n" % p.angle() if hasattr(axis, "restored") else "\n")
 
 
 def restore_position(axis, numbers):
     """Set an axis's position to the numbers of such a line, unless a step is another now. Raises ValueError."""
-    _, inverted, step, gap, gap_known, inside, millisteps, certainty, target, defined, home_known, home = numbers
+    _, inverted, step, gap, gap_known, inside, millisteps, certainty, target, defined, home_known, home = numbers[:12]
     if not (codes.UNKNOWN <= certainty <= codes.ESTIMATED and 0 <= inside <= gap):
         raise ValueError
     for n in numbers:
@@ -75,6 +76,8 @@ def restore_position(axis, numbers):
     if gap == p.gap:
         p.gap_known = gap_known != 0
         p.inside = inside
+    if hasattr(axis, "restored"):  # it has an encoder
+        axis.restored(numbers[12] if len(numbers) > 12 else -1)
 
 
 def _no_look():
@@ -169,6 +172,9 @@ class Records:
         data = self._port.load(_POSITION)
         self._on_flash = data is not None
         if data is None:
+            for axis in self._axes:
+                if hasattr(axis, "restored"):
+                    axis.restored(-1)
             return
         try:
             lines = unseal(data)

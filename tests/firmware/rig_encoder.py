@@ -33,6 +33,7 @@ class Motor:
         self.seen = 0
         self.slips = 0
         self.gone = False
+        self.play_us = 0
         self.held = 0
         self.reads = 0
 

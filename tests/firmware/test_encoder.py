@@ -42,7 +42,7 @@ def counted(rig):
 
 def test_an_axis_without_an_encoder_says_0_and_takes_nothing_else():
     rig = Rig()
-    for name in (b"SN", b"MM", b"DB", b"CL", b"FE", b"XN", b"XG", b"XA"):
+    for name in (b"SN", b"MM", b"DB", b"CL", b"FE", b"XN", b"XG", b"XA", b"XZ"):
         assert rig.ask(b"1%s0;1%s?\n" % (name, name)) == b"0\r\n"
         rig.ask(b"1%s1\n" % name)
         assert rig.errors() == [135]
@@ -74,13 +74,13 @@ def test_the_closed_loop_and_counts_as_units_need_the_counts_of_a_step():
 
 
 def test_the_settings_of_an_encoder_are_saved_with_the_others():
-    rig = encoded(settings=b"XN-281;MM1;SN1;DB3;CL0.25;FE90;XG75;XA120")
+    rig = encoded(settings=b"XN-281;MM1;SN1;DB3;CL0.25;FE90;XG75;XA120;XZ9")
     rig.ask(b"SM\n")
     rig.run(200_000)
     again = encoded(rig.port.files, b"")
-    names = (b"XN", b"MM", b"SN", b"DB", b"CL", b"FE", b"XG", b"XA")
+    names = (b"XN", b"MM", b"SN", b"DB", b"CL", b"FE", b"XG", b"XA", b"XZ")
     answer = again.ask(b";".join([b"1%s?" % name for name in names]) + b"\n")
-    assert answer == b"-281; 1; 1; 3; 0.25; 90; 75; 120\r\n"
+    assert answer == b"-281; 1; 1; 3; 0.25; 90; 75; 120; 9\r\n"
     assert again.errors() == []
 
 
@@ -174,7 +174,7 @@ def test_a_stalled_motor_is_off_within_80_ms_whatever_drives_it():
         assert rig.drives()[0] == 0
         assert off_after(rig, stuck_at) < 80_000
         assert why(rig) == (codes.STALLED, [147]), line
-        assert status(rig)[1] == codes.MEASURED
+        assert status(rig)[1] == codes.ESTIMATED  # was it the motor that stood still, or the encoder?
 
 
 def test_a_broken_wire_ends_a_move_as_a_stall_does_and_mm0_goes_on_without():
@@ -294,6 +294,7 @@ def test_the_position_follows_a_hand():
     for turned, millisteps in ((140, 500), (-700, -2000), (1, -1996)):
         rig.motor1.at += turned
         rig.run(100_000)
+        assert rig.axis1.position.millisteps == millisteps  # before anybody asks
         assert status(rig) == (millisteps, codes.MEASURED)
 
 
@@ -322,6 +323,55 @@ def test_no_look_at_rest_or_in_the_open_loop_costs_a_board_without_an_encoder_an
     finish(rig)
     rig.run(1_000_000)
     assert rig.motor1.reads == reads
+
+
+def on_screw(rig, at=0.0):
+    """Make motor 1's encoder one that stands on the screw and knows its angle."""
+    motor = rig.motor1
+    motor.at = at
+    motor.angle = lambda: motor.counts() & 4095
+    rig.axis1.position.look()
+
+
+def started_again(files, at):
+    """The same board after a power cut, with its shaft at so many counts."""
+    again = encoded(files, b"")
+    on_screw(again, at)
+    again.controller.records.restore()
+    return again
+
+
+def test_an_encoder_on_the_screw_tells_if_it_was_turned_while_the_board_was_off():
+    rig = encoded(settings=b"XN102;MM1")
+    on_screw(rig, 300)
+    rig.ask(b"1DH7;SM\n")
+    rig.run(200_000)
+    move(rig, b"1PR2\n")
+    rig.run(10_500_000)
+    at = rig.motor1.at
+    for turned, error in ((0, []), (3, []), (51, [151]), (-1000, [151]), (4096, [])):
+        again = started_again(dict(rig.port.files), at + turned)
+        assert again.errors() == error, turned
+        certainty = codes.ESTIMATED if error else codes.COUNTED
+        moved = turned if error else 0
+        assert abs(status(again)[0] - 9000 - moved * 1000 / 102) <= 30
+        assert status(again)[1] == certainty
+
+
+def test_without_a_record_the_angle_gives_the_position_within_half_a_turn_as_an_estimate():
+    for sign in (1, -1):
+        rig = encoded(settings=b"XN%d;MM1" % (102 * sign))
+        on_screw(rig, 300)
+        rig.ask(b"1DH0;SM\n")
+        rig.run(200_000)
+        assert "mountfw.position" not in rig.port.files
+        for turned in (0, 510, -1020, 2040):
+            again = started_again(dict(rig.port.files), 300 + turned)
+            assert abs(status(again)[0] - sign * turned * 1000 / 102) <= 10
+            assert status(again)[1] == codes.ESTIMATED
+            assert again.errors() == []
+    rig = encoded(rig.port.files, b"")  # an encoder that knows no angle
+    assert status(rig) == (0, codes.UNKNOWN)
 
 
 # ---- homing

@@ -167,6 +167,7 @@ OTHER = {
     "following_error": 100,
     "stall_ms": 200,
     "stall_duty": 120,
+    "zero_angle": 4096,
 }
 
 

@@ -23,7 +23,7 @@ _CONSTANTS = {
     b"NETMASK": b"0.0.0.0",
     b"MACADDR": b"00,00,00,00,00,00",
 }
-_ENCODER = (b"SN", b"MM", b"DB", b"CL", b"FE", b"XN", b"XG", b"XA")  # encoder/settings.py
+_ENCODER = (b"SN", b"MM", b"DB", b"CL", b"FE", b"XN", b"XG", b"XA", b"XZ")  # encoder/settings.py
 
 
 class NewFocus:

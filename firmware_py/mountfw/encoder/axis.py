@@ -53,6 +53,7 @@ class EncodedAxis(Axis):
         self.unchecked = False  # is no drive watched for a stall (ZZ)?
         self._loop = ClosedLoop()
         self._watch = Watch()
+        self._watch.play_us = reader.play_us
         self._watched_at = -1  # on_at of the drive that is watched
         self._counts = 0  # of the pulse that is to begin, if it is not by its length
         self._pulses = False  # is the move under way one of the closed loop?
@@ -74,6 +75,8 @@ class EncodedAxis(Axis):
             self.closed_loop = self.units = 0
         super()._measure()
         self.measured.measure(self.closed_loop, self.counts_per_step, self.inverted)
+        if self.measured.closed:
+            self.resting = self.resting or _LOOKS
         per_step = self.measured.per_step
         self._loop.set_up(self.dead_band, per_step, self.pulse_us, self.step_duty)
         self._watch.stall_us = 0 if self.unchecked else self.stall_ms * 1000
@@ -83,6 +86,20 @@ class EncodedAxis(Axis):
         """Is a drive watched for a stall? From the next move on."""
         self.unchecked = not checked
         self._apply()
+
+    @property
+    def zero_angle(self):
+        """The setting of this name, which the position sets, too."""
+        return self.measured.zero_angle
+
+    @zero_angle.setter
+    def zero_angle(self, value):
+        self.measured.zero_angle = value
+
+    def restored(self, recorded):
+        """The position was restored, as it was at this angle; -1: there is no record."""
+        if not self.measured.restored(recorded):
+            self.error(codes.AXIS_RECORD_DIFFERS)
 
     # ---- status
 
@@ -184,14 +201,14 @@ class EncodedAxis(Axis):
         drive.tripped = False
         self.pulses_left = _MANY
         loop.drive(drive.direction, abs(loop.way) + self.measured.gap_left(drive.direction))
-        self.handle(DUE_PULSE, loop.bound_us())
+        self.handle(DUE_PULSE, loop.bound_us() + self.reader.play_us)
         if self.state == PULSE:
             self._begin_watch(motor)
 
-    def abort(self, reason):
-        super().abort(reason)
-        if not self.state:
-            self._pulses = False
+    def _close(self, reason):
+        super()._close(reason)
+        self._pulses = False
+        self.resting = self.resting or _LOOKS
 
     # ---- the loop
 
@@ -201,7 +218,6 @@ class EncodedAxis(Axis):
             return super().service(now_us)
         state = self.state
         if not state:
-            self._pulses = False
             return self._idle(now_us)
         if state > REST:
             reason = self._look(now_us)
@@ -235,8 +251,6 @@ class EncodedAxis(Axis):
     def _judge(self, now_us):
         """The reason why the drive must end, or 0."""
         if self._watch.lost(self.reader):
-            if self.measured.certainty:
-                self.measured.certainty = codes.ESTIMATED
             return codes.ENCODER_LOST
         reason = self._watch.look(self.measured.motor, now_us)
         if not (reason or self.drive.duty != self.step_duty or self.checking & 2 or self._watch.follows(now_us)):
@@ -248,6 +262,8 @@ class EncodedAxis(Axis):
         self._watch.begin(motor, self.drive.direction, self.reader.slips, self._watched_at)
 
     def _failed(self, reason):
+        if self.measured.certainty:  # is it the motor that does not turn, or the encoder that does not see it?
+            self.measured.certainty = codes.ESTIMATED
         if self.homing is self._stall_homing and self.homing.phase and reason == codes.STALLED:
             self.homing.stalled()
         else:

@@ -1,6 +1,6 @@
 """Counts of an encoder wrap at 2**30, as times do. Pure; imports nothing of ours.
 
-A reader, which the port makes (ports/counted.py), has counts(), slips and gone.
+A reader, which the port makes (ports/counted.py), has counts(), slips, gone and play_us.
 """
 
 _MASK = 0x3FFF_FFFF

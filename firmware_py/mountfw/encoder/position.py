@@ -7,10 +7,12 @@ first, as a drive's amount does, but in counts.
 
 from mountfw import codes
 from mountfw.encoder.counts import apart
-from mountfw.motion.position import MAX_STEPS, Position
+from mountfw.motion.position import MAX_STEPS, Position, rounded
 
 _MOST = MAX_STEPS * 1000
 _SMALL = 1 << 29
+_TURN = 4096
+_PLAY = 4  # counts that a shaft at rest may be off: noise, and what the screw gives
 _MOST_GAP = 20_000  # thousandths of a step
 
 
@@ -34,6 +36,7 @@ class MeasuredPosition(Position):
         self._counts = 0
         self._shown = 0  # millisteps, as they were made of these
         self._begun = 0  # the place where the move under way began
+        self.zero_angle = 0  # at position 0, 1 … 4096; 0: not known
         self._run = 0  # counts of the drive that is not over yet
         super().__init__()
 
@@ -156,6 +159,35 @@ class MeasuredPosition(Position):
         way = apart(self.place, self._begun)
         self.made = (abs(way) + self.per_step // 100) // self.per_step * (1 if way > 0 else -1)
 
+    # ---- the angle within a turn, of a sensor that knows it
+
+    def angle(self):
+        """0 … 4095; -1: the encoder does not know it, or does not answer."""
+        return self.reader.angle() if hasattr(self.reader, "angle") else -1
+
+    def _zero(self):
+        """The position was defined: note the angle that belongs to 0."""
+        angle = self.angle()
+        if angle >= 0:
+            self.zero_angle = (angle - self.way * self.in_counts()) % _TURN or _TURN
+
+    def restored(self, recorded):
+        """It was restored as at this angle; -1: there is no record. False if it is not there any more."""
+        angle = self.angle()
+        if not self.closed or angle < 0 or (recorded < 0 and not self.zero_angle):
+            return True
+        if recorded < 0:
+            self.millisteps = self._base = 0
+        turned = (angle - (self.zero_angle if recorded < 0 else recorded) + (_TURN >> 1)) % _TURN - (_TURN >> 1)
+        if recorded >= 0 and -_PLAY <= turned <= _PLAY:
+            return True
+        if self.certainty or recorded < 0:
+            self.certainty = codes.ESTIMATED
+        self.millisteps += turned * self.way * 1000 // self.per_step
+        self.target = rounded(self.millisteps)
+        self._rebase()
+        return recorded < 0
+
     # ---- as of a Position
 
     def pulsed(self, direction):
@@ -197,6 +229,7 @@ class MeasuredPosition(Position):
         if self.closed:
             self._rebase()
             self.certainty = codes.MEASURED
+            self._zero()
 
     def define_counts(self, counts):
         """Call the present position so many counts."""
@@ -204,6 +237,7 @@ class MeasuredPosition(Position):
         self.define(steps)
         self._counts = counts - steps * self.per_step
         self.millisteps = self._shown = steps * 1000 + (self._counts * 1000 + (self.per_step >> 1)) // self.per_step
+        self._zero()
 
     def homed(self):
         super().homed()

@@ -62,3 +62,10 @@ _setting(b"XA", "stall_duty", 0, 255, 0)
 
 Where no switch is fitted in that direction, `MT` and `OR` then run so until the motor stalls, off it, and again.
 """
+
+_setting(b"XZ", "zero_angle", 0, 4096, 0, AT_REST)
+"""Encoder: an AS5600's angle at position 0, 1 … 4096; 0: none
+
+`DH` and homing set it in the closed loop; `SM` saves it. After a power cut in a motion, when there is no record, the
+position is then the one within half a turn of the screw from 0, and an estimate.
+"""

@@ -5,7 +5,7 @@ All counts here are in the drive's direction, since it began.
 
 from mountfw import codes
 from mountfw.encoder.counts import apart
-from mountfw.wire.ticks import diff
+from mountfw.wire.ticks import add, diff
 
 _SPAN_US = 16_384  # the speed is that of the last one to two of these: counts come singly
 _STALE_US = 60_000
@@ -19,6 +19,8 @@ class Watch:
     def __init__(self):
         self.counts = 0
         self.stall_us = 0  # drive without a count that is a stall; 0: none is
+        self.play_us = 0  # drive without a count after a change of direction: gears before the encoder
+        self._went = 0  # the direction of the last counts
         self._per_step = 1
         self._step_us = 1
         self._most = 0
@@ -47,6 +49,8 @@ class Watch:
         self._slips = slips
         self.counts = self._furthest = self._old_counts = self._new_counts = self._step_counts = 0
         self._began_at = self._progress_at = self._old_at = self._new_at = self._step_at = self._now = on_at
+        if direction != self._went:
+            self._progress_at = self._step_at = add(on_at, self.play_us)
 
     def look(self, motor, now_us):
         """The counts now. Returns the reason why the drive must end, or 0."""
@@ -55,6 +59,7 @@ class Watch:
         if counts > self._furthest:
             self._furthest = counts
             self._progress_at = now_us
+            self._went = self._direction
         elif self.stall_us and diff(now_us, self._progress_at) >= self.stall_us:
             return codes.STALLED
         elif self._furthest - counts > max(_LEAST_WRONG, self._per_step >> 3):

@@ -25,6 +25,7 @@ class Edges:
 
     gone = False
     slips = 0
+    play_us = 0
 
     def __init__(self, a, b):
         import rotaryio

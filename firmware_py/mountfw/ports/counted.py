@@ -1,12 +1,14 @@
 """What readers of encoders make counts of, on every platform. Pure; imports nothing of ours.
 
 A reader has counts(), a signed integer that wraps at 2**30; slips, how often a change was seen that no shaft can
-make, so that counts are missing; and gone: the sensor does not answer.
+make, so that counts are missing; gone: the sensor does not answer; and play_us, for how long a drive may turn the play
+of gears before the sensor does. One that knows where it stands within a turn has angle(), too.
 """
 
 _MASK = 0x3FFF_FFFF
 _HALF = 1 << 29
 _TURN = 4096  # of an AS5600
+_PLAY_US = 300_000  # at full drive; assumed: the paper's whole backlash is 280 ms
 _MOST_SILENT = 3  # looks without an answer; then the sensor is gone
 
 
@@ -16,6 +18,8 @@ class Phases:
     In one turn of the four phases A leads B through 00, A, AB, B, and each edge counts one. So the count and the phase
     stay together modulo four; a change of both signals at once, which counts nothing, takes them two apart.
     """
+
+    play_us = 0
 
     def __init__(self):
         self.slips = 0
@@ -36,11 +40,17 @@ class Phases:
 class Turns:
     """Counts of an AS5600. take(status, high, low) of its registers STATUS and RAW ANGLE (data sheet, register map)."""
 
+    play_us = _PLAY_US
+
     def __init__(self):
         self.slips = 0
         self.gone = True
         self.count = 0  # its lowest 12 bits are the angle
         self._silent = _MOST_SILENT
+
+    def angle(self):
+        """The angle, 0 … 4095, when it was looked at last; -1: it does not answer."""
+        return -1 if self.gone else self.count & (_TURN - 1)
 
     def take(self, status, high, low):
         """An answer: the shorter way round from the angle before, unless it sees no magnet."""

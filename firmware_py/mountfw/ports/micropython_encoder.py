@@ -108,6 +108,7 @@ class Counter:
 
     gone = False
     slips = 0
+    play_us = 0
 
     def __init__(self, number, pins):
         pin_a, pin_b = [Pin(pin, Pin.IN, Pin.PULL_UP) for pin in pins]

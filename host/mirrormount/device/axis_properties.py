@@ -88,4 +88,6 @@ class AxisProperties:
     """Encoder: drive without a count that ends a move, ms"""
     stall_duty = Property[int]()
     """Encoder: duty of a search for the end by stall; 0: off"""
+    zero_angle = Property[int]()
+    """Encoder: an AS5600's angle at position 0, 1 … 4096; 0: none"""
     # end
