@@ -1,9 +1,11 @@
 """`mirrormount measure` on the virtual table: report, numbers, use of the result, and every end that is not good."""
 
 import json
+from types import SimpleNamespace
 
 import pytest
 
+from mirrormount.beam.estimate import Estimate
 from mirrormount.cli import main, measure_work
 from mirrormount.common.beam_errors import CameraGone
 from mirrormount.device import calibration
@@ -125,7 +127,7 @@ def mount_of(table):
     [
         (("drift", *SEED, "--minutes", "0"), "--minutes must be more than 0"),
         (("steps", *SEED, "--minutes", "5"), "--minutes is of the experiment drift"),
-        (("drift", *SEED, "--apply"), "--apply is of the experiments steps and backlash"),
+        (("drift", *SEED, "--apply"), "--apply is of the experiments steps, backlash, pulses"),
         (("steps", *SEED, "--camera", "3"), "cameras 1 and 2"),
         (("steps", *SEED, "--axes", "x,z"), "z"),
         (("steps", *SEED, "--distance", "100"), "--distance needs --mm-per-px"),
@@ -157,3 +159,52 @@ def test_ctrl_c_keeps_what_was_measured(tmp_path, capsys, monkeypatch, tables):
     assert "partial report: measure-drift.html" in out and err == "mirrormount: stopped\n"
     numbers = json.loads((tmp_path / "measure-drift.json").read_text())
     assert numbers["partial"] == "stopped by Ctrl-C" and len(numbers["readings"]) == 4
+
+
+@pytest.fixture
+def found(monkeypatch):
+    """An experiment that has found a take-up at once."""
+
+    def at_once(rig, result, _tell):
+        rig.look()
+        result.estimates["x.take_up"] = Estimate(251_000.0, 900.0, "us")
+
+    monkeypatch.setattr(measure_work.backlash, "run", at_once)
+
+
+def terminal(monkeypatch, answer):
+    asked = []
+    monkeypatch.setattr("sys.stdin", SimpleNamespace(isatty=lambda: True))
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True, raising=False)
+    monkeypatch.setattr("builtins.input", lambda question: (asked.append(question), answer)[1])
+    return asked
+
+
+@pytest.mark.parametrize(("answer", "saved"), [("y", True), ("Yes", True), ("", False), ("n", False), ("x", False)])
+def test_on_a_terminal_the_result_is_offered_and_saved_only_for_yes(answer, saved, found, tables, monkeypatch, capsys):
+    asked = terminal(monkeypatch, answer)
+    assert main.main(["measure", "backlash", *SEED, "--axes", "x"]) == 0
+    out = capsys.readouterr().out
+    assert asked == ["Save this? [y/N] "]
+    assert "x.take_up_us: 0 → 251000" in out
+    assert ("The take-up is saved on the board." in out) is saved
+    assert ("to use it: mirrormount config set x.take_up_us 251000 --save" in out) is not saved
+
+
+def test_without_a_terminal_nothing_is_asked_and_nothing_is_saved(found, tables, monkeypatch, capsys):
+    monkeypatch.setattr("builtins.input", pytest.fail)
+    assert main.main(["measure", "backlash", *SEED, "--axes", "x"]) == 0
+    assert "to use it: mirrormount config set x.take_up_us 251000 --save" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(("sure_ms", "says"), [(300, "x.pulse_us: 200000 → 300000"), (100, "it stays")])
+def test_a_step_that_is_shorter_than_a_sure_pulse_is_offered_to_be_longer(sure_ms, says, tables, monkeypatch, capsys):
+    def at_once(rig, result, _tell):
+        rig.look()
+        for way in ("positive", "negative"):
+            result.estimates[f"x.{way}.pulse_50ms"] = Estimate(0.1, 0.1, "px")
+            result.estimates[f"x.{way}.pulse_{sure_ms}ms"] = Estimate(5.0, 0.1, "px")
+
+    monkeypatch.setattr(measure_work.pulses, "run", at_once)
+    assert main.main(["measure", "pulses", *SEED, "--axes", "x", "--apply"]) == 0
+    assert says in capsys.readouterr().out

@@ -22,18 +22,15 @@ from mirrormount.beam.result import Result, Tell
 from mirrormount.beam.rig import MountRig, Rig, borrowed
 from mirrormount.beam.scale import Scale
 from mirrormount.cli.command import number, virtual_address, whole
+from mirrormount.cli.measure_use import OF_USE, use
 from mirrormount.common.errors import BadValue, CannotWrite, NotCalibrated
 from mirrormount.common.progress import StatusLine
-from mirrormount.device import calibration
 from mirrormount.device.mount import Mount
-from mirrormount.device.scale_fit import beam_per_mirror
 from mirrormount.transport.lines import Link
 from mirrormount.transport.open import open_table
 from mountfw import __version__
 
-_OF_USE = ("steps", "backlash")  # what they find can be saved
 _NEEDS_TAKE_UP = ("square",)  # the others are measured without
-_MOST_TAKE_UP_US = 2_000_000  # the range of XB
 _NEAR_MM, _FAR_MM = 400.0, 1600.0  # of the virtual table's cameras from the last mirror
 
 
@@ -46,8 +43,8 @@ def measure(args: argparse.Namespace) -> None:
         raise BadValue(f"the page and the numbers cannot both be {page}")
     for path in (page, numbers):
         _check_writable(path)
-    if args.apply and args.experiment not in _OF_USE:
-        raise BadValue(f"--apply is of the experiments {' and '.join(_OF_USE)}")
+    if args.apply and args.experiment not in OF_USE:
+        raise BadValue(f"--apply is of the experiments {', '.join(OF_USE)}")
     with _opened(args) as (mount, camera, optics):
         axes = _axes(args.axes, mount)
         result = Result(args.experiment)
@@ -65,7 +62,7 @@ def measure(args: argparse.Namespace) -> None:
             raise
         _write(page, numbers, result, origin, observer)
         _summarise(result, optics)
-        _use(args.apply, mount, axes, result, optics)
+        use(args.apply, mount, axes, result, optics)
 
 
 def _check_writable(path: Path) -> None:
@@ -185,39 +182,3 @@ def _summarise(result: Result, optics: Optics) -> None:
         )
     for remark in result.remarks:
         print(f"  {remark}")
-
-
-def _use(apply: bool, mount: Mount, axes: tuple[str, ...], result: Result, optics: Optics) -> None:
-    """Save the scale or the take-up if that is asked for, else say how."""
-    if result.experiment == "backlash":
-        wanted = {
-            axis: {"take_up_us": min(_MOST_TAKE_UP_US, max(0, round(result.estimates[f"{axis}.take_up"].value)))}
-            for axis in axes
-        }
-        if apply:
-            mount.apply(wanted)
-            mount.save()
-            print("The take-up is saved on the board.")
-        for axis, values in wanted.items() if not apply else ():
-            print(f"to use it: mirrormount config set {axis}.take_up_us {values['take_up_us']} --save")
-    elif result.experiment == "steps":
-        scales = {mount.axis(axis).number: scale for axis in axes if (scale := _scale(mount, axis, result, optics))}
-        if not scales:
-            print("for a scale in mrad: --mm-per-px and --distance")
-        elif apply:
-            print(f"The scales are saved in {calibration.write(mount.board_id, scales)}.")
-        else:
-            print("to move in mrad and mm by this scale: the same with --apply")
-
-
-def _scale(mount: Mount, axis: str, result: Result, optics: Optics) -> calibration.Scale | None:
-    """The scale of an axis, if the camera's is known and the axis turns the mirror."""
-    if axis not in ("x", "y") or optics.scale is None:
-        return None
-    ways = [optics.mirror_urad(result.estimates[f"{axis}.{way}.step"], axis) for way in ("positive", "negative")]
-    if ways[0] is None or ways[1] is None:
-        return None
-    positive, negative = (float(f"{way.value * 1e-3:.4g}") for way in ways if way)
-    step = calibration.Step(*mount.axis(axis).ask_whole("XP?", "XD?", "XI?"))
-    factor = beam_per_mirror(axis, optics.scale.incidence_deg)
-    return calibration.Scale(positive, negative, step, float(f"{factor:.4g}"), optics.distance_mm)
