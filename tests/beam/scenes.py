@@ -108,7 +108,8 @@ def _add_spot(light, rng, comes, parts):
     if comes("ghost", 0.2):
         far, to = rng.uniform(2, 8) * width, rng.uniform(0, 2 * np.pi)
         share = rng.uniform(0.02, 0.1)
-        light += share * peak * gaussian(x + far * np.cos(to), y + far * np.sin(to), wide, high, angle)
+        if 0 <= x < COLUMNS and 0 <= y < ROWS:  # the ghost of a spot that is not in the picture is the picture's spot
+            light += share * peak * gaussian(x + far * np.cos(to), y + far * np.sin(to), wide, high, angle)
     if "edge" not in parts and comes("two", 0.08):
         far, to = rng.uniform(2, 10) * width, rng.uniform(0, 2 * np.pi)
         u, v = x + far * np.cos(to), y + far * np.sin(to)

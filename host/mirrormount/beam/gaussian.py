@@ -101,6 +101,11 @@ def _model(p: Array, bins: Bins) -> tuple[Array, Array]:
     return value, jacobian.T
 
 
+def jacobian(p: Array, bins: Bins) -> Array:
+    """Derivatives of the model at the bins, (bins, parameters)."""
+    return _model(p, bins)[1]
+
+
 def _at(p: Array, bins: Bins) -> Fit:
     value, jacobian = _model(p, bins)
     residual = bins.value - value
@@ -182,3 +187,41 @@ def background_shift(found: Fit, bins: Bins) -> tuple[Array, Array]:
     ]
     to_whole = np.linalg.solve(whole.T @ found.jacobian, whole.T)[X : Y + 1]
     return to_curved @ found.residual, np.sqrt(((to_curved - to_whole) ** 2 / bins.weight).sum(axis=1))
+
+
+@dataclass(frozen=True, slots=True)
+class Modes:
+    """What of the residual has the shape of a Gauss-Hermite mode, as a fit together with the model's parameters.
+
+    odd, even: root of the sum of squares of the amplitudes of third and of fourth order, in parts of the peak.
+    odd_chi2, even_chi2: their significances squared; by noise alone about 4 and about 5.
+    """
+
+    odd: float
+    odd_chi2: float
+    even: float
+    even_chi2: float
+
+
+def modes(found: Fit, bins: Bins) -> Modes:
+    """Modes of third order (one side is missing) and of fourth order (two spots, or a flat top).
+
+    They have few parameters, so they show what the sum of squares over hundreds of bins hides in its noise.
+    """
+    dx, dy = bins.x - found.p[X], bins.y - found.p[Y]
+    upper = np.linalg.cholesky(found.shape).T  # shape = upper' upper, so u, v have unit variance
+    u, v = upper[0, 0] * dx + upper[0, 1] * dy, upper[1, 1] * dy
+    light = found.p[0] * np.exp(-0.5 * (u * u + v * v))
+    u2, v2 = u * u - 1, v * v - 1
+    u3, v3 = u * (u * u - 3), v * (v * v - 3)
+    u4, v4 = (u * u - 6) * u * u + 3, (v * v - 6) * v * v + 3
+    terms = np.stack([u3, u2 * v, u * v2, v3, u4, u3 * v, u2 * v2, u * v3, v4]) * light
+    design = np.concatenate([found.jacobian.T, terms])
+    weighted = design * bins.weight
+    inverse = np.linalg.pinv(weighted @ design.T, hermitian=True)
+    amplitude = inverse @ (weighted @ found.residual)
+    sizes = []
+    for part in (slice(-9, -5), slice(-5, None)):
+        some = amplitude[part]
+        sizes += [float(np.linalg.norm(some)), float(some @ np.linalg.pinv(inverse[part, part], hermitian=True) @ some)]
+    return Modes(*sizes)

@@ -21,6 +21,14 @@ _LEFT_OVER = 3.4  # significance of light, or of a lack of it, over an area of t
 _GROSS = 1.5  # chi² per bin of one spot, above which two may be meant
 _BETTER = 11.0  # decrease of chi² by a second spot that is believed
 _DOUBT, _DOUBT_MASKED = 0.1, 0.5  # part of the shift by a ghost, by a fly, that is added to the error
+_ODD, _EVEN, _ODD_DOUBT, _BOTH_DOUBT = (
+    16.0,
+    20.0,
+    12.0,
+    19.0,
+)  # chi² of the residual's modes of third, of fourth order, that noise seldom reaches
+_ONE_SIDED = 2.5  # shift by what dims one side, in widths for the amplitude of the third order; 6 / (w k)² of exp(-k x)
+_LONG, _TWO = 1.25, 0.1  # ratio of the axes, and amplitude of fourth order, of two spots that are seen as one
 _MASKED = 0.2  # light at most behind a fly
 
 
@@ -96,7 +104,7 @@ def _explain(
     """The simplest model that leaves only noise over: one spot, a spot and its ghost, a spot behind a fly."""
     none = np.zeros(2)
     left = part.left_over(single, bins, keep)
-    if float(np.abs(left).max()) < _LEFT_OVER and _only_noise(single, bins):
+    if float(np.abs(left).max()) < _LEFT_OVER and _only_noise(single, bins) and _only_modes(single, bins):
         return Located(part, single, bins, keep, 0.0, none, 0.0)
     best = Located(part, single, bins, keep, 0.0, none, 0.0)
     brightest = np.unravel_index(int(np.argmax(left)), left.shape)
@@ -104,7 +112,7 @@ def _explain(
         ratio = double.p[9] / double.p[0]
         good = _only_noise(double, bins)
         better = single.chi2 - double.chi2
-        gross = single.chi2 > _GROSS * bins.x.size and double.chi2 < 0.5 * single.chi2
+        gross = single.chi2 > _GROSS * bins.x.size and double.chi2 < 0.7 * single.chi2
         if ratio > GHOST and _apart(double) and (gross or (good and better > 2 * _BETTER)):
             return Reason.SPLIT
         if good and ratio < GHOST and better > _BETTER:
@@ -133,6 +141,23 @@ def _explain(
         return Reason.SHAPE
     best.shift = np.hypot(best.shift, gaussian.core_shift(best.fit, best.bins)[0])
     return best
+
+
+def one_sided(seen: gaussian.Modes) -> float:
+    """A doubt of the place, in widths: something may dim one side of the spot, where more than noise says so."""
+    believed = seen.odd_chi2 > _ODD_DOUBT or seen.odd_chi2 + seen.even_chi2 > _BOTH_DOUBT
+    return _ONE_SIDED * seen.odd if believed else 0.0
+
+
+def is_double(seen: gaussian.Modes, ratio: float) -> bool:
+    """Whether a spot of this ratio of its axes has the fourth order of two side by side, which no fit of two showed."""
+    return ratio > _LONG and seen.even > _TWO and seen.even_chi2 > _EVEN
+
+
+def _only_modes(found: gaussian.Fit, bins: gaussian.Bins) -> bool:
+    """Whether nothing of the residual has the shape of a missing side or of two spots."""
+    seen = gaussian.modes(found, bins)
+    return seen.odd_chi2 < _ODD and seen.even_chi2 < _EVEN
 
 
 def _apart(double: gaussian.Fit) -> bool:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrormount.beam import blobs, gaussian
-from mirrormount.beam.located import GHOST, WIDEST, Located, locate
+from mirrormount.beam.located import GHOST, WIDEST, Located, is_double, locate, one_sided
 from mirrormount.beam.picture import Dark, Grey, grey
 from mirrormount.beam.reasons import Reason
 
@@ -117,13 +117,18 @@ def _judge(found: Located, picture: Grey, seen: blobs.Detection) -> Spot | NoSpo
     student = 1 + 3.6 / len(np.unique(groups))  # 2 sigma of Student's t for a third of the groups, which see the spot
     variance = np.maximum(np.diag(expected), np.diag(grouped)) * student**2 + found.shift**2
     curved, deviation = gaussian.background_shift(fit, found.bins)
+    modes = gaussian.modes(fit, found.bins)
+    sides = one_sided(modes)
+    variance += (sides * np.array([wide, high])) ** 2
     slope = np.array(part.slope) + fit.p[7:9]
     variance += (_NOT_LINEAR * (covariance @ slope) / fit.peak) ** 2
     variance += np.where(np.abs(curved) > 2.5 * deviation, curved, 0) ** 2
     sigma_x, sigma_y = (float(v) ** 0.5 for v in variance)
     short, long = np.sqrt(np.linalg.eigvalsh(covariance))
-    if long > _LONGISH * short:
+    if long > _LONGISH * short or sides > _UNSURE:
         return NoSpot(Reason.SHAPE, seen)
+    if is_double(modes, float(long / short)):
+        return NoSpot(Reason.SPLIT, seen)
     if short < _SMALLEST:
         return NoSpot(Reason.SMALL, seen)
     if max(wide, high) > WIDEST:
