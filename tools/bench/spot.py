@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import scenes
 
-from mirrormount.beam import NoSpot, find_spot
+from mirrormount.beam import NoSpot, find_spot, gaussian
 
 
 def main() -> None:
@@ -23,8 +23,23 @@ def main() -> None:
     args = parser.parse_args()
     cv2.setNumThreads(1)
     numbers = range(args.seed, args.seed + args.scenes)
+    print(f"least error of a clean scene (Cramer and Rao): {_bound(12.0, 180.0):.4f} px in x, and in y")
     _table("clean, sigma 12 px, peak 180", [scenes.clean(np.random.default_rng(n)) for n in list(numbers)[:200]])
     _table("nasty", (scenes.nasty(np.random.default_rng(n)) for n in numbers))
+
+
+def _bound(width, peak, read=1.0, gain=0.1):
+    """The least standard error of x that any unbiased estimate can have, if all nine numbers of the spot are unknown.
+
+    Noise as in scenes.expose(): read, shot, rounding. Source: C. R. Rao, Bull. Calcutta Math. Soc. 37 (1945) 81.
+    """
+    reach = np.arange(-6 * width, 6 * width + 1)
+    x, y = (each.ravel() for each in np.meshgrid(reach, reach))
+    variance = read**2 + gain * (8 + peak * np.exp(-(x * x + y * y) / (2 * width**2))) + 1 / 12
+    spot = np.array([peak, 0.0, 0.0, width**-2, 0.0, width**-2, 8.0, 0.0, 0.0])
+    bins = gaussian.Bins(x, y, np.zeros(x.size), 1 / variance)
+    jacobian = gaussian.jacobian(spot, bins)
+    return float(np.linalg.inv((jacobian * bins.weight[:, None]).T @ jacobian)[1, 1]) ** 0.5
 
 
 def _table(name, some) -> None:
