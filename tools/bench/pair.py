@@ -43,9 +43,10 @@ def main() -> None:
         seen = time.process_time()
         spots = [find_spot(frame) for frame in frames]
         found = time.process_time()
-        if all(spots):
+        places = [place for spot in spots if spot for place in (spot.x, spot.y)]
+        if len(places) == len(response):
             answered += 1
-            _correction(response, np.array([place for spot in spots for place in (spot.x, spot.y)]))
+            _correction(response, np.array(places))
         parts += np.diff([begin, seen, found, time.process_time()])
     ms = 1e3 * parts / args.pairs
     print(f"{args.profile}{', colour' if args.colour else ''}: {args.pairs} pairs, {answered} with both spots")
