@@ -71,7 +71,7 @@ After a change of direction the motor turns so long, at duty `XD`, before the mi
 _setting(b"ZH", "checking", 0, 1 | 2 | 8, 0, BITS | AT_REST)
 """Limits: 1 ignores end-stops + 8 checks soft limits
 
-Bit 1 (2) would ignore the following error: it is kept, and there is none. Other bits are refused with 7.
+Bit 1 (2) ignores the following error of an axis with an encoder. Other bits are refused with 7.
 """
 
 _setting(b"SL", "soft_minimum", -MAX_STEPS, MAX_STEPS, -MAX_STEPS)

@@ -56,6 +56,10 @@ class Port(Protocol):
         """A function that reads an input against its pull-up; None for None."""
         ...
 
+    def encoder(self, number: int, pins: dict[str, Any]) -> Any:
+        """The reader (ports/counted.py) of an axis whose pins name an encoder; None, after a printed line, if none is."""
+        ...
+
     def on_rise(self, number: int, handler: Callable[[Any], None]) -> None:
         """Call handler(pin) from an interrupt when that input rises, where the platform has such interrupts."""
 

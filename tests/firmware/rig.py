@@ -191,6 +191,9 @@ class Port:
     def output(self, number, pwm_hz=0):
         return Output(self, number, pwm_hz)
 
+    def encoder(self, number, pins):
+        return None  # rig_encoder.py has a port with encoders
+
     def on_rise(self, number, handler):
         self.handlers[number] = handler
 

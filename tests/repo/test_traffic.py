@@ -4,15 +4,18 @@ import re
 from fnmatch import fnmatchcase
 from pathlib import Path
 
-from mirrormount.virtual.board import make_simulation
+import pytest
+
+from mirrormount.virtual.board import Options, make_simulation
 from mirrormount.virtual.lockstep import Lockstep
 
 PROTOCOL = Path(__file__).parent.parent.parent / "docs" / "protocol.md"
 
 
-def test_the_documents_traffic_is_real():
-    (block,) = re.findall(r"```traffic\n(.*?)```", PROTOCOL.read_text(), re.DOTALL)
-    simulation = make_simulation()
+@pytest.mark.parametrize(("name", "encoder"), [("traffic", None), ("traffic with encoders", "motor")])
+def test_the_documents_traffic_is_real(name, encoder):
+    (block,) = re.findall(f"```{name}\n(.*?)```", PROTOCOL.read_text(), re.DOTALL)
+    simulation = make_simulation(Options(encoder=encoder))
     board = Lockstep(simulation)
     board.run(100_000)
     played = 0

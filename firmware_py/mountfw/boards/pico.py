@@ -16,6 +16,8 @@ BRIDGE = "enable"
 # Axis 1 is motor 1, up and down; axis 2 is motor 2, right and left. `pos` is the leg that is
 # high for a positive number. stop_pos and stop_neg are end-stop inputs, or None. GP0 and GP1
 # are left for a UART. A third and a fourth motor are AXIS_3 and AXIS_4, with the same names.
+# An axis may have an encoder as well: "encoder": (8, 9), A and B of a disc on the motor's shaft, or
+# "shaft": (8, 9), SDA and SCL of an AS5600; 26 and 27 for axis 2 (docs/bring-up.md).
 AXIS_1 = {"en": 2, "pos": 3, "neg": 4, "stop_pos": 10, "stop_neg": 11}
 AXIS_2 = {"en": 5, "pos": 6, "neg": 7, "stop_pos": 12, "stop_neg": 13}
 
