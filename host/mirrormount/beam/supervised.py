@@ -176,8 +176,9 @@ class SupervisedTable:
         """As LoopTable.taken_over."""
         if self._lost:
             return self._lost
-        if not all(program.in_control for program in self._programs.values()):
-            return "somebody stopped the mounts, or control was not taken yet"
+        for supervisor, program in self._programs.items():
+            if not program.in_control:
+                return f"stopped: {supervisor.worker.stop_cause or 'control was not taken yet'}"
         return ""
 
     def take_control(self) -> None:
