@@ -6,9 +6,19 @@ shrinks, so the attributes that make it grow can be deleted again.
 """
 
 
+class _Room:
+    pass
+
+
+_room = _Room()
+for _i in range(50):
+    setattr(_room, "_room%d" % _i, None)
+_NAMES = list(_room.__dict__)  # as attributes have them: new strings would have to be looked up, 60 us each
+
+
 def presize(thing, most):
     """Grow the attribute table of thing until `most` attributes fit; most is a little more than it has."""
-    names = ["_room%d" % i for i in range(most - len(thing.__dict__))]
+    names = _NAMES[: max(0, most - len(thing.__dict__))]
     for name in names:
         setattr(thing, name, None)
     for name in names:

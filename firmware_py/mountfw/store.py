@@ -131,7 +131,8 @@ class Records:
             values = []
         for axis in self._axes:
             axis.load([(name, value) for number, name, value in values if number == axis.number])
-        self._port.collect()
+        if data is not None:
+            self._port.collect()
 
     def factory(self):
         """Take the settings into use as they were made."""

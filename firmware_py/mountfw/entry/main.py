@@ -31,20 +31,29 @@ def replay():
 if replay():
     raise SystemExit  # a soft reset: this very file may be a new one now
 
-from mountfw.ports import micropython as port  # noqa: E402
+from mountfw.ports import rp2_listed as listed  # noqa: E402
 
-board = port.find_board()
+try:
+    try:
+        listed.enter()
+        from mountfw.ports import micropython as port
+
+        board = port.find_board()
+        if board:
+            port.motors_off(board)
+            from mountfw.build import build
+    finally:
+        listed.leave()
+finally:
+    listed.leave()  # again: a second Ctrl-C may have kept the first one from starting
 if board:
     try:
         try:
-            port.motors_off(board)
-            from mountfw.build import build
-
             build(port, board).run()
         finally:
             port.leave(board)
     except KeyboardInterrupt:
         pass
     finally:
-        port.leave(board)  # again: a second Ctrl-C may have kept the first one from starting
+        port.leave(board)  # again, likewise
     print("mountfw has stopped, motors are off. Ctrl-D starts it again.")
