@@ -11,7 +11,7 @@ class _Room:
 
 
 _room = _Room()
-for _i in range(50):
+for _i in range(30):
     setattr(_room, "_room%d" % _i, None)
 _NAMES = list(_room.__dict__)  # as attributes have them: new strings would have to be looked up, 60 us each
 

@@ -41,7 +41,7 @@ try:
         board = port.find_board()
         if board:
             port.motors_off(board)
-            from mountfw.build import build
+        from mountfw.build import build
     finally:
         listed.leave()
 finally:

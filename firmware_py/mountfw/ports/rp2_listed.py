@@ -43,7 +43,7 @@ class _Listed:
         return (self._kinds[path], 0, 0, 0, 0, 0, 0, 0, 0, 0)
 
     def ilistdir(self, path):
-        start = path + "/"
+        start = path if path == "/" else path + "/"
         inside = [p for p in self._kinds if p.startswith(start) and "/" not in p[len(start) :]]
         return iter([(p[len(start) :], self._kinds[p], 0) for p in inside])
 

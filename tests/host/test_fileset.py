@@ -1,0 +1,35 @@
+"""Which files of the firmware a MicroPython board gets compiled: native code only where it fits the board."""
+
+import pytest
+
+from mirrormount.common.errors import DeployError
+from mirrormount.deploy.fileset import MPY_OF_PICO, MPY_VERSION, firmware, sources
+
+NATIVE = {path for path, text in sources("micropython").items() if b"@micropython.viper" in text}
+ARCHITECTURE = 0xF << 10  # in sys.implementation._mpy
+SUBVERSION = 3 << 8
+
+
+def as_source(mpy: int) -> set[str]:
+    return {path for path in firmware(mpy) if path.endswith(".py")}
+
+
+def test_a_pico_gets_native_code_compiled():
+    assert {"mountfw/ports/rp2_gate.py", "mountfw/ports/micropython_console.py"} <= NATIVE
+    assert as_source(MPY_OF_PICO) == {"main.py"}
+    assert firmware(MPY_OF_PICO)["mountfw/ports/rp2_gate.mpy"][2] == MPY_OF_PICO >> 8
+
+
+@pytest.mark.parametrize("processor", [0, 7, 11])
+def test_another_processor_compiles_native_code_itself(processor):
+    assert as_source(MPY_OF_PICO & ~ARCHITECTURE | processor << 10) == {"main.py", *NATIVE}
+
+
+@pytest.mark.parametrize("subversion", [1, 2])
+def test_a_pico_with_an_older_format_compiles_native_code_itself(subversion):
+    assert as_source(MPY_OF_PICO & ~SUBVERSION | subversion << 8) == {"main.py", *NATIVE}
+
+
+def test_another_version_of_the_format_is_refused():
+    with pytest.raises(DeployError, match="version 5"):
+        firmware(MPY_VERSION - 1)
