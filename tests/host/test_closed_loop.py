@@ -5,6 +5,7 @@ import random
 import pytest
 from closed_loop import PER_STEP, ClosedLoop, with_files
 
+from mirrormount import Mount
 from mirrormount.cli import main
 from mirrormount.cli.demo_square import closure, square
 from mirrormount.cli.dialogue import Dialogue
@@ -13,6 +14,8 @@ from mirrormount.cli.setup_encoder import encoder as set_up
 from mirrormount.common import errors
 from mirrormount.device.encoder import judged
 from mirrormount.device.settings import ENCODER
+from mirrormount.transport.lines import Link
+from mirrormount.virtual.virtual_table import open_table
 from mountfw import codes as wire
 
 STALL_US = 80_000  # from the last count to the pin, of which 60 ms are the setting's
@@ -181,6 +184,30 @@ def test_the_settings_of_an_encoder_can_be_changed_and_saved(loop):
     mount.recall()
     assert {name: mount.settings()["x"][name] for name in OTHER} == OTHER
     assert mount.x.dead_band == 5 and mount.x.correction_s == 0.1
+
+
+def test_a_mount_of_the_virtual_table_has_encoders_if_it_is_told_so():
+    with open_table("virtual-table://?encoder=motor&profile=rough&supply=0.8") as table:
+        mounts = [Mount(Link(port)) for port in table.ports]
+        for mount in mounts:
+            mount.apply({"x": {"counts_per_step": PER_STEP, "closed_loop": 1}})
+        for mount, simulation in zip(mounts, table.simulations, strict=True):
+            encoder, train = simulation.bench.encoders["m2"], simulation.bench.trains["m2"]
+            for way in (1, 1, -1):
+                before = encoder.count(train)
+                mount.x.step(way)
+                table.sleep(0.15)
+                assert abs(encoder.count(train) - before - way * PER_STEP) <= 2
+
+
+def test_a_loop_cannot_be_closed_before_the_counts_of_a_step_are_known(loop):
+    mount = loop(closed=False).mount
+    for name in ("closed_loop", "units"):
+        with pytest.raises(errors.BadValue, match=r"x.counts_per_step, which `mirrormount setup` measures"):
+            setattr(mount.x, name, 1)
+    mount.apply({"x": {"closed_loop": 1, "counts_per_step": 280}})
+    with pytest.raises(errors.BadValue, match="counts_per_step"):
+        mount.apply({"y": {"closed_loop": 1}})
 
 
 def test_a_setting_of_an_encoder_that_is_not_there_is_told_in_one_line(capsys):

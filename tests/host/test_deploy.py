@@ -22,6 +22,7 @@ from mirrormount.common.progress import Progress
 from mirrormount.common.signals import Terminated
 from mirrormount.common.supported import MICROPYTHON
 from mirrormount.deploy import micropython_trial
+from mirrormount.deploy.board_file import read_pins
 from mirrormount.deploy.fileset import firmware, firmware_hash
 from mirrormount.deploy.micropython import Options, deploy, may_replace
 from mirrormount.deploy.micropython_plan import plan
@@ -466,6 +467,7 @@ def test_ones_own_pins_are_what_the_board_runs_with(deployed, tmp_path):
 
 
 FROM_PICO = "from mountfw.boards.pico import *\n"
+AXIS_1 = {"en": 2, "pos": 3, "neg": 4, "stop_pos": 10, "stop_neg": 11}
 PINS_THAT_CANNOT_WORK = [
     (FROM_PICO + "BRIDGE = 'Enable'", "BRIDGE is 'enable' or 'two-pwm', not 'Enable'"),
     (FROM_PICO + "EMERGENCY_STOPP = 14", "EMERGENCY_STOPP is no name of a board file"),
@@ -485,6 +487,14 @@ PINS_THAT_CANNOT_WORK = [
         FROM_PICO + "AXIS_3 = {'en': 16, 'pos': 17, 'neg': 4, 'stop_pos': None, 'stop_neg': None}",
         "pin 4 is used twice: AXIS_1 neg and AXIS_3 neg",
     ),
+    (
+        FROM_PICO + f"AXIS_1 = {AXIS_1 | {'encoder': (10, 11)}}",
+        "pin 10 is used twice: AXIS_1 stop_pos and AXIS_1 encoder",
+    ),
+    (FROM_PICO + f"AXIS_1 = {AXIS_1 | {'encoder': 8}}", '"encoder" is a pair of GPIO numbers: A and B'),
+    (FROM_PICO + f"AXIS_1 = {AXIS_1 | {'shaft': (8,)}}", '"shaft" is a pair of GPIO numbers: SDA and SCL'),
+    (FROM_PICO + f"AXIS_1 = {AXIS_1 | {'encoder': (8, 9), 'shaft': (20, 21)}}", "AXIS_1"),
+    (FROM_PICO + f"AXIS_1 = {AXIS_1 | {'encoders': (8, 9)}}", "AXIS_1 says .* encoder or shaft where one is fitted"),
     (FROM_PICO + "AXIS_3 = {'en': 16}", "AXIS_3 says en, pos, neg, stop_pos, stop_neg"),
     ("from mountfw.boards.picco import *", "there is no board file 'picco'"),
     ("import os\nos.abort()", "constants only"),
@@ -508,6 +518,13 @@ def test_pins_that_cannot_work_are_refused_before_a_board_is_looked_for(tmp_path
         pins.write_text(text)
     with pytest.raises(errors.DeployError, match=says):
         deploy(Options(port="/nowhere", pins=pins))
+
+
+@pytest.mark.parametrize("fitted", [{"encoder": (8, 9)}, {"shaft": (8, 9)}])
+def test_pins_of_an_encoder_are_taken(tmp_path, fitted):
+    pins = tmp_path / "pins.py"
+    pins.write_text(FROM_PICO + f"AXIS_1 = {AXIS_1 | fitted}\n")
+    assert read_pins(pins) == pins.read_bytes()
 
 
 def test_an_unknown_board_changes_nothing_and_names_those_there_are(deployed):

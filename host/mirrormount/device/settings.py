@@ -90,8 +90,8 @@ _OF_ALL = {name: setting for name, setting in SETTINGS.items() if name not in EN
 
 
 def groups() -> list[str]:
-    """The groups of settings, in the order of their declarations."""
-    return list(dict.fromkeys(setting.group for setting in SETTINGS.values()))
+    """The groups of the settings that every axis has, in the order of their declarations."""
+    return list(dict.fromkeys(setting.group for setting in _OF_ALL.values()))
 
 
 def read(session: Session) -> dict[str, dict[str, int | float]]:
@@ -199,6 +199,10 @@ def check_together(before: Mapping[str, Mapping[str, Any]], wanted: Mapping[str,
         after = {**before[axis], **wanted[axis]}
         if after["soft_minimum"] > after["soft_maximum"]:
             raise BadValue(f"{axis}.soft_minimum {after['soft_minimum']} is above its maximum {after['soft_maximum']}")
+        if not after.get("counts_per_step", 0):
+            for name in ("closed_loop", "units"):  # the board would say no more than n35
+                if wanted[axis].get(name) and "counts_per_step" in after:
+                    raise BadValue(f"{axis}.{name} needs {axis}.counts_per_step, which `mirrormount setup` measures")
         if "velocity" in wanted[axis]:  # the board would make fewer steps (n10)
             most = 100_000_000 // (after["pulse_us"] + 1000) / 100
             if after["velocity"] > most:

@@ -2,6 +2,7 @@
 
 virtual-table://                 two mounts, each on a board of its own, and two cameras; as fast as it goes
 …?mounts=1|2  &cameras=1|2|split  &boards=1 (with two mounts: both on one board of four axes)
+…&encoder=motor|shaft
 …&profile=smooth|rough  &seed=N  &supply=VOLTAGE, of the nominal one  &off=MILLIMETRES, by which the laser is displaced
 …&speed=max|1  (1: in real time)
 """
@@ -19,6 +20,7 @@ import numpy as np
 from mirrormount.common.errors import BadAddress
 from mirrormount.common.printable import printable
 from mirrormount.virtual.board import LockstepPort, Options, RealtimePort, make_simulation
+from mirrormount.virtual.encoder import KINDS
 from mirrormount.virtual.geometry import DEFAULT, Geometry
 from mirrormount.virtual.profile import SMOOTH, Profile
 from mirrormount.virtual.query import profile_named, seed_of
@@ -35,7 +37,8 @@ _SCHEME = "virtual-table://"
 
 @dataclass(frozen=True)
 class Kind:
-    """Which table. cameras: 1, 2, or "split" (one camera that sees both planes through a beam splitter)."""
+    """Which table. cameras: 1, 2, or "split" (one camera that sees both planes through a beam splitter). encoder: a
+    kind of encoder.KINDS on motors 1 and 2 of each board."""
 
     mounts: int = 2
     boards: int = 2
@@ -44,6 +47,7 @@ class Kind:
     seed: int = 1
     off_mm: float = 0.0
     realtime: bool = False
+    encoder: str | None = None
     geometry: Geometry = DEFAULT
 
 
@@ -59,7 +63,14 @@ class VirtualTable:
         self._files = tempfile.TemporaryDirectory(prefix="mirrormount-")  # what the boards save
         kept = Path(self._files.name)
         self._boards = [
-            Options(seed=int(seeds[unit]), profile=kind.profile, axes=axes, unit=unit, files=kept / str(unit))
+            Options(
+                seed=int(seeds[unit]),
+                profile=kind.profile,
+                axes=axes,
+                unit=unit,
+                files=kept / str(unit),
+                encoder=kind.encoder,
+            )
             for unit in range(min(kind.boards, kind.mounts))
         ]
         self.simulations: list[Simulation] = []
@@ -175,17 +186,19 @@ def open_table(url: str) -> VirtualTable:
     profile = profile_named(given.pop("profile", SMOOTH.name), given.pop("supply", None))
     seed, off = seed_of(given.pop("seed", "1")), given.pop("off", "0")
     mounts, cameras, speed = given.pop("mounts", "2"), given.pop("cameras", "2"), given.pop("speed", "max")
-    boards = given.pop("boards", mounts)
+    boards, encoder = given.pop("boards", mounts), given.pop("encoder", None)
     off_mm = float(off) if off.isascii() and off.replace(".", "", 1).isdecimal() else math.nan
     if (
         given
         or (mounts, boards) not in (("1", "1"), ("2", "1"), ("2", "2"))
         or cameras not in ("1", "2", "split")
         or speed not in ("1", "max")
+        or encoder not in (None, *KINDS)
         or not off_mm <= MOST_OFF_MM
     ):
         raise BadAddress(
             f"{printable(url)}: options are mounts=1|2, boards=1|2, cameras=1|2|split, profile=, seed=NUMBER, supply=,"
+            " encoder=motor|shaft,"
             f" off=0 … {MOST_OFF_MM:g} (mm), speed=max|1"
         )
-    return VirtualTable(Kind(int(mounts), int(boards), cameras, profile, seed, off_mm, speed == "1"))
+    return VirtualTable(Kind(int(mounts), int(boards), cameras, profile, seed, off_mm, speed == "1", encoder=encoder))
