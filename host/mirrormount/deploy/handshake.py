@@ -1,4 +1,4 @@
-"""What both ways of a deploy share: what was asked for, and the few words that are exchanged with a board."""
+"""Shared by deploys to MicroPython and CircuitPython: the options, and what they ask the running firmware."""
 
 import re
 from collections.abc import Collection
@@ -12,12 +12,12 @@ from mirrormount.transport.refusals import TAKEN
 
 STATUS = re.compile(r"\d+,\d+,\d+((?:\|-?\d+,[01],-?\d+,\d+,\d+,\d+)+)")
 _ANSWER_S = 3.0
-_ADDRESS = b"01>"  # the board's own, spelled as nobody else does: it comes back with the answers
+_ADDRESS = b"01>"  # the board's own, in a form that no other program uses: the board repeats it before its answers
 
 
 @dataclass(frozen=True)
 class Options:
-    """What was asked for. port: None for the one board that is plugged in."""
+    """The options of the command line. port: None for the only board that is plugged in."""
 
     port: str | None = None
     stop: bool = False
@@ -29,24 +29,24 @@ class Options:
 
 
 def quiet(link: Link, stop: bool) -> str:
-    """See to it that no motor moves. Sends no stop unless told to. Returns what was heard.
+    """Check that no motor moves; with stop, stop them first. Returns the board's status line.
 
     Raises DeployError, PortBusy.
     """
-    heard = ask(link, b"XS?\n")
-    if TAKEN in heard:
+    answer = ask(link, b"XS?\n")
+    if TAKEN in answer:
         raise PortBusy("another program drives this board")
-    if stop and _moves(heard):
+    if stop and _moves(answer):
         link.write(b"!\n")
         link.drain(0.1)
-        heard = ask(link, b"XS?\n")
-    if _moves(heard):
+        answer = ask(link, b"XS?\n")
+    if _moves(answer):
         raise DeployError("a motor moves: wait until it is done, or say --stop")
-    return heard
+    return answer
 
 
 def ask(link: Link, question: bytes) -> str:
-    """What a board says to a question, its first line and what comes at once after it; "" for nothing."""
+    """The first line of the answer to a query, and the bytes right after it; "" without an answer."""
     link.write(question)
     try:
         line = link.read_line(_ANSWER_S)
@@ -55,17 +55,17 @@ def ask(link: Link, question: bytes) -> str:
     return (line + "\n" + link.drain(0.05).decode("ascii", "replace")).lstrip("\n")
 
 
-def _moves(heard: str) -> bool:
-    status = STATUS.search(heard)
+def _moves(answer: str) -> bool:
+    status = STATUS.search(answer)
     return bool(status) and any(axis.split(",")[1] == "1" for axis in status[1].strip("|").split("|"))
 
 
 def check(link: Link, wanted: Collection[str] | None) -> tuple[int, str]:
-    """What runs must be what was sent: XF? answers one of wanted (None: anything). Returns axes, and that answer.
+    """Check that XF? answers one of these hashes (None: any). Returns the number of axes, and that answer.
 
     Raises DeployError, NoAnswer, ConnectionLost.
     """
-    # the address comes back with the answers: those to earlier questions, from a board that was starting, are not ours
+    # answers to earlier queries may still arrive from a board that was starting: they have no address
     answer = link.ask(_ADDRESS + b"XF?;XH?;XS?\n", _ANSWER_S)
     while not answer.startswith(_ADDRESS.decode()):
         answer = link.read_line(_ANSWER_S)
