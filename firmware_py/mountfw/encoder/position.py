@@ -7,9 +7,8 @@ first, as a drive's amount does, but in counts.
 
 from mountfw import codes
 from mountfw.encoder.counts import apart
-from mountfw.motion.position import MAX_STEPS, Position, rounded
+from mountfw.motion.position import Position, rounded
 
-_MOST = MAX_STEPS * 1000
 _SMALL = 1 << 29
 _TURN = 4096
 _PLAY = 4  # counts that a shaft at rest may be off: noise, and what the screw gives
@@ -107,7 +106,6 @@ class MeasuredPosition(Position):
         self._counts = counts
         self.millisteps = self._base + self._steps * 1000 + (counts * 1000 + (self.per_step >> 1)) // self.per_step
         self._shown = self.millisteps
-        self.is_at_edge = not -_MOST < self.millisteps < _MOST
         return turned
 
     def _through(self, turned):
