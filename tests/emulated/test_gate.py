@@ -15,9 +15,10 @@ VECTORS = (
     "from machine import mem32; print([mem32[a] for a in (0x20000054, 0x20000040, 0xE000E400)], mem32[0x40054038] & 1)"
 )
 
-# the firmware's loop, and a way to hang it: after 2DH9 it hangs whenever a motor has drive
+# the firmware's loop. After 2DH9 it hangs whenever a motor has drive. After 2DH8 it waits for the tap to find a stop
+# while a motor has drive, and loses the bytes, as a reset of the bus may
 LOOP = """
-import micropython, time
+import micropython, sys, time
 from machine import mem32
 from mountfw.build import build
 from mountfw.ports import micropython as port
@@ -26,6 +27,7 @@ a = build(port, pico)
 micropython.kbd_intr(-1)
 a.gated.enter()
 y, x = a.controller.axes
+state = port._gate._state
 print('gate', a.queries.about.gate)
 while y.position.defined != 77:
     a.run_once()
@@ -33,7 +35,12 @@ while y.position.defined != 77:
         t = time.ticks_ms()
         while time.ticks_diff(time.ticks_ms(), t) < 900:
             pass
-state = port._gate._state
+    if x.position.defined == 8 and a.controller.driving():
+        x.position.defined = 0
+        while mem32[state + 8] == a.gated.received or not port.any(0):
+            pass
+        while port.any(0):
+            sys.stdin.buffer.read(1)
 print('counts', mem32[state + 8], a.gated.received, mem32[state + 16], mem32[state + 48])
 a._leave(1)
 """
@@ -144,3 +151,17 @@ def test_the_tap_and_the_parser_count_alike_however_stops_are_split(board, promp
     found, parsed, held, _late = counts(board)
     assert found == parsed > 100
     assert not held
+
+
+def test_a_stop_whose_bytes_are_lost_ends_the_moves_and_the_drives_are_released(board, prompt):
+    board.send(b"2DH8\n")
+    board.run(50_000)
+    drive(board)
+    assert cut_after(board, b"!") <= CUT_US
+    board.run(100_000)  # 50 ms after the last packet the loop has missed the stop
+    assert board.ask(b"\n1XE?\n").startswith(b"3,")
+    drive(board, b"02540254")
+    assert cut_after(board, b"!") <= CUT_US
+    board.run(100_000)
+    found, parsed, held, _late = counts(board)
+    assert (found, held) == (parsed, 0)

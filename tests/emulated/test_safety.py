@@ -49,6 +49,7 @@ def test_a_loop_that_hangs_with_a_motor_on_is_reset_and_the_next_one_says_so(mak
     assert waiting == b"1"
     assert board.ask(b"TB?\n") == b"66, FIRMWARE HAD HUNG: BOARD WAS RESET\r\n"
     assert reset_cause(board) == 3
+    assert board.ask(b"XH?\n").endswith(b",1\r\n")  # the gate is in place again
     assert board.off()
 
 
