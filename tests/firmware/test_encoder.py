@@ -126,6 +126,24 @@ def test_a_pulse_of_its_own_length_is_so_many_counts():
         assert why(rig) == (codes.DONE, [])
 
 
+def test_a_move_that_is_stopped_tells_the_steps_that_it_made():
+    for stop, us, reason, steps in (
+        (b"!", 1_120_000, codes.ABORTED, 2),
+        (b"!", 1_350_000, codes.ABORTED, 3),
+        (b"02000000", 1_350_000, codes.SUPERSEDED, 3),
+        (b"1ST", 1_120_000, codes.STOPPED, 3),
+    ):
+        rig = encoded()
+        rig.ask(b"1DH0\n")
+        rig.send(b"1PR5\n")
+        rig.run(us)
+        rig.send(stop + b"\n")
+        rig.settle()
+        while rig.axis1.reason == codes.NONE_YET:
+            rig.run(10_000)
+        assert (rig.axis1.reason, rig.axis1.ended_steps) == (reason, steps)
+
+
 def test_units_of_counts_are_those_of_moves_and_positions():
     rig = encoded(settings=b"XN280;MM1;SN1")
     rig.ask(b"1DH1000\n")

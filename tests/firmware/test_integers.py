@@ -13,6 +13,7 @@ from test_memory import SESSION
 import mountfw
 
 from rig import Rig  # isort: skip
+from rig_encoder import encoded  # isort: skip
 
 LIMIT = 1 << 30
 CORE = str(Path(mountfw.__file__).parent)
@@ -104,3 +105,26 @@ def test_the_pure_clock_arithmetic_is_right_across_the_wrap_and_stays_small():
                 assert ticks.diff(a, later) == -d
 
     assert watched(all_pairs).bad == []
+
+
+def test_integers_stay_small_with_an_encoder_at_the_extremes_of_its_settings():
+    extremes = (
+        b"1XN10000;1MM1;1XP2000000;1XB2000000;1XT400000;1FE10000;1DH999999;1SN1\n",
+        b"1XN-10000;1MM1;1XP200;1XB2000000;1DB10000;1CL10;1DH-1000000\n",
+        b"1XN1;1MM1;1XP2000000;1XD1;1XB2000000;1CL0;1XG1000;1SN1;1DH0\n",
+        b"1XN280;1MM1;1XA255;1DH1000000\n",
+    )
+    for settings in extremes:
+        for motion in (b"1MV+\n", b"1PR-1\n", b"1PA5\n", b"1XU-2000000\n", b"02550255", b"1OR\n"):
+            rig = encoded(settings=b"")
+            rig.ask(settings)
+
+            def session(rig=rig, motion=motion):
+                rig.send(motion)
+                rig.settle()
+                rig.run(120_000)
+                rig.ask(b"1TP?;1PA?;1PR?;XS?;1XC?;1XE?\n")
+                rig.send(b"!\n")
+                rig.settle()
+
+            assert watched(session).bad == [], (settings, motion)

@@ -189,7 +189,6 @@ class EncodedAxis(Axis):
         position.look()
         reason = self._loop.next(position.place)
         if reason:
-            position.done()
             self.handle(END, reason)
         else:
             self._drive(position.motor)
@@ -206,8 +205,10 @@ class EncodedAxis(Axis):
             self._begin_watch(motor)
 
     def _close(self, reason):
+        if self._pulses:
+            self._pulses = False
+            self.measured.done()
         super()._close(reason)
-        self._pulses = False
         self.resting = self.resting or _LOOKS
 
     # ---- the loop
@@ -267,8 +268,6 @@ class EncodedAxis(Axis):
         if self.homing is self._stall_homing and self.homing.phase and reason == codes.STALLED:
             self.homing.stalled()
         else:
-            if self._pulses:
-                self.measured.done()
             self.handle(END, reason)
         return diff(self.next_at, self._ticks_us()) if self.state else NEVER_US
 

@@ -34,6 +34,7 @@ class MeasuredPosition(Position):
         self._steps = 0
         self._counts = 0
         self._shown = 0  # millisteps, as they were made of these
+        self._by_pulses = False  # is the move under way one of the closed loop?
         self._begun = 0  # the place where the move under way began
         self.zero_angle = 0  # at position 0, 1 … 4096; 0: not known
         self._run = 0  # counts of the drive that is not over yet
@@ -149,13 +150,15 @@ class MeasuredPosition(Position):
 
     def begin(self):
         """A closed-loop move begins: what it makes is counted from here."""
-        self._run = 0
+        self._by_pulses = True
         self._begun = self.place
 
     def done(self):
-        """It is over: whole steps, to the nearest hundredth, for a dead band is no missing step."""
+        """It is over: whole steps. What is still to coast, or within the dead band, is no missing step."""
+        self._by_pulses = False
+        self.look()
         way = apart(self.place, self._begun)
-        self.made = (abs(way) + self.per_step // 100) // self.per_step * (1 if way > 0 else -1)
+        self.made = (abs(way) + (self.per_step >> 4)) // self.per_step * (1 if way > 0 else -1)
 
     # ---- the angle within a turn, of a sensor that knows it
 
@@ -199,7 +202,7 @@ class MeasuredPosition(Position):
             super().driven(direction, amount, over)
             return
         self.look()
-        if over:
+        if over and not self._by_pulses:
             self.made = abs(self._run) // self.per_step * (1 if self._run > 0 else -1)
             self._run = 0
 
