@@ -116,6 +116,18 @@ def test_a_host_finds_out_how_the_encoder_counts(loop, encoder):
     assert mount.mount.x.counts_per_step == 0  # it only measures
 
 
+@pytest.mark.parametrize("supply", [0.8, 1.2])
+def test_an_encoder_behind_the_gears_is_told_by_its_play_and_closes_the_loop(loop, supply):
+    mount = loop("rough", supply, closed=False, encoder="shaft")
+    found = mount.mount.x.measure_counts()
+    assert found.lost > 30
+    mount.mount.apply({"x": found.settings})
+    ways = (1, 1, 1, -1, -1, -1, 1, -1)
+    made = [mount.step(way)[0] * way for way in ways]
+    assert all(abs(counts - found.per_step) <= 2 * mount.mount.x.dead_band for counts in made), made
+    assert loop(closed=False).mount.x.measure_counts().lost < 0.3 * PER_STEP
+
+
 def test_an_encoder_that_counts_nothing_or_nonsense_is_told_in_one_line(loop):
     mount = loop(closed=False)
     mount.bench.disturb("m2", "broken")

@@ -16,6 +16,7 @@ import numpy as np
 
 from mirrormount.common.errors import BadValue, CannotWrite, DemoFailed, ExtraMissing
 from mirrormount.common.extras import install
+from mirrormount.device.encoder import Counted
 from mirrormount.device.mount import Mount
 from mirrormount.virtual.bench import (
     BACKLASH_X_MRAD,
@@ -81,7 +82,7 @@ def demonstrate(address: str, output: Path) -> None:
     _check_writable(output)
     print(f"A virtual board runs the firmware; the square is {STEPS} steps right, down, left, up.")
     with Mount.open(address) as mount:
-        closed_loop = close_loop(mount)
+        encoders = close_loop(mount)
         corners, trail, pictures = square(mount, progress=_progress)
         rows = table(corners)
         print_table(rows)
@@ -91,25 +92,30 @@ def demonstrate(address: str, output: Path) -> None:
         )
         closed = square(mount, progress=_progress)
         seconds = mount.link.port.simulation.us * 1e-6  # type: ignore[attr-defined]
-    closures = closure(closed[0], MEASURED_MRAD if closed_loop else CLOSES_MRAD)
+    closures = closure(closed[0], MEASURED_MRAD if encoders else CLOSES_MRAD)
     print_closures(closures)
     draw(corners, trail, pictures, rows, closed, closures, output)
     print(f"{seconds:.0f} s of the mount's time. The picture is in {output.resolve()}")
+    if any(found.sees_play for found in encoders):
+        print("The encoders see the gears' play, so the backlash above is that of the couplers alone.")
+        rows = rows[:2]
     if bad := [row.what for row in rows if not row.good]:
         raise DemoFailed(f"not what the paper measured: {', '.join(bad)}")
     if bad := [row.what for row in closures if not row.good]:
         raise DemoFailed(f"the backlash was not taken up: {', '.join(bad)}")
 
 
-def close_loop(mount: Mount) -> bool:
-    """Let steps be counted where each axis has an encoder. Returns whether they are. Raises MountError."""
+def close_loop(mount: Mount) -> list[Counted]:
+    """Let steps be counted where each axis has an encoder. Returns what was measured of them. Raises MountError."""
+    encoders: list[Counted] = []
     if not all(axis.has_encoder for axis in mount.axes):
-        return False
+        return encoders
     for axis in mount.axes:
-        per_step = axis.measure_counts().per_step
-        mount.apply({axis.name: {"counts_per_step": per_step, "closed_loop": 1}})
-        print(f"{axis.name} has an encoder: closed loop, {per_step} counts a step.")
-    return True
+        found = axis.measure_counts()
+        encoders.append(found)
+        mount.apply({axis.name: found.settings})
+        print(f"{axis.name} has an encoder: closed loop, {found.per_step} counts a step.")
+    return encoders
 
 
 def take_up(mount: Mount, rows: list[Row]) -> tuple[int, int]:

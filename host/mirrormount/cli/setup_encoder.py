@@ -30,7 +30,7 @@ def encoder(mount: Mount, axis: Axis, talk: Dialogue) -> None:
         f" {abs(found.negative):.0f} back"
     )
     closed = talk.yes(f"Close the loop, so that a step of {axis.name} is {abs(found.per_step)} counts from now on?")
-    mount.apply({axis.name: {"counts_per_step": found.per_step, "closed_loop": int(closed)}})
+    mount.apply({axis.name: found.settings | {"closed_loop": int(closed)}})
 
 
 def measured(axis: Axis) -> list[str]:

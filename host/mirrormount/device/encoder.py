@@ -1,6 +1,6 @@
 """The encoder of an axis: is there one, what it counts, how many counts are a step. Imports moves, settings."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from mirrormount.common.errors import EncoderFault, NotSupported
 from mirrormount.common.validation import whole_number
@@ -12,6 +12,8 @@ _APPROACH = 3  # steps that bring the gears to one side of their play, which an 
 _STEPS = 10  # that are counted, each way
 _LEAST = 4  # counts of a step: with fewer no loop can be closed
 _ALIKE = 0.4  # the directions may differ by so much of the larger one
+_PLAY = 0.3  # of a step's counts: a smaller loss is the scatter of a timed step
+_COAST = 0.04  # of a step's counts: what a motor coasts, on the bench
 _SETTLED_S = 0.2  # after a move: it does not coast any more
 
 
@@ -19,12 +21,25 @@ _SETTLED_S = 0.2  # after a move: it does not coast any more
 class Counted:
     """Counts of one step, timed, in the motor's own positive direction: the mean of both, and each of them.
 
-    Negative: the encoder counts down there. per_step is what the setting counts_per_step takes.
+    Negative: the encoder counts down there. per_step is what the setting counts_per_step takes. lost: counts that the
+    first step after the reversal misses, the play that the encoder sees: about 0 for one on the motor.
     """
 
     per_step: int
     positive: float
     negative: float
+    lost: float = 0.0
+
+    @property
+    def sees_play(self) -> bool:
+        """Is it behind the gears?"""
+        return self.lost > _PLAY * abs(self.per_step)
+
+    @property
+    def settings(self) -> dict[str, int]:
+        """What closes the loop of that axis. One that sees play cannot correct by less than its motor coasts."""
+        dead_band = max(1, round(_COAST * abs(self.per_step))) if self.sees_play else 1
+        return {"counts_per_step": self.per_step, "dead_band": dead_band, "closed_loop": 1}
 
 
 class Encoded(Moves):
@@ -59,15 +74,20 @@ class Encoded(Moves):
         settings.write(self._session, {self.name: dict.fromkeys(was, 0)})
         try:
             way = -1 if before["inverted"] else 1
-            forward, back = (self._counts_of(sign * n) * way for sign in (1, -1))
+            forward, _ = self._counts_of(n)
+            back, first = self._counts_of(-n)
         finally:
             settings.write(self._session, {self.name: was})
-        return judged(self.name, forward / n, -back / n)
+        found = judged(self.name, way * forward / n, -way * back / n)
+        return replace(found, lost=max(0.0, abs(back / n) - abs(first)))
 
-    def _counts_of(self, n: int) -> int:
-        """The counts of n steps after an approach in their direction."""
-        self.step(_APPROACH if n > 0 else -_APPROACH)
-        self._session.sleep(_SETTLED_S)
+    def _counts_of(self, n: int) -> tuple[int, int]:
+        """The counts of n steps after an approach in their direction, and of the approach's first step."""
+        one = 1 if n > 0 else -1
+        first, _, counted = [self._counts_by(steps) for steps in (one, one * (_APPROACH - 1), n)]
+        return counted, first
+
+    def _counts_by(self, n: int) -> int:
         before = self.counts
         self.step(n)
         self._session.sleep(_SETTLED_S)
