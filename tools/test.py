@@ -80,7 +80,9 @@ CHECKS = (
     ("tests tied to the wall clock", ["pytest", "--wall-clock=only"]),
     ("coverage", ["coverage", "report"]),
 )
-# beside the first run of pytest, in a whole run: a firmware that got slower (docs/performance.md)
+# in a whole run, one after the other beside the first run of pytest: what reads the code only, and a firmware that got
+# slower (docs/performance.md)
+READ_ONLY = ("lint", "format", "imports", "types")
 TIMES = ("times", ["tools/bench/run.py", "--check", "--quick", "--jobs", "1"])
 RECORD = "--coverage"  # pytest's argument in the first run: the second is judged by the clock, which recording slows
 NO_TESTS = 5  # pytest's status when it has nothing to run
@@ -94,7 +96,6 @@ class Result(NamedTuple):
     status: int
     seconds: float
     tests: Optional[Dict[str, int]] = None  # how many passed, failed, were skipped; of pytest only
-    output: str = ""  # still to be shown
 
 
 def parse(arguments: List[str]) -> Tuple[bool, List[str]]:
@@ -159,11 +160,12 @@ def check(step: str, title: str, words: List[str]) -> Result:
 
 
 def check_times() -> Result:
-    """Run the bench's quick check, quietly."""
+    """Run the bench's quick check; its output comes at its end."""
     title, words = TIMES
     start = time.monotonic()
     status, output = bootstrap.run([str(bootstrap.venv_python(bootstrap.ROOT / ".venv")), *words])
-    return Result(title, status, time.monotonic() - start, output=output)
+    bootstrap.say(f"\n{title}: {' '.join(words)}\n{output.rstrip()}")
+    return Result(title, status, time.monotonic() - start)
 
 
 def counted(report: str) -> Optional[Dict[str, int]]:
@@ -206,15 +208,19 @@ def main(arguments: List[str]) -> int:
     bootstrap.prepare(bootstrap.ROOT, WANTED, steps, may_install=install_system or ci)
     deselected = ["--deselect=" + name for need in absent for name in need.not_run]
     with_times = not for_pytest and not any(need.not_run == _EMULATED for need in absent)
-    results = []
+    results: List[Result] = []
     with ThreadPoolExecutor(1) as pool:
+        beside = []
         for number, (title, words) in enumerate(to_do, 3):
             extra = [*deselected, *for_pytest] if words[0] == "pytest" else []
-            times = pool.submit(check_times) if title == "tests" and with_times else None
-            results.append(check(f"{number}/{steps}", title, [*words, *extra]))
-            if times:  # before the tests tied to the wall clock
-                results.append(times.result())
-                bootstrap.say(f"\n{TIMES[0]}: {' '.join(TIMES[1])}\n{results[-1].output.rstrip()}")
+            if not for_pytest and title in READ_ONLY:
+                beside.append(pool.submit(check, f"{number}/{steps}", title, words))
+                continue
+            if title == "tests" and with_times:
+                beside.append(pool.submit(check_times))
+            ended = check(f"{number}/{steps}", title, [*words, *extra])
+            results += [*(work.result() for work in beside), ended]  # before the tests tied to the wall clock
+            beside.clear()
     lines, status = summary(judged(results), absent, ci)
     bootstrap.say("\nSummary\n  " + "\n  ".join(lines[:-1]) + "\n" + lines[-1])
     return status
