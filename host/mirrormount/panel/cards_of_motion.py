@@ -72,8 +72,8 @@ def _press(place: str, press: str, arrow: str, name: str, *, shows_word: bool = 
             ui.label(name).classes("word")
 
 
-def by_numbers(worker: Worker) -> None:
-    """Two cards: steps by a number, and speeds of x and y."""
+def by_numbers(worker: Worker) -> Callable[[], None]:
+    """Two cards: steps by a number, and speeds of x and y. Shows what a step is where a scale was measured."""
     with card("Fine steps"):
         with ui.element("div").classes("line"):
             ui.label("Steps").classes("name")
@@ -84,6 +84,7 @@ def by_numbers(worker: Worker) -> None:
                     (-1, 1), _STEP_WORDS.get(axis) or (f"− {axis_title(axis)}", f"{axis_title(axis)} +"), strict=True
                 ):
                     send(word, {"do": "steps", "axis": axis, "way": way}, "n:steps").props("outline")
+        sizes = ui.label().classes("hint")
     with card("Speeds of both axes" if len(worker.state.axes) == 2 else "Speeds of X and Y"):
         with ui.element("div").classes("line speeds"):
             ui.label("X").classes("name")
@@ -95,6 +96,11 @@ def by_numbers(worker: Worker) -> None:
             f"−{FULL} … {FULL}, 0 is off. X: positive is right. Y: positive is up. They run until STOP,"
             " the board's run limit, or the end of this page."
         ).classes("hint")
+
+    def refresh() -> None:
+        sizes.set_text(worker.state.step_text())
+
+    return refresh
 
 
 def card(title: str) -> ui.element:

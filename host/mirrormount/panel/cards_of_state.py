@@ -43,7 +43,9 @@ def axis(worker: Worker, name: str) -> Refresh:
             position = ui.label().classes("position mono")
             ui.label("steps").classes("unit")
             with ui.label().classes("mrad mono") as mrad:
-                ui.tooltip("Of the mirror: steps times the scale that was measured, the mean of both directions.")
+                ui.tooltip(
+                    "mrad of the mirror, mm on the screen: steps times the measured scale, the mean of both directions."
+                )
             ui.element("span").classes("spring")
             target = ui.label().classes("hint mono")
         with ui.element("div").classes("lamps"):
@@ -62,7 +64,7 @@ def axis(worker: Worker, name: str) -> Refresh:
         box.classes(toggle=None, add="" if known else "stale", remove="stale" if known else "")
         status = state.last.by_name.get(name) if state.last else None
         position.set_text("–" if status is None else f"{status.position:+.3f}".replace("-", "−"))
-        mrad.set_text("" if status is None else state.mrad_text(name, status.position))
+        mrad.set_text("" if status is None else state.angle_text(name, status.position))
         wanted = state.targets.get(name)
         if status is None or not known:
             target.set_text("")

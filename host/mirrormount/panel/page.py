@@ -58,7 +58,7 @@ def _build(page: Page, worker: Worker, settings: BoardSettings, link: Link, view
     with ui.element("main").classes("cards").props(f'data-page="{page.key}"'):
         with ui.element("div").classes("column"):
             refreshes += [cards_of_motion.hold(worker)]
-            cards_of_motion.by_numbers(worker)
+            refreshes += [cards_of_motion.by_numbers(worker)]
         with ui.element("div").classes("column"):
             if view:
                 from mirrormount.panel import card_of_camera  # and with it OpenCV

@@ -19,7 +19,7 @@ class State:
     """status: None while it is not known; last: the last that was known; seen_s: when that came, monotonic.
 
     axes: the names of the mount's axes. positions: of the last two minutes. targets: of moves under way.
-    scales: mrad a step.
+    scales: of each axis, None if not measured.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
@@ -63,7 +63,25 @@ class State:
         """When the last status came, in wall-clock time."""
         return time.strftime("%H:%M:%S", time.localtime(time.time() - (self._clock() - self.seen_s)))
 
-    def mrad_text(self, name: str, steps: float) -> str:
-        """A position in mrad of the mirror; "" where no scale is known."""
+    def angle_text(self, name: str, steps: float) -> str:
+        """A position in mrad of the mirror, and in mm on the screen if that is known; "" where no scale is known."""
         scale = self.scales.get(name)
-        return "" if scale is None else f"≈ {steps * scale:+.2f} mrad".replace("-", "−")
+        if scale is None:
+            return ""
+        screen = "" if scale.screen_mm is None else f", {steps * scale.screen_mm:+.2f} mm"
+        return f"≈ {steps * scale.mirror_mrad:+.2f} mrad{screen}".replace("-", "−")
+
+    def step_text(self) -> str:
+        """What a step of each axis is, in units of mirror, beam and screen; in steps where no scale is known."""
+        return " ".join(_step_text(name, self.scales.get(name)) for name in self.axes)
+
+
+def _step_text(name: str, scale: scales.AxisScale | None) -> str:
+    if scale is None:
+        return f"{name}: no scale, so steps only."
+    parts = [f"{scale.mirror_mrad * 1e3:.3g} µrad of the mirror"]
+    if scale.beam_mrad is not None:
+        parts.append(f"{scale.beam_mrad * 1e3:.3g} µrad of the beam")
+    if scale.screen_mm is not None:
+        parts.append(f"{scale.screen_mm:.3g} mm on the screen")
+    return f"{name}: a step is about {', '.join(parts)}."
