@@ -29,6 +29,7 @@ _MARGIN = 2.0  # standard deviations between the centre and the picture's edge
 _SATURATED = 0.25  # saturated area at most, in parts of 2 pi sigma_x sigma_y
 _SIGNIFICANT = 8.0  # peak at least, in its own standard errors
 _NOT_LINEAR = 0.3  # part of a slope of the background that is not below the spot too, as a camera's gamma has it
+_UNEVEN = 0.06  # px times width: pixels, speckle and compression are uneven over few pixels; assumed
 _UNSURE = 0.25  # standard error at most, in standard deviations of the spot
 
 
@@ -119,7 +120,7 @@ def _judge(found: Located, picture: Grey, seen: blobs.Detection) -> Spot | NoSpo
     curved, deviation = gaussian.background_shift(fit, found.bins)
     modes = gaussian.modes(fit, found.bins)
     sides = one_sided(modes)
-    variance += (sides * np.array([wide, high])) ** 2
+    variance += (sides * np.array([wide, high])) ** 2 + _UNEVEN**2 / size
     slope = np.array(part.slope) + fit.p[7:9]
     variance += (_NOT_LINEAR * (covariance @ slope) / fit.peak) ** 2
     variance += np.where(np.abs(curved) > 2.5 * deviation, curved, 0) ** 2
