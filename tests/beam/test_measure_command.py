@@ -1,10 +1,12 @@
 """`mirrormount measure` on the virtual table: report, numbers, use of the result, and every end that is not good."""
 
 import json
+import re
 from types import SimpleNamespace
 
 import pytest
 
+from mirrormount.beam.checked import Limits, Picture, checked
 from mirrormount.beam.estimate import Estimate
 from mirrormount.cli import main, measure_work
 from mirrormount.common.beam_errors import CameraGone
@@ -58,22 +60,59 @@ def _board_id() -> str:
     return next(iter(calibration.path().read_text().split("[")[1].split(".axis2")[:1]))
 
 
-def test_a_camera_that_goes_away_ends_it_with_motors_off_and_a_partial_report(tmp_path, capsys, tables, monkeypatch):
+class Slower:
+    """A camera the frames of which are 3 s apart from the moment on at which slow is set."""
+
+    def __init__(self, camera):
+        self._camera, self.slow = camera, False
+
+    def __getattr__(self, name):
+        return getattr(self._camera, name)
+
+    def frames(self):
+        return checked(self._pictures(), self._camera.name, self._camera.size, Limits())
+
+    def _pictures(self):
+        behind_s = 0.0
+        for frame in self._camera.frames():
+            behind_s += 3.0 * self.slow
+            yield Picture(frame.image, frame.time_s + behind_s)
+
+
+FAULTS = {
+    "unplugged": (lambda camera: setattr(camera, "plugged", False), "unplugged"),
+    "black": (lambda camera: setattr(camera, "black", True), "all pixels have one value"),
+    "repeating": (lambda camera: setattr(camera, "frozen", True), "no fresh frame|same picture"),
+    "of another size": (lambda camera: camera.sensor.resize(320, 240), "a frame has 320 x 240 pixels"),
+    "slow": (lambda camera: setattr(camera, "slow", True), "frames a second"),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_camera_that_fails_in_mid_measurement_is_one_line_motors_off_and_a_partial_report(
+    fault, tmp_path, capsys, tables, monkeypatch
+):
+    happen, says = FAULTS[fault]
     looks = []
 
     class Cut(measure_work.Observer):
+        def __init__(self, camera):
+            super().__init__(Slower(camera) if fault == "slow" else camera)
+
         def look(self, *args):
             looks.append(1)
-            if len(looks) == 12:
-                self.camera.plugged = False
+            if len(looks) == 5:
+                happen(self.camera)
             return super().look(*args)
 
     monkeypatch.setattr(measure_work, "Observer", Cut)
     assert main.main(["measure", "square", *SEED]) == 1
     err = capsys.readouterr().err
     assert err.count("\n") == 1 and "virtual camera 1" in err
+    assert re.search(says, err)
     numbers = json.loads((tmp_path / "measure-square.json").read_text())
-    assert len(numbers["readings"]) == 11 and numbers["partial"]
+    assert len(numbers["readings"]) >= 4
+    assert numbers["partial"] in err
     assert "Ended early" in (tmp_path / "measure-square.html").read_text()
     (simulation,) = tables[0].simulations
     last = {name: duty for _, name, duty in simulation.edges}

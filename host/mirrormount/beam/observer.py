@@ -102,7 +102,8 @@ class Observer:
         after_s = self.camera.monotonic() + self.settle_s
         stale = 0
         for frame in self._frames:
-            if frame.repeated or frame.time_s < after_s:
+            black = frame.repeated and frame.image.min() == frame.image.max()  # find_spot says so, in words
+            if frame.time_s < after_s or (frame.repeated and not black):
                 stale += 1
                 if stale >= _MOST_STALE:
                     raise CameraRepeats(f"{self.camera.name}: no fresh frame among {stale}")
