@@ -74,6 +74,18 @@ def test_the_backlash_is_the_gap_of_the_shaft_within_its_error(name):
         assert np.mean([e.value for e in found]) == pytest.approx(GAP_REV / turn, rel=0.06)
 
 
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("name", PROFILES)
+def test_the_backlashs_error_bars_are_right_in_both_directions(name):
+    profile = PROFILES[name]
+    per_px = 0.025 / true_pulse_px(PROFILES["smooth"], STEP_US)
+    every = results(backlash.run, profile, SEEDS)
+    for way, sign in (("positive", 1), ("negative", -1)):
+        truth = GAP_REV / (true_pulse_px(profile, sign * STEP_US) * per_px)
+        found = [result.estimates[f"{axis}.to_{way}"] for result in every for axis in ("x", "y")]
+        assert 0.92 <= within(truth, found) <= 0.98, way
+
+
 def test_the_take_up_is_the_backlash_times_the_pulse():
     (result,) = results(backlash.run, SMOOTH, [1])
     assert result.estimates["y.take_up"].value == pytest.approx(result.estimates["y.backlash"].value * STEP_US)
@@ -102,6 +114,13 @@ def test_the_drift_is_a_random_walk_of_the_size_that_the_beam_has():
     assert np.mean([e.value for e in found]) == pytest.approx(DRIFT_PX, rel=0.1)
     assert within(DRIFT_PX, found) >= 0.85
     assert every[0].estimates["x.rms"].to_json()["standard_error"] is None
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("name", PROFILES)
+def test_the_drifts_error_bars_are_right(name):
+    every = results(waiting.drift, PROFILES[name], SEEDS, seconds=1200.0)
+    assert 0.92 <= within(DRIFT_PX, [result.estimates[f"{axis}.walk"] for result in every for axis in "xy"]) <= 0.98
 
 
 def test_creep_is_told_only_if_it_is_larger_than_the_beams_drift():

@@ -1,15 +1,20 @@
 """How many steps a reversal loses, at several places of the travel and again and again.
 
-A leg goes so many steps one way and the same back; each step is looked at. The last steps of a leg, which are behind
-the gap, tell the size of a step there; the first ones tell what is missing.
+A leg goes so many steps one way and the same back; each step is looked at. The last steps of a leg are behind the gap.
+A screw that is not straight makes steps differ from place to place, also within a leg, so the step at a place is taken
+from both directions: where one leg is in the gap, the leg back is behind it. One fit has, for an axis, the number of
+steps N(p) to each place p as a polynomial, the ratio of the steps of both directions, and what each direction loses.
 """
 
-import numpy as np
+from dataclasses import dataclass
 
-from mirrormount.beam.estimate import Estimate, combined, mean, spread
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrormount.beam.estimate import Estimate, combined, spread, student
 from mirrormount.beam.experiments.stepping import Log, along, series
 from mirrormount.beam.result import Result, Series, Tell
-from mirrormount.beam.rig import Rig
+from mirrormount.beam.rig import Rig, Vector
 from mirrormount.common.beam_errors import NotMeasurable
 
 PLACES = 3
@@ -18,56 +23,106 @@ _THROUGH = 5  # steps, of which some are lost in the gap
 _BEHIND = 6  # steps behind it, for the size of a step there
 _SPACING = 4  # steps from place to place
 _LEG = _THROUGH + _BEHIND
+_DEGREE = 4  # of N(p): over less than half a turn of the screw
+_ROUNDS = 6
+
+
+@dataclass(frozen=True, slots=True)
+class _Leg:
+    """Its direction, its place, and where the spot was after each step, px along the axis's way."""
+
+    way: int
+    at: int
+    places: NDArray[np.float64]
 
 
 def run(rig: Rig, result: Result, tell: Tell, places: int = PLACES, repeats: int = REPEATS) -> None:
     """Fill the result. The mount's take-up is to be off. Raises NotMeasurable, SpotLost, CameraError, MountError."""
     log = Log(rig, result)
     for number, axis in enumerate(rig.axes):
-        lost: dict[int, list[list[float]]] = {1: [], -1: []}
+        legs: list[tuple[int, int, list[Vector]]] = []
         rig.step(axis, -_LEG // 2 - _SPACING * (places // 2))
         for at in range(places):
             if at:
                 rig.step(axis, _SPACING)
-            lost[1].append([])
-            lost[-1].append([])
             rig.step(axis, -_LEG)  # so that the first leg begins with a reversal
             for repeat in range(repeats):
                 tell((number + (at + repeat / repeats) / places) / len(rig.axes), f"{axis}: reversals, place {at + 1}")
                 for way in (1, -1):
-                    lost[way][at].append(_leg(rig, log, axis, way))
+                    legs.append((way, at, _leg(rig, log, axis, way)))
         rig.step(axis, _LEG // 2 - _SPACING * (places // 2))
-        _add(result, axis, lost, rig.step_us(axis))
+        _add(result, axis, _on_a_line(legs), rig.step_us(axis))
     tell(1.0, "")
 
 
-def _leg(rig: Rig, log: Log, axis: str, way: int) -> float:
-    """The steps that a reversal to direction `way` has lost."""
-    at, _ = along(series(rig, log, axis, _LEG, way))
-    step = (at[-1] - at[_THROUGH]) / _BEHIND
-    if step < 3 * log.error_px:
+def _leg(rig: Rig, log: Log, axis: str, way: int) -> list[Vector]:
+    """The readings of a leg."""
+    places = series(rig, log, axis, _LEG, way)
+    at, _ = along(places)
+    if (at[-1] - at[_THROUGH]) / _BEHIND < 3 * log.error_px:
         raise NotMeasurable(f"{axis}: steps behind the gap did not move the spot: look at motor and coupler")
-    lost = _THROUGH - float(at[_THROUGH] - at[0]) / step
-    if lost > _THROUGH - 0.5:
+    return places
+
+
+def _on_a_line(legs: list[tuple[int, int, list[Vector]]]) -> list[_Leg]:
+    """The legs along the way of the first, which goes to positive."""
+    _, unit = along(legs[0][2])
+    return [_Leg(way, at, np.array(places) @ unit) for way, at, places in legs]
+
+
+def _lost(legs: list[_Leg]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(steps lost in a turn to positive, to negative; those of each leg), by least squares (Gauss and Newton)."""
+    every = np.concatenate([leg.places for leg in legs])
+    middle, half = (every.max() + every.min()) / 2, (every.max() - every.min()) / 2
+    powers = np.arange(1, _DEGREE + 1)
+    k = np.arange(_THROUGH, _LEG + 1, dtype=float)
+    terms = []
+    for leg in legs:
+        p = ((leg.places - middle) / half)[:, None] ** powers
+        terms.append(leg.way * (p[_THROUGH:] - p[0]))
+    basis = np.concatenate(terms)
+    back = np.repeat([leg.way < 0 for leg in legs], len(k))
+    counts = np.tile(k, len(legs))
+    ratio = 1.0  # a step to negative, of one to positive
+    fitted = np.zeros(3 + _DEGREE)
+    for _ in range(_ROUNDS):
+        scale = np.where(back, 1 / ratio, 1.0)
+        bend = np.where(back, -(basis @ fitted[3:]) / ratio**2, 0.0)
+        design = np.column_stack([~back, back, bend, basis * scale[:, None]])
+        fitted = np.linalg.lstsq(design, counts, rcond=None)[0]
+        ratio += float(np.clip(fitted[2], -0.5 * ratio, ratio))
+    rest = counts - design @ fitted
+    each = fitted[back.astype(int)] + rest
+    return fitted[:2], each.reshape(len(legs), -1).mean(axis=1)
+
+
+def _add(result: Result, axis: str, legs: list[_Leg], step_us: int) -> None:
+    """Estimates of an axis; errors by the jackknife over pairs of legs, there and back.
+
+    Source: B. Efron and C. Stein, Ann. Statist. 9 (1981) 586.
+    """
+    found, each = _lost(legs)
+    if found.max() > _THROUGH - 0.5:
         raise NotMeasurable(f"{axis}: the backlash is larger than {_THROUGH} steps: make the step (pulse_us) longer")
-    return lost
-
-
-def _add(result: Result, axis: str, lost: dict[int, list[list[float]]], step_us: int) -> None:
+    n = len(legs) // 2
+    without = np.array([_lost(legs[: 2 * i] + legs[2 * i + 2 :])[0] for i in range(n)])
+    errors = np.sqrt((n - 1) * without.var(axis=0)) * student(n - 1)
     both: list[Estimate] = []
-    for way, name in ((1, "positive"), (-1, "negative")):
-        every = [value for at in lost[way] for value in at]
-        both.append(mean(every, "steps"))
+    by_place: list[list[float]] = []
+    for side, (way, name) in enumerate(((1, "positive"), (-1, "negative"))):
+        some = [(leg.at, float(value)) for leg, value in zip(legs, each, strict=True) if leg.way == way]
+        both.append(Estimate(float(found[side]), float(errors[side]), "steps", n))
         result.estimates[f"{axis}.to_{name}"] = both[-1]
-        result.estimates[f"{axis}.to_{name}.repeatability"] = spread(every, "steps")
-        points = [(float(at), value, 0.0) for at, values in enumerate(lost[way], 1) for value in values]
+        result.estimates[f"{axis}.to_{name}.repeatability"] = spread([value for _, value in some], "steps")
+        points = [(float(at + 1), value, 0.0) for at, value in some]
         result.series.append(Series(f"{axis}: steps lost in a turn to {name}", "place", "steps", points, joined=False))
+        places = sorted({at for at, _ in some})
+        by_place.append([float(np.mean([value for at, value in some if at == place])) for place in places])
     total = combined(both) if abs(both[0].value - both[1].value) < 2 * sum(b.error for b in both) else _middle(both)
     result.estimates[f"{axis}.backlash"] = total
     result.estimates[f"{axis}.take_up"] = total.scaled(step_us, "us")
-    by_place = np.array([[np.mean(values) for values in lost[way]] for way in (1, -1)])
     result.remarks.append(
-        f"{axis}: the means of the {by_place.shape[1]} places lie within {np.ptp(by_place, axis=1).max():.2f} steps"
+        f"{axis}: the means of the {len(by_place[0])} places lie within {np.ptp(by_place, axis=1).max():.2f} steps"
     )
 
 
