@@ -85,13 +85,14 @@ def _lost(legs: list[_Leg]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     counts = np.tile(k, len(legs))
     ratio = 1.0  # a step to negative, of one to positive
     fitted = np.zeros(3 + _DEGREE)
+    rest = counts
     for _ in range(_ROUNDS):
         scale = np.where(back, 1 / ratio, 1.0)
         bend = np.where(back, -(basis @ fitted[3:]) / ratio**2, 0.0)
         design = np.column_stack([~back, back, bend, basis * scale[:, None]])
-        fitted = np.linalg.lstsq(design, counts, rcond=None)[0]
+        fitted = np.asarray(np.linalg.lstsq(design, counts, rcond=None)[0], np.float64)
+        rest = counts - design @ fitted
         ratio += float(np.clip(fitted[2], -0.5 * ratio, ratio))
-    rest = counts - design @ fitted
     each = fitted[back.astype(int)] + rest
     return fitted[:2], each.reshape(len(legs), -1).mean(axis=1)
 
