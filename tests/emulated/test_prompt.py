@@ -87,3 +87,21 @@ def test_ctrl_d_starts_the_firmware_again(board):
     board.simulation.lit = False  # it was lit: the boot is over when it is so again
     board.boot()
     assert board.ask(b"*IDN?\n", 5_000_000).startswith(b"mirrormount,")
+
+
+def test_ctrl_c_at_any_moment_of_a_start_leaves_the_folder_of_the_firmware_as_it_is(board):
+    listing = "import os; print(sorted(os.listdir('mountfw/ports')), os.stat('mountfw/motion/__init__.mpy')[6])"
+    before = type_line(board, listing)
+    for after_us in (20_000, 60_000, 100_000, 140_000, 300_000, 500_000):
+        board.send(b"\x04")
+        board.until(b"soft reboot\r\n")
+        board.run(after_us)
+        for _ in range(5):  # while main.py is compiled, Ctrl-C is a byte like others
+            board.send(b"\x03\x03")
+            if board.run(1_000_000, lambda: b">>> " in board.received):
+                break
+        board.until(b">>> ")
+        board.run(100_000)
+        board.received.clear()
+        assert type_line(board, listing) == before, after_us
+        assert board.off()

@@ -12,6 +12,7 @@ _OWN = ("array", "binascii", "hashlib", "machine", "os", "select", "sys", "time"
 _PLACE = "/mountfw"
 _UNDER = "./mountfw"  # the same folder of the flash, past the mount
 _FOLDER = 0x4000
+_STATS = {kind: (kind, 0, 0, 0, 0, 0, 0, 0, 0, 0) for kind in (_FOLDER, 0x8000)}  # made once: the heap is nearly full
 _NO_SUCH_FILE = 2
 _DOCSTRING = 128  # an __init__ of fewer bytes has nothing else: the folder alone will do
 
@@ -40,7 +41,7 @@ class _Listed:
     def stat(self, path):
         if path not in self._kinds:
             raise OSError(_NO_SUCH_FILE)
-        return (self._kinds[path], 0, 0, 0, 0, 0, 0, 0, 0, 0)
+        return _STATS[self._kinds[path]]
 
     def ilistdir(self, path):
         start = path if path == "/" else path + "/"
