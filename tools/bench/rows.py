@@ -166,11 +166,11 @@ def _keep(name: str, what: str, start: bytes) -> Row:
 
 # Floors: measured of firmware db42aa4e660d on Debian's MicroPython 1.25.0, n = 20, plus 10 %
 ROWS = (
-    *_frame(together=True, full=True, floor=2.8),
+    *_frame(together=True, full=True, floor=2.75),
     *_frame(together=True, full=False, floor=3.2),
     *_frame(together=False, full=True, floor=2.9),
     *_frame(together=False, full=False, floor=3.3),
-    *_stop("stop-run", "in a run", paper.STOP, stop_in_a_run, floor=1.55),
+    *_stop("stop-run", "in a run", paper.STOP, stop_in_a_run, floor=0.96),
     *_stop("stop-pulse", "in a pulse", paper.STOP_LATE, stop_in_a_pulse, floor=1.9),
     *_stop("stop-deaf", "host never reads", paper.STOP_LATE, partial(stop_in_a_run, reading=False), floor=1.2),
     *_busy_stop("stop-stream", f"`!` {_STREAM}", partial(stop_in_a_stream, zeros=False), floor=1.95),
