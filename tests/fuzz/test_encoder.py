@@ -143,7 +143,8 @@ def play(actions):
             finish(rig)
             zero = truth.check()
         elif off is not None and zero is not None:
-            assert abs(off - zero) <= LATE_COUNTS * 1000 / PER_STEP + 4, f"{off - zero} millisteps off after {action}"
+            counts = LATE_COUNTS if rig.motor1.speed else 1
+            assert abs(off - zero) <= (counts + 0.5) * 1000 / PER_STEP, f"{off - zero} millisteps off after {action}"
         elif off is not None:
             zero = off
     finish(rig)
