@@ -15,7 +15,7 @@ from mirrormount.cli.config_verbs import export, import_
 from mirrormount.common import errors
 from mirrormount.device import calibration
 from mirrormount.device.calibration import Scale, Step
-from mirrormount.device.settings import SETTINGS
+from mirrormount.device.settings import ENCODER
 from mirrormount.transport.lines import Link
 
 THREE_AT_REST = f"{AT_REST}|0,0,0,0,1,1"
@@ -148,7 +148,8 @@ def test_settings_of_all_axes_are_read_written_exported_and_imported(mount, tmp_
 def test_each_setting_is_a_property_of_each_axis(mount):
     mine = mount.settings()
     for axis in mount.axes:
-        assert {name: getattr(axis, name) for name in SETTINGS} == mine[axis.name]
+        assert {name: getattr(axis, name) for name in mine[axis.name]} == mine[axis.name]
+        assert {name: getattr(axis, name) for name in ENCODER} == dict.fromkeys(ENCODER, 0)  # there is none
     mount.axes[2].pulse_us = 50_000
     mount.x.velocity = 2.5
     assert (mount.axes[2].pulse_us, mount.x.velocity, mount.y.velocity) == (50_000, 2.5, mine["y"]["velocity"])
