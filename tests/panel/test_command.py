@@ -5,7 +5,7 @@ import socket
 
 import pytest
 
-from mirrormount.cli import main
+from mirrormount.cli import main, web_opening
 from mirrormount.cli import panel_opening as panel
 
 
@@ -21,7 +21,7 @@ def served(monkeypatch):
     """What would be served, instead of serving it: (board's address, links)."""
     calls = []
 
-    def serve(address, opening, patience_s, browser):
+    def serve(address, opening, patience_s, browser, view):
         calls.append((address, opening.addresses, opening.sign_in.token))
 
     monkeypatch.setattr(panel, "_serve", serve)
@@ -90,7 +90,7 @@ def test_a_port_in_use_is_told_if_it_was_asked_for_and_passed_over_if_not(served
         number = taken.getsockname()[1]
         assert main.main(["panel", "--virtual", "--http", str(number)]) == 1
         assert "take another port" in capsys.readouterr().err
-        monkeypatch.setattr(panel, "_PORT", number)
+        monkeypatch.setattr(web_opening, "_PORT", number)
         assert main.main(["panel", "--virtual"]) == 0
     assert not served[0][1][0].endswith(f":{number}/")
 

@@ -8,8 +8,8 @@ import pytest
 from supervised import Clock
 
 from mirrormount.panel.auth import Auth
+from mirrormount.panel.log_file import _Printable
 from mirrormount.panel.rates import Rate, Rates
-from mirrormount.panel.server import _Printable
 from mirrormount.panel.sign_in import CODE_S, SignIn
 
 TOKEN = b"kKq3-0d7LbX_u2mTzR9sWg"

@@ -11,6 +11,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import cv2
+import numpy as np
+from numpy.typing import NDArray
 
 from mirrormount.beam import NoSpot, Spot, find_spot
 from mirrormount.beam.camera import Camera, Controls, Frame, Size
@@ -38,6 +40,14 @@ class Seen:
     frame: Frame
     found: Spot | NoSpot
     at_s: float
+
+
+def as_jpeg(image: "NDArray[np.uint8]") -> bytes:
+    """A picture for a browser, not wider than 960 pixels."""
+    if image.shape[1] > _WIDEST:
+        size = (_WIDEST, max(1, round(image.shape[0] * _WIDEST / image.shape[1])))
+        image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
+    return cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1].tobytes()
 
 
 class LiveCamera:
@@ -142,11 +152,7 @@ class LiveCamera:
         """The picture for a browser, not wider than 960 pixels. It is made once for all who look."""
         number, data = self._jpeg
         if number != seen.number:
-            image = seen.frame.image
-            if image.shape[1] > _WIDEST:
-                size = (_WIDEST, max(1, round(image.shape[0] * _WIDEST / image.shape[1])))
-                image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-            data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1].tobytes()
+            data = as_jpeg(seen.frame.image)
             self._jpeg = seen.number, data
         return data
 

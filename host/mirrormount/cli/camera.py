@@ -4,7 +4,7 @@ import argparse
 import os
 from pathlib import Path
 
-from mirrormount.cli.command import Command, from_extra
+from mirrormount.cli.command import Command, from_extra, web_options
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -14,6 +14,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     show = verbs.add_parser("show", help="where the spot is in each frame, or why there is none, until Ctrl-C")
     _camera(show)
     show.add_argument("--dark", type=Path, metavar="FILE", help="a picture without the beam, for the hot pixels")
+    show.add_argument("--page", action="store_true", help="show it on a page in the browser")
+    web_options(show)
     record = verbs.add_parser("record", help="write frames into a new folder, lossless, with their times")
     record.add_argument("folder", type=Path, metavar="FOLDER")
     _camera(record)

@@ -14,7 +14,7 @@ from mirrormount.beam.recording import read_picture
 from mirrormount.beam.recording import record as write_recording
 from mirrormount.beam.spot import NoSpot, Spot
 from mirrormount.beam.webcam import listed, tried
-from mirrormount.cli.command import whole
+from mirrormount.cli.command import from_extra, whole
 from mirrormount.common.errors import BadValue
 from mirrormount.common.printable import printable
 from mirrormount.common.progress import StatusLine
@@ -34,8 +34,15 @@ def list(_args: argparse.Namespace) -> None:
 
 
 def show(args: argparse.Namespace) -> None:
-    """Print one line a frame."""
+    """Print one line a frame, or serve a page. Raises ExtraMissing."""
     dark = Dark.of(read_picture(args.dark)) if args.dark else None
+    if args.page:
+        if args.frames is not None:
+            raise BadValue("--frames is of the lines, and --page shows no lines")
+        with from_extra("gui", "a page needs"):
+            from mirrormount.cli import camera_page
+        camera_page.serve(args, dark)
+        return
     with _opened(args) as (camera, frames):
         print(f"{printable(camera.name)}, {camera.size} pixels; grey: {GREY_OF_COLOUR}", file=sys.stderr)
         for frame in frames:

@@ -8,6 +8,7 @@ import argparse
 import contextlib
 import os
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 from urllib.parse import urlencode
 
@@ -116,6 +117,22 @@ def port_of(args: argparse.Namespace) -> str | None:
 
     given = args.at or args.port
     return None if given is None else place_of(given).address
+
+
+def web_options(parser: argparse.ArgumentParser) -> None:
+    """Where a page is served, and its token. See web_opening.opened."""
+    parser.add_argument(
+        "--host", default="127.0.0.1", help="where to listen; 0.0.0.0: all networks of this computer, with a token"
+    )
+    parser.add_argument("--http", metavar="PORT", help="the web server's port (default: 8080, or the next free one)")
+    parser.add_argument(
+        "--token-file",
+        type=Path,
+        metavar="FILE",
+        help="the token is FILE's first line (default: $MIRRORMOUNT_TOKEN, or made where one is needed)",
+    )
+    parser.add_argument("--token", help="the token itself; other users see it in the list of processes")
+    parser.add_argument("--no-browser", dest="browser", action="store_false", help="do not open the browser")
 
 
 def _axis(text: str) -> str:

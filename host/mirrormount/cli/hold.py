@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from mirrormount.cli.command import Command, from_extra, table_option, virtual_options
+from mirrormount.cli.command import Command, from_extra, table_option, virtual_options, web_options
 
 
 def _common(parser: argparse.ArgumentParser, off: str) -> None:
@@ -36,6 +36,8 @@ def _hold_arguments(parser: argparse.ArgumentParser) -> None:
     _common(parser, "2")
     parser.add_argument("--duration", metavar="S", help="seconds (default: until Ctrl-C; virtual: 3600)")
     parser.add_argument("--rms-urad", metavar="N", default="9", help="goal: rms of the beam's angle (9)")
+    parser.add_argument("--page", action="store_true", help="a page with pictures, errors, alarms, HOLD and STOP")
+    web_options(parser)
     parser.add_argument("--max-um", metavar="N", default="80", help="goal: the largest error on a camera (80)")
 
 

@@ -5,7 +5,7 @@ import contextlib
 import json
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mirrormount.beam import direct
 from mirrormount.beam.align import align
@@ -19,7 +19,7 @@ from mirrormount.beam.optical_table import Table
 from mirrormount.beam.response import Response, load, save
 from mirrormount.beam.run_log import RunLog
 from mirrormount.beam.summary import Summary
-from mirrormount.cli.command import number, virtual_address, whole
+from mirrormount.cli.command import from_extra, number, virtual_address, whole
 from mirrormount.common.errors import BadValue, CannotWrite
 from mirrormount.common.progress import StatusLine
 from mirrormount.common.signals import ended_in_order
@@ -30,6 +30,9 @@ from mirrormount.transport.open import open_table
 from mirrormount.virtual.geometry import DEFAULT
 from mirrormount.virtual.sensor import Sensor
 
+if TYPE_CHECKING:
+    from mirrormount.cli.hold_page import HoldPage
+
 _VIRTUAL_S = 3600.0  # of a virtual hold, unless another duration is asked for
 
 
@@ -38,9 +41,11 @@ def work(verb: str, args: argparse.Namespace) -> int:
     goals = _goals(verb, args)
     path = args.calibration or (None if args.virtual else calibration.path().with_name("table-calibration.json"))
     with ended_in_order(), contextlib.ExitStack() as stack:
-        table = stack.enter_context(_virtual(args) if args.virtual else _real(args))
+        table, halt = stack.enter_context(_virtual(args) if args.virtual else _real(args))
         check_controllable(table)
-        tell = stack.enter_context(_told(args))
+        page = stack.enter_context(_page(args, table, halt)) if verb == "hold" and args.page else None
+        table = page.table if page else table
+        tell = stack.enter_context(_told(args, page.board.listen if page else None))
         if verb == "calibrate":
             response, _ = _calibrated(table, tell, path)
             result = response.to_json() | {"reached": True, "seconds": round(table.now_s(), 3)}
@@ -56,6 +61,8 @@ def work(verb: str, args: argparse.Namespace) -> int:
             goals_of_hold = {key: goals[key] for key in ("rms_urad", "most_um")}
             hold = Hold(table, response, gaps if fresh else None, tell, **goals_of_hold)
             summary = hold.summary
+            if page:
+                page.hold = hold
             with contextlib.suppress(KeyboardInterrupt):
                 hold.run(goals["seconds"])
             _tell_hold(summary)
@@ -83,7 +90,7 @@ def _goals(verb: str, args: argparse.Namespace) -> dict[str, Any]:
 
 
 @contextlib.contextmanager
-def _virtual(args: argparse.Namespace) -> Iterator[LoopTable]:
+def _virtual(args: argparse.Namespace) -> Iterator[tuple[LoopTable, None]]:
     """The virtual table in lockstep, its mounts driven from here."""
     address = virtual_address(args, "virtual-table", mounts=args.mounts, cameras=args.cameras, off=args.off)
     assert address is not None
@@ -96,16 +103,25 @@ def _virtual(args: argparse.Namespace) -> Iterator[LoopTable]:
             CameraEye(camera.name, camera, ((camera.size.width - 1) / 2, (camera.size.height - 1) / 2), (um, um), at_m)
             for camera, at_m in zip(table.cameras, distances_m, strict=True)
         ]
-        yield stack.enter_context(direct.opened(mounts, eyes, table.now_s, table.sleep, print))
+        yield stack.enter_context(direct.opened(mounts, eyes, table.now_s, table.sleep, print)), None
 
 
 @contextlib.contextmanager
-def _real(args: argparse.Namespace) -> Iterator[LoopTable]:
-    """The table of the file: each mount with a supervisor, each camera with its scale."""
+def _real(args: argparse.Namespace) -> Iterator[tuple[LoopTable, Callable[[], object]]]:
+    """The table of the file: each mount with a supervisor, each camera with its scale; and what stops all mounts."""
     virtual_address(args)  # --profile without --virtual is an error
     with Table.open() as table, table.loop("beam loop", direct.WANTED) as loop:
         loop.take_control()
-        yield loop
+        yield loop, lambda: table.stop("STOP was pressed on the loop's page")
+
+
+def _page(
+    args: argparse.Namespace, table: LoopTable, halt: Callable[[], object] | None
+) -> contextlib.AbstractContextManager["HoldPage"]:
+    """The page of --page. Raises ExtraMissing."""
+    with from_extra("gui", "a page needs"):
+        from mirrormount.cli import hold_page
+    return hold_page.served(args, table, halt)
 
 
 # ---- calibration
@@ -135,7 +151,7 @@ def _calibrated(table: LoopTable, tell: Listen, path: Path | None) -> tuple[Resp
 
 
 @contextlib.contextmanager
-def _told(args: argparse.Namespace) -> Iterator[Listen]:
+def _told(args: argparse.Namespace, also: Listen | None) -> Iterator[Listen]:
     """What takes the loop's events: the line on the terminal, gates on stdout, and the log."""
     line = StatusLine()
     with contextlib.ExitStack() as stack:
@@ -147,6 +163,8 @@ def _told(args: argparse.Namespace) -> Iterator[Listen]:
         def tell(event: Event) -> None:
             if log:
                 log(event)
+            if also:
+                also(event)
             match event:
                 case GateClosed():
                     line.end()

@@ -10,6 +10,7 @@ from mirrormount.common.errors import BadValue
 from mirrormount.transport.open import TABLE_SCHEMES
 
 if TYPE_CHECKING:
+    from mirrormount.beam.live import LiveCamera
     from mirrormount.panel.camera_view import CameraView
     from mirrormount.supervise.reconnect import Address
 
@@ -17,7 +18,7 @@ _INCIDENCE_DEG = 45.0  # of the beam on the virtual table's mirrors
 
 
 @contextlib.contextmanager
-def opened(args: argparse.Namespace, address: str | None) -> "Iterator[tuple[Address, CameraView | None]]":
+def opened(args: argparse.Namespace, address: str | None) -> "Iterator[tuple[Address, CameraView[LiveCamera] | None]]":
     """Where the board is, and the camera; None without one. Raises MountError."""
     if args.camera is None:
         yield address, None
@@ -46,7 +47,7 @@ def in_real_time(camera: str) -> str:
 
 
 @contextlib.contextmanager
-def _on_table(args: argparse.Namespace) -> "Iterator[tuple[Address, CameraView | None]]":
+def _on_table(args: argparse.Namespace) -> "Iterator[tuple[Address, CameraView[LiveCamera] | None]]":
     """The mount of a virtual table, and one of its two cameras, with its scale."""
     from mirrormount.beam.live import LiveCamera
     from mirrormount.beam.scale import Scale

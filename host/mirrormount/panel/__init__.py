@@ -13,9 +13,12 @@ card_of_settings.py  all settings, apply, save, restore                     Nice
 card_of_wire.py      the wire log                                           NiceGUI
 card_of_camera.py    the camera's picture                                   NiceGUI
 camera_view.py       what is shown of a camera, as data                     OpenCV
+camera_html.py       the elements that its script fills                     pure
 camera_route.py      its pictures, one at a time for each page              ASGI
 spot_moves.py        clicks on the picture move the spot                    OpenCV
 server.py            NiceGUI on uvicorn; the log file                       uvicorn
+light_server.py      a page without a mount, such as a camera's             uvicorn
+log_file.py          tracebacks go to a file
 static/              panel.js (drives), screen.js (the virtual screen), camera.js (pictures), panel.css
 
 The mount itself is owned by mirrormount.supervise. `mirrormount panel` is cli/panel.py.

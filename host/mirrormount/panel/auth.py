@@ -21,7 +21,7 @@ FLOOD = 4429  # a close code: too many messages
 _MESSAGES = 200, 100  # of one socket: at once, a second. A page sends about 25 a second
 _PAGES = 6, 0.5  # of one client: at once, a second. To build one takes 30 ms
 _POST_MOST = 512  # bytes of a sign-in
-_PATHS = re.compile(r"/|/enter|/stop|/drive|/camera/[1-9]|/panel/[\w.]+|/_nicegui/.*|/_nicegui_ws/.*")
+_PATHS = re.compile(r"/(?:enter|stop|drive|camera/[1-9]|hold/state|hold/go|panel/[\w.]+|_nicegui/.*|_nicegui_ws/.*)?")
 _MESSAGE = """<!doctype html><html lang=en><meta charset=utf-8><meta name=viewport content="width=device-width">
 <meta name=color-scheme content="light dark"><title>mirrormount</title>
 <body style="font:18px system-ui;max-width:32em;margin:12vh auto;padding:0 1em"><p>{}</p>"""

@@ -1,14 +1,14 @@
 """What a page shows of a camera, as data for static/camera.js: the spot, or why there is none, threshold, target."""
 
-from typing import Any
+from typing import Any, Generic, Protocol, TypeVar, cast
 
 import numpy as np
 
 from mirrormount.beam import NoSpot, Spot
 from mirrormount.beam import scale as camera_scale
-from mirrormount.beam.camera import Size
+from mirrormount.beam.camera import Camera, Size
 from mirrormount.beam.estimate import Estimate
-from mirrormount.beam.live import LiveCamera, Seen
+from mirrormount.beam.live import Seen
 from mirrormount.beam.optics import Optics
 from mirrormount.beam.scale import Scale
 from mirrormount.common.errors import BadFile, NotCalibrated
@@ -16,18 +16,44 @@ from mirrormount.common.errors import BadFile, NotCalibrated
 _PROFILE = 160  # points of a row's brightness at most
 
 
-class CameraView:
+class Watched(Protocol):
+    """What is shown: a LiveCamera, or the eye of a loop."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def size(self) -> Size: ...
+
+    @property
+    def last(self) -> Seen | None: ...
+
+    @property
+    def trouble(self) -> str: ...
+
+    def jpeg(self, seen: Seen) -> bytes: ...
+
+
+Of = TypeVar("Of", bound=Watched, covariant=True)
+
+
+class CameraView(Generic[Of]):
     """One camera on pages. scale: the camera's if it is known, else the saved one is looked up.
 
     target: where the spot should be, px. doing: what is being done about it, in a line. Any thread sets them.
     """
 
-    def __init__(self, live: LiveCamera, scale: Scale | None = None) -> None:
-        self.live = live
+    def __init__(self, live: Of, scale: Scale | None = None) -> None:
+        self._live = live
         self.target: tuple[float, float] | None = None
         self.doing = ""
         self._given = scale
         self._known: tuple[Size, Optics, str] | None = None
+
+    @property
+    def live(self) -> Of:
+        """The camera."""
+        return self._live
 
     @property
     def optics(self) -> Optics:
@@ -62,7 +88,7 @@ class CameraView:
                 scale, note = None, "the scale is of another size of the picture: pixels are shown"
             elif scale is None:
                 try:
-                    scale = camera_scale.read(self.live)
+                    scale = camera_scale.read(cast(Camera, self.live))
                 except (NotCalibrated, BadFile) as e:
                     note = f"in pixels: {e}"
             known = self._known = size, Optics(scale), note

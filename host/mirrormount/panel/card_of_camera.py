@@ -1,17 +1,14 @@
 """The card of the camera: its picture with the spot and the target, and how the spot is moved. See static/camera.js."""
 
-from html import escape
+from nicegui import ui
 
+from mirrormount.panel.camera_html import html
 from mirrormount.panel.camera_view import CameraView
 from mirrormount.panel.cards_of_motion import card, number, send
-
-_PROFILE = '<canvas class="profile" role="img" aria-label="Brightness of one row, and the threshold"></canvas>'
 
 
 def build(view: CameraView) -> None:
     """The card. Its picture and its lines are drawn by the browser, which asks for them (camera_route.py)."""
-    from nicegui import ui
-
     with card("Camera"):
         ui.html(html(1, view.live.name, clicks=True), sanitize=False).classes("camera-box")
         with ui.element("div").classes("line"):
@@ -24,16 +21,3 @@ def build(view: CameraView) -> None:
             "Click on the picture: the spot goes there, a second later, in small moves that the camera checks."
             " Learn first: it measures what a step of each axis does to the spot. STOP or any other button ends it."
         ).classes("hint")
-
-
-def html(number: int, name: str, *, clicks: bool = False, profile: bool = False) -> str:
-    """The elements that static/camera.js fills. clicks: a click moves the spot; profile: with a row's brightness."""
-    label = escape(f"Picture of {name}" + (": click where the spot should go" if clicks else ""), quote=True)
-    return (
-        f'<div class="camera" data-camera="{number}"{" data-clicks" if clicks else ""}>'
-        f'<canvas class="picture" role="img" aria-label="{label}"></canvas>'
-        '<p class="camera-trouble" role="status"></p><p class="camera-says mono"></p><p class="camera-off mono"></p>'
-        '<p class="camera-doing" role="status"></p><p class="camera-also hint"></p>'
-        + (_PROFILE if profile else "")
-        + "</div>"
-    )

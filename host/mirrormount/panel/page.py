@@ -17,6 +17,7 @@ from mirrormount.supervise.board_settings import BoardSettings
 from mirrormount.supervise.worker import Worker
 
 if TYPE_CHECKING:
+    from mirrormount.beam.live import LiveCamera
     from mirrormount.panel.camera_view import CameraView
 
 STATIC = Path(__file__).parent / "static"
@@ -31,7 +32,7 @@ Link = Callable[[], str] | None
 _log = logging.getLogger("mirrormount.panel")
 
 
-def register(pages: Pages, worker: Worker, link: Link, view: "CameraView | None") -> None:
+def register(pages: Pages, worker: Worker, link: Link, view: "CameraView[LiveCamera] | None") -> None:
     """Register the page with NiceGUI. link(): a new link for a phone, None if only this computer can open the panel.
 
     view: the camera, if there is one.
@@ -51,7 +52,9 @@ def register(pages: Pages, worker: Worker, link: Link, view: "CameraView | None"
         _build(page, worker, settings, link, view)
 
 
-def _build(page: Page, worker: Worker, settings: BoardSettings, link: Link, view: "CameraView | None") -> None:
+def _build(
+    page: Page, worker: Worker, settings: BoardSettings, link: Link, view: "CameraView[LiveCamera] | None"
+) -> None:
     ui.add_head_html(_HEAD)
     axes = worker.state.axes
     refreshes: list[Refresh] = [_header(page, worker, link), _question(page, worker)]

@@ -1,7 +1,5 @@
 """The web server of the panel: NiceGUI on uvicorn, behind auth.py. Tracebacks go to a file."""
 
-import logging
-import logging.handlers
 import socket
 from collections.abc import Callable
 from typing import TYPE_CHECKING
@@ -10,22 +8,21 @@ import uvicorn
 from fastapi import FastAPI, Request
 from nicegui import app as gui
 from nicegui import core, ui
-from platformdirs import user_log_path
 from starlette.types import ASGIApp
 
 from mirrormount.common.errors import CannotListen
-from mirrormount.common.printable import printable
 from mirrormount.panel import camera_route, page
 from mirrormount.panel.auth import Auth
+from mirrormount.panel.log_file import log_to_file
 from mirrormount.panel.pages import Pages
 from mirrormount.panel.sign_in import SignIn
 from mirrormount.panel.socket import Orders, routes
 from mirrormount.supervise.worker import Worker
 
 if TYPE_CHECKING:
+    from mirrormount.beam.live import LiveCamera
     from mirrormount.panel.camera_view import CameraView
 
-_LOG_MOST = 1 << 20  # bytes of the log; one older file of this size is kept
 _MESSAGE_MOST = 1 << 16  # bytes of a message of a socket
 
 
@@ -79,10 +76,10 @@ class Server(uvicorn.Server):
 
 
 def make_server(
-    worker: Worker, sign_in: SignIn, link: Callable[[], str] | None, view: "CameraView | None" = None
+    worker: Worker, sign_in: SignIn, link: Callable[[], str] | None, view: "CameraView[LiveCamera] | None" = None
 ) -> Server:
     """The panel of a worker. link(): a new link for a phone, if the panel is open to the network. view: the camera."""
-    _log_to_file()
+    log_to_file()
     pages = Pages(worker.lease)
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
     orders = Orders()
@@ -115,45 +112,3 @@ def _viewer(pages: Pages, request: Request) -> str | None:
     """The page that asks for a picture, by its own key; None if it is not connected: it has shown no key then."""
     found = pages.find(request.headers.get("x-page", ""))
     return found.name if found and found.connected else None
-
-
-def _log_to_file() -> None:
-    """Log to a file, with tracebacks; an error is also one line on stderr."""
-    path = user_log_path("mirrormount") / "panel.log"
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        to_file = logging.handlers.RotatingFileHandler(path, maxBytes=_LOG_MOST, backupCount=1, encoding="utf-8")
-        more = f"more in {path}"
-    except OSError:  # no reason not to drive
-        to_file = logging.NullHandler()
-        more = f"more could not be written to {path}"
-    to_file.setFormatter(_Printable("%(asctime)s %(name)s %(levelname)s: %(message)s"))
-    to_screen = logging.StreamHandler()
-    to_screen.setLevel(logging.ERROR)
-    to_screen.setFormatter(_OneLine(more))
-    root = logging.getLogger()
-    root.handlers[:] = [to_file, to_screen]
-    root.setLevel(logging.WARNING)
-    for name in ("nicegui", "uvicorn", "uvicorn.error", "uvicorn.access", "asyncio"):
-        logger = logging.getLogger(name)
-        logger.handlers.clear()
-        logger.propagate = True
-        logger.setLevel(logging.WARNING)
-
-
-class _Printable(logging.Formatter):
-    """Log lines without control characters."""
-
-    def format(self, record: logging.LogRecord) -> str:
-        return "\n".join(printable(line, 500) for line in super().format(record).splitlines())
-
-
-class _OneLine(logging.Formatter):
-    """One line for an error; the file has the traceback."""
-
-    def __init__(self, more: str) -> None:
-        super().__init__()
-        self._more = more
-
-    def format(self, record: logging.LogRecord) -> str:
-        return f"mirrormount: {printable(str(record.getMessage()).partition(chr(10))[0])} ({self._more})"

@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import TimeoutError as NotYet
 from typing import Any
 
+from mirrormount.beam.live import LiveCamera
 from mirrormount.beam.observer import Observer, Sighting
 from mirrormount.beam.pointing import CORRECTIONS, GAP_STEPS, LEARN_STEPS, WITHIN_PX, Learned, approach, learn
 from mirrormount.common.errors import BadValue, MountError, MoveEnded, NoAnswer, NotInControl
@@ -38,7 +39,7 @@ _Board = tuple[object, ...]  # board, camera, size, and what a step of each axis
 class SpotMoves:
     """The moves of the spot in one camera, one at a time. For the panel's asyncio loop."""
 
-    def __init__(self, worker: Worker, view: CameraView, announced_s: float = ANNOUNCED_S) -> None:
+    def __init__(self, worker: Worker, view: CameraView[LiveCamera], announced_s: float = ANNOUNCED_S) -> None:
         self._worker = worker
         self._view = view
         self._announced_s = announced_s
@@ -121,7 +122,7 @@ class _Move:
     def __init__(
         self,
         worker: Worker,
-        view: CameraView,
+        view: CameraView[LiveCamera],
         page: Client,
         before: threading.Thread | None,
         work: Callable[["_Move"], str],

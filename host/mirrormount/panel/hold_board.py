@@ -1,0 +1,138 @@
+"""What a loop that holds a beam has told, kept for its page: state, reasons, errors, history, alarms. Pure.
+
+listen() takes the loop's events (beam/events.py) in the loop's thread; told() is called by the web server's.
+"""
+
+import math
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from mirrormount.beam import events
+from mirrormount.beam.events import Pair, SpotMissed, SpotSeen
+
+ALARM, WARN, CALM = "alarm", "warn", ""
+_KEPT = 1200  # looks in the history
+_EVERY_S = 0.5  # between two of them: ten minutes are kept
+_RMS_S = 60.0  # over which the scatter is told
+_LAST = 6  # corrections and gates in words
+
+
+class HoldBoard:
+    """The last state of one loop. um_per_px: of each camera, for the errors of its spot."""
+
+    def __init__(
+        self, um_per_px: Mapping[str, Pair] | None = None, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._um_per_px = dict(um_per_px or {})
+        self._clock = clock
+        self._lock = threading.Lock()
+        self._state, self._why = "", "the loop has not begun"
+        self._gate: events.GateClosed | None = None
+        self._progress: events.Progress | None = None
+        self._look: events.Looked | None = None
+        self._heard_s: float | None = None
+        self._history: deque[dict[str, Any]] = deque(maxlen=_KEPT)
+        self._kept_s = -math.inf
+        self._recent: deque[tuple[float, float, float]] = deque()  # time, squares of um and urad
+        self._counts = {"corrections": 0, "pulses": 0, "reversals": 0, "gates": 0}
+        self._news: deque[str] = deque(maxlen=_LAST)
+
+    def listen(self, event: events.Event) -> None:
+        """Take an event of the loop."""
+        with self._lock:
+            self._heard_s = self._clock()
+            match event:
+                case events.Looked():
+                    self._looked(event)
+                case events.Pulsed():
+                    self._counts["pulses"] += 1
+                case events.Corrected():
+                    self._counts["corrections"] += 1
+                    self._counts["reversals"] += len(event.reversals)
+                    self._news.append(_correction(event))
+                case events.StateChanged():
+                    self._state, self._why = event.state, event.why
+                    self._progress = None
+                case events.GateClosed():
+                    self._counts["gates"] += 1
+                    self._gate = event  # the last one is the one that has to open
+                    self._news.append(f"gate {event.number}, {event.name}: {event.cause}")
+                case events.GateOpened():
+                    self._gate = None
+                    self._news.append(f"gate {event.number}, {event.name}: open again")
+                case events.Progress():
+                    self._progress = event
+                case _:
+                    pass
+
+    def _looked(self, look: events.Looked) -> None:
+        self._look = look
+        if look.complete:
+            urad = math.hypot(*look.angle_urad) if look.angle_urad else math.nan
+            self._recent.append((look.time_s, look.worst_um**2, urad**2))
+        while self._recent and self._recent[0][0] < look.time_s - _RMS_S:
+            self._recent.popleft()
+        if look.time_s - self._kept_s >= _EVERY_S:
+            self._kept_s = look.time_s
+            off = [spot.error_um if isinstance(spot, SpotSeen) else None for spot in look.spots]
+            self._history.append({"t": round(look.time_s, 2), "off": off, "free": look.free_um})
+
+    @property
+    def alert(self) -> str:
+        """ALARM: a person has to act. WARN: a gate is closed that may open by itself. CALM: neither."""
+        gate = self._gate
+        if self._state == events.STOPPED or (gate and not gate.opens_itself):
+            return ALARM
+        return WARN if self._state == events.WAITING or gate else CALM
+
+    def told(self, after_s: float = -math.inf) -> dict[str, Any]:
+        """All that a page shows, as JSON. after_s: of the history only what is later, on the loop's clock."""
+        with self._lock:
+            now_s = self._clock()
+            look, gate = self._look, self._gate
+            return {
+                "state": self._state,
+                "why": self._why,
+                "alert": self.alert,
+                "silent_s": None if self._heard_s is None else round(now_s - self._heard_s, 1),
+                "progress": [self._progress.done, self._progress.what] if self._progress else None,
+                "gates": [[gate.name, gate.cause, gate.remedy, gate.opens_itself]] if gate else [],
+                "cameras": [self._camera(spot, at) for at, spot in enumerate(look.spots)] if look else [],
+                "angle": _rounded(look.angle_urad) if look and look.angle_urad else None,
+                "rms": self._rms(),
+                "counts": dict(self._counts),
+                "news": list(self._news)[::-1],
+                "history": [point for point in self._history if point["t"] > after_s],
+            }
+
+    def _camera(self, spot: SpotSeen | SpotMissed, at: int) -> dict[str, Any]:
+        free = self._look.free_um if self._look else ()
+        told: dict[str, Any] = {"name": spot.camera, "free": _rounded(free[at]) if at < len(free) else None}
+        if isinstance(spot, SpotMissed):
+            return told | {"missed": spot.reason}
+        per_px = self._um_per_px.get(spot.camera)
+        sigma = _rounded((spot.sigma_px[0] * per_px[0], spot.sigma_px[1] * per_px[1])) if per_px else None
+        return told | {"off": _rounded(spot.error_um), "sigma": sigma}
+
+    def _rms(self) -> dict[str, float | None]:
+        """Over the last minute: of the worst error along an axis in any camera, and of the beam's angle."""
+        count = len(self._recent)
+        um, urad = (math.sqrt(sum(point[at] for point in self._recent) / count) if count else math.nan for at in (1, 2))
+        return {"um": _known(um), "urad": _known(urad)}
+
+
+def _correction(event: events.Corrected) -> str:
+    steps = ", ".join(f"{name} {steps:+.3f}" for name, steps in event.steps.items() if steps).replace("-", "−")
+    before, after = (max(map(abs, um), default=0.0) for um in (event.before_um, event.after_um))
+    return f"correction {event.number}: {steps or 'nothing'} steps; worst error {before:.0f} → {after:.0f} µm"
+
+
+def _known(number: float) -> float | None:
+    return round(number, 1) if math.isfinite(number) else None
+
+
+def _rounded(pair: Pair) -> list[float | None]:
+    return [_known(number) for number in pair]

@@ -1,0 +1,167 @@
+"""The page of a loop, without a browser: what its board tells, what HOLD and STOP need, what pages see of its eyes."""
+
+import time
+
+import httpx
+import numpy as np
+import pytest
+from test_spot_moves import served
+
+from mirrormount.beam import events
+from mirrormount.beam.camera import Frame, Size
+from mirrormount.beam.watched_eye import WatchedEye
+from mirrormount.common.beam_errors import CameraGone
+from mirrormount.common.errors import NotInControl
+from mirrormount.panel.hold_board import ALARM, CALM, WARN, HoldBoard
+from mirrormount.panel.hold_page import make_hold_server
+from mirrormount.panel.sign_in import SignIn
+
+TOKEN = b"kKq3-0d7LbX_u2mTzR9sWg"
+SPOT = events.SpotSeen("far", (320.0, 240.0), (0.1, 0.2), (12.0, -5.0), 1.0)
+
+
+class Eye:
+    """An eye that shows one picture, and then has gone."""
+
+    name, size, target_px, um_per_px, distance_m = "far", Size(64, 48), (30.0, 20.0), (50.0, 50.0), 1.6
+
+    def monotonic(self):
+        return 0.0
+
+    def frames(self):
+        yield Frame(np.random.default_rng(1).integers(0, 20, (48, 64)).astype(np.uint8), 0.0, 0)
+        raise CameraGone("far was unplugged")
+
+    def find(self, frame):
+        from mirrormount.beam import find_spot
+
+        return find_spot(frame)
+
+
+def gate(number=1, *, opens_itself):
+    return events.GateClosed(1.0, number, "no spot", "far: dark", "switch the laser on", opens_itself)
+
+
+@pytest.mark.parametrize(
+    ("told", "alert"),
+    [
+        ([], CALM),
+        ([events.StateChanged(1.0, events.HOLDING)], CALM),
+        ([gate(opens_itself=True), events.StateChanged(1.0, events.WAITING)], WARN),
+        ([gate(opens_itself=False), events.StateChanged(1.0, events.WAITING)], ALARM),
+        ([events.StateChanged(1.0, events.STOPPED, "STOP was pressed")], ALARM),
+        ([gate(opens_itself=True), events.GateOpened(2.0, 1, "no spot"), events.StateChanged(2.0, "holding")], CALM),
+        ([gate(1, opens_itself=True), gate(2, opens_itself=False)], ALARM),
+        ([gate(1, opens_itself=True), gate(2, opens_itself=False), events.GateOpened(2.0, 2, "no spot")], CALM),
+        ([events.StateChanged(1.0, events.ENDED, "its time is over")], CALM),
+    ],
+)
+def test_an_alarm_is_what_a_person_has_to_act_on(told, alert):
+    board = HoldBoard()
+    for event in told:
+        board.listen(event)
+    assert board.alert == alert == board.told()["alert"]
+
+
+def test_the_board_tells_errors_with_their_standard_errors_and_what_would_be_without_the_loop():
+    board = HoldBoard({"far": (50.0, 40.0)})
+    board.listen(events.Looked(1.0, (SPOT, events.SpotMissed("near", "dark")), None, ((30.0, 40.0),)))
+    far, near = board.told()["cameras"]
+    assert far == {"name": "far", "off": [12.0, -5.0], "sigma": [5.0, 8.0], "free": [30.0, 40.0]}
+    assert near == {"name": "near", "missed": "dark", "free": None}
+
+
+def test_the_rms_is_of_the_last_minute_and_of_complete_looks_alone():
+    board = HoldBoard()
+    board.listen(events.Looked(0.0, (events.SpotSeen("far", (0, 0), (0, 0), (1000.0, 0.0), 0.0),), (500.0, 0.0)))
+    for time_s in (100.0, 101.0):
+        board.listen(events.Looked(time_s, (SPOT,), (3.0, 4.0)))
+        board.listen(events.Looked(time_s, (SPOT, events.SpotMissed("near", "dark"))))
+    assert board.told()["rms"] == {"um": 12.0, "urad": 5.0}
+
+
+def test_the_history_is_bounded_and_told_once():
+    board = HoldBoard()
+    for number in range(5000):
+        board.listen(events.Looked(number * 0.5, (SPOT,)))
+    assert len(board.told()["history"]) == 1200
+    assert [point["t"] for point in board.told(2498.5)["history"]] == [2499.0, 2499.5]
+
+
+def test_a_board_of_a_loop_that_has_seen_nothing_is_plain_json():
+    board = HoldBoard()
+    board.listen(events.Looked(1.0, (events.SpotMissed("far", "dark"),)))
+    assert board.told()["rms"] == {"um": None, "urad": None}
+
+
+def test_a_camera_that_has_gone_is_told_to_pages_and_to_the_loop():
+    eye = WatchedEye(Eye())
+    frames = eye.frames()
+    eye.find(next(frames))
+    assert eye.trouble == "" and eye.last.number == 1
+    with pytest.raises(CameraGone):
+        next(frames)
+    assert eye.trouble == "far was unplugged" and eye.last.number == 1
+
+
+@pytest.fixture(params=[None, TOKEN], ids=["loopback", "token"])
+def page(request):
+    """The served page: (client, what was asked, headers of a signed-in page)."""
+    asked, sign_in = [], SignIn(request.param)
+    eye = WatchedEye(Eye())
+    eye.find(next(eye.frames()))
+    server = make_hold_server(
+        [eye], HoldBoard(), sign_in, go=lambda: asked.append("go"), stop=lambda: asked.append("stop")
+    )
+    cookies = {sign_in.cookie_name: sign_in.cookie.decode()} if request.param else {}
+    with (
+        served(server.config.app) as at,
+        httpx.Client(base_url=f"http://{at}", cookies=cookies) as http,
+    ):
+        yield http, asked, {"x-key": sign_in.key or ""}
+
+
+def test_hold_takes_a_fresh_tick_and_nothing_else(page):
+    http, asked, key = page
+    tick = http.get("/hold/state", headers=key).json()["tick"]
+    for body in (b"", b"now", b"-1", b"1" * 16, b"9" * 200, str(tick + 60_000).encode(), str(tick - 2001).encode()):
+        assert http.post("/hold/go", content=body, headers=key).status_code in (400, 409)
+    assert asked == []
+    assert http.post("/hold/go", content=str(tick).encode(), headers=key).status_code == 204
+    assert asked == ["go"]
+
+
+def test_the_cookie_alone_holds_nothing_sees_nothing_and_stops(page):
+    http, asked, key = page
+    if not key["x-key"]:
+        key = {"x-key": "", "origin": "http://elsewhere.example"}  # without a token: another site
+        assert http.post("/stop", headers=key).status_code == 403
+    else:
+        assert http.post("/stop").status_code == 204
+        assert asked.pop() == "stop"
+        key = {"x-key": "guessed"}
+    tick = int(time.monotonic() * 1000)
+    assert http.post("/hold/go", content=str(tick).encode(), headers=key).status_code == 403
+    assert http.get("/hold/state", headers=key).status_code == 403
+    assert http.get("/camera/1", headers=key).status_code == 403
+    assert asked == []
+
+
+def test_the_page_has_a_picture_for_each_eye_with_its_target(page):
+    http, _, key = page
+    assert 'data-camera="1"' in http.get("/").text
+    seen = http.get("/camera/1", headers=key).headers["x-seen"]
+    assert '"target":[30.0,20.0]' in seen and "no spot" in seen
+
+
+def test_a_refusal_of_the_loop_is_told_in_its_own_words():
+    def go():
+        raise NotInControl("nothing was done: page 1 has control")
+
+    clock = [1.0]
+    server = make_hold_server([], HoldBoard(), SignIn(None), go=go, stop=lambda: None, clock=lambda: clock[0])
+    with served(server.config.app) as at:
+        answer = httpx.post(f"http://{at}/hold/go", content=b"1000")
+        assert answer.status_code == 409 and "page 1 has control" in answer.text
+        clock[0] = 4.0
+        assert "that came late" in httpx.post(f"http://{at}/hold/go", content=b"1000").text
