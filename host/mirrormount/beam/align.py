@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from mirrormount.beam.choosing import Prices
-from mirrormount.beam.correcting import QUICKLY
+from mirrormount.beam.driven import QUICKLY
 from mirrormount.beam.events import ALIGNING, ENDED, STOPPED, Event, GateClosed, Listen, StateChanged, silent
 from mirrormount.beam.gap import Gap
 from mirrormount.beam.gates import Closed

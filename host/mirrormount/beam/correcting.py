@@ -6,12 +6,12 @@ are seen to move: so a reversal never throws the beam.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 
 from mirrormount.beam import events
 from mirrormount.beam.choosing import LEAST_STEPS, Choice, Prices, choose
+from mirrormount.beam.driven import SOFTLY, Driven, Outcome, attributed
 from mirrormount.beam.events import Corrected, Listen, ResponseChanged
 from mirrormount.beam.gap import Gap
 from mirrormount.beam.looking import Look, Looker, Vector
@@ -26,60 +26,10 @@ _SEEN_PART = 0.15  # and of the way that was driven
 _GAIN = 0.9  # of a correction of a step and more: its scatter is not to change the direction
 _APART = 0.3  # cosine of the motions of two actuators that may creep at once
 _JUMP_SIGMAS = 8.0  # of the gap: a wish beyond that and beyond Creep.jump_steps is driven at once
+_DOUBT_SIGMAS, _DOUBT_PART = 4.0, 0.3  # of an expected motion that is doubted, and what of it came at most
+_PLAUSIBLE = (0.4, 2.0)  # part of an expected change that teaches something of the response
+_CREEP_PART = 0.15  # of the present error, by a pulse of a creep: what is far off need not creep softly
 _STUCK_STEPS = 2.5  # driven beyond the gap without any motion: the axis does not move
-
-
-@dataclass(frozen=True)
-class Creep:
-    """How a gap is crossed. Motions of the spots in um (root of the sum of squares).
-
-    mean_um, most_um: by the take-up, on average and hardly ever. least_um, largest_um: by a pulse of the creep.
-    jump_steps: a correction by more is made at once, and the next one corrects what the gap's scatter made of it.
-    """
-
-    mean_um: float = 4.0
-    most_um: float = 40.0
-    least_um: float = 15.0
-    largest_um: float = 25.0
-    jump_steps: float = 0.4
-
-
-SOFTLY = Creep()  # in a hold: no excursion
-QUICKLY = Creep(mean_um=12.0, most_um=100.0, least_um=20.0, largest_um=60.0, jump_steps=0.2)  # in an alignment
-
-
-@dataclass(eq=False)
-class Driven:
-    """One actuator in one correction. wished, drove: steps; expected: of the screw, ± sigma. creeps: not sure."""
-
-    i: int
-    way: int
-    wished: float
-    drove: float
-    scatter: float
-    expected: float
-    sigma: float
-    creeps: bool
-    in_gap: bool
-
-
-@dataclass(eq=False)
-class Outcome:
-    """What came of a correction. helped: None if it cannot be told; stuck: actuators that do not move any more."""
-
-    driven: list[Driven]
-    expected_um: Vector
-    changed_um: Vector
-    met: list[int] = field(default_factory=list)
-    stuck: list[int] = field(default_factory=list)
-
-    @property
-    def helped(self) -> float | None:
-        """The part of the expected change that came, if all that moved was in contact."""
-        size = float(self.expected_um @ self.expected_um)
-        if not size or any(each.creeps for each in self.driven):
-            return None
-        return float(self.changed_um @ self.expected_um) / size
 
 
 class Corrector:
@@ -174,12 +124,13 @@ class Corrector:
                 creeps[i] = wished * _GAIN
         left = [i for i in in_gap if not creeps[i]]
         chosen: list[Vector] = []
+        largest_um = max(self.creep.largest_um, _CREEP_PART * float(np.linalg.norm(self.tracker.mean)))
         for i in sorted(left, key=lambda i: -abs(steps[i]) * self._size(i, steps)):
             column = self.response.column(i, _way(steps[i])) / self._size(i, steps)
             if all(abs(float(column @ other)) < _APART for other in chosen):
                 chosen.append(column)
                 size = self._size(i, steps)
-                creeps[i] = min(max(abs(float(steps[i])), self.creep.least_um / size), self.creep.largest_um / size)
+                creeps[i] = min(max(abs(float(steps[i])), self.creep.least_um / size), largest_um / size)
         return creeps
 
     def _size(self, i: int, steps: Vector) -> float:
@@ -200,16 +151,22 @@ class Corrector:
                 unsure += np.outer(column, column) * each.sigma**2
         tracker.moved(expected, unsure)
         outcome = Outcome(driven, expected, look.errors_um - before)
+        self._doubt(driven, look, frames, outcome)
         self._learn_gaps(driven, look, frames, outcome)
         for each in driven:
-            if each.creeps:
+            if each.creeps or each.i in outcome.doubted:
                 column = self._column(each)
-                tracker.moved(np.zeros(n), np.outer(column, column) * each.drove**2)
+                more = np.outer(column, column) * each.drove**2
+                tracker.moved(np.zeros(n), more)
+                unsure += more
+        nu, s = tracker.innovation(look.errors_um, frames)
+        by_motion = expected + unsure @ np.linalg.solve(s, nu)  # the rest is drift and noise
         tracker.see(look.errors_um, frames)
         self._seen_s = look.time_s
         if self.looker.free_um is not None:
-            self.looker.free_um = self.looker.free_um + (tracker.mean - before)
-        if not any(each.in_gap for each in driven):
+            self.looker.free_um = self.looker.free_um + by_motion
+        helped = outcome.helped
+        if helped is not None and _PLAUSIBLE[0] < helped < _PLAUSIBLE[1]:
             self._refine(driven, outcome, frames)
         self._tell(driven, before, outcome, look)
         return outcome
@@ -218,22 +175,32 @@ class Corrector:
         """The change of the errors for a step of the screw in its way."""
         return self.response.column(each.i, each.way) * each.way
 
+    def _doubt(self, driven: list[Driven], look: Look, frames: int, outcome: Outcome) -> None:
+        """A screw that was taken to follow and hardly did is in its gap after all: the creep goes on."""
+        following = [each for each in driven if not each.in_gap]
+        if not following or any(each.creeps for each in driven):
+            return
+        nu, s = self.tracker.innovation(look.errors_um, frames)
+        columns = np.array([self._column(each) for each in following]).T
+        s = s - columns @ np.diag([each.sigma**2 for each in following]) @ columns.T  # what is asked is how it moved
+        for each, by, sigma in zip(following, *attributed(nu, s, columns), strict=True):
+            moved = each.expected + float(by)
+            if each.expected > _DOUBT_SIGMAS * float(sigma) and abs(moved) < _DOUBT_PART * each.expected:
+                self.gaps[each.i].doubt(each.way)
+                outcome.doubted.append(each.i)
+
     def _learn_gaps(self, driven: list[Driven], look: Look, frames: int, outcome: Outcome) -> None:
         """How far each screw that was in its gap has moved, by generalised least squares."""
         doubtful = [each for each in driven if each.in_gap]
         for each in driven:
-            if not each.in_gap:
+            if not each.in_gap and each.i not in outcome.doubted:
                 self.gaps[each.i].followed(each.way)
                 self._stuck[each.i] = 0.0
         if not doubtful:
             return
         nu, s = self.tracker.innovation(look.errors_um, frames)
         columns = np.array([self._column(each) for each in doubtful]).T
-        inverse = np.linalg.inv(s)
-        normal = columns.T @ inverse @ columns + np.diag([1e-6] * len(doubtful))
-        ways = np.linalg.solve(normal, columns.T @ inverse @ nu)
-        sigmas = np.sqrt(np.diag(np.linalg.inv(normal)))
-        for each, way, sigma in zip(doubtful, ways, sigmas, strict=True):
+        for each, way, sigma in zip(doubtful, *attributed(nu, s, columns), strict=True):
             moved = each.expected + float(way)
             gap = self.gaps[each.i]
             if not each.creeps or moved > max(_SEEN_SIGMAS * float(sigma), _SEEN_PART * min(each.wished, each.drove)):

@@ -89,6 +89,13 @@ class Gap:
         """The screw is in contact in this way."""
         self._set_contact(way)
 
+    def doubt(self, way: int) -> None:
+        """The screw was taken to follow, and did not: a contact that was seen too early."""
+        width = self.widths[way]
+        self._slack[way] = width.spread, width.spread
+        self._slack[-way] = max(0.0, self.widths[-way].mean - width.spread), self.widths[-way].spread
+        self.way = 0  # no sample of the width
+
     def _set_contact(self, way: int) -> None:
         self.way, self._travelled = way, 0.0
         self._slack[way] = 0.0, 0.0

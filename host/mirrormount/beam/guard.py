@@ -7,7 +7,8 @@ from typing import NoReturn
 import numpy as np
 
 from mirrormount.beam.choosing import Choice, Prices, choose, needed_steps
-from mirrormount.beam.correcting import Corrector, Outcome
+from mirrormount.beam.correcting import Corrector
+from mirrormount.beam.driven import Outcome
 from mirrormount.beam.events import Listen, silent
 from mirrormount.beam.gap import Gap
 from mirrormount.beam.gates import BOARD, CONTROL, JUMPED, NO_HELP, NO_SPOT, STUCK, Closed, of_fault
@@ -19,6 +20,8 @@ from mirrormount.beam.tracker import Tracker
 from mirrormount.common.errors import MountError, NotInControl
 
 BAD = 3  # corrections in a row that did not help
+TRIES = 80  # corrections and pulses of creeps, by which an error beyond _FAR_UM must have become smaller ...
+_FAR_UM, _NEARER = 120.0, 0.7  # ... by this factor
 _HELPED = 0.2  # of what was expected, at least
 _TOLD_SIGMAS = 4.0  # of a change that is told from noise
 _GREW = 1.2  # factor of an error that has grown
@@ -38,7 +41,8 @@ class Guard:
         self.mover = Mover(table, self.looker, listen)
         gaps = [Gap(widths) for widths in response.widths] if gaps is None else gaps
         self.corrector = Corrector(table, response, gaps, self.looker, self.mover, listen)
-        self._bad = 0
+        self._bad = self._tries = 0
+        self._far = math.inf
 
     @property
     def tracker(self) -> Tracker:
@@ -90,11 +94,13 @@ class Guard:
         self._judge(outcome, before)
         return outcome
 
-    def start_anew(self) -> None:
-        """After a gate: nothing is known of the shafts, and no correction counts as bad any more."""
-        self._bad = 0
-        for gap in self.corrector.gaps:
-            gap.forget()
+    def start_anew(self, *, moved_by_others: bool) -> None:
+        """After a gate: no correction counts as bad any more. moved_by_others: nothing is known of the shafts."""
+        self._bad = self._tries = 0
+        self._far = math.inf
+        if moved_by_others:
+            for gap in self.corrector.gaps:
+                gap.forget()
 
     def _judge(self, outcome: Outcome, before: Vector) -> None:
         """Three corrections that do not do what was expected, or after which the error is larger, are the last."""
@@ -104,8 +110,13 @@ class Guard:
         helped = outcome.helped
         if (helped is not None and expected > noise and helped < _HELPED) or after > max(_GREW * size, size + noise):
             self._bad += 1
-        elif after < size or (helped is not None and expected > noise):
+        elif after < size + noise or (helped is not None and expected > noise):
             self._bad = 0
+        if after < max(_FAR_UM, _NEARER * self._far):
+            self._far, self._tries = after, 0
+        self._tries += 1
+        if self._tries >= TRIES:
+            self._close(Closed(NO_HELP, f"{TRIES} pulses, and the error of {after:.0f} um did not become smaller"))
         if self._bad >= BAD:
             self._close(
                 Closed(NO_HELP, f"{BAD} corrections in a row: the error went from {size:.0f} to {after:.0f} um")

@@ -35,7 +35,7 @@ from mirrormount.common.errors import MountError
 
 PERIOD_S = 0.4  # between two looks at rest
 RMS_URAD, MOST_UM = 9.0, 80.0  # the goal: rms of the beam's angle; no error beyond, on any camera
-_PRICES = Prices(pulse_um2=30.0, gap_um2=200.0)
+_PRICES = Prices(pulse_um2=50.0, gap_um2=220.0)
 _ANGLE_WEIGHT = 2.0  # of the squared difference of the cameras, beside each camera's own square
 _MOST_STEPS = 8.0  # of an axis: what is further off is no drift and no bump
 _FIRST_FRAMES = 4  # of the first look, and of one after a gate
@@ -169,7 +169,7 @@ class Hold:
             self.table.sleep(_RETRY_S)
         else:
             return False
-        self.guard.start_anew()
+        self.guard.start_anew(moved_by_others=not closed.gate.opens_itself)
         self._tell(GateOpened(self.table.now_s(), closed.gate.number, closed.gate.name))
         return True
 
