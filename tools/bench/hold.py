@@ -35,8 +35,8 @@ def fast(profile: str, seed: int, seconds: float) -> dict[str, float]:
     rows: list[tuple[float, ...]] = []
     add = hold.summary.add
 
-    def both(time_s: float, errors: np.ndarray) -> None:
-        add(time_s, errors)
+    def both(time_s: float, errors_um: np.ndarray) -> None:
+        add(time_s, errors_um)
         rows.append((time_s, *table.truth_um()))
 
     hold.summary.add = both
@@ -63,7 +63,7 @@ def virtual(profile: str, seed: int, seconds: float) -> dict[str, float]:
         command(["hold", "--virtual", "--off", str(OFF_MM), *options])
         found = json.loads(file.read_text())
     names = ("rms_urad", "max_um", "reversals")
-    return {name: found[name] for name in names} | {"gates": len(found["gates"])}
+    return {name: float(found[name]) for name in names} | {"gates": float(len(found["gates"]))}
 
 
 def main() -> None:
