@@ -18,8 +18,10 @@ camera_route.py      its pictures, one at a time for each page              ASGI
 spot_moves.py        clicks on the picture move the spot                    OpenCV
 server.py            NiceGUI on uvicorn; the log file                       uvicorn
 light_server.py      a page without a mount, such as a camera's             uvicorn
+hold_board.py        what a loop has told, for its page                     pure
+hold_page.py         the page of a loop that holds a beam                   uvicorn
 log_file.py          tracebacks go to a file
-static/              panel.js (drives), screen.js (the virtual screen), camera.js (pictures), panel.css
+static/              panel.js (drives), screen.js (the virtual screen), camera.js, hold.js, light.js, panel.css
 
 The mount itself is owned by mirrormount.supervise. `mirrormount panel` is cli/panel.py.
 """
