@@ -11,7 +11,7 @@ EXPERIMENTS = ("steps", "backlash", "pulses", "square", "drift", "settle")
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """The experiment, mount, camera and scale; where the report goes."""
-    parser.add_argument("experiment", choices=EXPERIMENTS, help="docs/beam.md says what each of them does")
+    parser.add_argument("experiment", choices=EXPERIMENTS, help="docs/measure.md says what each of them does")
     parser.add_argument(
         "--port", default=os.environ.get("MIRRORMOUNT_PORT"), help="the mount (default: the only board)"
     )
