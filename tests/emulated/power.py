@@ -4,6 +4,8 @@ A deploy here is what `mirrormount deploy` does on a board, by the same scripts 
 """
 
 import ast
+import hashlib
+import pickle
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -18,6 +20,7 @@ from mirrormount.deploy.mpremote import commit_call, read_told, script_for
 from mirrormount.virtual import emulator
 from mirrormount.virtual.emulator import RawPrompt
 from mirrormount.virtual.files import firmware_folder
+from mirrormount.virtual.image import cache, held
 from mirrormount.virtual.lockstep import Lockstep
 from mirrormount.virtual.simulation import START_US, Simulation
 
@@ -154,6 +157,34 @@ def staged(folder: Path, old: Path, wanted: dict[str, bytes]) -> Deploy:
     new = of_firmware(todo.after)
     assert new.items().isdisjoint(there.items()), "a file that does not differ shows no mix"
     return Deploy(wanted, old, uploaded, committed, todo, old_hash, firmware_hash(todo.after), there, new, steps)
+
+
+def staged_once(old: dict[str, bytes], wanted: dict[str, bytes], hand_copied: Path) -> Deploy:
+    """As staged(), from the firmware `old`, which was deployed over files copied by hand; made once, then kept.
+
+    It is made again when anything has changed that takes part: both firmwares, the image and the emulator, the scripts
+    of deploy, this file.
+    """
+    _, main, bootrom, image, *_ = emulator.command(None, None, START_US)
+    digest = hashlib.sha256(pickle.dumps([sorted(old.items()), sorted(wanted.items()), Path(main).parent.name]))
+    scripts = sorted(Path(on_board.__file__).parent.glob("*.py"))
+    for file in (hand_copied, Path(bootrom), Path(image), Path(__file__), *scripts):
+        digest.update(file.read_bytes())
+    folder = cache() / "deploys" / digest.hexdigest()[:16]
+    kept = folder / "deploy.pickle"
+    with held("deploys"):
+        if not kept.exists():
+            folder.mkdir(parents=True, exist_ok=True)
+            flash = Path(shutil.copyfile(hand_copied, folder / "old.bin"))
+            board = Board(flash, keep=True)
+            try:
+                board.deploy(old)
+            finally:
+                board.simulation.close()
+            part = kept.with_suffix(".part")
+            part.write_bytes(pickle.dumps(staged(folder, flash, wanted)))
+            part.replace(kept)
+        return pickle.loads(kept.read_bytes())
 
 
 def _call(line: str) -> str:

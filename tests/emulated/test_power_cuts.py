@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from power import NO_REPLAY, Board, Deploy, PowerCut, another_version, compiled, staged, without_replay
+from power import NO_REPLAY, Board, Deploy, PowerCut, another_version, compiled, staged, staged_once, without_replay
 
 from mirrormount.common.errors import EmulatorMissing
 from mirrormount.deploy.fileset import firmware
@@ -32,14 +32,7 @@ def hand_copied() -> Path:
 @pytest.fixture(scope="module")
 def older(hand_copied, tmp_path_factory) -> Deploy:
     """From one compiled version that was deployed to another."""
-    folder = tmp_path_factory.mktemp("older")
-    old = Path(shutil.copyfile(hand_copied, folder / "old.bin"))
-    board = Board(old, keep=True)
-    try:
-        board.deploy(another_version(folder))
-    finally:
-        board.simulation.close()
-    return staged(folder, old, compiled())
+    return staged_once(another_version(tmp_path_factory.mktemp("older")), compiled(), hand_copied)
 
 
 @pytest.fixture(scope="module")
