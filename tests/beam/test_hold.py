@@ -104,6 +104,18 @@ def test_the_tracker_learns_that_the_beam_drifts_in_one_direction():
     assert np.sqrt(tracker.covariance[1, 1]) < 3.0
 
 
+def test_a_reversal_is_told_with_the_correction_that_makes_it_and_no_other():
+    rig = Rig("rough", 1)
+    rig.run(60)
+    way, told = {}, 0
+    for event in [event for event in rig.told if isinstance(event, Corrected)]:
+        turned = {name for name, steps in event.steps.items() if steps * way.get(name, 0) < 0}
+        assert set(event.reversals) == turned
+        way |= {name: steps for name, steps in event.steps.items() if steps}
+        told += len(turned)
+    assert told > 0
+
+
 def test_each_pulse_and_each_look_is_told():
     rig = Rig("rough", 1)
     summary = rig.run(30)

@@ -47,6 +47,7 @@ class Corrector:
         self.number = self.creeps = 0
         self.creep = SOFTLY
         self._listen = listen
+        self._ways = [0] * response.actuators  # of the last correction of each actuator
         self._stuck = [0.0] * response.actuators
         self._moved_at_s = -math.inf
         self._crossing: set[tuple[int, int]] = set()
@@ -247,9 +248,11 @@ class Corrector:
                 _floats(before),
                 _floats(before + outcome.expected_um),
                 _floats(self.tracker.mean),
-                tuple(names[each.i] for each in driven if each.in_gap),
+                tuple(names[each.i] for each in driven if each.way == -self._ways[each.i]),
             )
         )
+        for each in driven:
+            self._ways[each.i] = each.way
         matrix = tuple(_floats(row) for row in self.response.matrices[1])
         self._listen(ResponseChanged(look.time_s, matrix, self.response.change))
 

@@ -93,6 +93,7 @@ class Minute:
     gates: list[list[Any]] = field(default_factory=list)
     change: float | None = None
     _since_s: float | None = None  # of the last event
+    _number: int = -1  # of the last correction
 
     def add(self, event: Event) -> None:
         """One event, not older than the one before."""
@@ -106,7 +107,8 @@ class Minute:
             case Looked():
                 self._look(event)
             case Corrected():
-                self.corrections += 1
+                self.corrections += event.number != self._number  # a creep is told pulse by pulse
+                self._number = event.number
                 self.reversals += len(event.reversals)
             case Pulsed():
                 self.pulses += 1
@@ -140,7 +142,7 @@ class Minute:
 def minute_to_json(minute: Minute) -> dict[str, Any]:
     """Plain data for json.dumps."""
     data = asdict(minute)
-    del data["_since_s"]
+    del data["_since_s"], data["_number"]
     return data
 
 

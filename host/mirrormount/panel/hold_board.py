@@ -37,6 +37,7 @@ class HoldBoard:
         self._history: deque[dict[str, Any]] = deque(maxlen=_KEPT)
         self._kept_s = -math.inf
         self._recent: deque[tuple[float, float, float]] = deque()  # time, squares of um and urad
+        self._number = -1  # of the last correction
         self._counts = {"corrections": 0, "pulses": 0, "reversals": 0, "gates": 0}
         self._news: deque[str] = deque(maxlen=_LAST)
 
@@ -50,7 +51,8 @@ class HoldBoard:
                 case events.Pulsed():
                     self._counts["pulses"] += 1
                 case events.Corrected():
-                    self._counts["corrections"] += 1
+                    self._counts["corrections"] += event.number != self._number  # a creep is told pulse by pulse
+                    self._number = event.number
                     self._counts["reversals"] += len(event.reversals)
                     self._news.append(_correction(event))
                 case events.StateChanged():

@@ -63,6 +63,7 @@
         : `no spot: ${camera.missed}`;
       const free = camera.free ? `; without the loop ${number(camera.free[0])}, ${number(camera.free[1])} µm` : "";
       set(`[data-of="${at}"]`, off + free);
+      find(`[data-of="${at}"]`).style.borderLeft = `0.4em solid ${COLOURS[at % 2]}`; // its curve's colour
     });
     const angle = told.angle ? `beam's angle ${number(told.angle[0])}, ${number(told.angle[1])} µrad; ` : "";
     const rms = told.rms.um === null ? "" : `rms of the last minute ${number(told.rms.um)} µm${told.rms.urad === null ? "" : `, ${number(told.rms.urad)} µrad`}; `;
