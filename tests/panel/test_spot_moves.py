@@ -36,6 +36,7 @@ def bench() -> Iterator[SimpleNamespace]:
         live = LiveCamera(camera.name, lambda: camera, retry_s=0.05)
         live.open()
         with Supervisor(lambda: table.ports[0], patience_s=30) as supervisor:
+            wait_for(lambda: supervisor.status, "the first status")
             yield SimpleNamespace(table=table, camera=camera, live=live, worker=supervisor.worker)
         live.close()
 

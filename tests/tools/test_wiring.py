@@ -7,10 +7,27 @@ from pathlib import Path
 
 import pytest
 
+from mirrormount.virtual.wiring import ENCODERS
 from mountfw.boards import pico
 
 ROOT = Path(__file__).resolve().parents[2]
-PHYSICAL = {2: 4, 3: 5, 4: 6, 5: 7, 6: 9, 7: 10, 10: 14, 11: 15, 12: 16, 13: 17, 14: 19}  # of a Pico, by its GPIO
+PHYSICAL = {
+    2: 4,
+    3: 5,
+    4: 6,
+    5: 7,
+    6: 9,
+    7: 10,
+    10: 14,
+    11: 15,
+    12: 16,
+    13: 17,
+    14: 19,
+    8: 11,
+    9: 12,
+    26: 31,
+    27: 32,
+}  # of a Pico, by its GPIO
 STOP = "emergency_stop"  # what GP14 is for, once a board file says so
 
 
@@ -53,7 +70,10 @@ def test_the_table_of_the_page_has_the_pins_of_the_board_file(wiring):
         for name, gpio, number in zip(names, gpios.split(", "), numbers.split(", "), strict=True):
             told[name] = (gpio, int(number), bridge.split(" ")[0])
     at_bridge = {row[0]: str(row[6]) for row in wiring.SIGNALS}
-    pins = board_file() | {STOP: 14}
+    encoders = {
+        f"{motor}_enc_{word}": pin for motor, pins in ENCODERS.items() for word, pin in zip("ab", pins, strict=True)
+    }
+    pins = board_file() | {STOP: 14} | encoders
     assert told == {name: (f"GP{pin}", PHYSICAL[pin], at_bridge.get(name, "–")) for name, pin in pins.items()}
 
 

@@ -199,7 +199,7 @@ class EncodedAxis(Axis):
         drive.direction = 1 if loop.way > 0 else -1
         drive.tripped = False
         self.pulses_left = _MANY
-        loop.drive(drive.direction, abs(loop.way) + self.measured.gap_left(drive.direction))
+        loop.aim(drive.direction, abs(loop.way) + self.measured.gap_left(drive.direction))
         self.handle(DUE_PULSE, loop.bound_us() + self.reader.play_us)
         if self.state == PULSE:
             self._begin_watch(motor)

