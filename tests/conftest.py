@@ -15,8 +15,9 @@ import pytest
 
 # what the user's environment may say to a test; all other settings of mirrormount are taken out of it
 KEPT = ("MIRRORMOUNT_CACHE", "MIRRORMOUNT_FUZZ_", "MIRRORMOUNT_IMAGES")
-RECORDED = ("firmware", "host", "repo", "supervise", "tools")  # folders of tests that --coverage looks at
-NOT_RECORDED = {"test_every_stop_ends_homing_in_every_phase"}  # the same lines in a hundred sessions
+RECORDED = ("beam", "firmware", "host", "repo", "supervise", "tools")  # folders of tests that --coverage looks at
+# the same lines in a hundred sessions, pictures or mounts: a test, or all tests of a file
+NOT_RECORDED = {"test_every_stop_ends_homing_in_every_phase", "test_experiments", "test_spot", "test_hold"}
 ENDING = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
 
@@ -71,7 +72,8 @@ class Recorder:
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_protocol(self, item):
-        if not self._records or (item.path.parent.name in RECORDED and item.name not in NOT_RECORDED):
+        left_out = item.name in NOT_RECORDED or item.path.stem in NOT_RECORDED
+        if not self._records or (item.path.parent.name in RECORDED and not left_out):
             return (yield)
         self._coverage.stop()
         try:

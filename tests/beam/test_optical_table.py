@@ -9,6 +9,7 @@ from mirrormount.beam.open_camera import open_camera
 from mirrormount.beam.scale import Scale
 from mirrormount.common import errors
 
+PATIENCE_S = 60.0  # nobody hangs here
 MOUNTS = '[mounts.first]\nport = "virtual://"\n[mounts.second]\nport = "virtual://?seed=2"\nx_axis = 1\n'
 
 
@@ -41,7 +42,7 @@ def save_scale(folder) -> None:
 def test_a_table_is_opened_by_its_names(folder):
     write(folder, camera(folder, "distance_mm = 400.0\ntarget_x_px = 70.0\ntarget_y_px = 60.0\n"))
     save_scale(folder)
-    with Table.open() as table, table.loop("a loop") as loop:
+    with Table.open(PATIENCE_S) as table, table.loop("a loop") as loop:
         assert [actuator.name for actuator in loop.actuators] == ["first.x", "first.y", "second.x", "second.y"]
         eye = loop.eyes[0]
         assert (eye.name, eye.target_px, eye.um_per_px, eye.distance_m) == ("near", (70.0, 60.0), (50.0, 50.0), 0.4)
@@ -58,14 +59,14 @@ def test_a_table_is_opened_by_its_names(folder):
 def test_without_a_target_the_spot_belongs_into_the_middle(folder):
     write(folder, camera(folder))
     save_scale(folder)
-    with Table.open() as table:
+    with Table.open(PATIENCE_S) as table:
         assert table.eyes["near"].target_px == (79.5, 59.5)
 
 
 def test_two_mounts_on_one_board_share_its_owner(folder):
     write(folder, camera(folder), MOUNTS.replace('"virtual://?seed=2"\nx_axis = 1', '"virtual://"\nx_axis = 4'))
     save_scale(folder)
-    with Table.open() as table:
+    with Table.open(PATIENCE_S) as table:
         assert table.supervisors["first"] is table.supervisors["second"]
         assert table.axes == {"first": ("x", "y"), "second": ("axis4", "axis3")}
 
@@ -81,4 +82,4 @@ def test_two_mounts_on_one_board_share_its_owner(folder):
 def test_what_is_missing_is_told_and_nothing_is_opened(folder, mounts, with_camera, error, why):
     write(folder, camera(folder) if with_camera else "", mounts)
     with pytest.raises(error, match=why):
-        Table.open()
+        Table.open(PATIENCE_S)

@@ -11,6 +11,8 @@ from mirrormount.common.errors import MoveEnded, NotInControl
 from mirrormount.supervise import Supervisor
 from mirrormount.supervise.lease import Client
 
+PATIENCE_S = 60.0  # nobody hangs here
+
 
 def finish(table, actuator) -> None:
     """Until the actuator is at rest."""
@@ -20,7 +22,10 @@ def finish(table, actuator) -> None:
 
 @pytest.fixture
 def supervised():
-    with Supervisor("virtual://") as first, Supervisor("virtual://") as second:
+    with (
+        Supervisor("virtual://", patience_s=PATIENCE_S) as first,
+        Supervisor("virtual://", patience_s=PATIENCE_S) as second,
+    ):
         mounts = [("first", first, ("x", "y")), ("second", second, ("x", "y"))]
         with SupervisedTable("hold", mounts, ()) as table:
             yield table, first, second

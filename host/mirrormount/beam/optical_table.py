@@ -19,6 +19,7 @@ from mirrormount.common.errors import BadFile, NotCalibrated
 from mirrormount.device import table_file
 from mirrormount.device.table_file import CameraEntry, MountEntry
 from mirrormount.supervise import Supervisor
+from mirrormount.supervise.lease import PATIENCE_S
 
 
 class Table:
@@ -34,9 +35,10 @@ class Table:
         self._closing = contextlib.ExitStack()
 
     @classmethod
-    def open(cls) -> Self:
+    def open(cls, patience_s: float = PATIENCE_S) -> Self:
         """Open all mounts and cameras of the table's file; motors that moved are stopped.
 
+        patience_s: silence of a loop after which what it moves is stopped.
         Raises BadFile if it names none, NotCalibrated for a camera without a scale, CameraError, and as Mount.open().
         """
         table = table_file.read()
@@ -48,7 +50,7 @@ class Table:
             for name, entry in table.cameras.items():
                 eyes[name] = _eye(name, entry)
                 opened.callback(eyes[name].close)
-            mounts = _mounts(table.mounts)
+            mounts = _mounts(table.mounts, patience_s)
             for supervisor in dict.fromkeys(supervisor for supervisor, _ in mounts.values()):
                 opened.enter_context(supervisor)
             made = cls(mounts, eyes)
@@ -78,13 +80,13 @@ class Table:
         self.close()
 
 
-def _mounts(entries: Mapping[str, MountEntry]) -> dict[str, tuple[Supervisor, tuple[str, str]]]:
+def _mounts(entries: Mapping[str, MountEntry], patience_s: float) -> dict[str, tuple[Supervisor, tuple[str, str]]]:
     """Supervisors, not open yet: one for each board, under the name of its first mount, which finds it on any port."""
     boards: dict[str, tuple[Supervisor, int]] = {}
     mounts: dict[str, tuple[Supervisor, tuple[str, str]]] = {}
     for name, entry in entries.items():
         key = entry.board.upper() if entry.board else f"port {entry.port}"
-        supervisor, x_axis = boards.setdefault(key, (Supervisor(name), entry.x_axis))
+        supervisor, x_axis = boards.setdefault(key, (Supervisor(name, patience_s=patience_s), entry.x_axis))
         axes = axis_name(entry.x_axis, x_axis), axis_name(paired(entry.x_axis), x_axis)
         mounts[name] = supervisor, axes
     return mounts
