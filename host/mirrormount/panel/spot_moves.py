@@ -134,6 +134,7 @@ class _Move:
         self._before = before
         self._work = work
         self._ended = ""
+        self._over = threading.Event()  # set by end()
         self._lock = threading.Lock()  # no request is made after end()
         self._observer = Observer(view.live, view.live.found)
         self._step_us: dict[str, int] = {}
@@ -143,6 +144,7 @@ class _Move:
         """Ask for no further motion. Any thread."""
         with self._lock:
             self._ended = self._ended or why
+            self._over.set()
 
     def _run(self) -> None:
         if self._before:
@@ -176,7 +178,7 @@ class _Move:
         until_s = time.monotonic() + for_s
         while time.monotonic() < until_s:
             self._check()
-            time.sleep(_LOOK_S)
+            self._over.wait(_LOOK_S)  # a stop, or a page that is out of touch, is seen by _check()
 
     def say(self, text: str) -> None:
         """What it does, in a line."""
