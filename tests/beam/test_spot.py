@@ -119,6 +119,39 @@ def test_an_array_of_another_form_is_refused_in_words(picture):
         find_spot(picture)
 
 
+@pytest.mark.parametrize("picture", [None, "a.png", [[1, 2], [3, 4]], np.uint8(3)])
+def test_what_is_no_array_is_refused_in_words(picture):
+    with pytest.raises(BadValue, match="a picture is an array of NumPy"):
+        find_spot(picture)
+
+
+def test_an_array_in_the_other_order_of_bytes_or_not_contiguous_gives_the_same_place():
+    light, noise = spot_scene()
+    image = scenes.expose(light, noise)
+    plain = find_spot(image)
+    for other in (image.astype(">u2"), np.asfortranarray(image), np.repeat(image, 2, axis=1)[:, ::2]):
+        found = find_spot(other)
+        assert (found.x, found.y) == pytest.approx((plain.x, plain.y), abs=1e-6)
+
+
+@pytest.mark.parametrize(("end", "shift"), [(4095, 0), (4095, 4), (1023, 0)])
+def test_a_sensor_of_ten_or_twelve_bits_is_saturated_at_its_own_end(end, shift):
+    light, noise = spot_scene(peak=1.15 * end, width=12)
+    image = np.clip(light + noise.normal(size=light.shape) * 3, 0, end).astype(np.uint16) << shift
+    found = find_spot(image)
+    assert found.saturated == (image == end << shift).sum() > 50
+    bright = np.clip(40 * light, 0, end).astype(np.uint16) << shift
+    assert find_spot(bright).reason is Reason.SATURATED
+
+
+@pytest.mark.parametrize("cut", [-0.5, -0.3, 0.0])
+def test_a_spot_of_which_a_soft_edge_has_cut_one_side_off_is_refused(cut):
+    for seed in range(8):
+        light, noise = spot_scene(seed, width=5)
+        beyond = 0.8 * (np.arange(640)[None, :] - 300.3 - 5 * cut) + 0.6 * (np.arange(480)[:, None] - 200.7)
+        assert not find_spot(scenes.expose(8 + (light - 8) / (1 + np.exp(beyond / 1.5)), noise)), seed
+
+
 def test_a_dark_frame_of_another_size_is_refused():
     light, noise = spot_scene()
     with pytest.raises(BadValue, match="the dark picture has 320 x 240"):

@@ -28,6 +28,8 @@ _ODD, _EVEN, _ODD_DOUBT, _BOTH_DOUBT = (
     19.0,
 )  # chi² of the residual's modes of third, of fourth order, that noise seldom reaches
 _ONE_SIDED = 2.5  # shift by what dims one side, in widths for the amplitude of the third order; 6 / (w k)² of exp(-k x)
+_TWO_APART = 1.5  # widths between two spots that make the place ambiguous
+_CUT = 2.0  # widths; a ghost that is nearer explains as well a spot of which an edge has cut one side off
 _LONG, _TWO = 1.25, 0.1  # ratio of the axes, and amplitude of fourth order, of two spots that are seen as one
 _MASKED = 0.2  # light at most behind a fly
 
@@ -113,9 +115,11 @@ def _explain(
         good = _only_noise(double, bins)
         better = single.chi2 - double.chi2
         gross = single.chi2 > _GROSS * bins.x.size and double.chi2 < 0.7 * single.chi2
-        if ratio > GHOST and _apart(double) and (gross or (good and better > 2 * _BETTER)):
+        if ratio > GHOST and _apart(double, _TWO_APART) and (gross or (good and better > 2 * _BETTER)):
             return Reason.SPLIT
         if good and ratio < GHOST and better > _BETTER:
+            if not _apart(double, _CUT) and gaussian.modes(single, bins).odd_chi2 > _ODD:
+                return Reason.SHAPE
             return Located(part, double, bins, keep, 0.0, _DOUBT * (double.p[1:3] - single.p[1:3]), max(ratio, 0.0))
         if 0 < ratio < GHOST and double.chi2 < 0.7 * best.fit.chi2:
             best = Located(part, double, bins, keep, 0.0, none, ratio)
@@ -160,10 +164,10 @@ def _only_modes(found: gaussian.Fit, bins: gaussian.Bins) -> bool:
     return seen.odd_chi2 < _ODD and seen.even_chi2 < _EVEN
 
 
-def _apart(double: gaussian.Fit) -> bool:
-    """Whether the two spots are more than 1.5 standard deviations of a spot from each other."""
+def _apart(double: gaussian.Fit, widths: float) -> bool:
+    """Whether the two spots are more than so many standard deviations of a spot from each other."""
     way = double.p[10:12] - double.p[1:3]
-    return float(way @ double.shape @ way) > 1.5**2
+    return float(way @ double.shape @ way) > widths**2
 
 
 def _only_noise(found: gaussian.Fit, bins: gaussian.Bins) -> bool:

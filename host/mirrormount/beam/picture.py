@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
 GREY_OF_COLOUR = "the largest of the colour channels, so that a saturated channel stays visible"
 _LEAST = 32  # pixels of a side
+# of a sensor of 10, 12 or 14 bits in a picture of 16: its bits are the lower or the upper ones
+_ENDS = {(1 << bits) - 1 << shift for bits in (10, 12, 14) for shift in (0, 16 - bits)}
 _HOT = 8.0  # standard deviations above the dark picture's median
 
 
@@ -28,8 +30,11 @@ class Grey:
 
 def to_grey(image: NDArray[Any]) -> NDArray[Any]:
     """A picture of shape (rows, columns), of the same type. Colours: GREY_OF_COLOUR. Raises BadValue."""
-    if image.dtype not in (np.uint8, np.uint16):
-        raise BadValue(f"a picture has 8 or 16 bit without sign, not {image.dtype}")
+    if not isinstance(image, np.ndarray):
+        raise BadValue(f"a picture is an array of NumPy, not {type(image).__name__}")
+    if image.dtype.newbyteorder("=") not in (np.uint8, np.uint16):
+        raise BadValue(f"a picture has 8 or 16 bit without sign (numpy.uint8, numpy.uint16), not {image.dtype}")
+    image = image.astype(image.dtype.newbyteorder("="), copy=False)
     if image.ndim == 3 and image.shape[2] in (3, 4):
         image = cv2.max(cv2.max(image[:, :, 0], image[:, :, 1]), image[:, :, 2])
     elif image.ndim == 3 and image.shape[2] == 1:
@@ -43,9 +48,11 @@ def to_grey(image: NDArray[Any]) -> NDArray[Any]:
 
 def grey(frame: "Frame | NDArray[Any]") -> Grey:
     """A frame or an array as a grey picture. Raises BadValue."""
-    image = to_grey(frame if isinstance(frame, np.ndarray) else frame.image)
+    array: Any = getattr(frame, "image", frame)
+    image = to_grey(array)
     low, high, _, _ = cv2.minMaxLoc(image)
-    return Grey(image, image >= np.iinfo(image.dtype).max, low == high)
+    end = high if image.dtype == np.uint16 and high in _ENDS else np.iinfo(image.dtype).max
+    return Grey(image, image >= end, low == high)
 
 
 @dataclass(frozen=True, slots=True)
