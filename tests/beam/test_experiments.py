@@ -8,7 +8,7 @@ import pytest
 from drivetrain_rig import DRIFT_PX, STEP_US, DrivetrainRig, true_pulse_px
 
 from mirrormount.beam.estimate import Estimate, combined, mean, student
-from mirrormount.beam.experiments import backlash, pulses, square, steps, waiting
+from mirrormount.beam.experiments import backlash, pulses, square, step_size, steps, waiting
 from mirrormount.beam.result import Result
 from mirrormount.common.beam_errors import NotMeasurable
 from mirrormount.virtual.drivetrain import GAP_REV
@@ -99,6 +99,34 @@ def test_the_pulse_curve_has_right_error_bars(name):
     for ms in (12, 35, 100):
         truth = true_pulse_px(profile, ms * 1000)
         assert within(truth, [result.estimates[f"x.positive.pulse_{ms}ms"] for result in every]) >= 0.92, ms
+
+
+@pytest.mark.parametrize(("name", "factor"), [("smooth", 0.2), ("rough", 0.6), ("rough", 1.5)])
+def test_the_pulse_for_a_step_of_a_wanted_size_makes_it(name, factor):
+    inside = []
+    for seed in range(30):
+        rig, result = DrivetrainRig(PROFILES[name], seed), Result("steps")
+        steps.run(rig, result, quietly)
+        now_px = (result.estimates["x.positive.step"].value + result.estimates["x.negative.step"].value) / 2
+        step_size.run(rig, result, quietly, {"x": factor * now_px})
+        us = round(result.estimates["x.wanted.pulse"].value)
+        both = []
+        for way, sign in (("positive", 1), ("negative", -1)):
+            found, truth = result.estimates[f"x.wanted.{way}.step"], true_pulse_px(PROFILES[name], sign * us, 500)
+            inside.append(abs(found.value - truth) < 2 * found.error)
+            both.append(truth)
+        assert np.mean(both) == pytest.approx(factor * now_px, rel=0.08)
+    assert np.mean(inside) >= 0.87  # 95 %, less three standard errors of 60
+
+
+@pytest.mark.parametrize(
+    ("size", "says"), [(100.0, "would need a pulse of"), (1e-4, "would need a pulse of|for certain")]
+)
+def test_a_step_that_no_pulse_makes_is_told(size, says):
+    rig, result = DrivetrainRig(SMOOTH, 1), Result("steps")
+    steps.run(rig, result, quietly)
+    with pytest.raises(NotMeasurable, match=says):
+        step_size.run(rig, result, quietly, {"x": size})
 
 
 def test_a_square_without_take_up_does_not_close_by_what_the_gap_takes():

@@ -168,6 +168,11 @@ def mount_of(table):
         (("steps", *SEED, "--minutes", "5"), "--minutes is of the experiment drift"),
         (("drift", *SEED, "--apply"), "--apply is of the experiments steps, backlash, pulses"),
         (("steps", *SEED, "--camera", "3"), "cameras 1 and 2"),
+        (("steps", *SEED, "--step", "0", "px"), "--step is more than 0"),
+        (("steps", *SEED, "--step", "1", "inch"), "the unit of --step is px, mm"),
+        (("steps", *SEED, "--step", "many", "px"), "--step is a number"),
+        (("square", *SEED, "--step", "1", "px"), "--step is of the experiment steps"),
+        (("steps", *SEED, "--mm-per-px", "0.05", "--step", "250", "urad"), "--step in urad needs a scale"),
         (("steps", *SEED, "--axes", "x,z"), "z"),
         (("steps", *SEED, "--distance", "100"), "--distance needs --mm-per-px"),
         (("steps", *SEED, "--mm-per-px", "-1"), "more than 0"),
@@ -247,3 +252,47 @@ def test_a_step_that_is_shorter_than_a_sure_pulse_is_offered_to_be_longer(sure_m
     monkeypatch.setattr(measure_work.pulses, "run", at_once)
     assert main.main(["measure", "pulses", *SEED, "--axes", "x", "--apply"]) == 0
     assert says in capsys.readouterr().out
+
+
+@pytest.fixture
+def asked_for(monkeypatch):
+    """The experiments that find a step of a wanted size, at once; the sizes that are asked for."""
+    seen = []
+
+    def steps(rig, result, _tell):
+        rig.look()
+        for way in ("positive", "negative"):
+            result.estimates[f"x.{way}.step"] = Estimate(3.4, 0.02, "px")
+
+    def of_size(_rig, result, _tell, wanted_px):
+        seen.append(wanted_px)
+        result.estimates["x.wanted.pulse"] = Estimate(231_000.0, 900.0, "us")
+        for way in ("positive", "negative"):
+            result.estimates[f"x.wanted.{way}.step"] = Estimate(4.0, 0.02, "px")
+
+    monkeypatch.setattr(measure_work.steps, "run", steps)
+    monkeypatch.setattr(measure_work.step_size, "run", of_size)
+    return seen
+
+
+def test_a_step_of_a_wanted_size_is_offered_with_its_scale_and_saved_when_asked_for(asked_for, tables, capsys):
+    assert main.main(["measure", "steps", *SEED, "--axes", "x", "--step", "250", "urad", "--apply"]) == 0
+    out = capsys.readouterr().out
+    # the camera: 0.05 mm a pixel at 400 mm; the beam turns twice as far as the mirror
+    assert asked_for == [{"x": pytest.approx(250e-6 * 2 * 400 / 0.05, rel=1e-3)}]
+    assert "x.pulse_us: 200000 → 231000" in out and "x, positive: not known → 0.25 mrad a step" in out
+    assert "The step is saved on the board." in out
+    scale = calibration.read(_board_id(), 2)
+    assert scale is not None and (scale.positive, scale.step.pulse_us) == (0.25, 231_000)
+
+
+def test_a_step_in_pixels_needs_no_scale_and_is_told_how_to_be_saved(asked_for, tables, capsys):
+    assert main.main(["measure", "steps", *SEED, "--axes", "x", "--mm-per-px", "0.05", "--step", "4", "px"]) == 0
+    assert asked_for == [{"x": 4.0}]
+    assert "to use it: mirrormount config set x.pulse_us 231000 --save" in capsys.readouterr().out
+
+
+def test_steps_say_how_a_step_of_another_size_is_found(asked_for, tables, capsys):
+    assert main.main(["measure", "steps", *SEED, "--axes", "x"]) == 0
+    assert "for steps of another size: --step SIZE UNIT" in capsys.readouterr().out
+    assert not asked_for

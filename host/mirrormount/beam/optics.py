@@ -1,5 +1,6 @@
 """Estimates in pixels as lengths, angles of the beam and angles of the mirror, where a camera has a scale."""
 
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 
 from mirrormount.beam.estimate import Estimate
@@ -33,6 +34,12 @@ class Optics:
             return None
         return _estimate(self.scale.mirror_mrad(_measured(px), in_plane=axis == "x"), 1000.0, "urad", px)
 
+    def per_px(self, unit: str, axis: str) -> float | None:
+        """How much of a unit of OF_PX one pixel is; None: the scale is not known."""
+        convert, of_unit = OF_PX[unit]
+        one = convert(self, Estimate(1.0, 0.0, "px"), axis)
+        return one.value * of_unit if one else None
+
     def shown(self, px: Estimate) -> Estimate:
         """In the best unit that is known: urad of the beam, else mm, else px."""
         return self.beam_urad(px) or self.mm(px) or px
@@ -40,6 +47,17 @@ class Optics:
     def to_json(self) -> dict[str, float | None] | None:
         """What is known."""
         return asdict(self.scale) if self.scale else None
+
+
+# units of lengths in the picture and of angles (as in common/units.py), with what of Optics has how much of them
+OF_PX: Mapping[str, tuple[Callable[[Optics, Estimate, str], Estimate | None], float]] = {
+    "px": (lambda _optics, px, _axis: px, 1.0),
+    "mm": (lambda optics, px, _axis: optics.mm(px), 1.0),
+    "urad": (lambda optics, px, axis: optics.mirror_urad(px, axis), 1.0),
+    "mrad": (lambda optics, px, axis: optics.mirror_urad(px, axis), 1e-3),
+    "beam-urad": (lambda optics, px, _axis: optics.beam_urad(px), 1.0),
+    "beam-mrad": (lambda optics, px, _axis: optics.beam_urad(px), 1e-3),
+}
 
 
 def _measured(px: Estimate) -> Measured:

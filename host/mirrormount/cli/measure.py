@@ -28,9 +28,17 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--distance-error", metavar="MM", help="its standard error (0)")
     parser.add_argument("--incidence", default="45", metavar="DEGREES", help="between beam and mirror's normal (45)")
     parser.add_argument("--minutes", metavar="M", help="drift: how long (60)")
+    parser.add_argument(
+        "--step",
+        nargs=2,
+        metavar=("SIZE", "UNIT"),
+        help="steps: find the pulse for a step of this size: px, mm, urad, mrad (of the mirror), beam-urad, beam-mrad",
+    )
     parser.add_argument("--report", type=Path, metavar="FILE", help="the page (default: measure-EXPERIMENT.html)")
     parser.add_argument("--json", type=Path, metavar="FILE", help="all numbers (default: beside the page)")
-    parser.add_argument("--apply", action="store_true", help="save what was measured: scales, or take-up on the board")
+    parser.add_argument(
+        "--apply", action="store_true", help="save what was measured: scales, or take-up or step on the board"
+    )
 
 
 def run(args: argparse.Namespace) -> None:

@@ -3,7 +3,7 @@
 import re
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from mirrormount.beam.optics import Optics
 from mirrormount.beam.result import Result
@@ -28,7 +28,7 @@ class Offer:
 
 def use(apply: bool, mount: Mount, axes: Sequence[str], result: Result, optics: Optics) -> None:
     """Offer what follows from the result: save it if `apply`, ask on a terminal, else say how. Raises MountError."""
-    make = {"steps": _scales, "backlash": _take_up, "pulses": _step}.get(result.experiment)
+    make = {"steps": _steps, "backlash": _take_up, "pulses": _step}.get(result.experiment)
     offer = make(mount, axes, result, optics) if make else None
     if offer is None:
         return
@@ -101,6 +101,25 @@ def _settings(mount: Mount, after: dict[str, dict[str, int]], name: str, done: s
     )
 
 
+def _steps(mount: Mount, axes: Sequence[str], result: Result, optics: Optics) -> Offer | None:
+    """The scales; and the pulses for steps of another size, if they were asked for, with their scales."""
+    scales = _scales(mount, axes, result, optics)
+    found = {axis: result.estimates.get(f"{axis}.wanted.pulse") for axis in axes}
+    after = {axis: {"pulse_us": round(pulse.value)} for axis, pulse in found.items() if pulse}
+    if not after:
+        print("for steps of another size: --step SIZE UNIT, such as --step 250 urad")
+        return scales
+    pulses = _settings(mount, after, "pulse_us", "The step is saved on the board.")
+    note = "positions and limits count steps of the old size: home or zero the axis, and set its limits again"
+    if scales is None:
+        return Offer([*pulses.changes, note], pulses.save, pulses.later)
+    return Offer(
+        [*pulses.changes, *scales.changes, note],
+        lambda: f"{pulses.save()}\n{scales.save()}",
+        f"{pulses.later}\nthe scales with it: the same with --apply",
+    )
+
+
 def _scales(mount: Mount, axes: Sequence[str], result: Result, optics: Optics) -> Offer | None:
     found = {axis: scale for axis in axes if (scale := _scale(mount, axis, result, optics))}
     if not found:
@@ -126,10 +145,13 @@ def _scale(mount: Mount, axis: str, result: Result, optics: Optics) -> calibrati
     """The scale of an axis, if the camera's is known and the axis turns the mirror."""
     if axis not in ("x", "y") or optics.scale is None:
         return None
-    ways = [optics.mirror_urad(result.estimates[f"{axis}.{way}.step"], axis) for way in ("positive", "negative")]
+    step = calibration.Step(*mount.axis(axis).ask_whole("XP?", "XD?", "XI?"))
+    name = axis
+    if pulse := result.estimates.get(f"{axis}.wanted.pulse"):
+        step, name = replace(step, pulse_us=round(pulse.value)), f"{axis}.wanted"
+    ways = [optics.mirror_urad(result.estimates[f"{name}.{way}.step"], axis) for way in ("positive", "negative")]
     if ways[0] is None or ways[1] is None:
         return None
     positive, negative = (float(f"{way.value * 1e-3:.4g}") for way in ways if way)
-    step = calibration.Step(*mount.axis(axis).ask_whole("XP?", "XD?", "XI?"))
     factor = beam_per_mirror(axis, optics.scale.incidence_deg)
     return calibration.Scale(positive, negative, step, float(f"{factor:.4g}"), optics.distance_mm)

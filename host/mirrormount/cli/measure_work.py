@@ -13,10 +13,10 @@ from pathlib import Path
 
 from mirrormount.beam import scale as camera_scale
 from mirrormount.beam.camera import Camera
-from mirrormount.beam.experiments import backlash, pulses, square, steps, waiting
+from mirrormount.beam.experiments import backlash, pulses, square, step_size, steps, waiting
 from mirrormount.beam.observer import Observer
 from mirrormount.beam.open_camera import open_camera
-from mirrormount.beam.optics import Optics
+from mirrormount.beam.optics import OF_PX, Optics
 from mirrormount.beam.report import Origin, write_json, write_page
 from mirrormount.beam.result import Result, Tell
 from mirrormount.beam.rig import MountRig, Rig, borrowed
@@ -37,6 +37,7 @@ _NEAR_MM, _FAR_MM = 400.0, 1600.0  # of the virtual table's cameras from the las
 def measure(args: argparse.Namespace) -> None:
     """Run one experiment. Raises MountError."""
     work = _experiment(args)
+    wanted = _wanted(args)
     page: Path = args.report or Path(f"measure-{args.experiment}.html")
     numbers: Path = args.json or page.with_suffix(".json")
     if numbers == page:
@@ -47,6 +48,8 @@ def measure(args: argparse.Namespace) -> None:
         raise BadValue(f"--apply is of the experiments {', '.join(OF_USE)}")
     with _opened(args) as (mount, camera, optics):
         axes = _axes(args.axes, mount)
+        if wanted:
+            work = partial(_steps_of_size, wanted_px=_in_px(*wanted, axes, optics))
         result = Result(args.experiment)
         began = datetime.now().astimezone()
         observer = Observer(camera)
@@ -85,6 +88,40 @@ def _experiment(args: argparse.Namespace) -> Callable[[Rig, Result, Tell], None]
         "drift": partial(waiting.drift, seconds=minutes * 60),
         "settle": waiting.settle,
     }[args.experiment]
+
+
+def _wanted(args: argparse.Namespace) -> tuple[float, str] | None:
+    """The size of a step that is asked for, and its unit."""
+    if args.step is None:
+        return None
+    size, unit = number(args.step[0], "--step"), args.step[1]
+    if args.experiment != "steps":
+        raise BadValue("--step is of the experiment steps")
+    if size <= 0:
+        raise BadValue("--step is more than 0")
+    if unit not in OF_PX:
+        raise BadValue(f"the unit of --step is {', '.join(OF_PX)}, not {unit!r}")
+    return size, unit
+
+
+def _in_px(size: float, unit: str, axes: tuple[str, ...], optics: Optics) -> dict[str, float]:
+    """The wanted size for each axis. Raises NotCalibrated."""
+    found = {axis: optics.per_px(unit, axis) for axis in axes}
+    return {axis: size / _known(of_px, unit) for axis, of_px in found.items()}
+
+
+def _known(of_px: float | None, unit: str) -> float:
+    if of_px is None:
+        raise NotCalibrated(
+            f"--step in {unit} needs a scale: --mm-per-px and --distance, or `mirrormount camera scale`"
+        )
+    return of_px
+
+
+def _steps_of_size(rig: Rig, result: Result, tell: Tell, wanted_px: dict[str, float]) -> None:
+    """Measure the steps as they are, then find the pulse for the wanted ones."""
+    steps.run(rig, result, lambda done, phase: tell(done / 2, phase))
+    step_size.run(rig, result, lambda done, phase: tell((1 + done) / 2, phase), wanted_px)
 
 
 @contextlib.contextmanager
