@@ -61,6 +61,11 @@ def test_the_links_are_of_the_family_that_is_listened_to(served):
     assert all(link.startswith("http://[") for link in served[0][1])
 
 
+def test_an_encoder_is_of_the_virtual_board(served):
+    assert main.main(["panel", "--virtual", "--encoder", "shaft", "--http", "0"]) == 0
+    assert served[0][0] == "virtual://?encoder=shaft"
+
+
 def test_a_port_that_is_named_is_taken(served):
     assert main.main(["panel", "/dev/ttyACM7", "--http", "0"]) == 0
     assert served[0][0] == "/dev/ttyACM7"
@@ -70,6 +75,7 @@ def test_a_port_that_is_named_is_taken(served):
     ("arguments", "told"),
     [
         (["/dev/ttyACM0", "--virtual"], "leave the port out"),
+        (["/dev/ttyACM0", "--encoder", "motor"], "--encoder: of a virtual board; add --virtual"),
         (["--virtual", "--http", "http"], "--http is a port number"),
         (["--virtual", "--http", "65536"], "--http is a port number"),
         (["--virtual", "--patience", "5"], "--patience is 0.1 to 2 seconds"),

@@ -34,8 +34,8 @@ def test_the_third_axis_steps_runs_goes_home_and_has_its_settings(page):
     wait_for(lambda: float(position(page, 2)) > 1.1, "a run")
     page.mouse.up()
     page.get_by_text("last move: aborted (the button was let go)").wait_for()
-    page.get_by_label("Target of axis3, in steps").fill("-1")
-    page.get_by_label("Target of axis3, in steps").press("Enter")
+    page.get_by_label("Target of axis3").fill("-1")
+    page.get_by_label("Target of axis3").press("Enter")
     wait_for(lambda: float(position(page, 2).replace("−", "-")) < 0, "the way to its target")
     assert [position(page, number) for number in (0, 1)] == ["+0.000", "+0.000"]
     page.get_by_text("Wiring, pulse and speed, take-up, limits").click()

@@ -3,7 +3,7 @@
 import pytest
 
 from mirrormount.common.errors import BadValue
-from mirrormount.supervise.requests import Drive, GoTo, Home, Press, Steps, Zero, parse
+from mirrormount.supervise.requests import Drive, GoTo, Home, MoveBy, MoveTo, Press, Steps, Zero, parse
 
 PRESS = {"do": "press", "x": 1, "y": 0, "speed": "128"}
 
@@ -16,6 +16,11 @@ PRESS = {"do": "press", "x": 1, "y": 0, "speed": "128"}
         ({"do": "steps", "axis": "y", "way": 1, "n": "+3"}, Steps("y", 3)),
         ({"do": "goto", "axis": "x", "to": "0"}, GoTo("x", 0)),
         ({"do": "goto", "axis": "x", "to": "\N{MINUS SIGN}3"}, GoTo("x", -3)),
+        ({"do": "steps", "axis": "x", "way": -1, "n": "1.5"}, MoveBy("x", -1.5, "steps")),
+        ({"do": "steps", "axis": "x", "way": 1, "n": "3", "unit": "mm"}, MoveBy("x", 3, "mm")),
+        ({"do": "steps", "axis": "x", "way": 1, "n": "3.0", "unit": "steps"}, Steps("x", 3)),
+        ({"do": "goto", "axis": "x", "to": "-.25", "unit": "beam-mrad"}, MoveTo("x", -0.25, "beam-mrad")),
+        ({"do": "goto", "axis": "x", "to": "2."}, GoTo("x", 2)),
         ({"do": "home", "axis": "x"}, Home("x")),
         ({"do": "zero", "axis": "y"}, Zero("y")),
         (PRESS, Press({"x": 1}, 128)),
@@ -39,7 +44,13 @@ def test_a_request_is_understood(message, request_):
         {"do": "steps", "axis": "x", "way": 1, "n": "1000001"},
         {"do": "steps", "axis": "x", "way": 1, "n": "1_000"},
         {"do": "steps", "axis": "x", "way": 1, "n": None},
-        {"do": "steps", "axis": "x", "way": 1, "n": 1.5},
+        {"do": "steps", "axis": "x", "way": 1, "n": "1,5"},
+        {"do": "steps", "axis": "x", "way": 1, "n": "1e3"},
+        {"do": "steps", "axis": "x", "way": 1, "n": "nan"},
+        {"do": "steps", "axis": "x", "way": 1, "n": "0.0", "unit": "mm"},
+        {"do": "steps", "axis": "x", "way": 1, "n": "."},
+        {"do": "steps", "axis": "x", "way": 1, "n": "1", "unit": "inch"},
+        {"do": "goto", "axis": "x", "to": "1", "unit": ["mm"]},
         {"do": "steps", "axis": "x", "way": 1, "n": True},
         {"do": "steps", "axis": "x", "way": -1, "n": "-3"},
         {"do": "steps", "axis": "x", "way": 0, "n": "3"},

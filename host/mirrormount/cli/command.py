@@ -94,12 +94,13 @@ def virtual_address(args: argparse.Namespace, scheme: str = "virtual", **options
     """The address that virtual_options' arguments name, with further options of the address. None without --virtual.
 
     scheme: virtual, or virtual-table.
-    Raises BadValue for a profile or a seed of a real board.
+    Raises BadValue for a profile, a seed or an encoder of a real board.
     """
-    options |= {name: value for name in ("profile", "seed") if (value := getattr(args, name)) is not None}
+    given = {name: value for name in ("profile", "seed", "encoder") if (value := getattr(args, name, None)) is not None}
+    options |= given
     if not args.virtual:
-        if args.profile is not None or args.seed is not None:
-            raise BadValue("--profile and --seed are of a virtual board: add --virtual")
+        if given:
+            raise BadValue(f"--{' and --'.join(given)}: of a virtual board; add --virtual")
         return None
     return f"{scheme}://" + ("?" + urlencode(options) if options else "")
 

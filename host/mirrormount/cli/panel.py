@@ -9,6 +9,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     """Which board, where to listen, and the token."""
     board_port(parser)
     virtual_options(parser, "a virtual board, with its screen; no hardware needed")
+    parser.add_argument("--encoder", choices=("motor", "shaft"), help="virtual: an encoder on each motor, or behind it")
     web_options(parser)
     parser.add_argument(
         "--patience", default="0.35", metavar="S", help="stop what a page drives when it is silent for so long (0.35)"

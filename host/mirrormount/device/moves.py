@@ -72,9 +72,7 @@ class Moves(AxisProperties):
             return target
         wanted = real_number(steps, 1_000_000, "position")
         stops = self._session.gate.last_stop()
-        (pulse_us,) = self.ask_whole("XP?")
-        left = round(wanted * 1000) - round(self.position * 1000)  # thousandths of a step
-        n, part_us = _split(left / 1000, pulse_us)
+        n, part_us = self.parts_to(wanted)
         with self._session.stopped_by_interrupt():
             if isinstance(wanted, int) and not part_us:
                 self._move("PA", wanted, n, wait, feed, progress, stops)
@@ -97,19 +95,44 @@ class Moves(AxisProperties):
             self.step(whole_number(amount, 1_000_000, "steps"), wait=wait, progress=progress)
             return amount
         stops = self._session.gate.last_stop()
-        pulse_us, duty, inverted = self.ask_whole("XP?", "XD?", "XI?")
-        per_step = 1.0 if unit == units.STEPS else self._per_step(unit, amount, (pulse_us, duty, inverted))
-        steps = real_number(amount / per_step, 1_000_000, f"{amount:g} {unit} in steps")
-        n, part_us = _split(steps, pulse_us) if wait else (round(steps), 0)
-        if not (n or part_us) and amount:
-            least = per_step * (_SHORTEST_US / pulse_us if wait else 0.5)
-            raise BadValue(f"{amount:g} {unit} is less than the least that can be moved, {least:.3g} {unit}")
+        n, part_us, worth = self.parts_of(amount, unit, whole=not wait)
         if wait:
             with self._session.stopped_by_interrupt():
                 self._by(n, part_us, True, progress, stops)
         else:
             self._move("PR", n, n, wait, True, None, stops)
-        return (n + part_us / pulse_us) * per_step
+        return worth
+
+    def parts_of(self, amount: float, unit: str = units.STEPS, *, whole: bool = False) -> tuple[int, int, float]:
+        """How move_by() moves an amount: whole steps, the length of a pulse after them (us), what both are worth.
+
+        whole: in whole steps, the nearest. Raises BadValue, NotCalibrated, BadFile, ConnectionLost, NoAnswer.
+        """
+        amount = real_number(amount, _MOST_AMOUNT, f"an amount in {units.check(unit)}")
+        pulse_us, duty, inverted = self.ask_whole("XP?", "XD?", "XI?")
+        per_step = 1.0 if unit == units.STEPS else self._per_step(unit, amount, (pulse_us, duty, inverted))
+        steps = real_number(amount / per_step, 1_000_000, f"{amount:g} {unit} in steps")
+        n, part_us = (round(steps), 0) if whole else _split(steps, pulse_us)
+        if not (n or part_us) and amount:
+            least = per_step * (0.5 if whole else _SHORTEST_US / pulse_us)
+            raise BadValue(f"{amount:g} {unit} is less than the least that can be moved, {least:.3g} {unit}")
+        return n, part_us, (n + part_us / pulse_us) * per_step
+
+    def parts_to(self, steps: float) -> tuple[int, int]:
+        """How move_to() moves from the present position: whole steps, and the length of a pulse after them (us)."""
+        (pulse_us,) = self.ask_whole("XP?")
+        left = round(steps * 1000) - round(self.position * 1000)  # thousandths of a step
+        return _split(left / 1000, pulse_us)
+
+    def per_step(self, unit: str) -> float:
+        """How much of a unit one step is, the mean of both directions: the scale of positions.
+
+        Raises BadValue, NotCalibrated, BadFile, ConnectionLost, NoAnswer.
+        """
+        if units.check(unit) == units.STEPS:
+            return 1.0
+        pulse_us, duty, inverted = self.ask_whole("XP?", "XD?", "XI?")
+        return sum(self._per_step(unit, way, (pulse_us, duty, inverted)) for way in (1, -1)) / 2
 
     def ask(self, *queries: str) -> list[str]:
         """The answers to queries of this axis: axis.ask("XP?", "VA?"). Raises BoardError, NotAMount."""

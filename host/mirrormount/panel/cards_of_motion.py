@@ -1,12 +1,13 @@
 """Cards that drive: press and hold, numbers of steps, typed speeds. static/panel.js sends their requests."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from nicegui import ui
 
 from mirrormount.supervise.presses import HOLD_S, MOST
 from mirrormount.supervise.requests import COARSE_STEPS, FINE_STEPS, FULL
+from mirrormount.supervise.scales import AxisScale
 from mirrormount.supervise.worker import Worker
 
 _PAD = (  # place in the pad, directions of the axes, arrow, name
@@ -22,6 +23,15 @@ _PAD = (  # place in the pad, directions of the axes, arrow, name
 _PAD_AXES = ("x", "y")  # further axes have a row of buttons each
 _STEP_WORDS = {"x": ("◀ left", "right ▶"), "y": ("▼ down", "up ▲")}
 SLOW = 80  # of 255, where the slider starts: a third of full speed
+
+UNITS = {  # of units.UNITS, as a person reads them
+    "steps": "steps",
+    "urad": "µrad of the mirror",
+    "mrad": "mrad of the mirror",
+    "beam-urad": "µrad of the beam",
+    "beam-mrad": "mrad of the beam",
+    "mm": "mm on the screen",
+}
 
 _SLIDER = (
     f'<input type="range" name="speed" min="1" max="{FULL}" value="{SLOW}" aria-label="Speed">'
@@ -73,17 +83,18 @@ def _press(place: str, press: str, arrow: str, name: str, *, shows_word: bool = 
 
 
 def by_numbers(worker: Worker) -> Callable[[], None]:
-    """Two cards: steps by a number, and speeds of x and y. Shows what a step is where a scale was measured."""
+    """Two cards: amounts to move by, and speeds of x and y. Shows what a step is where a scale was measured."""
     with card("Fine steps"):
         with ui.element("div").classes("line"):
-            ui.label("Steps").classes("name")
-            number("steps", "1", "Number of steps", keyboard="numeric")
+            ui.label("Move by").classes("name")
+            number("steps", "1", "Number of steps, or of another unit", keyboard="decimal")
+            refresh_units = unit_choice(worker, "steps_unit", "Unit of fine steps", worker.state.axes)
         with ui.element("div").classes("fine"):
             for axis in worker.state.axes:
                 for way, word in zip(
                     (-1, 1), _STEP_WORDS.get(axis) or (f"− {axis_title(axis)}", f"{axis_title(axis)} +"), strict=True
                 ):
-                    send(word, {"do": "steps", "axis": axis, "way": way}, "n:steps").props("outline")
+                    send(word, {"do": "steps", "axis": axis, "way": way}, "n:steps unit:steps_unit").props("outline")
         sizes = ui.label().classes("hint")
     with card("Speeds of both axes" if len(worker.state.axes) == 2 else "Speeds of X and Y"):
         with ui.element("div").classes("line speeds"):
@@ -99,6 +110,7 @@ def by_numbers(worker: Worker) -> Callable[[], None]:
 
     def refresh() -> None:
         sizes.set_text(worker.state.step_text())
+        refresh_units()
 
     return refresh
 
@@ -111,8 +123,40 @@ def card(title: str) -> ui.element:
     return box
 
 
+def unit_choice(worker: Worker, name: str, label: str, axes: Sequence[str]) -> Callable[[], None]:
+    """A choice of units for a number beside it. Those without a scale for any of these axes cannot be chosen."""
+    with ui.element("select").classes("unit-choice").props(f'name={name} aria-label="{label}"'):
+        options = {
+            unit: ui.html(words, sanitize=False, tag="option").props(f"value={unit}") for unit, words in UNITS.items()
+        }
+    known = set(UNITS)
+
+    def refresh() -> None:
+        scales = [worker.state.scales.get(axis) for axis in axes]
+        for unit, option in options.items():
+            if (unit in known) == any(_is_known(unit, scale) for scale in scales):
+                continue
+            known.symmetric_difference_update({unit})
+            option.props("", remove="disabled") if unit in known else option.props("disabled")
+
+    refresh()
+    return refresh
+
+
+def _is_known(unit: str, scale: AxisScale | None) -> bool:
+    match unit:
+        case "steps":
+            return True
+        case "mrad" | "urad":
+            return scale is not None
+        case "mm":
+            return scale is not None and scale.screen_mm is not None
+        case _:
+            return scale is not None and scale.beam_mrad is not None
+
+
 def number(name: str, value: str, label: str, keyboard: str = "text") -> ui.input:
-    """A text field for a whole number; it is checked when it is sent, and never rounded or clamped.
+    """A text field for a number; it is checked when it is sent, and never rounded or clamped.
 
     keyboard: a phone's; "numeric" has no minus on some.
     """

@@ -9,7 +9,7 @@ from nicegui import ui
 from mirrormount.common.errors import REASONS
 from mirrormount.common.remedies import remedy_of
 from mirrormount.device.status import AxisStatus
-from mirrormount.panel.cards_of_motion import axis_title, card, number, send
+from mirrormount.panel.cards_of_motion import axis_title, card, number, send, unit_choice
 from mirrormount.panel.pages import Page
 from mirrormount.panel.run_on_mount import warn
 from mirrormount.supervise.notices import Notice
@@ -53,12 +53,15 @@ def axis(worker: Worker, name: str) -> Refresh:
             switches = [(bit, _Lamp(word)) for bit, word in _SWITCHES]
         reason = ui.label().classes("hint reason").props("role=status")
         with ui.element("div").classes("line"):
-            number(f"target_{name}", "0", f"Target of {name}, in steps").classes("grow")
-            send("Go to", {"do": "goto", "axis": name}, f"to:target_{name}", enter=f"target_{name}")
+            number(f"target_{name}", "0", f"Target of {name}").classes("grow")
+            refresh_units = unit_choice(worker, f"unit_{name}", f"Unit for {name}", [name])
+            fields = f"to:target_{name} unit:unit_{name}"
+            send("Go to", {"do": "goto", "axis": name}, fields, enter=f"target_{name}")
             send("Home", {"do": "home", "axis": name}).props("flat")
             send("Zero", {"do": "zero", "axis": name}).props("flat")
 
     def refresh() -> None:
+        refresh_units()
         state = worker.state
         known = state.is_known
         box.classes(toggle=None, add="" if known else "stale", remove="stale" if known else "")
@@ -73,7 +76,9 @@ def axis(worker: Worker, name: str) -> Refresh:
             certain.show("unknown", "not known now")
             reason.set_text("" if status is None else f"not known since {state.seen_at}: the number is the last one")
             return
-        target.set_text("" if wanted is None or not status.moving else f"on the way to {wanted:+d}".replace("-", "−"))
+        target.set_text(
+            "" if wanted is None or not status.moving else f"on the way to {wanted:+.10g}".replace("-", "−")
+        )
         moving.show("on" if status.moving else "")
         word, why = _CERTAINTY[status.certainty]
         certain.show({"unknown": "", "estimated": "warn"}.get(status.certainty, "on"), word, why)

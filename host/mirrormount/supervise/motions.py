@@ -4,13 +4,26 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, InvalidStateError
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from mirrormount.common.errors import MountError, MoveEnded
+from mirrormount.common.validation import real_number
 from mirrormount.device.mount import Mount
 from mirrormount.device.status import Ended, QueuedError, Status
 from mirrormount.supervise.lease import Client
-from mirrormount.supervise.requests import Drive, GoTo, Home, Jog, Pulse, Request, Steps, Zero
+from mirrormount.supervise.requests import (
+    MOST_STEPS,
+    Drive,
+    GoTo,
+    Home,
+    Jog,
+    MoveBy,
+    MoveTo,
+    Pulse,
+    Request,
+    Steps,
+    Zero,
+)
 from mountfw import codes as wire
 
 _WHOLE = (wire.DONE,)
@@ -74,13 +87,17 @@ class Motion:
 
 @dataclass(eq=False)
 class Asked:
-    """A request that waits. stops: how many stops had been requested by then. motion: its outcome is awaited."""
+    """A request that waits. stops: how many stops had been requested by then. motion: its outcome is awaited.
+
+    rest: what is begun when the request is done, for the part of a step.
+    """
 
     client: Client
     request: Request
     stops: int
     at_s: float
     motion: Motion | None = None
+    rest: Pulse | None = None
 
     def refuse(self, why: MountError) -> None:
         """Tell the client that it is not carried out."""
@@ -97,34 +114,49 @@ class Asked:
 
 
 class Motions:
-    """The awaited motions that were begun, at most one an axis. For the worker's thread."""
+    """The motions that were begun and are awaited, or have a rest; at most one an axis. For the worker's thread.
 
-    def __init__(self) -> None:
-        self._begun: dict[str, Motion] = {}
+    begin_rest(asked): called with the rest of a request when its first part was done, with the time by the clock.
+    """
+
+    def __init__(self, clock: Callable[[], float], begin_rest: Callable[[Asked], object]) -> None:
+        self._begun: dict[str, Asked] = {}
+        self._clock = clock
+        self._begin_rest = begin_rest
 
     def begin(self, asked: Asked) -> None:
         """This request was begun: it supersedes a motion of the same axis."""
         axis = getattr(asked.request, "axis", None)
         for name in [name for name in self._begun if axis in (None, name)]:
-            self._begun.pop(name).end(Ended(wire.SUPERSEDED, 0, 0.0))
-        if asked.motion:
-            self._begun[asked.motion.axis] = asked.motion
+            _end(self._begun.pop(name), Ended(wire.SUPERSEDED, 0, 0.0))
+        if axis and (asked.motion or asked.rest):
+            self._begun[axis] = asked
 
     def poll(self, mount: Mount, status: Status, errors: Sequence[QueuedError]) -> None:
         """End those whose axes are at rest. Raises ConnectionLost, NoAnswer."""
         for axis in [axis for axis in self._begun if not status.by_name[axis].moving]:
-            ended = mount.axis(axis).last_move()
-            self._begun.pop(axis).end(ended, errors)
+            ended, asked = mount.axis(axis).last_move(), self._begun.pop(axis)
+            if asked.rest and ended.reason == wire.DONE:
+                self._begin_rest(replace(asked, request=asked.rest, rest=None, at_s=self._clock()))
+            else:
+                _end(asked, ended, errors)
 
     def fail(self, why: MountError) -> None:
         """The board has gone: nothing is known of their ends."""
         while self._begun:
-            self._begun.popitem()[1].fail(why)
+            motion = self._begun.popitem()[1].motion
+            if motion:
+                motion.fail(why)
 
 
-def start(mount: Mount, request: Request, targets: dict[str, int | None]) -> None:
-    """Start a motion and note the targets of its axes. Raises MountError."""
-    match request:
+def _end(asked: Asked, ended: Ended, errors: Sequence[QueuedError] = ()) -> None:
+    if asked.motion:
+        asked.motion.end(ended, errors)
+
+
+def start(mount: Mount, asked: Asked, targets: dict[str, float | None]) -> None:
+    """Start a motion, and note its rest and the targets of its axes. Raises MountError."""
+    match asked.request:
         case Steps(axis, n):
             targets[axis] = None
             mount.axis(axis).step(n, wait=False, feed=False)
@@ -134,6 +166,15 @@ def start(mount: Mount, request: Request, targets: dict[str, int | None]) -> Non
         case GoTo(axis, position):
             mount.axis(axis).move_to(position, wait=False, feed=False)
             targets[axis] = position
+        case MoveBy(axis, amount, unit):
+            targets[axis] = None
+            n, part_us, _ = mount.axis(axis).parts_of(amount, unit)
+            asked.rest = _start_parts(mount, axis, n, part_us)
+        case MoveTo(axis, position, unit):
+            motor = mount.axis(axis)
+            steps = real_number(position / motor.per_step(unit), MOST_STEPS, f"{position:g} {unit} in steps")
+            asked.rest = _start_parts(mount, axis, *motor.parts_to(steps))
+            targets[axis] = round(steps, 3)
         case Jog(axis, speed):
             targets[axis] = None
             mount.axis(axis).jog(speed, feed=False)
@@ -147,5 +188,15 @@ def start(mount: Mount, request: Request, targets: dict[str, int | None]) -> Non
         case Zero(axis):
             targets[axis] = None
             mount.axis(axis).zero()
-        case _:
-            raise TypeError(f"not started here: {request!r}")
+        case other:
+            raise TypeError(f"not started here: {other!r}")
+
+
+def _start_parts(mount: Mount, axis: str, n: int, part_us: int) -> Pulse | None:
+    """Start n whole steps, or else the pulse of part_us (us). Returns what is left for later."""
+    motor = mount.axis(axis)
+    if part_us and not n:
+        motor.pulse(part_us, wait=False, feed=False)
+        return None
+    motor.step(n, wait=False, feed=False)
+    return Pulse(axis, part_us) if part_us else None

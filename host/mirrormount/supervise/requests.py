@@ -5,8 +5,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from mirrormount.common import units
 from mirrormount.common.errors import BadValue
-from mirrormount.common.validation import whole_number
+from mirrormount.common.validation import real_number, whole_number
 
 MOST_STEPS = 1_000_000
 FINE_STEPS = 1
@@ -61,6 +62,24 @@ class GoTo:
 
 
 @dataclass(frozen=True)
+class MoveBy:
+    """Move by an amount of one of units.UNITS: whole steps, then one pulse for the rest."""
+
+    axis: str
+    amount: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class MoveTo:
+    """Move to a position in one of units.UNITS, as MoveBy. Its scale is the mean of both directions."""
+
+    axis: str
+    position: float
+    unit: str
+
+
+@dataclass(frozen=True)
 class Jog:
     """Run at speed, -1 … 1 and not 0, until stopped."""
 
@@ -90,7 +109,7 @@ class Zero:
     axis: str
 
 
-Request = Press | Steps | Pulse | GoTo | Jog | Drive | Home | Zero
+Request = Press | Steps | Pulse | GoTo | MoveBy | MoveTo | Jog | Drive | Home | Zero
 
 
 def parse(message: Mapping[str, Any], axes: Sequence[str] = ("x", "y")) -> Request:
@@ -104,13 +123,14 @@ def parse(message: Mapping[str, Any], axes: Sequence[str] = ("x", "y")) -> Reque
     if not isinstance(axis, str) or axis not in axes:
         raise BadValue(f"an axis is {' or '.join(axes)}, not {axis!r}")
     if what == "steps":
-        way = _way(message)
-        n = _whole(message, "n", MOST_STEPS, "the number of steps")
-        if n < 1:
-            raise BadValue(f"the number of steps is 1 or more, not {n}: the button says which way")
-        return Steps(axis, way * n)
+        way, n, unit = _way(message), _real(message, "n", "how far"), _unit(message)
+        if n <= 0:
+            raise BadValue(f"how far is more than 0, not {n:g}: the button says which way")
+        n *= way
+        return Steps(axis, n) if isinstance(n, int) and unit == units.STEPS else MoveBy(axis, n, unit)
     if what == "goto":
-        return GoTo(axis, _whole(message, "to", MOST_STEPS, f"the target of {axis}"))
+        to, unit = _real(message, "to", f"the target of {axis}"), _unit(message)
+        return GoTo(axis, to) if isinstance(to, int) and unit == units.STEPS else MoveTo(axis, to, unit)
     if what == "home":
         return Home(axis)
     if what == "zero":
@@ -133,6 +153,23 @@ def _way(message: Mapping[str, Any]) -> int:
     if way == 0:
         raise BadValue("a direction is 1 or -1, not 0")
     return way
+
+
+def _unit(message: Mapping[str, Any]) -> str:
+    return units.check(str(message.get("unit", units.STEPS))[:40])
+
+
+def _real(message: Mapping[str, Any], key: str, what: str) -> int | float:
+    """A number, whole or with a decimal point, an int if it is whole. Typed text is converted; nothing is rounded."""
+    value = message.get(key)
+    if isinstance(value, str):
+        text = value.strip().replace("\N{MINUS SIGN}", "-")
+        if not text:
+            raise BadValue(f"{what}: type a number")
+        if not re.fullmatch(r"[+-]?([0-9]{1,9}\.?[0-9]{0,9}|\.[0-9]{1,9})", text):
+            raise BadValue(f"{what} is a number such as 3 or 0.25, not {text[:40]!r}")
+        value = float(text)
+    return real_number(value, MOST_STEPS, what)
 
 
 def _whole(message: Mapping[str, Any], key: str, most: int, what: str) -> int:

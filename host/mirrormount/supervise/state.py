@@ -29,7 +29,7 @@ class State:
         self.last: Status | None = None
         self.seen_s = 0.0
         self.positions: deque[Point] = deque(maxlen=round(_KEPT_S / POLL_S))
-        self.targets: dict[str, int | None] = {}
+        self.targets: dict[str, float | None] = {}
         self.scales: scales.Scales = {}
 
     def connect(self, mount: Mount) -> None:

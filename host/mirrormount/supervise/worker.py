@@ -65,7 +65,7 @@ class Worker:
         self.notices = Notices()
         self._clock = clock
         self._pad = Pad(self.state, clock, self.stop)
-        self._motions = Motions()
+        self._motions = Motions(clock, lambda rest: self._tasks.add(lambda: self._begin(rest), rest.refuse))
         self._tasks = Tasks()
         self._confirmed = 0  # stops after which the board was seen at rest
         self._brake = Brake(lambda: self.mount)
@@ -209,7 +209,7 @@ class Worker:
                 if hold:
                     self._pad.step(mount, hold)
                 else:
-                    start(mount, asked.request, self.state.targets)
+                    start(mount, asked, self.state.targets)
         except (ConnectionLost, NoAnswer) as e:
             asked.drop(e)
             raise

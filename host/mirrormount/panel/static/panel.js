@@ -21,7 +21,7 @@
   let held = null; // {element, by}: what is down, and which pointer or key holds it
   let key = null; // the secret of this page
 
-  const field = (name) => document.querySelector(`input[name="${name}"]`)?.value ?? "";
+  const field = (name) => document.querySelector(`:is(input, select)[name="${name}"]`)?.value ?? "";
 
   function send(message) {
     if (socket?.readyState !== WebSocket.OPEN) return false;
