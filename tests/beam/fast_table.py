@@ -31,7 +31,7 @@ EDGE_PX = 24.0
 
 
 class FastActuator:
-    """One axis. jammed: the motor turns, and the screw does not. exchanged_with: its wires are another one's."""
+    """One axis. sign: -1 with its wires reversed. ended: why its next move ends early. refuses: what a pulse raises."""
 
     def __init__(self, table: "FastTable", name: str, board_id: str, train: Drivetrain) -> None:
         self.table, self.name, self.board_id, self.train = table, name, board_id, train
@@ -151,6 +151,7 @@ class FastTable:
             for axis, lever in (("x", LEVER_X_MM), ("y", LEVER_Y_MM)):
                 train = Drivetrain.new(lever, kind, self.noise)
                 self.actuators.append(FastActuator(self, f"{mount}.{axis}", f"board of {mount}", train))
+        self.wired = list(self.actuators)  # whose motors turn the mirrors: x and y of the first, x and y of the second
         self.truth = Table([self._mirrors], mounts, geometry, seed)
         if off_mm:
             self.truth.misalign(off_mm, self.noise)
@@ -164,7 +165,7 @@ class FastTable:
     def _mirrors(self):
         for actuator in self.actuators:
             actuator.follow(self._now_s)
-        angles = [actuator.train.mirror_rad for actuator in self.actuators]
+        angles = [actuator.train.mirror_rad for actuator in self.wired]
         return list(zip(angles[::2], angles[1::2], strict=True))
 
     def spots_mm(self):

@@ -5,7 +5,7 @@ are seen to move: so a reversal never throws the beam.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -36,6 +36,7 @@ class Corrector:
     """Corrections of one table by one response.
 
     number: of corrections so far. One that crosses a gap is one, whatever further pulses the creep takes: creeps.
+    bound: makes steps smaller that are chosen here, as those of a choice were made.
     """
 
     def __init__(
@@ -46,6 +47,7 @@ class Corrector:
         self.tracker = Tracker(response.noise_um)
         self.number = self.creeps = 0
         self.creep = SOFTLY
+        self.bound: Callable[[Vector], Vector] = lambda steps: steps
         self._listen = listen
         self._ways = [0] * response.actuators  # of the last correction of each actuator
         self._stuck = [0.0] * response.actuators
@@ -70,7 +72,7 @@ class Corrector:
         steps = choice.steps
         in_gap = [i for i, gap in enumerate(self.gaps) if steps[i] and not gap.in_contact(_way(steps[i]))]
         if in_gap:
-            steps = self._alone(in_gap, prices, weight)
+            steps = self.bound(self._alone(in_gap, prices, weight))
         travels: dict[int, float] = {}
         purposes: dict[int, str] = {}
         before: dict[int, tuple[float, float]] = {}

@@ -24,13 +24,17 @@ TRIES = 80  # corrections and pulses of creeps, by which an error beyond _FAR_UM
 _FAR_UM, _NEARER = 120.0, 0.7  # ... by this factor
 _HELPED = 0.2  # of what was expected, at least
 _TOLD_SIGMAS = 4.0  # of a change that is told from noise
-_GREW = 1.2  # factor of an error that has grown
+_GREW_PART, _WRONG_PART = 0.2, 0.3  # of the error, or of a correction that is smaller, by which the error has grown
+_THROWN_UM, _THROWN_PART = 300.0, 0.3  # by which a gap may make the error larger, and of the correction's size
+_TRIAL_UM = 500.0  # a calibration from before is trusted with so much, on any camera, until an actuator has done it ...
+_SHOWN_UM, _SHOWN_PART = 100.0, 0.25  # ... with this much at least, and this error at most
 
 
 class Guard:
-    """One table with its response. gaps: where the shafts are, if that is known.
+    """One table with its response. gaps: where the shafts are, if that is known: then the response was just measured.
 
-    motors_off() is done before any Closed is raised.
+    Otherwise corrections are small until each actuator has done what the response says: cables, mounts or cameras may
+    have been exchanged since. All motors are off before any Closed is raised.
     """
 
     def __init__(
@@ -39,8 +43,10 @@ class Guard:
         self.table, self.response = table, response
         self.looker = Looker(table, listen)
         self.mover = Mover(table, self.looker, listen)
+        self._proven = [gaps is not None] * response.actuators
         gaps = [Gap(widths) for widths in response.widths] if gaps is None else gaps
         self.corrector = Corrector(table, response, gaps, self.looker, self.mover, listen)
+        self.corrector.bound = self._on_trial
         self._bad = self._tries = 0
         self._far = math.inf
 
@@ -75,6 +81,8 @@ class Guard:
         """Give the pulses, look, learn. Raises Closed."""
         self._check_control()
         before = self.tracker.mean.copy()
+        steps = self._on_trial(choice.steps)
+        choice = Choice(steps, before + self.response.effect(steps))
         try:
             driven = self.corrector.drive(choice, prices, weight)
         except SpotLostMoving:
@@ -91,7 +99,8 @@ class Guard:
         if outcome.stuck:
             names = ", ".join(self.table.actuators[i].name for i in outcome.stuck)
             self._close(Closed(STUCK, f"{names}: the motor turned, and the spot did not move"))
-        self._judge(outcome, before)
+        self._prove(outcome)
+        self._judge(outcome, before, float(np.linalg.norm(self.response.effect(steps))))
         return outcome
 
     def start_anew(self, *, moved_by_others: bool) -> None:
@@ -99,19 +108,43 @@ class Guard:
         self._bad = self._tries = 0
         self._far = math.inf
         if moved_by_others:
+            self._proven = [False] * len(self._proven)
             for gap in self.corrector.gaps:
                 gap.forget()
 
-    def _judge(self, outcome: Outcome, before: Vector) -> None:
-        """Three corrections that do not do what was expected, or after which the error is larger, are the last."""
+    def _on_trial(self, steps: Vector) -> Vector:
+        """The steps, all made smaller if one that has not shown yet what it does would move a spot far."""
+        effects = [self._effect_um(i, float(steps[i])) for i, proven in enumerate(self._proven) if not proven]
+        largest = max((float(np.max(np.abs(each))) for each in effects), default=0.0)
+        return steps * (_TRIAL_UM / largest) if largest > _TRIAL_UM else steps
+
+    def _prove(self, outcome: Outcome) -> None:
+        """Actuators that were in contact and moved the spots as expected are trusted from now on."""
+        wrong = float(np.linalg.norm(outcome.changed_um - outcome.expected_um))
+        for each in outcome.driven:
+            size = float(np.linalg.norm(self._effect_um(each.i, each.way * each.expected)))
+            if size > _SHOWN_UM and wrong < _SHOWN_PART * size:
+                self._proven[each.i] = True
+
+    def _effect_um(self, actuator: int, steps: float) -> Vector:
+        return self.response.column(actuator, 1 if steps > 0 else -1) * steps
+
+    def _judge(self, outcome: Outcome, before: Vector, wished: float) -> None:
+        """Three corrections that do not do what was expected, or after which the error is larger, are the last.
+
+        After one that made it larger by more than gaps explain, the next ones are small. wished: its size, um.
+        """
         noise = _TOLD_SIGMAS * math.sqrt(float(np.trace(self.response.noise_um + self.tracker.covariance)))
         expected = float(np.linalg.norm(outcome.expected_um))
         size, after = float(np.linalg.norm(before)), float(np.linalg.norm(before + outcome.changed_um))
         helped = outcome.helped
-        if (helped is not None and expected > noise and helped < _HELPED) or after > max(_GREW * size, size + noise):
+        grew = after > size + max(noise, min(_GREW_PART * size, _WRONG_PART * wished))
+        if (helped is not None and expected > noise and helped < _HELPED) or grew:
             self._bad += 1
         elif after < size + noise or (helped is not None and expected > noise):
             self._bad = 0
+        if after > size + _THROWN_UM + _THROWN_PART * wished:  # by a bump, or by what the response does not say
+            self._proven = [False] * len(self._proven)
         if after < max(_FAR_UM, _NEARER * self._far):
             self._far, self._tries = after, 0
         self._tries += 1
