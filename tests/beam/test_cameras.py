@@ -76,7 +76,7 @@ def test_a_frame_is_fresh_and_its_number_counts_those_that_were_passed_over():
     capture.allowed.release(1)
     first = next(frames)
     capture.allowed.release(4 + 1)
-    camera._thread.join(5)
+    camera._thread.join()
     second = next(frames)
     assert (first.number, second.number) == (0, 4)
     assert np.array_equal(second.image, picture(4))

@@ -6,7 +6,7 @@ import sys
 from types import SimpleNamespace
 
 import pytest
-from served import run_cli, wait_for
+from served import PATIENCE_S, run_cli, wait_for
 
 import mirrormount.transport.find
 import mirrormount.transport.open
@@ -144,7 +144,7 @@ def test_ctrl_c_stops_the_motion_and_is_one_line(board):
     )
     wait_for(board.driving, "the motor to run")
     jog.send_signal(signal.SIGINT)
-    _, err = jog.communicate(timeout=20)
+    _, err = jog.communicate(timeout=PATIENCE_S)
     assert jog.returncode == 130
     assert err.startswith("mirrormount: stopped at x: +") and err.count("\n") == 1
     assert not board.driving()
@@ -166,7 +166,7 @@ def test_a_port_that_closes_in_mid_move_is_one_line(board):
     )
     wait_for(board.driving, "the motor to run")
     board.kill()
-    _, err = jog.communicate(timeout=20)
+    _, err = jog.communicate(timeout=PATIENCE_S)
     assert jog.returncode == 1
     assert err.startswith("mirrormount: ") and err.count("\n") == 1, err
 

@@ -4,6 +4,7 @@ import threading
 from itertools import pairwise
 
 import pytest
+from served import PATIENCE_S
 
 from mirrormount import Mount
 from mirrormount.common import errors
@@ -319,9 +320,9 @@ def test_a_stop_of_another_thread_is_not_overtaken_by_the_start_of_a_motion(call
             port.note("step", calls)
             thread = threading.Thread(target=step, name="step")
             thread.start()
-            assert port.reached.wait(20)
+            assert port.reached.wait(PATIENCE_S)
             mount.stop()
-            thread.join(20)
+            thread.join(PATIENCE_S)
             assert isinstance(ended[0], errors.MoveEnded), ended
             assert not mount.status().moving
 
@@ -335,12 +336,12 @@ def test_a_motion_that_starts_as_the_feeder_ends_is_fed(mount):
             answer = status()
             if threading.current_thread().name == "keep-alive" and not answer.moving and not started.is_set():
                 ending.set()
-                started.wait(20)  # the feeder has seen the end of the first motion
+                started.wait(PATIENCE_S)  # the feeder has seen the end of the first motion
             return answer
 
         mount.session.status = held
         mount.x.step(1, wait=False)
-        assert ending.wait(20)
+        assert ending.wait(PATIENCE_S)
         mount.send("2XM1500")
         mount.x.jog(1)
         started.set()
@@ -457,7 +458,7 @@ def test_the_real_time_board_is_fed_by_itself_while_the_program_does_something_e
     with Mount.open("virtual://") as mount:
         mount.ask("2XM1500;XK?")
         mount.x.jog(1)
-        mount.session.keep_alive.join(20)  # ends when the motion does: at the run limit, not at the keep-alive
+        mount.session.keep_alive.join(PATIENCE_S)  # ends when the motion does: at the run limit, not at the keep-alive
         assert mount.x.wait().reason == 6
 
 

@@ -7,7 +7,7 @@ import subprocess
 import sys
 
 import pytest
-from served import ServedBoard, run_cli, wait_for
+from served import PATIENCE_S, ServedBoard, run_cli, wait_for
 
 
 def start(board: ServedBoard, *words: str, stderr: int = subprocess.PIPE) -> subprocess.Popen:
@@ -29,7 +29,7 @@ def on_a_terminal(board: ServedBoard, *words: str) -> tuple[int, str, str]:
         while data := os.read(master, 4096):
             shown += data
     os.close(master)
-    out, _ = command.communicate(timeout=20)
+    out, _ = command.communicate(timeout=PATIENCE_S)
     return command.returncode, out, shown.decode()
 
 
@@ -59,7 +59,7 @@ def test_ctrl_c_stops_and_says_where_and_how_certain_that_is(board, words):
     command = start(board, *words)
     wait_for(board.driving, "the motor to run")
     command.send_signal(signal.SIGINT)
-    out, err = command.communicate(timeout=20)
+    out, err = command.communicate(timeout=PATIENCE_S)
     assert (command.returncode, out) == (130, "")
     assert err.startswith("mirrormount: stopped at x: +") and err.endswith(" steps (unknown)\n")
     assert not board.driving()

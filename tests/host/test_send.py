@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from served import run_cli, wait_for
+from served import PATIENCE_S, run_cli, wait_for
 
 from mirrormount import Mount, __version__
 from mirrormount.common import errors
@@ -90,7 +90,7 @@ def test_ctrl_c_stops_what_was_sent_and_says_where(board):
     )
     wait_for(board.driving, "the motor to run")
     sent.send_signal(signal.SIGINT)
-    _, err = sent.communicate(timeout=20)
+    _, err = sent.communicate(timeout=PATIENCE_S)
     assert sent.returncode == 130
     assert err.startswith("mirrormount: stopped at x: ") and "y: " in err and err.count("\n") == 1
     assert not board.driving()

@@ -329,7 +329,7 @@ def test_edges_that_cannot_be_written_end_the_board_in_one_line(tmp_path):
     address = board.stdout.readline().split()[1]
     with socket.create_connection(("127.0.0.1", int(address.rsplit(":", 1)[1]))) as raw:
         raw.sendall(b"02550000")
-        _, err = board.communicate(timeout=20)
+        _, err = board.communicate(timeout=PATIENCE_S)
     assert board.returncode == 1
     assert err.count("\n") == 1 and "No space left" in err
 

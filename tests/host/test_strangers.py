@@ -12,6 +12,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import pytest
+from served import PATIENCE_S
 
 from mirrormount import Mount
 from mirrormount.common import errors
@@ -40,7 +41,7 @@ def answering(answer: Callable[[bytes], bytes]) -> Iterator[str]:
     try:
         yield f"socket://127.0.0.1:{server.getsockname()[1]}"
     finally:
-        thread.join(10)
+        thread.join(PATIENCE_S)
         server.close()
 
 

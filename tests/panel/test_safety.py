@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from running import Network, NotStarted, Panel, run_until_driving, status_after, wait_for_motion, wait_for_rest
-from served import ServedBoard, run_cli, wait_for
+from served import PATIENCE_S, ServedBoard, run_cli, wait_for
 from websockets.sync.client import connect
 
 from mirrormount.transport import stop_socket
@@ -227,7 +227,7 @@ def test_a_network_that_keeps_everything_back_is_told(open_page, network):
 def test_a_terminal_that_is_closed_ends_the_panel_as_a_service_manager_does(page, panel, board):
     hold(page, board)
     panel.process.send_signal(signal.SIGHUP)
-    assert panel.process.communicate(timeout=20)[1] == ""
+    assert panel.process.communicate(timeout=PATIENCE_S)[1] == ""
     assert not board.driving()
 
 

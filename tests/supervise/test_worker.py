@@ -3,7 +3,7 @@
 import threading
 
 import pytest
-from served import wait_for
+from served import PATIENCE_S, wait_for
 from supervised import Clock, moving, polled, sent
 
 from mirrormount.common.errors import ConnectionLost
@@ -75,14 +75,14 @@ def test_presses_that_wait_are_dropped(worker, page, lease, how):
     elif how == "gone":
         worker.client_left(page)
     else:
-        worker.call(lambda mount: mount.link.ask(b"1PR1;2PR1;XS?\n", 1.0)).result(20)  # n14: it moves
+        worker.call(lambda mount: mount.link.ask(b"1PR1;2PR1;XS?\n", PATIENCE_S)).result(PATIENCE_S)  # n14: it moves
     wait_for(lambda: not worker.presses and not moving(worker), "rest")
     polled(worker)
     assert not moving(worker) and worker.state.status.x.position <= 10
 
 
 def test_a_press_of_a_diagonal_that_one_axis_refuses_stops_the_other(worker, page):
-    worker.call(lambda mount: mount.apply({"y": {"soft_maximum": 3, "checking": 8}})).result(20)
+    worker.call(lambda mount: mount.apply({"y": {"soft_maximum": 3, "checking": 8}})).result(PATIENCE_S)
     tap(worker, page, Press({"x": 1, "y": 1}, 255, coarse=True))
     wait_for(lambda: page.notices, "the refusal")
     wait_for(lambda: not moving(worker), "rest")
@@ -91,7 +91,7 @@ def test_a_press_of_a_diagonal_that_one_axis_refuses_stops_the_other(worker, pag
 
 
 def test_a_diagonal_run_of_which_the_board_ends_one_axis_does_not_lose_its_release(worker, page):
-    worker.call(lambda mount: mount.apply({"y": {"soft_maximum": 3, "checking": 8}})).result(20)
+    worker.call(lambda mount: mount.apply({"y": {"soft_maximum": 3, "checking": 8}})).result(PATIENCE_S)
     worker.request(page, Press({"x": 1, "y": 1}, 255))
     wait_for(lambda: any(notice.error == "106" for notice in worker.notices), "the soft limit of Y")
     worker.release(page)
@@ -142,7 +142,7 @@ def test_a_step_that_is_refused_does_not_become_a_run(worker, page):
 def busy(worker) -> threading.Event:
     """Keep the mount's thread busy until the event that is returned is set."""
     until = threading.Event()
-    worker.call(lambda mount: until.wait(20))
+    worker.call(lambda mount: until.wait(PATIENCE_S))
     return until
 
 
@@ -161,7 +161,7 @@ def test_who_asks_and_goes_away_does_not_cost_the_board(worker):
     question = worker.call(lambda mount: mount.status())
     assert question.cancel()
     until.set()
-    worker.call(lambda mount: mount.status()).result(20)
+    worker.call(lambda mount: mount.status()).result(PATIENCE_S)
     assert list(worker.notices) == []
 
 
@@ -170,7 +170,7 @@ def test_who_asked_when_there_was_no_board_does_not_cost_the_one_that_came(worke
     question = worker.call(lambda mount: mount.status())
     worker.connection.mount = mount
     with pytest.raises(ConnectionLost):
-        question.result(20)
-    worker.call(lambda mount: mount.status()).result(20)
+        question.result(PATIENCE_S)
+    worker.call(lambda mount: mount.status()).result(PATIENCE_S)
     assert worker.mount is mount
     assert list(worker.notices) == []

@@ -471,7 +471,7 @@ def test_ctrl_c_in_a_check_ends_in_one_line_though_the_check_prints_a_traceback(
     ) as script:
         assert script.stdout.readline() == "runs\n"
         os.killpg(script.pid, signal.SIGINT)  # as a terminal does: to every process in front of it
-        out, err = script.communicate(timeout=20)
+        out, err = script.communicate(timeout=60)
     assert (script.returncode, err) == (130, "")
     assert out.strip() == "Stopped; the same command carries on from here."
 
