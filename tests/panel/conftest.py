@@ -9,7 +9,14 @@ from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
 from running import CHROMIUM, Panel
 from served import ServedBoard
 
-PLAIN = ["--disable-gpu", "--disable-software-rasterizer"]  # an emulated graphics card takes a sixth of a page's time
+# an emulated graphics card takes a sixth of a page's time, a process for each page a fifth
+PLAIN = ["--disable-gpu", "--disable-software-rasterizer", "--process-per-site"]
+# what is judged is where things come to rest: every frame on the way there is painted by the processor
+AT_ONCE = """addEventListener("DOMContentLoaded", () => {
+  const style = document.createElement("style");
+  style.textContent = "*, *::before, *::after { transition-duration: 0s !important; animation-duration: 0s !important }";
+  document.head.append(style);
+});"""
 
 
 def pytest_itemcollected(item: pytest.Item) -> None:
@@ -60,6 +67,7 @@ def open_page(browser: Browser, context: BrowserContext) -> Iterator[Callable[..
         page = browser.new_page(**options) if options else context.new_page()
         pages.append(page)
         page.on("pageerror", lambda e: faults.append(str(e)))
+        page.add_init_script(AT_ONCE)
         page.goto(url)
         page.wait_for_selector(until)
         return page
