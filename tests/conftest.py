@@ -1,8 +1,8 @@
 """With CI=true what is not run is a failure: a skipped test fails, and says what it needs.
 
 Tests that are marked exhaustive take hours; they are left out without --exhaustive.
-Tests that are marked wall_clock are judged by the time of this computer, and need it for themselves: tools/test.py runs
-all others in three processes with --wall-clock=without, then these alone with --wall-clock=only.
+Tests that are marked wall_clock are judged by the time of this computer, and need a processor for themselves:
+tools/test.py runs all others in four processes with --wall-clock=without, then these in two with --wall-clock=only.
 With --coverage the lines and branches that this process executes are recorded; `coverage report` prints them.
 """
 
@@ -16,8 +16,9 @@ import pytest
 # what the user's environment may say to a test; all other settings of mirrormount are taken out of it
 KEPT = ("MIRRORMOUNT_CACHE", "MIRRORMOUNT_FUZZ_", "MIRRORMOUNT_IMAGES")
 RECORDED = ("beam", "firmware", "host", "repo", "supervise", "tools")  # folders of tests that --coverage looks at
-# the same lines in a hundred sessions, pictures or mounts: a test, or all tests of a file
-NOT_RECORDED = {"test_every_stop_ends_homing_in_every_phase", "test_experiments", "test_spot", "test_hold"}
+# processor time of which a test is recorded, all its cases together: after it come the same lines for other sessions,
+# pictures or mounts, and recording makes them three to five times slower
+RECORDED_S = 1.0
 ENDING = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
 
@@ -27,7 +28,7 @@ def pytest_addoption(parser):
         "--wall-clock",
         choices=["with", "without", "only"],
         default="with",
-        help="tests that need the computer for themselves: with all others, left out, or they alone",
+        help="tests that need a processor for themselves: with all others, left out, or they alone",
     )
     parser.addoption("--coverage", action="store_true", help="record executed lines and branches in .cache/coverage")
 
@@ -36,7 +37,7 @@ def pytest_configure(config):
     if config.getoption("--coverage"):
         config.pluginmanager.register(Recorder(config), "recorder")
     config.addinivalue_line("markers", "exhaustive: takes hours, left out without --exhaustive")
-    config.addinivalue_line("markers", "wall_clock: judged by this computer's clock, so nothing runs beside it")
+    config.addinivalue_line("markers", "wall_clock: judged by this computer's clock, so one runs on each processor")
 
 
 def pytest_collection_modifyitems(config, items):
@@ -63,6 +64,8 @@ class Recorder:
 
         self._adds_up = not hasattr(config, "workerinput")
         self._records = not (self._adds_up and config.getoption("numprocesses", None))
+        self._left_s = {}  # of RECORDED_S, by the function of a test
+        self._pauses = False
         (config.rootpath / ".cache").mkdir(exist_ok=True)
         self._coverage = Coverage(config_file=str(config.rootpath / "pyproject.toml"), data_suffix=True)
         if self._adds_up:
@@ -72,14 +75,31 @@ class Recorder:
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_protocol(self, item):
-        left_out = item.name in NOT_RECORDED or item.path.stem in NOT_RECORDED
-        if not self._records or (item.path.parent.name in RECORDED and not left_out):
+        if not self._records:
             return (yield)
-        self._coverage.stop()
+        test = (item.path, getattr(item, "originalname", item.name))
+        left_s = self._left_s.get(test, RECORDED_S) if item.path.parent.name in RECORDED else 0.0
+        if left_s == 0:
+            self._pause()
+        self._alarm(left_s)
         try:
             return (yield)
         finally:
-            self._coverage.start()
+            self._left_s[test] = self._alarm(0)
+            if self._pauses:
+                self._pauses = False
+                self._coverage.start()
+
+    def _alarm(self, after_s):
+        """Pause after that much processor time, 0: never. Returns what was left of the last alarm."""
+        if not hasattr(signal, "setitimer"):  # Windows: all is recorded
+            return RECORDED_S
+        signal.signal(signal.SIGVTALRM, self._pause if after_s else signal.SIG_IGN)
+        return signal.setitimer(signal.ITIMER_VIRTUAL, after_s)[0]
+
+    def _pause(self, *_):
+        self._pauses = True
+        self._coverage.stop()
 
     def pytest_unconfigure(self):
         if self._records:

@@ -14,7 +14,8 @@ PLAIN = ["--disable-gpu", "--disable-software-rasterizer", "--process-per-site"]
 # what is judged is where things come to rest: every frame on the way there is painted by the processor
 AT_ONCE = """addEventListener("DOMContentLoaded", () => {
   const style = document.createElement("style");
-  style.textContent = "*, *::before, *::after { transition-duration: 0s !important; animation-duration: 0s !important }";
+  style.textContent =
+    "*, *::before, *::after { transition-duration: 0s !important; animation-duration: 0s !important }";
   document.head.append(style);
 });"""
 
