@@ -1,6 +1,5 @@
 """The bench's encoders: they follow the shafts, to the microsecond, and each machine's hardware counts every edge."""
 
-import json
 import random
 
 import pytest
@@ -187,32 +186,6 @@ def test_a_sensor_that_is_off_does_not_answer_and_noise_moves_it_by_little(reade
     assert board.counts()[0] == -1
     angles = [board.counts()[1] for _ in range(100)]
     assert 0 < max(angles) - min(angles) <= 2 * NOISE_BITS
-
-
-def test_the_truth_is_written_at_each_end_of_a_motion(tmp_path, reader):
-    board = reader(truth=tmp_path / "truth.jsonl", profile=ROUGH)
-    for letters in (b"f", b"o", b"R", b"O"):
-        board.run(letters, 200_000)
-    board.run(b"fF", 100_000)
-    screws = board.bench.trains["m1"].screw_rev
-    board.close()
-    lines = [json.loads(line) for line in (tmp_path / "truth.jsonl").read_text().splitlines()]
-    assert [sorted(line) for line in lines] == [["m1_screw_rev", "m2_screw_rev", "t_us"]] * 4
-    assert 200_000 < lines[0]["t_us"] < 700_000
-    assert lines[0]["m2_screw_rev"] == 0 == lines[0]["m1_screw_rev"] - lines[1]["m1_screw_rev"]
-    assert lines[-1]["m1_screw_rev"] >= screws  # it came to rest after the power had gone
-
-
-def test_the_truth_of_a_dimmed_motor_has_one_line_a_motion(tmp_path):
-    ends = []
-    bench = Bench()
-    bench.on_rest = lambda us, screws: ends.append((us, screws))
-    bench.edge(0, "m1_pos", 65535)
-    for period in range(400):  # 4 kHz at a tenth of full duty, as pin edges of the emulated RP2040 show it
-        bench.edge(period * 250, "m1_en", 65535)
-        bench.edge(period * 250 + 25, "m1_en", 0)
-    bench.advance(1_000_000)
-    assert len(ends) == 1
 
 
 def test_without_an_encoder_the_bench_moves_as_with_one():

@@ -51,7 +51,8 @@ class Bench:
     two_pwm: the H-bridge is a DRV8833, whose two inputs a motor carry the duty, instead of an
     SN754410 with an enable and two legs. axes: 2, or 4 with a second mirror.
     encoder: a kind of encoder.KINDS on each motor, or None. orders: faults that begin by themselves.
-    on_rest(us, turns of each screw) is called, if it is set, REST_US after the end of a motion.
+    If they are set, on_rest(us, motor, turns of each screw) is called REST_US after a motor has come to rest, and
+    on_drive(…) when a drive of it begins after a pause.
     """
 
     def __init__(
@@ -84,9 +85,11 @@ class Bench:
             for (motor, train), source in zip(self.trains.items(), sources, strict=True):
                 self.encoders[motor] = Encoder(train, encoder, 0, np.random.default_rng(source))
         self._orders = sorted(orders, key=lambda order: order.us)
-        self.on_rest: Callable[[int, dict[str, float]], None] | None = None
+        self.on_rest: Callable[[int, str, dict[str, float]], None] | None = None
+        self.on_drive: Callable[[int, str, dict[str, float]], None] | None = None
         self._moving: set[str] = set()
         self._rests: dict[str, tuple[int, dict[str, float]]] = {}  # which may still turn out to be a pause
+        self._off_us: dict[str, int] = {}  # when each drive ended
 
     def edge(self, t_us: int, pin: str, duty: int) -> None:
         """Pin `pin` has the duty 0 ... 65535 from t_us on."""
@@ -99,9 +102,10 @@ class Bench:
             self.trains[motor].begin(after, self._noise)
         if after != before and motor in self.encoders:
             self.encoders[motor].cut(self.us)
-        if after:
-            self._moving.add(motor)
-            self._rests.pop(motor, None)
+        if after and not before:
+            self._resume(motor)
+        elif before and not after:
+            self._off_us[motor] = self.us
 
     def duties(self) -> dict[str, float]:
         """Duty of every drive pin, 0 ... 1."""
@@ -163,6 +167,19 @@ class Bench:
                 train.advance(dt, self.drive(motor))
             self.us = t_us
 
+    def _resume(self, motor: str) -> None:
+        """A drive begins now: the motion of before has ended if that was no pause of the PWM."""
+        rest = self._rests.pop(motor, None)
+        if self.us - self._off_us.get(motor, -REST_US) >= REST_US:
+            if rest and self.on_rest:
+                self.on_rest(rest[0], motor, rest[1])
+            if self.on_drive:
+                self.on_drive(self.us, motor, self._screws())
+        self._moving.add(motor)
+
+    def _screws(self) -> dict[str, float]:
+        return {name: train.screw_rev for name, train in self.trains.items()}
+
     def _come_to_rest(self, t_us: int) -> None:
         """Tell the ends of motions up to a time: advance to each of them, and report it once it has lasted."""
         assert self.on_rest
@@ -176,12 +193,12 @@ class Bench:
             if end_us <= t_us:
                 self._advance(end_us)
                 self._moving.discard(motor)
-                self._rests[motor] = (end_us, {name: train.screw_rev for name, train in self.trains.items()})
+                self._rests[motor] = (end_us, self._screws())
         self.on_rest = on_rest
         for motor, (us, screws) in sorted(self._rests.items(), key=lambda rest: rest[1][0]):
             if us + REST_US <= t_us:
                 del self._rests[motor]
-                on_rest(us, screws)
+                on_rest(us, motor, screws)
 
     def mirrors_rad(self, t_us: int | None = None) -> list[tuple[float, float]]:
         """Yaw and pitch of each mirror in radians: now, or at t_us if no pin changes until then."""

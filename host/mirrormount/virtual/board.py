@@ -14,6 +14,7 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import IO
 from urllib.parse import parse_qsl
 
 from mirrormount.common.errors import BadAddress, CannotOpen, ConnectionLost, MountError
@@ -116,10 +117,11 @@ def make_simulation(options: Options | None = None, bench: Bench | None = None) 
         else:
             command = machines.micropython(files, BOARDS[options.board])
     try:
-        file = options.edges.open("w", encoding="utf-8") if options.edges else None
-    except OSError as e:
-        raise BadAddress(f"cannot write pin edges to {options.edges}: {e.strerror}") from e
-    truth = Truth(options.truth, START_US) if options.truth else None
+        file, truth = _records(options)
+    except BadAddress:
+        for folder in scratch:
+            folder.cleanup()
+        raise
     bench = bench or Bench(
         switches=options.bench == "switches",
         two_pwm=options.board == "pico_drv8833",
@@ -142,6 +144,20 @@ def make_simulation(options: Options | None = None, bench: Bench | None = None) 
             image = options.image or "its image"
             raise CannotOpen(f"the virtual board has ended at its start: {image} does not run on it") from None
     return simulation
+
+
+def _records(options: Options) -> tuple[IO[str] | None, Truth | None]:
+    """The files of pin edges and of the truth, as far as they are asked for. Raises BadAddress."""
+    try:
+        file = options.edges.open("w", encoding="utf-8") if options.edges else None
+    except OSError as e:
+        raise BadAddress(f"cannot write pin edges to {options.edges}: {e.strerror}") from e
+    try:
+        return file, Truth(options.truth, START_US) if options.truth else None
+    except BadAddress:
+        if file:
+            file.close()
+        raise
 
 
 def _files(options: Options, board: str | None, scratch: list[tempfile.TemporaryDirectory]) -> Path:

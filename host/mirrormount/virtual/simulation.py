@@ -141,7 +141,7 @@ class Simulation:
         if len(tail) > 256:
             del tail[:-16]
 
-    def go(self, t_us: int, grant_us: int, received: Iterable[int] = ()) -> None:
+    def go(self, t_us: int, grant_us: int, received: bytes | bytearray = b"") -> None:
         """Let the firmware go on at t_us (>= now_us) for at most grant_us, with bytes received."""
         out = bytearray()
         told_us = self.now_us  # the board knows what was before
@@ -153,6 +153,8 @@ class Simulation:
                 out += _RECORD.pack(_PIN, number, level, 0, 0)
             elif name not in self._sent_levels:
                 self._sent_levels[name] = level
+        if self._truth and received:
+            self._truth.hear(received)
         for c in received:
             out += _RECORD.pack(_RECEIVED, c, 0, 0, 0)
         self.now_us, self.went_s = t_us, time.monotonic()
@@ -229,7 +231,7 @@ class Simulation:
                 self._edges_file = None
             if self._truth:
                 self.bench.advance(self.bench.us + CLOSING_US)  # what turns still comes to rest
-                self.bench.on_rest = None
+                self.bench.on_rest = self.bench.on_drive = None
                 self._truth.close()
             for folder in self._scratch:
                 folder.cleanup()
