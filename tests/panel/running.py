@@ -1,6 +1,7 @@
 """The panel in a process of its own, and a network between it and the browser that can be cut."""
 
 import contextlib
+import json
 import os
 import select
 import shutil
@@ -26,10 +27,11 @@ class NotStarted(Exception):
 
 PANEL = ("-m", "mirrormount", "panel")
 PANEL_AND_LOOP = (str(Path(__file__).with_name("panel_and_loop.py")),)
+PANEL_ON_BENCH = (str(Path(__file__).with_name("panel_on_bench.py")),)
 
 
 class Panel:
-    """`mirrormount panel` at an address. program: the panel, or PANEL_AND_LOOP."""
+    """`mirrormount panel` at an address. program: the panel, PANEL_AND_LOOP or PANEL_ON_BENCH."""
 
     def __init__(self, address: str, folder: Path, *options: str, program: tuple[str, ...] = PANEL) -> None:
         names = ("MIRRORMOUNT_PORT", "MIRRORMOUNT_TOKEN")
@@ -53,6 +55,10 @@ class Panel:
     @property
     def port(self) -> int:
         return urlsplit(self.url).port
+
+    def bench(self, act: str) -> object:
+        """Let the bench act; returns what it tells."""
+        return json.loads(self.loop(act))
 
     def loop(self, act: str) -> str:
         """Let the camera loop act; returns the line that it prints next."""

@@ -1,0 +1,45 @@
+"""`mirrormount panel --virtual …` whose bench takes orders. A line of stdin is one; each prints one line.
+
+unplug, plug: the camera; hand MOTOR, jam MOTOR: at a motor of the mount; duties: prints those of both enables.
+"""
+
+import json
+import sys
+import threading
+
+from mirrormount.cli import main
+from mirrormount.virtual import virtual_table
+from mirrormount.virtual.bench import Order
+
+tables = []
+
+
+class Watched(virtual_table.VirtualTable):
+    """A table that is known here."""
+
+    def __init__(self, *args) -> None:
+        super().__init__(*args)
+        tables.append(self)
+
+
+def act() -> None:
+    """Carry out the lines of stdin."""
+    faults = {"hand": "hand", "jam": "jammed"}
+    for line in sys.stdin:
+        word, *motor = line.split()
+        bench = tables[0].simulations[0].bench
+        told: object = "done"
+        if word in ("plug", "unplug"):
+            for camera in tables[0].cameras:
+                camera.plugged = word == "plug"
+        elif word == "duties":
+            told = {name: duty for name, duty in bench.duties().items() if name.endswith("_en")}
+        else:
+            bench._orders.append(Order(faults[word], motor[0]))  # the bench's own thread takes it
+        print(json.dumps(told), flush=True)
+
+
+if __name__ == "__main__":
+    virtual_table.VirtualTable = Watched
+    threading.Thread(target=act, daemon=True).start()
+    sys.exit(main.main(["panel", *sys.argv[1:]]))
