@@ -128,6 +128,17 @@ def test_an_encoder_behind_the_gears_is_told_by_its_play_and_closes_the_loop(loo
     assert loop(closed=False).mount.x.measure_counts().lost < 0.3 * PER_STEP
 
 
+@pytest.mark.parametrize(("profile", "supply", "seed"), [("smooth", 1.2, 2), ("rough", 1.2, 2), ("rough", 0.8, 1)])
+def test_the_first_steps_behind_the_gears_end_although_no_coast_is_known(loop, profile, supply, seed):
+    mount = loop(profile, supply, closed=False, encoder="shaft", seed=seed)
+    per_step = mount.mount.x.measure_counts().per_step
+    mount.mount.apply({"x": {"counts_per_step": per_step, "closed_loop": 1}})
+    for n in (-1, 1):
+        mount.mount.x.step(n)  # raises what the board says
+    for n in (1, -1, -1, 1):
+        assert mount.step(n)[0] == pytest.approx(n * per_step, abs=0.05 * per_step)
+
+
 def test_an_encoder_that_counts_nothing_or_nonsense_is_told_in_one_line(loop):
     mount = loop(closed=False)
     mount.bench.disturb("m2", "broken")

@@ -78,7 +78,7 @@ class EncodedAxis(Axis):
         if self.measured.closed:
             self.resting = self.resting or _LOOKS
         per_step = self.measured.per_step
-        self._loop.set_up(self.dead_band, per_step, self.pulse_us, self.step_duty)
+        self._loop.set_up(self.dead_band, per_step, self.pulse_us, self.step_duty, self.reader.play_us > 0)
         self._watch.stall_us = 0 if self.unchecked else self.stall_ms * 1000
         self._watch.follow(per_step, self.pulse_us, self.following_error or per_step * 3 >> 2)
 

@@ -14,6 +14,7 @@ _BOUND = 3  # a pulse may drive so many times as long as its counts are worth ..
 _MORE_US = 50_000  # ... and this
 _FULL_SPEED_US = 60_000  # a drive that lasts longer ends at full speed
 _MOST_COAST = 4  # at most that part of a step
+_LEAST_BACK = 16  # that part of a step is the least correction back through the play of gears; assumed
 
 
 class Coast:
@@ -57,6 +58,7 @@ class ClosedLoop:
         self.rate = 0  # ... from this speed
         self.foretold = False  # is the drive's end that of its counts?
         self._dead_band = 0
+        self._back_band = 0  # where it would have to go back
         self._per_step = 1
         self._step_us = 1
         self._duty = 0
@@ -66,9 +68,10 @@ class ClosedLoop:
         self._direction = 0
         self._coasts = (Coast(), Coast())
 
-    def set_up(self, dead_band, per_step, step_us, duty):
-        """The settings are these now. With another step, what was learned is forgotten."""
+    def set_up(self, dead_band, per_step, step_us, duty, play):
+        """The settings are these now. With another step, what was learned is forgotten. play: are gears in between?"""
         self._dead_band = dead_band
+        self._back_band = max(dead_band, per_step // _LEAST_BACK) if play else dead_band
         if per_step != self._per_step or step_us != self._step_us or duty != self._duty:
             self._coasts[0].forget()
             self._coasts[1].forget()
@@ -78,7 +81,7 @@ class ClosedLoop:
 
     def begin(self, place, n, per_pulse):
         """A move by n pulses of per_pulse counts each. It starts where the last one should have ended, if it did."""
-        if not -self._dead_band <= apart(place, self.goal) <= self._dead_band:
+        if not self._within(apart(self.goal, place)):
             self.goal = place
         self.left = abs(n)
         self._per_pulse = per_pulse if n > 0 else -per_pulse
@@ -101,12 +104,21 @@ class ClosedLoop:
         if self.way:
             return 0
         self.way = apart(self.goal, place)
-        if -self._dead_band <= self.way <= self._dead_band:
+        if self._within(self.way):
             return codes.DONE
         if self.corrections == MOST_CORRECTIONS:
             return codes.CLOSED_LOOP_FAILED
         self.corrections += 1
         return 0
+
+    def _within(self, way):
+        """Is a place near enough from which it is so far to the goal?
+
+        A correction back through the play of gears comes out of it at full speed: it cannot be less than what the
+        motor coasts on, and would miss the goal on its other side.
+        """
+        band = self._back_band if way * self._direction < 0 else self._dead_band
+        return -band <= way <= band
 
     def _learn(self, missed):
         most = self._per_step * 16 // _MOST_COAST

@@ -35,7 +35,8 @@ _setting(b"SN", "units", 0, 1, 0, BITS | AT_REST)
 _setting(b"DB", "dead_band", 0, 10_000, 1)
 """Encoder: counts that a move may end beside its target
 
-More than that are corrected, at most three times.
+More than that are corrected, at most three times. With an AS5600 a move may end a sixteenth of a step too far: back
+through the play of the gears the motor cannot go by less.
 """
 
 _setting(b"CL", "correction_s", 0, 1000, 5, HUNDREDTHS)
