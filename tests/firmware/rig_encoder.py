@@ -97,12 +97,12 @@ class EncoderPort(Port):
         return self.motors[number - 1]
 
 
-def encoded(files=None, settings=b"XN280;MM1;DB1"):
+def encoded(files=None, settings=b"XN280;MM1;DB1", port=EncoderPort):
     """A rig with encoders on both axes, in the closed loop."""
     board = Board()
     board.AXIS_1 = dict(board.AXIS_1, encoder=(8, 9))
     board.AXIS_2 = dict(board.AXIS_2, encoder=(26, 27))
-    rig = Rig(board, files, EncoderPort(files))
+    rig = Rig(board, files, port(files))
     rig.motor1, rig.motor2 = rig.port.motors
     for line in settings.split(b";"):
         if line:

@@ -92,6 +92,15 @@ def test_wires_that_are_exchanged_end_a_move_at_once_and_say_so(loop):
     assert abs(mount.counts()) < 20_000 and mount.bench.drive("m2") is None
 
 
+def test_an_edge_that_was_lost_makes_the_position_an_estimate(loop):
+    mount = loop()
+    mount.step(1)
+    assert mount.mount.x.status().certainty == "measured"
+    mount.bench.disturb("m2", "lost")
+    mount.step(2)
+    assert mount.mount.x.status().certainty == "estimated"
+
+
 def test_the_position_follows_a_hand_on_the_knob(loop):
     mount = loop()
     mount.step(2)  # the play is taken up
@@ -137,6 +146,14 @@ def test_the_first_steps_behind_the_gears_end_although_no_coast_is_known(loop, p
         mount.mount.x.step(n)  # raises what the board says
     for n in (1, -1, -1, 1):
         assert mount.step(n)[0] == pytest.approx(n * per_step, abs=0.05 * per_step)
+
+
+def test_noise_of_an_angle_in_the_play_of_gears_is_no_stall(loop):
+    mount = loop("rough", 0.8, closed=False, encoder="shaft")
+    mount.mount.apply({"x": mount.mount.x.measure_counts().settings})
+    mount.bench.disturb("m2", "noise")
+    for n in (3, -3, 2, -2):
+        mount.mount.x.step(n)  # raises what the board says
 
 
 def test_an_encoder_that_counts_nothing_or_nonsense_is_told_in_one_line(loop):

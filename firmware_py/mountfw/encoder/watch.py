@@ -10,6 +10,7 @@ from mountfw.wire.ticks import add, diff
 _SPAN_US = 16_384  # the speed is that of the last one to two of these: counts come singly
 _STALE_US = 60_000
 _LEAST_WRONG = 16  # a motor that coasts one way is driven the other way: so many at least are no error
+_MOST_NOISE = 4  # counts of a sensor whose shaft stands still
 _MOST_SLIPS = 8  # of one drive; more are no single disturbance
 
 
@@ -20,7 +21,7 @@ class Watch:
         self.counts = 0
         self.stall_us = 0  # drive without a count that is a stall; 0: none is
         self.play_us = 0  # drive without a count after a change of direction: gears before the encoder
-        self._went = 0  # the direction of the last counts
+        self._went = 0  # the direction of the last counts; 0: not sure
         self._per_step = 1
         self._step_us = 1
         self._most = 0
@@ -58,8 +59,9 @@ class Watch:
         self._now = now_us
         if counts > self._furthest:
             self._furthest = counts
-            self._progress_at = now_us
-            self._went = self._direction
+            if diff(now_us, self._progress_at) > 0:  # in the play there may be counts of noise
+                self._progress_at = now_us
+            self._went = self._direction if counts > _MOST_NOISE else 0
         elif self.stall_us and diff(now_us, self._progress_at) >= self.stall_us:
             return codes.STALLED
         elif self._furthest - counts > max(_LEAST_WRONG, self._per_step >> 3):

@@ -122,7 +122,8 @@ class Encoder:
             self._add(self._us + round(low[0]), count)
 
     def _add(self, us: int, count: int, *, whole: bool = False) -> None:
-        us = max(us, self._changes[-1].us)
+        apart = "noise" in self.faults and not whole  # the end of a spike is an edge of its own
+        us = max(us, self._changes[-1].us + apart)
         wires = self._wires(count)
         if "lost" in self.faults and self.kind == "motor" and not whole and self._noise.random() < LOST:
             wires = self._changes[-1].wires
@@ -145,7 +146,7 @@ class Encoder:
         us, (last_us, count, wires) = self._us, self._changes[-1]
         if self.kind == "shaft":
             self._add(us, count)
-        elif last_us <= us:
+        elif last_us < us:
             self._changes.append(Change(us, count, (1 - wires[0], wires[1])))
             self._changes.append(Change(us + SPIKE_US, count, wires))
 

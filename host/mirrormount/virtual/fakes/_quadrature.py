@@ -12,12 +12,16 @@ class Quadrature:
     def __init__(self, a, b):
         s = _seam.seam
         self._a = a
+        self._b = b
         self.count = 0
-        self.levels = s.levels.get(a, 1) + 2 * s.levels.get(b, 1)  # pulled up
+        self.levels = self._now()
         s.counters[a] = s.counters[b] = self._changed
 
-    def _changed(self, number, level):
-        bit = 1 if number == self._a else 2
-        now = self.levels | bit if level else self.levels & ~bit
+    def _now(self):
+        levels = _seam.seam.levels
+        return levels.get(self._a, 1) + 2 * levels.get(self._b, 1)  # pulled up
+
+    def _changed(self, _number, _level):
+        now = self._now()
         self.count += _STEP[4 * self.levels + now]
         self.levels = now

@@ -113,10 +113,14 @@ class Seam:
     def _show_coming(self):
         locks = self._unlock()
         while self.coming and self.coming[0][0] <= self.t:
-            _, number, level = self.coming.pop(0)
-            self.levels[number] = level
-            if number in self.counters:
-                self.counters[number](number, level)
+            at = self.coming[0][0]
+            changes = []
+            while self.coming and self.coming[0][0] == at:  # at once: no counter sees one before the other
+                changes.append(self.coming.pop(0)[1:])
+            self.levels.update(changes)
+            for number, level in changes:
+                if number in self.counters:
+                    self.counters[number](number, level)
         self._lock(locks)
 
     def sent(self, c):
