@@ -83,19 +83,19 @@ def test_a_person_takes_one_mount_and_has_both_stand_still(supervised):
         table.actuators[2].step(1)
 
 
-def test_the_loops_settings_are_there_while_it_has_control_and_no_longer(supervised):
-    _, first, second = supervised
-    own = answer(first.ask(Mount.settings))
-    mounts = [("first", first, ("x", "y")), ("second", second, ("x", "y"))]
-    with SupervisedTable("loop", mounts, (), {"take_up_us": 0, "velocity": 4.0}) as table:
-        assert answer(first.ask(Mount.settings)) == own
-        table.take_control()
-        assert answer(first.ask(Mount.settings))["y"]["velocity"] == 4.0
-        second.stop("STOP was pressed")
-        table.sleep(60)  # ends when control is lost
-        assert answer(first.ask(Mount.settings)) == own
-        table.take_control()
-    assert answer(first.ask(Mount.settings)) == own
+def test_the_loop_needs_no_setting_of_a_mount_and_changes_none(supervised):
+    table, first, _ = supervised
+    own = {axis: {"take_up_us": 300_000, "velocity": 1.0} for axis in ("x", "y")}
+    answer(first.ask(lambda mount: mount.apply(own)))
+    before = answer(first.ask(Mount.settings))
+    table.take_control()
+    for n in (3, -3):
+        table.actuators[0].step(n)
+        assert answer(first.ask(Mount.settings)) == before
+        finish(table, table.actuators[0])
+    assert answer(first.ask(Mount.settings)) == before
+    on_time_s = answer(first.ask(lambda mount: mount.x.last_move().on_time_s))
+    assert on_time_s == pytest.approx(0.6, abs=0.01)  # three steps back, and nothing for the gap
 
 
 class _Camera:

@@ -69,7 +69,7 @@ def align(
         told(StateChanged(table.now_s(), STOPPED, closed.detail))
         why = closed.detail
     finally:
-        table.stop()
+        guard.motors_off()
         summary.corrections = guard.corrector.number
         summary.actions, summary.reversals = guard.mover.actions, guard.mover.reversals
         summary.motor_s, summary.seconds = guard.mover.motor_s, table.now_s() - begin_s

@@ -4,18 +4,13 @@ Each move is watched by its caller, who asks is_moving() until it is over: that 
 that dies or hangs stops asking, and the board switches its motors off within half a second.
 """
 
-import contextlib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from mirrormount.beam.loop_table import Eye
-from mirrormount.beam.rig import borrowed
-from mirrormount.common.errors import MoveEnded
+from mirrormount.common.errors import MountError, MoveEnded
 from mirrormount.device.axis import Axis
 from mirrormount.device.mount import Mount
 from mountfw import codes as wire
-
-VELOCITY = 4.0  # steps a second: pulses with a rest of 50 ms, after which the motor has come to rest
-WANTED = {"take_up_us": 0, "velocity": VELOCITY}  # the loop takes up by sight
 
 
 class DirectAxis:
@@ -30,12 +25,12 @@ class DirectAxis:
 
     def pulse(self, us: int) -> None:
         """As Actuator.pulse()."""
-        self._axis.pulse(us, wait=False, feed=False)
+        self._axis.pulse(us, wait=False, feed=False, by_sight=True)
         self._begun = True
 
     def step(self, n: int) -> None:
         """As Actuator.step()."""
-        self._axis.step(n, wait=False, feed=False)
+        self._axis.step(n, wait=False, feed=False, by_sight=True)
         self._begun = True
 
     def is_moving(self) -> bool:
@@ -58,7 +53,7 @@ class DirectAxis:
 
 
 class DirectTable:
-    """Mounts and eyes of this program. now_s, sleep: of the table's clock. Use opened()."""
+    """Mounts and eyes of this program. now_s, sleep: of the table's clock."""
 
     taken_over = ""  # nobody else drives these mounts; a stop by another program ends a move, and closes a gate
 
@@ -80,9 +75,15 @@ class DirectTable:
         self._mounts = list(mounts.values())
 
     def stop(self) -> None:
-        """As LoopTable.stop()."""
+        """As LoopTable.stop(). A board that has gone does not keep another one from its stop."""
+        failures: list[MountError] = []
         for actuator in self.actuators:
-            actuator.stop()
+            try:
+                actuator.stop()
+            except MountError as e:
+                failures.append(e)
+        if failures:
+            raise failures[-1]
 
     def sleep(self, seconds: float) -> None:
         """Let the table's time pass."""
@@ -95,18 +96,3 @@ class DirectTable:
 def in_order(axes: Iterable[str]) -> list[str]:
     """x before y, then further axes by their names."""
     return sorted(axes, key=lambda name: (name not in ("x", "y"), name))
-
-
-@contextlib.contextmanager
-def opened(
-    mounts: Mapping[str, Mount],
-    eyes: Sequence[Eye],
-    now_s: Callable[[], float],
-    sleep: Callable[[float], None],
-    say: Callable[[str], object],
-) -> Iterator[DirectTable]:
-    """A table with the settings that a loop needs; at the end motors off, and the settings as they were."""
-    with contextlib.ExitStack() as stack:
-        for mount in mounts.values():
-            stack.enter_context(borrowed(mount, {name: dict(WANTED) for name in mount.by_name}, say))
-        yield DirectTable(mounts, eyes, now_s, sleep)

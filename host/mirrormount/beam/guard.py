@@ -49,6 +49,7 @@ class Guard:
         self.corrector.bound = self._on_trial
         self._bad = self._tries = 0
         self._far = math.inf
+        self._closed = False
 
     @property
     def tracker(self) -> Tracker:
@@ -107,10 +108,19 @@ class Guard:
         """After a gate: no correction counts as bad any more. moved_by_others: nothing is known of the shafts."""
         self._bad = self._tries = 0
         self._far = math.inf
+        self._closed = False
         if moved_by_others:
             self._proven = [False] * len(self._proven)
             for gap in self.corrector.gaps:
                 gap.forget()
+
+    def motors_off(self) -> None:
+        """At the end. Raises MountError if a board does not confirm it, unless a gate is closed, which has told why."""
+        try:
+            self.table.stop()
+        except MountError:
+            if not self._closed:
+                raise
 
     def _on_trial(self, steps: Vector) -> Vector:
         """The steps, all made smaller if one that has not shown yet what it does would move a spot far."""
@@ -161,6 +171,7 @@ class Guard:
 
     def _close(self, closed: Closed) -> NoReturn:
         """All motors off; a board that has gone is off by its keep-alive."""
+        self._closed = True
         try:
             self.table.stop()
         except MountError as e:

@@ -112,8 +112,10 @@ class Hold:
                         break
                     frames = _FIRST_FRAMES
         finally:
-            self.table.stop()
-            self._finish(begin_s)
+            try:
+                self.guard.motors_off()
+            finally:
+                self._finish(begin_s)
         self._state_is(ENDED, "")
         return self.summary
 

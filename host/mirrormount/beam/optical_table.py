@@ -1,6 +1,6 @@
 """Table: the mounts and cameras that table.toml names, open and supervised.
 
-with Table.open() as table, table.loop("my loop", WANTED) as loop:   # what align and hold need
+with Table.open() as table, table.loop("my loop") as loop:   # what align and hold need
     loop.take_control()
 """
 
@@ -57,10 +57,10 @@ class Table:
             made._closing = opened.pop_all()
             return made
 
-    def loop(self, name: str, settings: Mapping[str, int | float] | None = None) -> SupervisedTable:
-        """A client of all mounts under a name that people read, with these settings while it has control."""
+    def loop(self, name: str) -> SupervisedTable:
+        """A client of all mounts under a name that people read."""
         mounts = [(mount, supervisor, self.axes[mount]) for mount, supervisor in self.supervisors.items()]
-        return SupervisedTable(name, mounts, tuple(self.eyes.values()), settings)
+        return SupervisedTable(name, mounts, tuple(self.eyes.values()))
 
     def stop(self, cause: str = "the program asked for it") -> None:
         """All motors of all mounts off, now; returns at once. Any thread."""

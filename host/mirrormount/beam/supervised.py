@@ -5,7 +5,7 @@ A person takes over at any moment, a stop is a stop, and a loop that hangs is st
 
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Future
 from functools import partial
 from typing import Any
@@ -37,11 +37,11 @@ class SupervisedActuator:
 
     def pulse(self, us: int) -> None:
         """As Actuator.pulse()."""
-        self._motion = self._program.pulse(self._axis, us)
+        self._motion = self._program.pulse(self._axis, us, by_sight=True)
 
     def step(self, n: int) -> None:
         """As Actuator.step()."""
-        self._motion = self._program.step(self._axis, n)
+        self._motion = self._program.step(self._axis, n, by_sight=True)
 
     def is_moving(self) -> bool:
         """As Actuator.is_moving(): each question is a sign of life."""
@@ -65,8 +65,7 @@ class SupervisedTable:
     """Mounts and eyes; time is that of this computer. As LoopTable. Use `with`.
 
     mounts: name, supervisor (open) and the names of its axes x and y, in the order of the beam; two mounts on one board
-    have one supervisor. name: of the loop, as a person reads it on the panel. settings: of each axis, while the loop
-    has control; whoever has it next finds the mount's own.
+    have one supervisor. name: of the loop, as a person reads it on the panel.
     """
 
     def __init__(
@@ -74,11 +73,8 @@ class SupervisedTable:
         name: str,
         mounts: Sequence[tuple[str, Supervisor, tuple[str, str]]],
         eyes: Sequence[Eye],
-        settings: Mapping[str, int | float] | None = None,
     ) -> None:
         self.eyes = tuple(eyes)
-        self._settings = dict(settings or {})
-        self._own: dict[Supervisor, dict[str, dict[str, int | float]]] = {}  # the mounts' own settings, while changed
         self._changed = threading.Event()
         self._lost = ""
         self._programs: dict[Supervisor, Program] = {}
@@ -98,20 +94,9 @@ class SupervisedTable:
         self.leave()
 
     def leave(self) -> None:
-        """End control of all mounts; what moves is stopped, settings are as they were. The supervisors stay open.
-
-        Raises MountError if a mount's settings could not be put back.
-        """
+        """End control of all mounts; what moves is stopped. The supervisors stay open."""
         for program in self._programs.values():
             program.leave()
-        failures: list[MountError] = []
-        for supervisor in self._programs:
-            try:
-                answer(self._put_back(supervisor))
-            except MountError as e:
-                failures.append(e)
-        if failures:
-            raise failures[-1]
 
     def _lose(self, of: Supervisor, cause: str) -> None:
         """Control of one mount has ended: the others stand still, too. The one is somebody else's now."""
@@ -122,29 +107,6 @@ class SupervisedTable:
         for supervisor, program in self._programs.items():
             if supervisor is not of:
                 program.stop()
-            self._put_back(supervisor)
-
-    def _put_back(self, supervisor: Supervisor) -> "Future[None]":
-        """Ask for the mount's own settings, before anybody's next motion."""
-
-        def put_back(mount: Mount) -> None:
-            own = self._own.get(supervisor)
-            if own:
-                mount.apply(own)
-                del self._own[supervisor]
-
-        return supervisor.ask(put_back)
-
-    def _borrow(self, supervisor: Supervisor, program: Program) -> None:
-        """The loop's settings; the mount's own are kept. Raises MountError."""
-
-        def borrow(mount: Mount) -> None:
-            own = {axis: {name: values[name] for name in self._settings} for axis, values in mount.settings().items()}
-            self._own.setdefault(supervisor, own)
-            mount.apply(dict.fromkeys(own, self._settings))
-
-        if self._settings:
-            answer(program.call(borrow, changes=True))
 
     def now_s(self) -> float:
         """This computer's clock."""
@@ -185,10 +147,9 @@ class SupervisedTable:
         """As LoopTable.take_control(): of all mounts, or of none."""
         taken: list[Program] = []
         try:
-            for supervisor, program in self._programs.items():
+            for program in self._programs.values():
                 program.take_control()
                 taken.append(program)
-                self._borrow(supervisor, program)
         except MountError:
             for program in taken:
                 program.stop()  # which ends its control

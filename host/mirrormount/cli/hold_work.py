@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mirrormount.beam import direct
 from mirrormount.beam.align import align
 from mirrormount.beam.calibrate import Calibration, check_controllable
+from mirrormount.beam.direct import DirectTable
 from mirrormount.beam.events import Event, GateClosed, GateOpened, Listen, Progress, StateChanged
 from mirrormount.beam.eyes import CameraEye
 from mirrormount.beam.gap import Gap
@@ -103,14 +103,14 @@ def _virtual(args: argparse.Namespace) -> Iterator[tuple[LoopTable, None]]:
             CameraEye(camera.name, camera, ((camera.size.width - 1) / 2, (camera.size.height - 1) / 2), (um, um), at_m)
             for camera, at_m in zip(table.cameras, distances_m, strict=True)
         ]
-        yield stack.enter_context(direct.opened(mounts, eyes, table.now_s, table.sleep, print)), None
+        yield DirectTable(mounts, eyes, table.now_s, table.sleep), None
 
 
 @contextlib.contextmanager
 def _real(args: argparse.Namespace) -> Iterator[tuple[LoopTable, Callable[[], object]]]:
     """The table of the file: each mount with a supervisor, each camera with its scale; and what stops all mounts."""
     virtual_address(args)  # --profile without --virtual is an error
-    with Table.open() as table, table.loop("beam loop", direct.WANTED) as loop:
+    with Table.open() as table, table.loop("beam loop") as loop:
         loop.take_control()
         yield loop, lambda: table.stop("STOP was pressed on the loop's page")
 

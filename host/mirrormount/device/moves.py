@@ -17,6 +17,8 @@ Progress = Callable[[AxisStatus], None]  # called with each status during a wait
 
 _POLL_S = 0.05
 _SLACK_S = 4.0  # beyond the computed time of a move before it counts as stuck; 2 s of it for the backlash
+_SIGHT_REST_US = 50_000  # after a pulse by sight: by then the motor has come to rest
+_LEAST_REST_US = 1000  # of the board, between two pulses
 _SHORTEST_US, _LONGEST_US = 200, 2_000_000  # a pulse of its own length (XU)
 _MOST_AMOUNT = 1_000_000_000  # of any unit
 
@@ -40,23 +42,29 @@ class Moves(AxisProperties):
         """The state of this axis. Raises as Mount.status()."""
         return self._session.status().by_name[self.name]
 
-    def step(self, n: int, *, wait: bool = True, feed: bool = True, progress: Progress | None = None) -> None:
+    def step(
+        self, n: int, *, wait: bool = True, feed: bool = True, by_sight: bool = False, progress: Progress | None = None
+    ) -> None:
         """Move by n steps. With wait, returns when they are done, else at once.
 
-        Without wait and feed the caller keeps the move alive, as in Mount.drive().
+        Without wait and feed the caller keeps the move alive, as in Mount.drive(). by_sight: without the board's
+        take-up, and with rests of 50 ms, for a caller that sees what moves; the board's settings stay as they are.
 
         Raises BadValue, BoardError if refused, MoveEnded if an end-stop, a limit or somebody else
         ended it, ConnectionLost, NoAnswer.
         """
         n = whole_number(n, 1_000_000, "steps")
-        self._move("PR", n, n, wait, feed, progress)
+        self._move("PR", n, n, wait, feed, progress, by_sight=by_sight)
 
-    def pulse(self, us: int, *, wait: bool = True, feed: bool = True, progress: Progress | None = None) -> None:
+    def pulse(
+        self, us: int, *, wait: bool = True, feed: bool = True, by_sight: bool = False, progress: Progress | None = None
+    ) -> None:
         """Give one pulse of |us| microseconds, 200 … 2 000 000, in the direction of its sign (`XU`).
 
-        The backlash is taken up first. The position counts the pulse by its length, as an estimate. Raises as step().
+        The backlash is taken up first, but not by_sight (as in step()). The position counts the pulse by its length,
+        as an estimate. Raises as step().
         """
-        self._move("XU", pulse_length(us), 1, wait, feed, progress)
+        self._move("XU", pulse_length(us), 1, wait, feed, progress, by_sight=by_sight)
 
     def move_to(self, steps: float, *, wait: bool = True, feed: bool = True, progress: Progress | None = None) -> float:
         """Move to the position `steps`, which may lie between two steps. Returns the position that is reached.
@@ -196,14 +204,21 @@ class Moves(AxisProperties):
         feed: bool,
         progress: Progress | None = None,
         stops: int | None = None,
+        *,
+        by_sight: bool = False,
     ) -> None:
         """Start a move of n steps. stops: gate.last_stop() at the request, None: now."""
         a, session = self.number, self._session
         stops = session.gate.last_stop() if stops is None else stops
         pulse_us, velocity = positive_numbers(session.ask(f"{a}XP?;{a}VA?"), 2)
+        command = f"{a}{mnemonic}{value}"
+        if by_sight:
+            own, velocity = velocity, _velocity_by_sight(int(pulse_us))
+            (take_up_us,) = self.ask_whole("XB?")
+            command = f"{a}XB0;{a}VA{velocity:.2f};{command};{a}VA{own:.2f};{a}XB{take_up_us}"
         period_s = max(1 / velocity, pulse_us * 1e-6 + 1e-3)
         with session.stopped_by_interrupt():
-            session.start(f"{a}{mnemonic}{value}", stops)
+            session.start(command, stops)
             self.expect_end((abs(n) + 1) * period_s)
             if wait:
                 self._wait_until_done(n, progress)
@@ -224,6 +239,12 @@ def pulse_length(us: int) -> int:
     if abs(us) < _SHORTEST_US:
         raise BadValue(f"a pulse has {_SHORTEST_US} microseconds or more, not {us}")
     return us
+
+
+def _velocity_by_sight(pulse_us: int) -> float:
+    """Steps per second, in hundredths, with _SIGHT_REST_US behind each pulse; no more than the board can do."""
+    most = 100_000_000 // (pulse_us + _LEAST_REST_US)
+    return min(100_000_000 // (pulse_us + _SIGHT_REST_US), most // 100 * 100 or most) / 100
 
 
 def _split(steps: float, pulse_us: int) -> tuple[int, int]:

@@ -157,12 +157,12 @@ def _end(asked: Asked, ended: Ended, errors: Sequence[QueuedError] = ()) -> None
 def start(mount: Mount, asked: Asked, targets: dict[str, float | None]) -> None:
     """Start a motion, and note its rest and the targets of its axes. Raises MountError."""
     match asked.request:
-        case Steps(axis, n):
+        case Steps(axis, n, by_sight):
             targets[axis] = None
-            mount.axis(axis).step(n, wait=False, feed=False)
-        case Pulse(axis, us):
+            mount.axis(axis).step(n, wait=False, feed=False, by_sight=by_sight)
+        case Pulse(axis, us, by_sight):
             targets[axis] = None
-            mount.axis(axis).pulse(us, wait=False, feed=False)
+            mount.axis(axis).pulse(us, wait=False, feed=False, by_sight=by_sight)
         case GoTo(axis, position):
             mount.axis(axis).move_to(position, wait=False, feed=False)
             targets[axis] = position

@@ -63,14 +63,17 @@ class Program(Client):
         """Give a sign of life."""
         self._worker.lease.beat(self)
 
-    def step(self, axis: str, n: int) -> Motion:
-        """Move an axis ("x", "y") by n steps. Raises BadValue, NotInControl; the motion's outcome has the rest."""
-        n = whole_number(n, MOST_STEPS, "steps")
-        return self._ask(Steps(self._checked(axis), n), n)
+    def step(self, axis: str, n: int, *, by_sight: bool = False) -> Motion:
+        """Move an axis ("x", "y") by n steps. by_sight: as Axis.step().
 
-    def pulse(self, axis: str, us: int) -> Motion:
+        Raises BadValue, NotInControl; the motion's outcome has the rest.
+        """
+        n = whole_number(n, MOST_STEPS, "steps")
+        return self._ask(Steps(self._checked(axis), n, by_sight), n)
+
+    def pulse(self, axis: str, us: int, *, by_sight: bool = False) -> Motion:
         """Give one pulse of |us| microseconds, 200 … 2 000 000, in the direction of its sign. Raises as step()."""
-        return self._ask(Pulse(self._checked(axis), pulse_length(us)))
+        return self._ask(Pulse(self._checked(axis), pulse_length(us), by_sight))
 
     def move_to(self, axis: str, position: int) -> Motion:
         """Move an axis to a position in whole steps. Raises as step()."""

@@ -39,18 +39,20 @@ class Press:
 
 @dataclass(frozen=True)
 class Steps:
-    """Move by n steps."""
+    """Move by n steps. by_sight: as Axis.step()."""
 
     axis: str
     n: int
+    by_sight: bool = False
 
 
 @dataclass(frozen=True)
 class Pulse:
-    """Give one pulse of |us| microseconds in the direction of its sign."""
+    """Give one pulse of |us| microseconds in the direction of its sign. by_sight: as Axis.step()."""
 
     axis: str
     us: int
+    by_sight: bool = False
 
 
 @dataclass(frozen=True)

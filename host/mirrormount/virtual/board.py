@@ -246,8 +246,8 @@ class LockstepPort:
         return self.simulation.now_us * 1e-6
 
     def sleep(self, seconds: float) -> None:
-        """Let the board's time pass: a microsecond at least, or who waits for the rest of one would wait for ever."""
-        self._pass(max(seconds, 1e-6) if seconds > 0 else 0.0, lambda: False)
+        """Let the board's time pass."""
+        self._pass(seconds, lambda: False)
 
     def read(self, timeout_s: float) -> bytes:
         """Bytes that are there, or come within timeout_s of the board's time; may be none."""
@@ -266,7 +266,8 @@ class LockstepPort:
         self.simulation.close()
 
     def _pass(self, seconds: float, until: Callable[[], bool]) -> None:
+        """A microsecond at least, or who waits for the rest of one would wait for ever."""
         try:
-            self._run(round(seconds * 1e6), until)
+            self._run(max(round(seconds * 1e6), 1) if seconds > 0 else 0, until)
         except BoardGone as e:
             raise ConnectionLost("the virtual board is gone") from e
