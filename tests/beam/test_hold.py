@@ -176,6 +176,7 @@ def test_a_goal_that_is_not_met_is_no_success(tmp_path):
         ["align", "--virtual", "--most", "1.5"],
         ["hold", "--profile", "rough"],
         ["hold", "--virtual", "--cameras", "1"],
+        ["hold", "--virtual", "--patience", "3"],
     ],
 )
 def test_what_cannot_be_is_one_line(arguments, capsys):

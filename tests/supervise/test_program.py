@@ -114,7 +114,7 @@ def test_a_program_that_hangs_is_stopped_and_loses_control(loop, board, told):
     assert not board.driving()
     assert 0 < pulses(board, "m2_en") < 10
     wait_for(lambda: told, "the cause")
-    assert "out of touch" in told[0] and not loop.in_control
+    assert "out of touch" in told[0] and "--patience" in told[0] and not loop.in_control
 
 
 @pytest.mark.wall_clock

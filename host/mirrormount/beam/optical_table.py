@@ -16,10 +16,10 @@ from mirrormount.beam.open_camera import open_camera
 from mirrormount.beam.supervised import SupervisedTable
 from mirrormount.common.axis_names import axis_name, paired
 from mirrormount.common.errors import BadFile, NotCalibrated
+from mirrormount.common.keep_alive import PATIENCE_S
 from mirrormount.device import table_file
 from mirrormount.device.table_file import CameraEntry, MountEntry
 from mirrormount.supervise import Supervisor
-from mirrormount.supervise.lease import PATIENCE_S
 
 
 class Table:

@@ -1,4 +1,4 @@
-"""The form of a command, and the arguments that several commands share. Imports only errors.
+"""The form of a command, and the arguments that several commands share. Imports only facts.
 
 A command's file is imported to build the parser, whatever command is run: it declares its arguments, and imports in
 run() the modules that do its work.
@@ -14,6 +14,7 @@ from urllib.parse import urlencode
 
 from mirrormount.common.axis_names import is_axis
 from mirrormount.common.errors import BadValue, NotSupported
+from mirrormount.common.keep_alive import LEAST_PATIENCE_S, MOST_PATIENCE_S, PATIENCE_S
 
 if TYPE_CHECKING:
     from mirrormount.device.arduino_sketch import SketchMount
@@ -134,6 +135,24 @@ def web_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--token", help="the token itself; other users see it in the list of processes")
     parser.add_argument("--no-browser", dest="browser", action="store_false", help="do not open the browser")
+
+
+def patience_option(parser: argparse.ArgumentParser, whose: str) -> None:
+    """--patience: after which silence of a client its motion is stopped; patience_of() reads it."""
+    parser.add_argument(
+        "--patience",
+        default=f"{PATIENCE_S:g}",
+        metavar="S",
+        help=f"stop what {whose} drives when it is silent for so long ({PATIENCE_S:g})",
+    )
+
+
+def patience_of(args: argparse.Namespace) -> float:
+    """The patience in seconds. Raises BadValue."""
+    with contextlib.suppress(ValueError):
+        if LEAST_PATIENCE_S <= (seconds := float(args.patience)) <= MOST_PATIENCE_S:
+            return seconds
+    raise BadValue(f"--patience is {LEAST_PATIENCE_S:g} to {MOST_PATIENCE_S:g} seconds, not {args.patience!r}")
 
 
 def _axis(text: str) -> str:

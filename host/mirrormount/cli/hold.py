@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from mirrormount.cli.command import Command, from_extra, table_option, virtual_options, web_options
+from mirrormount.cli.command import Command, from_extra, patience_option, table_option, virtual_options, web_options
 
 
 def _common(parser: argparse.ArgumentParser, off: str) -> None:
@@ -18,6 +18,7 @@ def _common(parser: argparse.ArgumentParser, off: str) -> None:
         metavar="FILE",
         help="what calibrate measured (default: beside table.toml; virtual: none, measured anew)",
     )
+    patience_option(parser, "the loop")
     parser.add_argument("--json", type=Path, metavar="FILE", help="all figures of the run")
     parser.add_argument("--log", type=Path, metavar="FOLDER", help="every look and pulse, for `mirrormount report`")
 

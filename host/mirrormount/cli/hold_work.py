@@ -19,7 +19,7 @@ from mirrormount.beam.optical_table import Table
 from mirrormount.beam.response import Response, load, save
 from mirrormount.beam.run_log import RunLog
 from mirrormount.beam.summary import Summary
-from mirrormount.cli.command import from_extra, number, virtual_address, whole
+from mirrormount.cli.command import from_extra, number, patience_of, virtual_address, whole
 from mirrormount.common.errors import BadValue, CannotWrite
 from mirrormount.common.progress import StatusLine
 from mirrormount.common.signals import ended_in_order
@@ -75,6 +75,7 @@ def work(verb: str, args: argparse.Namespace) -> int:
 def _goals(verb: str, args: argparse.Namespace) -> dict[str, Any]:
     """What is asked for, checked before anything is opened. Raises BadValue."""
     number(args.off, "--off")
+    patience_of(args)
     if verb == "align":
         return {"within_um": number(args.within, "--within"), "most": whole(args.most, "--most")}
     if verb == "hold":
@@ -110,7 +111,7 @@ def _virtual(args: argparse.Namespace) -> Iterator[tuple[LoopTable, None]]:
 def _real(args: argparse.Namespace) -> Iterator[tuple[LoopTable, Callable[[], object]]]:
     """The table of the file: each mount with a supervisor, each camera with its scale; and what stops all mounts."""
     virtual_address(args)  # --profile without --virtual is an error
-    with Table.open() as table, table.loop("beam loop") as loop:
+    with Table.open(patience_of(args)) as table, table.loop("beam loop") as loop:
         loop.take_control()
         yield loop, lambda: table.stop("STOP was pressed on the loop's page")
 

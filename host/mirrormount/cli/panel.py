@@ -2,7 +2,7 @@
 
 import argparse
 
-from mirrormount.cli.command import Command, board_port, virtual_options, web_options
+from mirrormount.cli.command import Command, board_port, patience_option, virtual_options, web_options
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -11,9 +11,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     virtual_options(parser, "a virtual board, with its screen; no hardware needed")
     parser.add_argument("--encoder", choices=("motor", "shaft"), help="virtual: an encoder on each motor, or behind it")
     web_options(parser)
-    parser.add_argument(
-        "--patience", default="0.35", metavar="S", help="stop what a page drives when it is silent for so long (0.35)"
-    )
+    patience_option(parser, "a page")
     parser.add_argument(
         "--camera",
         help="a camera's picture, and clicks that move the spot: index, device, part of a name; with --virtual: 1 or 2",

@@ -3,12 +3,11 @@
 import argparse
 import contextlib
 import importlib.util
-import math
 import sys
 from typing import TYPE_CHECKING
 
 from mirrormount.cli import panel_camera, web_opening
-from mirrormount.cli.command import virtual_address
+from mirrormount.cli.command import patience_of, virtual_address
 from mirrormount.common.errors import BadValue, ExtraMissing, NoBoardFound
 from mirrormount.common.extras import install
 from mirrormount.transport.find import find
@@ -18,14 +17,12 @@ if TYPE_CHECKING:
     from mirrormount.panel.camera_view import CameraView
     from mirrormount.supervise.reconnect import Address
 
-_PATIENCE_S = 0.1, 2.0
-
 
 def serve_panel(args: argparse.Namespace) -> None:
     """Serve the panel until told to end. Raises MountError."""
     if any(importlib.util.find_spec(name) is None for name in ("nicegui", "segno")):
         raise ExtraMissing(f"the panel needs NiceGUI, which is not installed: {install('gui')}")
-    patience_s = _patience(args.patience)
+    patience_s = patience_of(args)
     address = _address(args)
     with web_opening.opened(args) as opening, panel_camera.opened(args, address) as (board, view):
         _serve(board, opening, patience_s, args.browser, view)
@@ -57,17 +54,6 @@ def _virtual_wanted() -> bool:
     except EOFError:  # Ctrl-D
         return False
     return answer.strip().lower() in ("y", "yes")
-
-
-def _patience(text: str) -> float:
-    low, high = _PATIENCE_S
-    try:
-        seconds = float(text)
-    except ValueError:
-        seconds = math.nan
-    if not low <= seconds <= high:
-        raise BadValue(f"--patience is {low:g} to {high:g} seconds, not {text!r}")
-    return seconds
 
 
 def _serve(

@@ -15,9 +15,9 @@ from concurrent.futures import Future
 from dataclasses import dataclass, field
 
 from mirrormount.common.errors import NotInControl
+from mirrormount.common.keep_alive import PATIENCE_S
 
 TICK_S = 0.05  # period of the ticks that a remote client is sent
-PATIENCE_S = 0.35  # silence of a client after which its motion is stopped
 
 
 @dataclass(eq=False)
@@ -122,6 +122,13 @@ class Lease:
     def alive(self, client: Client) -> bool:
         """True if the client is connected and its last sign of life is fresh."""
         return client.connected and self._clock() - client.seen_s <= self.patience_s
+
+    def silence_of(self, client: Client) -> str:
+        """What is told of a client that is not alive while it moves something: cause and remedy."""
+        return (
+            f"{client.name}, which had asked for the motion, is out of touch (silent for more than {self.patience_s:g}"
+            " s): end what keeps computer or network busy, or wait longer for it: --patience S"
+        )
 
     def claim(self, client: Client) -> bool:
         """Give control to a client. True if another had it: its motion is to be stopped, and stops counts that.

@@ -5,9 +5,10 @@ from concurrent.futures import Future
 from types import TracebackType
 from typing import Self, TypeVar
 
+from mirrormount.common.keep_alive import PATIENCE_S
 from mirrormount.device.mount import Mount
 from mirrormount.device.status import Status
-from mirrormount.supervise.lease import PATIENCE_S, Lease
+from mirrormount.supervise.lease import Lease
 from mirrormount.supervise.program import Program
 from mirrormount.supervise.reconnect import Address
 from mirrormount.supervise.worker import Worker

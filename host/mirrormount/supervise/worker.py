@@ -231,7 +231,7 @@ class Worker:
         for client in (self.driver, held and held.client):
             if client and not self.lease.alive(client):
                 self.driver = None
-                self.stop(f"{client.name}, which had asked for the motion, is out of touch")
+                self.stop(self.lease.silence_of(client))
                 break
         if self.lease.stops != self._confirmed:
             self._confirm(mount)
