@@ -16,7 +16,7 @@ from mirrormount.common.declared import one_line, texts
 from mirrormount.deploy.fileset import boards, firmware
 from mirrormount.device.settings import ENCODER, SETTINGS
 from mountfw import codes
-from mountfw.boards import FILE_OF
+from mountfw.board_file import FILE_OF
 
 ROOT = Path(__file__).resolve().parent.parent
 FIRMWARE = ROOT / "firmware_py" / "mountfw"

@@ -29,6 +29,8 @@ _DRIVES, _ERROR_WAITS, _READY = 0b01010101, 0b00000101, 0b11111111
 class App:
     """The firmware of one mount. run_once() is one pass of the loop and never waits longer than _SLEEP_MS."""
 
+    built: "App | None" = None  # the one that build.py has made: repl.py continues with it
+
     def __init__(self, port, controller, commands, receiver, frame, replies, own, gated):
         self.controller = controller
         self.gated = gated
@@ -54,8 +56,8 @@ class App:
     def run(self):
         """Run the loop for ever. An internal fault stops the motors, queues an error, and the loop continues."""
         try:
-            self.port.collect()
             self.gated.enter()
+            self.port.collect()  # after deeper calls: what they leave on the stack keeps less of the start alive
             self._feed = self.port.start_watchdog()
             while True:
                 try:

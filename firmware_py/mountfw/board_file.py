@@ -1,17 +1,34 @@
-"""Board files: which one is used, its values, its axes, its faults. Pure; imports nothing of ours.
+"""Board files: which one is used, its values, its faults. Pure; imports boards. Needed while a board starts, only.
 
 A motor must not turn because of a slip in a board file: a file that cannot be used is refused, with one line that
 says why, before any pin is touched, and no other file takes its place. `mirrormount deploy` calls fault(), too.
 """
 
+from mountfw.boards import AXES, DRIVES
+
+# The file for a board, by the names that the platforms give it: CircuitPython's board id, and MicroPython's
+# MICROPY_HW_BOARD_NAME in small letters, with _ for what is neither letter nor digit. The file of a board that is not
+# here has the board's name.
+FILE_OF = {
+    "raspberry_pi_pico": "pico",
+    "raspberry_pi_pico_w": "pico_w",
+    "raspberry_pi_pico2": "pico2",
+    "raspberry_pi_pico2_w": "pico2_w",
+    "raspberry_pi_pico_2_w": "pico2_w",
+    "seeed_studio_xiao_rp2040": "seeed_xiao_rp2040",
+    "seeeduino_xiao_rp2040": "seeed_xiao_rp2040",
+    "adafruit_feather_esp32s3_4mbflash_2mbpsram": "adafruit_feather_esp32s3",
+    "adafruit_feather_esp32s3_nopsram": "adafruit_feather_esp32s3",
+}
+
 # each bridge, and which pins of an axis carry its duty
 BRIDGES = {"enable": ("en",), "two-pwm": ("pos", "neg")}
-DRIVES = ("en", "pos", "neg")
 STOPS = ("stop_pos", "stop_neg")
 ENCODERS = ("encoder", "shaft")  # which an axis may have: A and B on the motor's shaft; SDA and SCL of an AS5600
-AXES = ("AXIS_1", "AXIS_2", "AXIS_3", "AXIS_4")  # as many as the dialect knows; the first two are required
 REQUIRED = ("NAME", "BRIDGE", "AXIS_1", "AXIS_2", "PWM_HZ", "DEAD_TIME_US", "LED")
 OPTIONAL = ("AXIS_3", "AXIS_4", "EMERGENCY_STOP", "ONE_CHANNEL", "GATE")
+
+_PINS = DRIVES + STOPS
 
 checked = None  # the board file that find() has returned last: it has no fault
 
@@ -52,11 +69,6 @@ def values(board):
     module = type(__import__("mountfw"))
     found = board.__dict__  # dir() would take a Pico 25 ms
     return {name: value for name, value in found.items() if name[0] != "_" and not isinstance(value, module)}
-
-
-def axes(board):
-    """The pins of each axis of a board file, in the order of their numbers."""
-    return [getattr(board, name) for name in AXES if hasattr(board, name)]
 
 
 def fault(values, rp2=True):
@@ -107,9 +119,9 @@ def _fault_of_axis(axis, values, rp2):
     if not isinstance(pins, dict):
         return "%s is no dictionary of pins" % axis
     for name in sorted(pins):
-        if name not in DRIVES + STOPS + ENCODERS:
-            return "%s: %r is not one of %s" % (axis, name, ", ".join(DRIVES + STOPS + ENCODERS))
-    for name in DRIVES + STOPS:
+        if name not in _PINS and name not in ENCODERS:
+            return "%s: %r is not one of %s" % (axis, name, ", ".join(_PINS + ENCODERS))
+    for name in _PINS:
         if name not in pins:
             return "%s: %s is missing" % (axis, name)
         may_be_none = name in STOPS or (name == "en" and values["BRIDGE"] != "enable")
@@ -143,20 +155,18 @@ def _fault_of_pins(values, rp2):
         return "EMERGENCY_STOP is %r, neither a pin's number nor None" % (stop,)
     used = {}
     carriers = {}
-    places = [("LED", values["LED"]), ("EMERGENCY_STOP", stop)]
-    places += [
-        ("%s: %s" % (axis, name), values[axis][name]) for axis in AXES if axis in values for name in DRIVES + STOPS
-    ]
-    for axis in AXES:
-        for name in ENCODERS:
-            places += [("%s: %s" % (axis, name), pin) for pin in values.get(axis, {}).get(name, ())]
-    for place, pin in places:
+    fitted = [axis for axis in AXES if axis in values]
+    places = [("LED", "", values["LED"]), ("EMERGENCY_STOP", "", stop)]
+    places += [(axis, name, values[axis][name]) for axis in fitted for name in _PINS]
+    places += [(axis, name, pin) for axis in fitted for name in ENCODERS for pin in values[axis].get(name, ())]
+    carrying = BRIDGES[values["BRIDGE"]]
+    for axis, name, pin in places:
         if pin is None:
             continue
         if pin in used:
-            return "pin %s is used twice, at %s and at %s" % (pin, used[pin], place)
-        used[pin] = place
-        if rp2 and place[:4] == "AXIS" and place[8:] in BRIDGES[values["BRIDGE"]]:
+            return "pin %s is used twice, at %s and at %s" % (pin, _place(*used[pin]), _place(axis, name))
+        used[pin] = axis, name
+        if rp2 and name in carrying:
             carrier = _pwm_output(pin)
             if carrier in carriers:
                 return "pins %d and %d share one PWM output, so both motors would turn" % (carriers[carrier], pin)
@@ -171,6 +181,10 @@ def _fault_of_pins(values, rp2):
                 )
             buses[sda >> 1 & 1] = axis
     return ""
+
+
+def _place(axis, name):
+    return "%s: %s" % (axis, name) if name else axis
 
 
 def _is_pin(value):

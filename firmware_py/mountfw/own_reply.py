@@ -11,19 +11,20 @@ echo, `wary` is 0 and a frame is executed at once. Nothing here allocates.
 It stands beside wire/, not in it: the Receiver takes it as an object and knows its three verdicts only.
 """
 
+from mountfw import const
 from mountfw.wire.receiver import OTHER, OWN, UNDECIDED
 from mountfw.wire.ticks import diff
 
-_QUIET_US = 100_000  # the port does not echo if bytes sent so long ago have not returned ...
-_QUIET_FOR_US = 2_000_000  # ... and that holds so long: another program may open the port in another mode
-_WINDOW_US = 1_000_000  # sent frames are remembered for one of these, at most two
-_MUTED_US = 1_000_000  # no reply to frames for so long, after one has returned
+_QUIET_US = const(100_000)  # the port does not echo if bytes sent so long ago have not returned ...
+_QUIET_FOR_US = const(2_000_000)  # ... and that holds so long: another program may open the port in another mode
+_WINDOW_US = const(1_000_000)  # sent frames are remembered for one of these, at most two
+_MUTED_US = const(1_000_000)  # no reply to frames for so long, after one has returned
 
-_BUCKETS = 29  # of frames: a packed frame modulo this is its bit
+_BUCKETS = const(29)  # of frames: a packed frame modulo this is its bit
 _ANSWER = 1 << _BUCKETS  # the bit of all other replies; still a small integer
-_MAGNITUDES = 0x3FCFF  # in a packed frame; both 0: a stop, which never waits
-_HEAD = 8  # characters of a reply that are compared: as many as a frame has
-_ENDS = 6  # line ends in a row that one line end may become, and more
+_MAGNITUDES = const(0x3FCFF)  # in a packed frame; both 0: a stop, which never waits
+_HEAD = const(8)  # characters of a reply that are compared: as many as a frame has
+_ENDS = const(6)  # line ends in a row that one line end may become, and more
 
 
 class OwnReply:

@@ -1,24 +1,20 @@
-"""Presize an object's table of attributes. Pure; imports nothing of ours.
+"""Presize an object's table of attributes. Imports codes.
 
 MicroPython keeps attributes in a hash table of 2, 4, 6, 8, 10, 12, 17, 23, 29, 37, 47, 59, 73 ... places (py/map.c),
 and look-ups are slow where nearly all are taken: two attributes more made each frame take 5 % longer. A table never
 shrinks, so the attributes that make it grow can be deleted again.
 """
 
+from mountfw import codes
 
-class _Room:
-    pass
-
-
-_room = _Room()
-for _i in range(30):
-    setattr(_room, "_room%d" % _i, None)
-_NAMES = list(_room.__dict__)  # as attributes have them: new strings would have to be looked up, 60 us each
+# names that nothing has as an attribute. New strings would stay in memory for ever, and take 60 us each
+_NAMES = [name for name in codes.__dict__ if name[0] != "_"][:45]
 
 
-def presize(thing, most):
-    """Grow the attribute table of thing until `most` attributes fit; most is a little more than it has."""
-    names = _NAMES[: max(0, most - len(thing.__dict__))]
+def presize(thing):
+    """Grow the attribute table of thing until at most 3 of 5 places are taken."""
+    taken = len(thing.__dict__)
+    names = _NAMES[: taken * 5 // 3 - taken]
     for name in names:
         setattr(thing, name, None)
     for name in names:

@@ -13,7 +13,8 @@ them until its move is over, listens to Ctrl-C only, and leaves the motors off.
 
 import sys
 
-from mountfw import build, codes
+from mountfw import codes
+from mountfw.app import App
 from mountfw.settings import MAX_STEPS
 
 _SPIN_US = 2_000  # this long before a deadline only the clock is watched: more than one pass takes on an RP2040
@@ -152,14 +153,17 @@ def _check_whole(what, value, least, most):
 
 
 def _connect():
-    if build.built is None:  # the firmware has not run since the reset
+    app = App.built
+    if app is None:  # the firmware has not run since the reset
+        from mountfw.build import build
+
         name = sys.implementation.name
         port = getattr(__import__("mountfw.ports." + name).ports, name)
         board = port.find_board()
         if board is None:
             raise RuntimeError("this board has no board file")
-        build.build(port, board)
-    return Mount(build.built.port, build.built)
+        app = build(port, board)
+    return Mount(app.port, app)
 
 
 m = _connect()

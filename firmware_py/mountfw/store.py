@@ -10,7 +10,7 @@ the position is unknown. That bounds the flash's wear, too: not more than one re
 
 from binascii import crc32
 
-from mountfw import codes
+from mountfw import codes, const
 from mountfw.settings import allowed, entries_of, named
 from mountfw.wire.ticks import diff
 
@@ -19,13 +19,13 @@ _RENAMED = {"move_limit_ms": "search_limit_ms"}  # what an older firmware has sa
 _SETTINGS = "mountfw.settings"
 _POSITION = "mountfw.position"
 _NEW = ".new"
-_REST_US = 10_000_000  # how long all must have rested before the position is recorded
+_REST_US = const(10_000_000)  # how long all must have rested before the position is recorded
 
 # what record() has to do next
-_NOTHING = 0
-_WAIT = 1
-_WRITE = 2
-_RENAME = 3
+_NOTHING = const(0)
+_WAIT = const(1)
+_WRITE = const(2)
+_RENAME = const(3)
 
 
 def seal(text):

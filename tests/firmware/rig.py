@@ -5,7 +5,7 @@ of ports/micropython.py; its clock wraps at 2**30 and starts half a second befor
 costs about what it costs on a board, and an idle wait jumps to the next byte that was scheduled.
 """
 
-from mountfw import board_file, build
+from mountfw import boards, build
 from mountfw.boards import pico
 from mountfw.wire import frame
 
@@ -323,7 +323,7 @@ class Rig:
 
     def drives(self):
         """The drive of each motor, -255 ... 255, read from the pins."""
-        return tuple([self._drive(pins) for pins in board_file.axes(self.board)])
+        return tuple([self._drive(pins) for pins in boards.axes(self.board)])
 
     def _drive(self, pins):
         level = self.port.pins

@@ -2,7 +2,7 @@
 
 from rig import Board, Port
 
-from mountfw import board_file, build
+from mountfw import board_file, boards, build
 from mountfw.boards import (
     adafruit_feather_esp32s3,
     adafruit_feather_rp2040,
@@ -114,7 +114,7 @@ def test_an_app_has_the_axes_that_the_board_file_has():
     assert [axis.number for axis in build.build(Port(), board).controller.axes] == [1, 2]
     board.AXIS_3 = {"en": 16, "pos": 17, "neg": 18, "stop_pos": None, "stop_neg": None}
     assert [axis.number for axis in build.build(Port(), board).controller.axes] == [1, 2, 3]
-    assert board_file.axes(board) == [board.AXIS_1, board.AXIS_2, board.AXIS_3]
+    assert boards.axes(board) == [board.AXIS_1, board.AXIS_2, board.AXIS_3]
 
 
 def test_build_knows_the_bridges_that_a_board_file_may_name_and_refuses_others():

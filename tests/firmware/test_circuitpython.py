@@ -311,10 +311,9 @@ def test_time_that_the_port_tells_is_the_clocks_step_and_never_wrong_by_more(tmp
 WAYS_OUT = """
 import sys, usb_cdc, microcontroller
 from watchdog import WatchDogMode
-from mountfw import build
 from mountfw.ports import circuitpython_pins as pins
 WAY_OUT = ("code.py", "ports/circuitpython.py", "ports/circuitpython_pins.py")
-WAY_OUT += ("ports/shared.py", "mountfw/board_file.py")
+WAY_OUT += ("ports/shared.py", "mountfw/boards/__init__.py")
 seen = set()
 count, delivered, leaving = 0, False, False
 
@@ -343,12 +342,13 @@ def trace(frame, _event, _arg):
     frame.f_trace_opcodes, frame.f_trace_lines = True, False
     return each_bytecode
 
-build.build = lambda _port, _board: App()
 code = compile(SOURCE, "code.py", "exec")
 second_at, bad = 0, 0
 while True:
     second_at += 1
     count, delivered, leaving = 0, False, False
+    from mountfw import build  # a new one each time: code.py gives it back
+    build.build = lambda _port, _board: App()
     sys.settrace(trace)
     try:
         exec(code, {"__name__": "__main__", "print": lambda *_: None})

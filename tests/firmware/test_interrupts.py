@@ -10,7 +10,7 @@ import mountfw
 from mountfw import codes
 
 FOLDER = Path(mountfw.__file__).parent
-MOTION = ("axis", "actions", "drive", "controller", "endstop")
+MOTION = ("axis", "actions", "drive", "controller")
 FILES = {str(FOLDER / "app.py"), *(str(FOLDER / "motion" / f"{name}.py") for name in MOTION)}
 ACTIONS = str(FOLDER / "motion" / "actions.py")
 seen: set[str] = set()

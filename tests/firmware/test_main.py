@@ -14,7 +14,7 @@ from mountfw.boards import pico
 
 MAIN = Path(mountfw.__file__).parent / "entry" / "main.py"
 PORT = Path(mountfw.__file__).parent / "ports" / "micropython.py"
-SHARED = {str(PORT.parent / "shared.py"), str(PORT.parent.parent / "board_file.py")}
+SHARED = {str(PORT.parent / "shared.py"), str(PORT.parent.parent / "boards" / "__init__.py")}
 WAY_OUT = {str(MAIN), str(PORT)} | SHARED
 WATCHDOG_OFF = 0x40058000 + 0x3000  # RP2040: where a write clears bits of its control register
 SCRATCH4 = 0x40058000 + 0x1C  # says, if it is not 0, that a reset would be the watchdog's own

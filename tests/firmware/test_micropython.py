@@ -67,7 +67,6 @@ WORDS_OF_A_TRY = 3  # mp_exc_stack_t
             "bridge",
             "controller",
             "drive",
-            "endstop",
             "homing",
             "position",
         )

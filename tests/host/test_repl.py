@@ -277,8 +277,8 @@ def test_it_goes_on_where_the_firmware_was(board):
 
 def test_a_firmware_that_was_cut_off_anyhow_is_taken_over_at_rest(board):
     board.interrupt()
-    board.type("from mountfw import build")
-    board.type("c = build.built.controller")
+    board.type("from mountfw.app import App")
+    board.type("c = App.built.controller")
     board.type("c.axes[0].define(5)")
     board.type("c.axes[0].jog(1)")
     board.type("c.inhibit(3)")  # a stop was received and not yet parsed

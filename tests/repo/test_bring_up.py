@@ -57,10 +57,10 @@ def test_the_commands_of_the_rehearsal_work_in_their_order(tmp_path):
 
 
 def test_what_the_page_says_of_the_board_files_is_true():
-    import mountfw.boards
     from mirrormount.deploy.fileset import boards, firmware
+    from mountfw.board_file import FILE_OF
 
     known = boards(firmware(None))
     for named in re.findall(r"--board (\w+)`", PAGE):
         assert named in known or named == "NAME"
-    assert set(mountfw.boards.FILE_OF.values()) <= set(known)
+    assert set(FILE_OF.values()) <= set(known)

@@ -15,10 +15,10 @@ FIRMWARE = ROOT / "firmware_py" / "mountfw"
 HOST = ROOT / "host" / "mirrormount"
 
 # A port's files and the entry files name a platform. Of what is not ours, the rest may name these alone, which both
-# platforms have: checksums; the two tick functions if there are any; the interpreter's name. Nothing else, be it of one
-# platform (machine, rp2, board, pwmio) or different on each (micropython, os, gc, select, hashlib).
+# platforms have: checksums; the two tick functions if there are any; the interpreter's name and its modules. Nothing
+# else, be it of one platform (machine, rp2, board, pwmio) or different on each (micropython, os, gc, select, hashlib).
 PORTS = ("micropython", "circuitpython", "rp2_")
-ON_BOTH_PLATFORMS = {"store": {"binascii"}, "ticks": {"time"}, "repl": {"sys"}}
+ON_BOTH_PLATFORMS = {"store": {"binascii"}, "ticks": {"time"}, "repl": {"sys"}, "shared": {"sys"}}
 MICROPYTHON_ONLY = {"machine", "micropython", "rp2", "esp32", "vfs"}
 CIRCUITPYTHON_ONLY = {"board", "digitalio", "pwmio", "usb_cdc", "supervisor", "microcontroller", "storage", "watchdog"}
 CIRCUITPYTHON_ONLY |= {"adafruit_motor", "nvm", "rp2pio", "analogio", "countio", "busio"}
@@ -74,7 +74,7 @@ def test_what_is_shared_uses_nothing_that_circuitpython_lacks():
 def test_the_host_takes_only_the_wire_from_the_firmware():
     allowed = {"mountfw", "mountfw.__version__", "mountfw.codes", "mountfw.settings"}
     allowed |= {"mountfw.encoder.settings", "mountfw.encoder.settings.ENCODER_SETTINGS"}
-    allowed |= {"mountfw.board_file", "mountfw.boards", "mountfw.boards.FILE_OF"}  # the names of boards
+    allowed |= {"mountfw.board_file"}
     wire = (
         "mountfw.wire.frame",
         "mountfw.dialect.line",

@@ -40,31 +40,31 @@ class Commands:
         self.queries = queries = Queries(controller, replies, about)
         # (needs an axis, set, query); set(axis, line) and query(axis) of the axis, or of None
         commands = {
-            b"*IDN": (False, None, queries.identity),
-            b"*RST": (False, self._restart, None),
-            b"*RCL": (False, self._recall, None),
-            b"SM": (False, self._save, None),
-            b"XX": (False, self._purge, None),
-            b"VE": (False, self._version, queries.version),
-            b"PR": (True, self._move_by, queries.relative),
-            b"PA": (True, self._move_to, queries.target),
-            b"TP": (True, None, queries.position),
-            b"MD": (True, None, queries.done),
-            b"MV": (True, self._run, queries.direction),
-            b"MT": (True, self._find_stop, None),
-            b"OR": (True, self._home, queries.home_offset),
-            b"ST": (False, self._stop, None),
-            b"AB": (False, self._abort, None),
-            b"DH": (True, self._define, queries.defined),
-            b"TE": (False, None, queries.error),
-            b"TB": (False, None, queries.error_text),
-            b"PH": (False, None, queries.limits),
-            b"XK": (False, self._keep_alive, queries.keep_alive),
-            b"XU": (True, self._pulse, None),
-            b"XS": (False, None, queries.status),
-            b"XE": (True, None, queries.ended),
-            b"XF": (False, None, queries.firmware_hash),
-            b"XH": (False, None, queries.health),
+            "*IDN": (False, None, queries.identity),
+            "*RST": (False, self._restart, None),
+            "*RCL": (False, self._recall, None),
+            "SM": (False, self._save, None),
+            "XX": (False, self._purge, None),
+            "VE": (False, self._version, queries.version),
+            "PR": (True, self._move_by, queries.relative),
+            "PA": (True, self._move_to, queries.target),
+            "TP": (True, None, queries.position),
+            "MD": (True, None, queries.done),
+            "MV": (True, self._run, queries.direction),
+            "MT": (True, self._find_stop, None),
+            "OR": (True, self._home, queries.home_offset),
+            "ST": (False, self._stop, None),
+            "AB": (False, self._abort, None),
+            "DH": (True, self._define, queries.defined),
+            "TE": (False, None, queries.error),
+            "TB": (False, None, queries.error_text),
+            "PH": (False, None, queries.limits),
+            "XK": (False, self._keep_alive, queries.keep_alive),
+            "XU": (True, self._pulse, None),
+            "XS": (False, None, queries.status),
+            "XE": (True, None, queries.ended),
+            "XF": (False, None, queries.firmware_hash),
+            "XH": (False, None, queries.health),
         }
         commands.update(NewFocus(line, replies, self._number).rows())
         self._settings = _SETTINGS
@@ -76,9 +76,8 @@ class Commands:
                 self._settings.update(encoder.SETTINGS)
                 parts = (self._number, self._set, self._ask_setting, commands)
                 commands.update(encoder.EncoderWords(self._axes, line, replies, *parts).rows())
-        self._commands = {key(name): entry for name, entry in commands.items()}
-        for name in _SETTINGS:
-            self._commands[name] = (True, self._set, self._ask_setting)
+        self._commands = {key(name.encode()): entry for name, entry in commands.items()}
+        self._commands.update(dict.fromkeys(_SETTINGS, (True, self._set, self._ask_setting)))
 
     # ---- a line
 

@@ -3,13 +3,13 @@
 Without one, newfocus.py answers them. On an axis without one, so does this.
 """
 
-from mountfw import codes
+from mountfw import codes, const
 from mountfw.dialect.line import NOTHING, key
 from mountfw.encoder.settings import ENCODER_SETTINGS
 
 SETTINGS = {key(entry[0]): entry for entry in ENCODER_SETTINGS}
 _NEED_COUNTS = (key(b"MM"), key(b"SN"))
-_UNCHECKED = 1  # bit of ZZ
+_UNCHECKED = const(1)  # bit of ZZ
 
 
 class EncoderWords:
@@ -27,20 +27,20 @@ class EncoderWords:
         self._set_any = set_any
         self._ask_any = ask_any
         self._configured = 0  # what ZZ has said
-        self._steps = {name: rows[name] for name in (b"PR", b"PA", b"TP", b"DH")}
+        self._steps = {name: rows[name] for name in ("PR", "PA", "TP", "DH")}
 
     def rows(self):
         """Those that differ from a board's without an encoder."""
         rows = {
-            b"XC": (True, None, self._raw),
-            b"ZZ": (False, self._configure, self._configuration),
-            b"PR": (True, self._move_by, self._last_relative),
-            b"PA": (True, self._move_to, self._target),
-            b"TP": (True, None, self._position),
-            b"DH": (True, self._define, self._defined),
+            "XC": (True, None, self._raw),
+            "ZZ": (False, self._configure, self._configuration),
+            "PR": (True, self._move_by, self._last_relative),
+            "PA": (True, self._move_to, self._target),
+            "TP": (True, None, self._position),
+            "DH": (True, self._define, self._defined),
         }
-        for entry in ENCODER_SETTINGS:
-            rows[entry[0]] = (True, self._set, self._ask)
+        names = [entry[0].decode() for entry in ENCODER_SETTINGS]
+        rows.update(dict.fromkeys(names, (True, self._set, self._ask)))
         return rows
 
     # ---- settings
@@ -83,36 +83,36 @@ class EncoderWords:
 
     def _move_by(self, axis, line):
         if not getattr(axis, "units", 0):
-            self._steps[b"PR"][1](axis, line)
+            self._steps["PR"][1](axis, line)
         elif self._number(line):
             axis.by_counts(line.rounded())
 
     def _move_to(self, axis, line):
         if not getattr(axis, "units", 0):
-            self._steps[b"PA"][1](axis, line)
+            self._steps["PA"][1](axis, line)
         elif self._number(line):
             axis.to_counts(line.rounded())
 
     def _define(self, axis, line):
         if not getattr(axis, "units", 0):
-            self._steps[b"DH"][1](axis, line)
+            self._steps["DH"][1](axis, line)
         elif line.kind == NOTHING or self._number(line):
             axis.define_counts(line.rounded())
 
     def _last_relative(self, axis):
-        self._in_units(b"PR", axis, "relative_counts")
+        self._in_units("PR", axis, "relative_counts")
 
     def _target(self, axis):
-        self._in_units(b"PA", axis, "target_counts")
+        self._in_units("PA", axis, "target_counts")
 
     def _defined(self, axis):
-        self._in_units(b"DH", axis, "defined_counts")
+        self._in_units("DH", axis, "defined_counts")
 
     def _position(self, axis):
         if getattr(axis, "units", 0):
             self._replies.add(axis.counts_now())
         else:
-            self._steps[b"TP"][2](axis)
+            self._steps["TP"][2](axis)
 
     def _in_units(self, name, axis, counts):
         if getattr(axis, "units", 0):

@@ -8,27 +8,29 @@ continue it. When the line has ended, advance() goes through it again and picks 
 command by command. Nothing is executed before the whole line was found good, and nothing is allocated.
 """
 
-MORE = 0
-COMMAND = 1  # the fields are those of the next command
-END = 2  # the line has ended
-BAD = -1
-TOO_LONG = -2
+from mountfw import const
 
-MAX_LINE = 128
+MORE = const(0)
+COMMAND = const(1)  # the fields are those of the next command
+END = const(2)  # the line has ended
+BAD = const(-1)
+TOO_LONG = const(-2)
+
+MAX_LINE = const(128)
 
 # what came after the mnemonic
-NOTHING = 0
-QUERY = 1
-PLUS = 2
-MINUS = 3
-NUMBER = 4
+NOTHING = const(0)
+QUERY = const(1)
+PLUS = const(2)
+MINUS = const(3)
+NUMBER = const(4)
 
-_CR = 13
-_AT_ONCE = 4  # bytes that one call of advance() reads at most: a piece of work must be short
-_MAX_NAME = 6  # letters that fit an integer below 2**30 to the base 28
-HUGE = 9_999_999  # stands for every larger number: beyond all ranges, and its hundredths stay below 2**30
-_TENTH_OF_HUGE = 1_000_000
-_FIRST_DECIMAL = 100_000  # what it counts, in millionths
+_CR = const(13)
+_AT_ONCE = const(4)  # bytes that one call of advance() reads at most: a piece of work must be short
+_MAX_NAME = const(6)  # letters that fit an integer below 2**30 to the base 28
+HUGE = const(9_999_999)  # stands for every larger number: beyond all ranges, and its hundredths stay below 2**30
+_TENTH_OF_HUGE = const(1_000_000)
+_FIRST_DECIMAL = const(100_000)  # what it counts, in millionths
 
 # Each state, and what it becomes with which byte. Where a byte is not named, it cannot continue the line.
 # 0 stands for a digit, 00 for a zero where that is another matter, A for a letter, + for a sign, $ for LF (CR counts
@@ -112,9 +114,9 @@ _NEXT = (  # for each state: the number of the next one, by the byte's column
     b"\xff\xff\xff\xff\xff\xff\xff\xff\xff\xff\xff\xff\xff"  # end
     # end
 )
-_COLUMNS = 13
+_COLUMNS = const(13)
 _END = len(_NEXT) // _COLUMNS - 1
-_NOT_ALLOWED = 255
+_NOT_ALLOWED = const(255)
 
 
 def key(name):

@@ -4,26 +4,26 @@ Drivers written for these controllers send them at start-up: for a network, othe
 nothing, and a query answers as one unit without these parts would.
 """
 
-from mountfw import codes
+from mountfw import codes, const
 from mountfw.dialect.line import key
 
-ADDRESS = 1  # of this controller, in a line that names one; 0 is the controller at the port, so this one as well
-AXES = 4  # of such a controller; an axis that this mount has not answers as not connected
+ADDRESS = const(1)  # of this controller, in a line that names one; 0 is the controller at the port, so this one as well
+AXES = const(4)  # of such a controller; an axis that this mount has not answers as not connected
 
 _CONSTANTS = {
-    b"SA": b"%d" % ADDRESS,
-    b"SC": b"%d" % (1 << ADDRESS),  # a bit for each address that is in use
-    b"SD": b"1",
-    b"RS": b"0",
-    b"ZZ": b"0",
-    b"IPMODE": b"0",
-    b"HOSTNAME": b"mirrormount",
-    b"IPADDR": b"0.0.0.0",
-    b"GATEWAY": b"0.0.0.0",
-    b"NETMASK": b"0.0.0.0",
-    b"MACADDR": b"00,00,00,00,00,00",
+    "SA": b"%d" % ADDRESS,
+    "SC": b"%d" % (1 << ADDRESS),  # a bit for each address that is in use
+    "SD": b"1",
+    "RS": b"0",
+    "ZZ": b"0",
+    "IPMODE": b"0",
+    "HOSTNAME": b"mirrormount",
+    "IPADDR": b"0.0.0.0",
+    "GATEWAY": b"0.0.0.0",
+    "NETMASK": b"0.0.0.0",
+    "MACADDR": b"00,00,00,00,00,00",
 }
-_ENCODER = (b"SN", b"MM", b"DB", b"CL", b"FE", b"XN", b"XG", b"XA", b"XZ")  # encoder/settings.py
+_ENCODER = ("SN", "MM", "DB", "CL", "FE", "XN", "XG", "XA", "XZ")  # encoder/settings.py
 
 
 class NewFocus:
@@ -36,15 +36,13 @@ class NewFocus:
         self._line = line
         self._replies = replies
         self._number = number
-        self._constants = {key(name): answer for name, answer in _CONSTANTS.items()}
+        self._constants = {key(name.encode()): answer for name, answer in _CONSTANTS.items()}
 
     def rows(self):
         """{mnemonic: (needs an axis, set, query)}, as in Commands."""
-        rows = {b"MC": (False, self._accept, None), b"MZ": (True, self._accept, self._zero)}
-        for name in _ENCODER:
-            rows[name] = (True, self._open_loop, self._zero)
-        for name in _CONSTANTS:
-            rows[name] = (False, self._accept, self._constant)
+        rows = {"MC": (False, self._accept, None), "MZ": (True, self._accept, self._zero)}
+        rows.update(dict.fromkeys(_ENCODER, (True, self._open_loop, self._zero)))
+        rows.update(dict.fromkeys(_CONSTANTS, (False, self._accept, self._constant)))
         return rows
 
     def _accept(self, _axis, _line):

@@ -5,7 +5,7 @@ are there, and every drive is watched. The states, the table and the drive are t
 and what comes after it, is decided here.
 """
 
-from mountfw import codes
+from mountfw import codes, const
 from mountfw.encoder.closed_loop import ClosedLoop
 from mountfw.encoder.counts import apart
 from mountfw.encoder.position import MeasuredPosition
@@ -17,10 +17,10 @@ from mountfw.motion.drive import NEVER_US
 from mountfw.settings import SETTINGS
 from mountfw.wire.ticks import add, diff
 
-_MANY = 1 << 20  # pulses left, for the table: the closed loop counts its own
-_LOOKS = 2  # of resting: no pulse's rest, but the encoder is looked at
-_LOOK_US = 4_000  # between two looks, at most: the loop sleeps less than that
-_LOOK_AT_RUN_US = 10_000
+_MANY = const(1 << 20)  # pulses left, for the table: the closed loop counts its own
+_LOOKS = const(2)  # of resting: no pulse's rest, but the encoder is looked at
+_LOOK_US = const(4_000)  # between two looks, at most: the loop sleeps less than that
+_LOOK_AT_RUN_US = const(10_000)
 
 # the axis's error of each reason, whatever the direction
 _ERRORS = {

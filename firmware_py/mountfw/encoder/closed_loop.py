@@ -6,15 +6,15 @@ direction, and in proportion to the speed. The end of a drive is foretold from t
 for the end of any drive.
 """
 
-from mountfw import codes
+from mountfw import codes, const
 from mountfw.encoder.counts import apart
 
-MOST_CORRECTIONS = 3
-_BOUND = 3  # a pulse may drive so many times as long as its counts are worth ...
-_MORE_US = 50_000  # ... and this
-_FULL_SPEED_US = 60_000  # a drive that lasts longer ends at full speed
-_MOST_COAST = 4  # at most that part of a step
-_LEAST_BACK = 16  # that part of a step is the least correction back through the play of gears; assumed
+MOST_CORRECTIONS = const(3)
+_BOUND = const(3)  # a pulse may drive so many times as long as its counts are worth ...
+_MORE_US = const(50_000)  # ... and this
+_FULL_SPEED_US = const(60_000)  # a drive that lasts longer ends at full speed
+_MOST_COAST = const(4)  # at most that part of a step
+_LEAST_BACK = const(16)  # that part of a step is the least correction back through the play of gears; assumed
 
 
 class Coast:

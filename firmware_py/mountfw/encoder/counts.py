@@ -3,8 +3,10 @@
 A reader, which the port makes (ports/counted.py), has counts(), slips, gone and play_us.
 """
 
-_MASK = 0x3FFF_FFFF
-_HALF = 1 << 29
+from mountfw import const
+
+_MASK = const(0x3FFF_FFFF)
+_HALF = const(1 << 29)
 
 
 def apart(later, earlier):

@@ -5,14 +5,14 @@ times duty, count for nothing: each call looks at the encoder instead. What the 
 first, as a drive's amount does, but in counts.
 """
 
-from mountfw import codes
+from mountfw import codes, const
 from mountfw.encoder.counts import apart
 from mountfw.motion.position import Position, rounded
 
-_SMALL = 1 << 29
-_TURN = 4096
-_PLAY = 4  # counts that a shaft at rest may be off: noise, and what the screw gives
-_MOST_GAP = 20_000  # thousandths of a step
+_SMALL = const(1 << 29)
+_TURN = const(4096)
+_PLAY = const(4)  # counts that a shaft at rest may be off: noise, and what the screw gives
+_MOST_GAP = const(20_000)  # thousandths of a step
 
 
 class MeasuredPosition(Position):

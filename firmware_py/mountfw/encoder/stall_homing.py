@@ -7,14 +7,14 @@
 The axis drives, counts and ends the move; it says when the motor has stalled. In all it may drive for search_limit_ms.
 """
 
-from mountfw import codes
+from mountfw import codes, const
 
-_SEEK = 1
-_BACK = 2
-_AGAIN = 3
+_SEEK = const(1)
+_BACK = const(2)
+_AGAIN = const(3)
 
-_SETTLE_US = 50_000
-_BACK_US = 200_000
+_SETTLE_US = const(50_000)
+_BACK_US = const(200_000)
 
 
 class StallHoming:

@@ -3,15 +3,15 @@
 All counts here are in the drive's direction, since it began.
 """
 
-from mountfw import codes
+from mountfw import codes, const
 from mountfw.encoder.counts import apart
 from mountfw.wire.ticks import add, diff
 
-_SPAN_US = 16_384  # the speed is that of the last one to two of these: counts come singly
-_STALE_US = 60_000
-_LEAST_WRONG = 16  # a motor that coasts one way is driven the other way: so many at least are no error
-_MOST_NOISE = 4  # counts of a sensor whose shaft stands still
-_MOST_SLIPS = 8  # of one drive; more are no single disturbance
+_SPAN_US = const(16_384)  # the speed is that of the last one to two of these: counts come singly
+_STALE_US = const(60_000)
+_LEAST_WRONG = const(16)  # a motor that coasts one way is driven the other way: so many at least are no error
+_MOST_NOISE = const(4)  # counts of a sensor whose shaft stands still
+_MOST_SLIPS = const(8)  # of one drive; more are no single disturbance
 
 
 class Watch:

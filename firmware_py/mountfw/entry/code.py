@@ -13,7 +13,10 @@ if board:
             port.motors_off(board)
             from mountfw.build import build
 
-            build(port, board).run()
+            app = build(port, board)
+            build = None  # `del` alone would keep what it is
+            port.forget_start()
+            app.run()
         finally:
             port.leave(board)
     except KeyboardInterrupt:

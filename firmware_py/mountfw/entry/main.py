@@ -49,7 +49,10 @@ finally:
 if board:
     try:
         try:
-            build(port, board).run()
+            app = build(port, board)
+            build = listed = None  # `del` alone would keep what they are
+            port.forget_start()
+            app.run()
         finally:
             port.leave(board)
     except KeyboardInterrupt:

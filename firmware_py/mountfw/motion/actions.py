@@ -6,15 +6,15 @@ or another event was handled meanwhile. Which action is due when stands in axis.
 A changed setting counts from the next move on: the amounts of drive of a step and of the gap are computed at rest.
 """
 
-from mountfw import codes
+from mountfw import codes, const
 from mountfw.motion.drive import Drive
 from mountfw.motion.homing import Homing
 from mountfw.motion.position import EDGE, Position
 from mountfw.settings import MAX_STEPS, SETTINGS, Settings
 from mountfw.wire.ticks import add
 
-_SHORT_US = 900  # a drive that may be over before the loop comes round is waited for where it begins
-_REST_US = 1_000  # least rest after a pulse
+_SHORT_US = const(900)  # a drive that may be over before the loop comes round is waited for where it begins
+_REST_US = const(1_000)  # least rest after a pulse
 
 # the errors of reasons, in the positive and the negative direction
 _ERRORS = {

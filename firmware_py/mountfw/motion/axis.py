@@ -5,7 +5,7 @@ never waits. Each of these, each stop, each deadline and each switch is an event
 state, the next state and the action; handle() does what it says, and nothing else changes the state.
 """
 
-from mountfw import codes
+from mountfw import codes, const
 from mountfw.motion.actions import Actions
 from mountfw.motion.drive import NEVER_US
 from mountfw.motion.position import EDGE, rounded
@@ -13,31 +13,31 @@ from mountfw.settings import MAX_STEPS
 from mountfw.wire.ticks import add, diff
 
 # states: those above REST have drive; from RUN on it is counted as time goes by
-IDLE = 0  # no move
-SETTLE = 1  # homing, at rest
-REST = 2  # a move is accepted, or between two of its pulses
-TAKE_UP = 3  # a pulse through the backlash
-PULSE = 4
-SLOW = 5  # a slow pulse of homing
-RUN = 6  # a run or a frame
-SEARCH = 7  # a run of homing
+IDLE = const(0)  # no move
+SETTLE = const(1)  # homing, at rest
+REST = const(2)  # a move is accepted, or between two of its pulses
+TAKE_UP = const(3)  # a pulse through the backlash
+PULSE = const(4)
+SLOW = const(5)  # a slow pulse of homing
+RUN = const(6)  # a run or a frame
+SEARCH = const(7)  # a run of homing
 
 # events, and the value that goes with each
-ASK = 0  # a move is asked for, and not by a frame
-BEGIN = 1  # it is accepted (signed speed)
-SEEK = 2  # homing is accepted (signed speed)
-FRAME = 3  # a frame drives (signed speed)
-FINISH = 4  # a soft stop, and little of the drive is left (reason)
-END = 5  # all else that ends a move: stops, faults, homing has found it (reason)
-DUE_TAKE_UP = 6  # it is time to drive so (microseconds at most)
-DUE_PULSE = 7
-DUE_RUN = 8
-DUE_SLOW = 9
-DUE_SEARCH = 10
-DUE_SETTLE = 11  # homing is to rest (microseconds)
-OVER = 12  # the drive has come to its deadline
-LAST_OVER = 13  # so has the last pulse
-HIT = 14  # the end-stop ahead is open (reason)
+ASK = const(0)  # a move is asked for, and not by a frame
+BEGIN = const(1)  # it is accepted (signed speed)
+SEEK = const(2)  # homing is accepted (signed speed)
+FRAME = const(3)  # a frame drives (signed speed)
+FINISH = const(4)  # a soft stop, and little of the drive is left (reason)
+END = const(5)  # all else that ends a move: stops, faults, homing has found it (reason)
+DUE_TAKE_UP = const(6)  # it is time to drive so (microseconds at most)
+DUE_PULSE = const(7)
+DUE_RUN = const(8)
+DUE_SLOW = const(9)
+DUE_SEARCH = const(10)
+DUE_SETTLE = const(11)  # homing is to rest (microseconds)
+OVER = const(12)  # the drive has come to its deadline
+LAST_OVER = const(13)  # so has the last pulse
+HIT = const(14)  # the end-stop ahead is open (reason)
 
 # cells: the next state and the action; where the action returns False, the state stays
 _ = (IDLE, Actions.cannot_happen)
@@ -85,9 +85,9 @@ TABLE = {
 }
 # fmt: on
 _ON_FRAME, _ON_DUE_RUN = TABLE[FRAME], TABLE[DUE_RUN]
-_FINISH_US = 250_000  # a soft stop lets a pulse end that has less than this to go
-_SHORTEST_US = 200  # no pulse is shorter, so less than that is not taken up
-_COUNT_US = 20_000  # a run is counted at least this often while it is served, so that its sums stay small
+_FINISH_US = const(250_000)  # a soft stop lets a pulse end that has less than this to go
+_SHORTEST_US = const(200)  # no pulse is shorter, so less than that is not taken up
+_COUNT_US = const(20_000)  # a run is counted at least this often while it is served, so that its sums stay small
 
 
 class Axis(Actions):

@@ -9,8 +9,10 @@ right before the pin changed, or None where the port does not know it. low() and
 duty: the PWM hardware keeps the old duty to the end of its period.
 """
 
-_FULL = 255
-_U16 = 257  # 255 * 257 = 65535
+from mountfw import const
+
+_FULL = const(255)
+_U16 = const(257)  # 255 * 257 = 65535
 
 
 class EnableBridge:

@@ -5,13 +5,29 @@ _set() turns a motor on. The clock is read right before each pin write. Between 
 guard(), or set `emergency`: both only cut, on() checks again after it has driven, and Axis.service() does the rest.
 """
 
-from mountfw import codes
+from mountfw import codes, const
 from mountfw.wire.ticks import add, diff
 
-NEVER_US = 1 << 29  # "no deadline"
+NEVER_US = const(1 << 29)  # "no deadline"
 
-_MOST_ON_US = 1_000_000_000  # a move's on-time is measured up to here: its sum stays a small integer
-_TURN_US = 5  # half a turn of cut_on_time()'s loop on an RP2040
+_MOST_ON_US = const(1_000_000_000)  # a move's on-time is measured up to here: its sum stays a small integer
+_TURN_US = const(5)  # half a turn of cut_on_time()'s loop on an RP2040
+
+
+class EndStop:
+    """A normally closed switch to ground with a pull-up: high is active, and so is a broken wire.
+
+    read returns 0 or 1, or is None where the board has no such input. A switch that is not fitted is never read.
+    """
+
+    def __init__(self, read):
+        self._read = read
+        self.has_input = read is not None
+        self.fitted = False
+
+    def active(self):
+        """True while the switch says stop. Two readings must agree: motors are noisy neighbours."""
+        return self.fitted and self._read() == 1 and self._read() == 1
 
 
 class Drive:

@@ -10,18 +10,18 @@ The axis drives, counts and ends the move; this only decides the next leg. In al
 switch at the other end that opens meanwhile is a fault of the wiring, and ends it.
 """
 
-from mountfw import codes
+from mountfw import codes, const
 
-_FAST = 1
-_CONFIRM = 2
-_BACK = 3
-_RELEASED = 4
-_SLOW = 5
+_FAST = const(1)
+_CONFIRM = const(2)
+_BACK = const(3)
+_RELEASED = const(4)
+_SLOW = const(5)
 
-_SETTLE_US = 20_000  # at rest before a switch is believed: contacts bounce for some milliseconds
-_BACK_OFF_STEPS = 20  # a switch must close within so many steps, or it never will
-_SLOW_PART = 8  # a slow pulse is that part of a step's
-_SHORTEST_US = 200
+_SETTLE_US = const(20_000)  # at rest before a switch is believed: contacts bounce for some milliseconds
+_BACK_OFF_STEPS = const(20)  # a switch must close within so many steps, or it never will
+_SLOW_PART = const(8)  # a slow pulse is that part of a step's
+_SHORTEST_US = const(200)
 
 
 class Homing:

@@ -5,11 +5,11 @@ first turns through the gap, `gap` of it, while the mirror stands still: that mu
 far the drive is from the gap's negative end, 0 ... gap.
 """
 
-from mountfw import codes
+from mountfw import codes, const
 from mountfw.settings import MAX_STEPS
 
 EDGE = MAX_STEPS * 1000  # millisteps: of what can be counted, either way
-MOST_US = 400_000_000  # nothing drives longer: the greatest run limit
+MOST_US = const(400_000_000)  # nothing drives longer: the greatest run limit
 
 
 def rounded(millisteps):

@@ -18,6 +18,7 @@ from machine import PWM, Pin
 from mountfw import codes
 from mountfw.ports import shared
 from mountfw.ports.micropython_console import any, drain, pack, writable, write  # noqa: F401 (verbs of this port, too)
+from mountfw.ports.shared import forget_start  # noqa: F401 (a verb of this port, too)
 
 ticks_us = time.ticks_us  # pyright: ignore[reportAttributeAccessIssue]
 ticks_ms = time.ticks_ms  # pyright: ignore[reportAttributeAccessIssue]

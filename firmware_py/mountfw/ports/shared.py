@@ -1,10 +1,13 @@
 """The ports' common part: the board file, its drive pins, reading a file, the list of the firmware's files.
 
-Names no platform. Imports board_file and boards.
+Names no platform. Imports boards, and board_file at the start only.
 """
 
-from mountfw import board_file
-from mountfw.boards import FILE_OF
+import sys
+
+from mountfw.boards import DRIVES, axes
+
+_ONLY_AT_START = {"mountfw": ("build", "presize", "board_file"), "mountfw.ports": ("rp2_listed",)}
 
 _MOST_BYTES = 4096  # more than any file of ours: another one of that name must not fill the memory
 _NO_SUCH_FILE = 2  # ENOENT
@@ -19,11 +22,28 @@ def find_board(title, name, listdir, rp2):
     None, after a printed line, if there is none or it cannot be used. listdir is os.listdir; rp2 as in
     board_file.find().
     """
-    name = FILE_OF.get(name, name)
+    from mountfw import board_file
+
+    name = board_file.FILE_OF.get(name, name)
     board = board_file.find(("this", name), listdir, rp2)
     if board is False:
         print("mountfw: no board file for '%s': write mountfw/boards/%s.py (copy pico.py)" % (title, name))
     return board or None
+
+
+def forget_start():
+    """Give the memory back of modules that only a start needs: 12 KB. Who imports one again has a new one."""
+    for package, names in _ONLY_AT_START.items():
+        for name in names:
+            module = package + "." + name
+            if module in sys.modules:
+                _drop(sys.modules[package].__dict__, name)
+                _drop(sys.modules, module)
+
+
+def _drop(table, key):
+    table[key] = None  # MicroPython keeps the value of a key that is only deleted
+    del table[key]
 
 
 def led_of(board, radio):
@@ -33,13 +53,15 @@ def led_of(board, radio):
 
 def drive_pins(board):
     """The pins that drive, of every axis of a board file: the enables first, then the legs."""
-    axes = board_file.axes(board)
-    return [pins[name] for name in board_file.DRIVES for pins in axes if pins[name] is not None]
+    found = axes(board)
+    return [pins[name] for name in DRIVES for pins in found if pins[name] is not None]
 
 
 def gate_pins(board):
     """The pins of each axis of a board file that are low while it has no drive: those that carry its duty."""
-    return [tuple([pins[name] for name in board_file.BRIDGES[board.BRIDGE]]) for pins in board_file.axes(board)]
+    from mountfw.board_file import BRIDGES
+
+    return [tuple([pins[name] for name in BRIDGES[board.BRIDGE]]) for pins in axes(board)]
 
 
 def read_file(path):

@@ -10,7 +10,6 @@ from mirrormount.common.errors import DeployError
 from mirrormount.common.printable import printable
 from mirrormount.deploy.fileset import THIS, boards
 from mountfw import board_file as on_board
-from mountfw.boards import FILE_OF
 
 _REQUIRED = {"NAME", "BRIDGE", "AXIS_1", "AXIS_2", "PWM_HZ", "DEAD_TIME_US", "LED"}
 _OPTIONAL = {"AXIS_3", "AXIS_4", "EMERGENCY_STOP", "ONE_CHANNEL"}
@@ -29,7 +28,7 @@ def check_board_file(name: str, files: Collection[str]) -> None:
     names = {path.removesuffix(".mpy").removesuffix(".py") for path in files}
     machine = name.split(" with ")[0]
     plain = "".join(c.lower() if c.isalnum() else "_" for c in machine)
-    if machine and not names & {THIS.removesuffix(".py"), f"mountfw/boards/{FILE_OF.get(plain, plain)}"}:
+    if machine and not names & {THIS.removesuffix(".py"), f"mountfw/boards/{on_board.FILE_OF.get(plain, plain)}"}:
         raise DeployError(
             f"there is no board file for a '{printable(machine)}', so nobody knows its pins; nothing was changed: name"
             f" one with --board ({', '.join(boards(files))}), or say which pins it has with --pins FILE (a changed copy"

