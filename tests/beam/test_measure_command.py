@@ -44,6 +44,7 @@ def test_a_square_is_measured_and_told_with_page_and_numbers(tmp_path, capsys, t
     assert len(numbers["readings"]) == 41
     assert numbers["estimates"]["side.up"]["unit"] == "px"
     page = (tmp_path / "measure-square.html").read_text()
+    assert "of the beam" in page and "of the mirror" not in page, "a column without any figure is left out"
     assert "<svg" in page and "data:image/png;base64," in page
     assert "http" not in page.split("<svg")[0], "the page needs nothing from elsewhere"
 
@@ -177,6 +178,8 @@ def mount_of(table):
         (("steps", *SEED, "--distance", "100"), "--distance needs --mm-per-px"),
         (("steps", *SEED, "--mm-per-px", "-1"), "more than 0"),
         (("steps", *SEED, "--report", "none/here.html"), "no such folder"),
+        (("steps", *SEED, "--report", ""), "cannot write ."),
+        (("steps", *SEED, "--report", "/proc/here.html"), "cannot write /proc/here.html"),
         (("steps", "--seed", "5"), "add --virtual"),
     ],
 )

@@ -27,8 +27,10 @@ class Estimate:
         """Two digits of the error, and the value to the same place: "431.2 ± 1.3 urad"."""
         if not math.isfinite(self.error) or self.error <= 0:
             return f"{self.value:.4g} {self.unit}".strip()
-        digits = max(0, 1 - math.floor(math.log10(self.error)))
-        return f"{self.value:.{digits}f} ± {self.error:.{digits}f} {self.unit}".strip()
+        digits = 1 - math.floor(math.log10(self.error))
+        value, error = (round(number, digits) + 0.0 for number in (self.value, self.error))  # + 0.0: no "-0"
+        shown = max(0, digits)
+        return f"{value:.{shown}f} ± {error:.{shown}f} {self.unit}".strip()
 
     def scaled(self, factor: "float | Estimate", unit: str) -> "Estimate":
         """Times a factor, which may have an error of its own, in another unit."""

@@ -13,6 +13,7 @@ body{font:16px/1.5 system-ui,sans-serif;margin:0 auto;max-width:60rem;padding:1r
 h1{font-size:1.5rem}h2{font-size:1.15rem;margin-top:2rem}img,svg{max-width:100%;height:auto}
 .wide{overflow-x:auto}table{border-collapse:collapse}td,th{padding:.25rem .75rem .25rem 0;text-align:left;
 border-bottom:1px solid #ddd;white-space:nowrap}td.n{text-align:right;font-variant-numeric:tabular-nums}
+.curve svg{display:block;width:100%;max-width:44rem}td.name{white-space:normal;min-width:8.5rem}
 .partial{background:#fff3cd;padding:.5rem 1rem;border-left:4px solid #b58100}
 """
 
@@ -41,10 +42,13 @@ def table(head: Sequence[object], rows: Sequence[Sequence[object]]) -> str:
     return f'<div class="wide"><table><tr>{titles}</tr>{lines}</table></div>'
 
 
-def chart(title: str, draw: Callable[[Axes], object], height: float = 3.2) -> str:
-    """A curve as SVG. draw(axes) draws it; title makes the ids in the SVG repeatable. height: inches of 7 wide."""
+def chart(title: str, draw: Callable[[Axes], object], height: float = 3.2, width: float = 7.0) -> str:
+    """A curve as SVG. draw(axes) draws it; title makes the ids in the SVG repeatable. height, width: inches.
+
+    The letters have 10 points, so those of a narrower chart are larger on a phone, which shows its whole width.
+    """
     with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": title, "font.family": "sans-serif"}):
-        figure = Figure(figsize=(7, height), layout="constrained")
+        figure = Figure(figsize=(width, height), layout="constrained")
         axes = figure.add_subplot()
         draw(axes)
         axes.grid(alpha=0.3)

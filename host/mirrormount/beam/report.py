@@ -11,6 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from mirrormount.beam import Spot
@@ -63,7 +64,7 @@ def write_page(path: Path, result: Result, origin: Origin, last: tuple[NDArray[n
     parts += [f"<p>{text(remark)}</p>" for remark in result.remarks]
     parts.append("<p>± is one standard error. The truth is within two of them in 95 of 100 measurements.</p>")
     for series in result.series:
-        parts += [f"<h2>{text(series.title)}</h2>", _chart(series)]
+        parts += [f"<h2>{text(series.title)}</h2>", f'<div class="curve">{_chart(series)}</div>']
     if last:
         parts += ["<h2>The camera's last picture, with the spot that was found</h2>", _picture(*last)]
     parts += ["<h2>Settings of the mount</h2>", _settings(origin.settings)]
@@ -80,18 +81,22 @@ def _finite(value: object) -> object:
 
 
 def _table(estimates: Mapping[str, Estimate], optics: Optics) -> str:
-    rows = []
-    for name, estimate in estimates.items():
-        cells = [str(estimate)]
-        if estimate.unit == "px":
-            axis = "y" if name.startswith("y.") else "x"
-            mirror = optics.mirror_urad(estimate, axis) if name[:2] in ("x.", "y.") else None
-            cells += [str(each) if each else "" for each in (optics.mm(estimate), optics.beam_urad(estimate), mirror)]
-        else:
-            cells += [""] * 3
-        rows.append(f"<tr><td>{text(name)}</td>{''.join(f'<td class=n>{text(c)}</td>' for c in cells)}</tr>")
-    head = "<tr><th></th><th>measured</th><th>at the camera</th><th>of the beam</th><th>of the mirror</th></tr>"
-    return f'<div class="wide"><table>{head}{"".join(rows)}</table></div>'
+    columns: dict[str, list[Estimate | None]] = {"measured": list(estimates.values())}
+    in_px = {name: estimate if estimate.unit == "px" else None for name, estimate in estimates.items()}
+    columns["at the camera"] = [each and optics.mm(each) for each in in_px.values()]
+    columns["of the beam"] = [each and optics.beam_urad(each) for each in in_px.values()]
+    columns["of the mirror"] = [
+        each and optics.mirror_urad(each, name[0]) if name.startswith(("x.", "y.")) else None
+        for name, each in in_px.items()
+    ]
+    shown = {title: cells for title, cells in columns.items() if any(cells)}
+    rows = ""
+    for name, *cells in zip(estimates, *shown.values(), strict=True):
+        words = text(name).replace(".", ".<wbr>").replace("_", "_<wbr>")
+        figures = "".join(f"<td class=n>{text(cell or '')}</td>" for cell in cells)
+        rows += f'<tr><td class="name">{words}</td>{figures}</tr>'
+    head = "".join(f"<th>{title}</th>" for title in shown)
+    return f'<div class="wide"><table><tr><th></th>{head}</tr>{rows}</table></div>'
 
 
 def _settings(settings: Mapping[str, Mapping[str, int | float]]) -> str:
@@ -112,8 +117,13 @@ def _chart(series: Series) -> str:
         style = {"color": "#1f5fa8", "marker": ".", "markersize": 5}
         axes.errorbar(x, y, error if error.any() else None, linestyle="-" if series.joined else "none", lw=1, **style)
         axes.set(xlabel=series.x_label, ylabel=series.y_label)
+        if len(x) and (x == np.round(x)).all() and not series.in_picture:
+            axes.xaxis.set_major_locator(MaxNLocator(integer=True))  # places and steps are counted
+        if series.in_picture:
+            axes.set_aspect("equal", adjustable="datalim")
+            axes.invert_yaxis()
 
-    return chart(series.title, draw)
+    return chart(series.title, draw, height=4.0 if series.in_picture else 2.8, width=5.2)
 
 
 def _picture(image: NDArray[np.uint8], spot: Spot) -> str:

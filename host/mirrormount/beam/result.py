@@ -11,13 +11,17 @@ Tell = Callable[[float, str], object]  # progress: the part that is done (0 … 
 
 @dataclass
 class Series:
-    """Readings for a curve: points (x, y, standard error of y), with their words and units."""
+    """Readings for a curve: points (x, y, standard error of y), with their words and units.
+
+    in_picture: x and y are those of the camera's picture: y down, both of one scale.
+    """
 
     title: str
     x_label: str
     y_label: str
     points: list[tuple[float, float, float]] = field(default_factory=list)
     joined: bool = True
+    in_picture: bool = False
 
 
 @dataclass

@@ -6,6 +6,7 @@ However it ends, the motors are off, the settings are as they were, and what was
 import argparse
 import contextlib
 import os
+import tempfile
 from collections.abc import Callable, Iterator
 from datetime import datetime
 from functools import partial
@@ -39,7 +40,7 @@ def measure(args: argparse.Namespace) -> None:
     work = _experiment(args)
     wanted = _wanted(args)
     page: Path = args.report or Path(f"measure-{args.experiment}.html")
-    numbers: Path = args.json or page.with_suffix(".json")
+    numbers: Path = args.json or page.parent / f"{page.stem}.json"
     if numbers == page:
         raise BadValue(f"the page and the numbers cannot both be {page}")
     for path in (page, numbers):
@@ -70,8 +71,14 @@ def measure(args: argparse.Namespace) -> None:
 
 def _check_writable(path: Path) -> None:
     """Raises CannotWrite now, and not after the measurement."""
-    if not os.access(path.parent, os.W_OK) or path.is_dir() or path.is_symlink():
+    if not path.name or not os.access(path.parent, os.W_OK) or path.is_dir() or path.is_symlink():
         raise CannotWrite(f"cannot write {path}: no such folder, no right to, or a link or folder of that name")
+    try:
+        handle, trial = tempfile.mkstemp(dir=path.parent)  # beside it, as the file itself comes: /proc lets nobody
+        os.close(handle)
+        os.unlink(trial)
+    except OSError as e:
+        raise CannotWrite(f"cannot write {path}: {e.strerror}") from e
 
 
 def _experiment(args: argparse.Namespace) -> Callable[[Rig, Result, Tell], None]:

@@ -66,4 +66,4 @@ def _proportion(points: list[tuple[float, float, float]], step_px: float, step_u
         return "no pulse of these lengths moved the spot for certain"
     ms, px = certain
     share = px / (step_px * ms * 1000 / step_us)
-    return f"from {ms:g} ms on a pulse moves the spot for certain; its way is {share:.2f} of that in proportion"
+    return f"from {ms:g} ms on a pulse moves the spot for certain: {share:.2f} of its share of a step"

@@ -38,5 +38,5 @@ def run(rig: Rig, result: Result, tell: Tell, side: int = SIDE) -> None:
     result.estimates["closure.x"] = Estimate(float(gap[0]), reading, "px")
     result.estimates["closure.y"] = Estimate(float(gap[1]), reading, "px")
     points = [(float(row[1]), float(row[2]), 0.0) for row in result.readings]
-    result.series.append(Series("The square in the picture (y down)", "x in px", "px", points))
+    result.series.append(Series("The square in the picture", "x in px", "y in px", points, in_picture=True))
     tell(1.0, "")

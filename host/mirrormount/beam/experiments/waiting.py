@@ -36,7 +36,10 @@ def _drifted(result: Result, reading_px: float) -> None:
     n = len(t) - 1
     result.series = [
         Series(
-            f"Drift of the spot, {name}", "s", "px", [(a, b, reading_px) for a, b in zip(t, at - at[0], strict=True)]
+            f"Drift of the spot, {name}",
+            "time in s",
+            "px",
+            [(a, b, reading_px) for a, b in zip(t, at - at[0], strict=True)],
         )
         for name, at in (("x", places[:, 0]), ("y", places[:, 1]))
     ]
@@ -84,9 +87,19 @@ def _settled(result: Result, name: str, points: NDArray[np.float64], reading_px:
     outside = np.nonzero(np.abs(at - rest) > 2 * np.sqrt(2 * reading_px**2 + walk2 * (t[-1] - t)))[0]
     every_s = float(np.median(np.diff(t)))
     settled_s = float(t[min(outside[-1] + 1, len(t) - 1)]) if len(outside) else 0.0
-    result.estimates[f"{name}.settled_after"] = Estimate(settled_s, every_s / 2, "s", len(at))
     if abs(creep.value) < 2 * creep.error:
         result.remarks.append(f"{name}: no creep that is larger than the beam's own drift in {t[-1]:.0f} s")
+    elif settled_s > (1 - _LAST) * t[-1]:
+        result.remarks.append(
+            f"{name}: the spot moves until the end of the {t[-1]:.0f} s: when it is at rest is not known"
+        )
+    else:
+        result.estimates[f"{name}.settled_after"] = Estimate(settled_s, every_s / 2, "s", len(at))
     result.series.append(
-        Series(f"After {_MOVE} steps: {name}", "s", "px", [(float(a), float(b - rest), reading_px) for a, b in points])
+        Series(
+            f"After {_MOVE} steps: {name}",
+            "time after the move in s",
+            "px",
+            [(float(a), float(b - rest), reading_px) for a, b in zip(t, at, strict=True)],
+        )
     )
