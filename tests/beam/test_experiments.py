@@ -71,7 +71,7 @@ def test_the_backlash_is_the_gap_of_the_shaft_within_its_error(name):
     for way, sign in (("positive", 1), ("negative", -1)):
         turn = true_pulse_px(profile, sign * STEP_US) * per_px
         found = [result.estimates[f"x.to_{way}"] for result in every]
-        assert np.mean([e.value for e in found]) == pytest.approx(GAP_REV / turn, rel=0.06)
+        assert np.mean([e.value for e in found]) == pytest.approx(GAP_REV / turn, rel=0.035)
 
 
 @pytest.mark.exhaustive

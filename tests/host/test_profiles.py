@@ -122,6 +122,23 @@ def test_the_gap_varies_from_reversal_to_reversal_and_the_screw_never_jumps():
     assert np.std(gaps) / np.mean(gaps) == pytest.approx(0.03, rel=0.1)
 
 
+def test_the_gap_stays_as_it_is_while_the_shaft_pushes_the_screw():
+    noise = np.random.default_rng(8)
+    train = Drivetrain.new(30.0, only(gap_spread=0.03), noise)
+    gaps = []
+    for k in range(400):
+        drive = 1.0 if k % 2 else -1.0
+        for pulse in range(11):
+            train.begin(drive, noise)
+            train.advance(0.2, drive)
+            train.advance(0.1, None)
+            if pulse == 4:
+                across = abs(train.shaft_rev - train.screw_rev)
+        assert abs(train.shaft_rev - train.screw_rev) == pytest.approx(across, abs=1e-9)
+        gaps.append(2 * across)
+    assert np.mean(gaps) == pytest.approx(train.gap_rev, rel=0.005)
+
+
 def test_the_speed_follows_the_supply():
     low, nominal = (turns(profile_named("smooth", supply), 1.0, 2.0, 200).mean() for supply in ("0.8", "1.0"))
     assert low / nominal == pytest.approx(0.8, abs=0.003)

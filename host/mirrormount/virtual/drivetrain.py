@@ -22,6 +22,7 @@ GAP_REV = 0.03481  # play between shaft and screw: fitted, with the levers of be
 GEAR_SHARE = 0.4  # of that gap is in the gears, 5 degrees; the rest is in the coupler; assumed
 TRAVEL_REV = 12.0  # hard ends of the screw either way; assumed
 SWITCH_REV = 1.5  # where the optional switches sit, either way; about 64 steps
+_TOUCHES = 1e-9  # of half a gap: rounding, by which a shaft in contact may seem to be apart
 _MOST_SIGMA = 3.0  # of a pulse's scatter: a pulse of normal length never turns the shaft backwards
 
 
@@ -84,9 +85,9 @@ class Drivetrain:
         """Where the shaft will meet the screw, unless it does already. Each gap has two such contacts."""
         half = self.gap_rev / 2
         place = (self.shaft_rev - self.screw_rev) / half if half else 1.0
-        if drive > 0 and place < self.ahead:
+        if drive > 0 and place < self.ahead - _TOUCHES:
             self.ahead = max(1 + deviation, place)
-        elif drive < 0 and -place < self.behind:
+        elif drive < 0 and -place < self.behind - _TOUCHES:
             self.behind = max(1 + deviation, -place)
 
     def advance(self, dt: float, drive: float | None) -> None:

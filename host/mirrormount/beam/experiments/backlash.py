@@ -71,7 +71,11 @@ def _on_a_line(legs: list[tuple[int, int, list[Vector]]]) -> list[_Leg]:
 
 
 def _lost(legs: list[_Leg]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(steps lost in a turn to positive, to negative; those of each leg), by least squares (Gauss and Newton)."""
+    """(steps lost in a turn to positive, to negative; those of each leg), by least squares (Gauss and Newton).
+
+    Steps scatter, so the places are not exact: a regression of the exact number of steps on them is too flat, and
+    what is lost too large. So it gives the shape of N(p) only; scale and loss are a regression on the number of steps.
+    """
     every = np.concatenate([leg.places for leg in legs])
     middle, half = (every.max() + every.min()) / 2, (every.max() - every.min()) / 2
     powers = np.arange(1, _DEGREE + 1)
@@ -85,16 +89,19 @@ def _lost(legs: list[_Leg]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     counts = np.tile(k, len(legs))
     ratio = 1.0  # a step to negative, of one to positive
     fitted = np.zeros(3 + _DEGREE)
-    rest = counts
     for _ in range(_ROUNDS):
         scale = np.where(back, 1 / ratio, 1.0)
         bend = np.where(back, -(basis @ fitted[3:]) / ratio**2, 0.0)
         design = np.column_stack([~back, back, bend, basis * scale[:, None]])
         fitted = np.asarray(np.linalg.lstsq(design, counts, rcond=None)[0], np.float64)
-        rest = counts - design @ fitted
         ratio += float(np.clip(fitted[2], -0.5 * ratio, ratio))
-    each = fitted[back.astype(int)] + rest
-    return fitted[:2], each.reshape(len(legs), -1).mean(axis=1)
+    ways = basis @ fitted[3:]
+    lost, each = np.zeros(2), np.zeros(len(counts))
+    for side, leg in enumerate((~back, back)):
+        slope, offset = np.polyfit(counts[leg], ways[leg], 1)
+        lost[side] = -offset / slope
+        each[leg] = counts[leg] - ways[leg] / slope
+    return lost, each.reshape(len(legs), -1).mean(axis=1)
 
 
 def _add(result: Result, axis: str, legs: list[_Leg], step_us: int) -> None:
