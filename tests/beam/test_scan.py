@@ -268,6 +268,12 @@ def test_the_command_scans_and_writes_both_files(tmp_path, capsys):
     assert said["camera"] == '"virtual camera 1"'
 
 
+def test_a_scan_without_a_file_says_that_nothing_is_kept(opened, capsys):
+    assert main(["scan", "line", "1", "0", "2", "--virtual"]) == 0
+    said = capsys.readouterr().out.splitlines()
+    assert said[0] == "2 places" and said[1].startswith("nothing is kept: --csv FILE")
+
+
 def test_the_command_finds_a_lost_beam(opened, capsys):
     opened.truth.bump(0, 5000, 0)
     assert main(["scan", "find", "5", "--pitch", "4", "--virtual", "--camera", "2"]) == 0

@@ -18,7 +18,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     raster.add_argument("--serpentine", action="store_true", help="run every second row to the left")
     raster.add_argument("--approach", metavar="N", help="steps that a row begins beyond its first place (4)")
     spiral = verbs.add_parser("spiral", help="a square spiral from the start outwards")
-    spiral.add_argument("rings", metavar="RINGS")
+    spiral.add_argument("rings", metavar="RINGS", help="how many turns around the start")
     line = verbs.add_parser("line", help="places in a line from the start on")
     line.add_argument("by_x", metavar="BY_X", help="steps of x from a place to the next")
     line.add_argument("by_y", metavar="BY_Y", help="the same of y")

@@ -157,4 +157,6 @@ def _tell(args: argparse.Namespace, pattern: Pattern, kept: _Kept) -> int:
     for path in (args.csv, args.hdf5):
         if path:
             print(path)
+    if not (args.csv or args.hdf5):
+        print("nothing is kept: --csv FILE or --hdf5 FILE writes place and value of each")
     return 0
