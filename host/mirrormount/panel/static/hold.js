@@ -22,12 +22,14 @@
   let alert = "";
   let audio = null;
   let muted = false;
+  let heard = false; // could alarms be heard before the press or key that is under way
   let soundedAt = -Infinity;
 
   const set = (where, text) => {
     const element = find(where);
     if (element && element.textContent !== text) element.textContent = text;
   };
+  const sentence = (text) => text.charAt(0).toUpperCase() + text.slice(1);
   const number = (value) => (value === null ? "?" : value.toFixed(1).replace("-", "−"));
 
   async function ask() {
@@ -53,17 +55,20 @@
 
   function show(told) {
     const stuck = told.silent_s !== null && told.silent_s > 10 && told.state !== "ended" && told.state !== "stopped";
-    set(".hold-state", WORDS[told.state] ?? told.state ?? "");
+    const [gate] = told.gates;
+    const needed = told.alert === "alarm" && told.state === "waiting"; // a person: waiting alone would not help
+    const word = needed ? "Alarm" : (WORDS[told.state] ?? told.state ?? "");
+    set(".hold-state", stuck ? "No news" : gate && told.state === "waiting" ? `${word}: ${gate[0]}` : word);
     const done = told.progress ? ` ${Math.round(told.progress[0] * 100)} %: ${told.progress[1]}` : "";
-    set(".hold-why", (stuck ? `The loop has told nothing for ${Math.round(told.silent_s)} s. ` : "") + told.why + done);
-    list(".hold-gates", told.gates.map(([name, cause, remedy, opens]) => `${name}: ${cause}. ${opens ? "It opens by itself. " : ""}${remedy}`));
+    set(".hold-why", stuck ? `The loop has told nothing for ${Math.round(told.silent_s)} s. Before that: ${word.toLowerCase()}.` : sentence(told.why) + done);
+    list(".hold-gates", told.gates.map(([, cause, remedy, opens]) => `${sentence(cause)}. ${opens ? "It opens by itself. " : ""}${sentence(remedy)}`));
     told.cameras.forEach((camera, at) => {
       const off = camera.off
         ? `error ${["x", "y"].map((axis, i) => `${axis} ${number(camera.off[i])}${camera.sigma ? ` ± ${number(camera.sigma[i])}` : ""}`).join(", ")} µm`
         : `no spot: ${camera.missed}`;
       const free = camera.free ? `; without the loop ${number(camera.free[0])}, ${number(camera.free[1])} µm` : "";
       set(`[data-of="${at}"]`, off + free);
-      find(`[data-of="${at}"]`).style.borderLeft = `0.4em solid ${COLOURS[at % 2]}`; // its curve's colour
+      find(`[data-of="${at}"]`).style.borderLeftColor = COLOURS[at % 2]; // its curve's
     });
     const angle = told.angle ? `beam's angle ${number(told.angle[0])}, ${number(told.angle[1])} µrad; ` : "";
     const rms = told.rms.um === null ? "" : `rms of the last minute ${number(told.rms.um)} µm${told.rms.urad === null ? "" : `, ${number(told.rms.urad)} µrad`}; `;
@@ -114,6 +119,7 @@
 
   // A browser makes no sound before its user has touched the page.
   async function listenable() {
+    heard = audio?.state === "running" && !muted;
     audio ??= new AudioContext();
     await audio.resume();
     sound();
@@ -144,8 +150,9 @@
     if (event.target.closest?.("[data-go]")) go();
     if (event.target.closest?.("[data-stop]") && event.detail === 0) stop(); // a key, or a screen reader
     if (event.target.closest?.("[data-quiet]")) {
-      muted = audio?.state === "running" && find("[data-quiet]").textContent === "Sound is on";
-      listenable();
+      muted = heard; // the press itself has switched a silent page on
+      listenable(); // a screen reader's click comes without a press
+      heard = !muted;
     }
   });
   document.addEventListener("keydown", (event) => {
@@ -158,7 +165,7 @@
   function draw() {
     const canvas = find("canvas.history");
     const wide = Math.round(canvas.clientWidth * (window.devicePixelRatio || 1));
-    const high = Math.round(wide / 3);
+    const high = Math.round((wide * canvas.clientHeight) / canvas.clientWidth);
     if (canvas.width !== wide) [canvas.width, canvas.height] = [wide, high];
     const pen = canvas.getContext("2d");
     const style = getComputedStyle(canvas);
@@ -176,15 +183,17 @@
     const size = Math.max(11, wide / 60);
     pen.font = `${size}px system-ui`;
     pen.fillStyle = pen.strokeStyle = style.getPropertyValue("--soft");
+    const left = pen.measureText(`${Math.round(most)} µm `).width;
+    const height = (um) => high - 1.8 * size - (um / most) * (high - 3 * size);
     for (const part of [0, 0.5, 1]) {
-      const y = high - size - (part / 1.1) * (high - 2 * size);
+      const y = height((part * most) / 1.1);
       pen.globalAlpha = 0.35;
-      pen.fillRect(0, y, wide, 1);
+      pen.fillRect(left, y, wide - left, 1);
       pen.globalAlpha = 1;
-      pen.fillText(`${Math.round((part * most) / 1.1)} µm`, 2, y - 3);
+      pen.fillText(`${Math.round((part * most) / 1.1)} µm`, 2, y + size / 3);
     }
-    pen.fillText(`${Math.round(long)} s ago`, 2, high - 2);
-    pen.fillText("now", wide - 3 * size, high - 2);
+    pen.fillText(`${Math.round(long)} s ago`, left, high - 3);
+    pen.fillText("now", wide - 3 * size, high - 3);
     for (const [colour, dashes, line] of lines) {
       pen.strokeStyle = colour;
       pen.lineWidth = Math.max(1.5, wide / 500);
@@ -192,7 +201,7 @@
       pen.beginPath();
       let drawn = false;
       for (const [t, um] of line) {
-        const at = [((t - end + long) / long) * wide, high - size - ((um ?? 0) / most) * (high - 2 * size)];
+        const at = [left + ((t - end + long) / long) * (wide - left), height(um ?? 0)];
         if (um !== null) drawn ? pen.lineTo(...at) : pen.moveTo(...at);
         drawn = um !== null;
       }
