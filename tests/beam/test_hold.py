@@ -79,17 +79,49 @@ def test_a_reversal_has_to_pay():
 def test_what_is_free_of_a_gap_is_less_than_the_gap():
     gap = Gap({1: Width(1.5, 0.05), -1: Width(1.5, 0.05)})
     gap.followed(1)
-    assert gap.free(1, 0.005, 0.03) == 0.0
-    assert 1.2 < gap.free(-1, 0.005, 0.03) < 1.5
+    assert gap.free(1, 0.005, 0.03, 0.0) == 0.0
+    assert 1.2 < gap.free(-1, 0.005, 0.03, 0.0) < 1.5
+    assert gap.free(-1, 0.005, 0.03, 0.06) < gap.free(-1, 0.005, 0.03, 0.0)  # the travel itself scatters
+
+
+def drive(gap, way, steps, moved, error):
+    """One travel of the shaft, and a look by which the screw has moved so far."""
+    return gap.moved(way, steps, 0.0, gap.pulse(way, steps, 0.0).seen(moved, error))
 
 
 def test_a_gap_that_was_crossed_teaches_its_width():
     gap = Gap({1: Width(1.5, 0.05), -1: Width(1.5, 0.05)})
+    gap.followed(1)
     for _ in range(60):
         for way in (-1, 1):
-            gap.drove(way, 1.4, 0.0)
-            gap.met(way, 0.22, 0.02)
+            drive(gap, way, 1.4, 0.0, 0.001)
+            drive(gap, way, 0.22, 0.02, 0.01)
+            drive(gap, way, 0.05, 0.05, 0.01)
+            drive(gap, way, 0.05, 0.05, 0.01)
+            assert gap.in_contact(way)
     assert gap.widths[1].mean == pytest.approx(1.6, abs=0.02)
+
+
+def test_one_look_of_two_sigma_is_no_contact_and_several_are():
+    gap = Gap({1: Width(1.5, 0.05), -1: Width(1.5, 0.05)})
+    gap.followed(1)
+    drive(gap, -1, 1.3, 0.0, 0.01)
+    assert not drive(gap, -1, 0.02, 0.02, 0.01)
+    assert not gap.in_contact(-1)
+    assert any(drive(gap, -1, 0.02, 0.02, 0.01) for _ in range(8))
+
+
+def test_a_contact_that_was_seen_wrongly_is_taken_back():
+    gap = Gap({1: Width(1.5, 0.05), -1: Width(1.5, 0.05)})
+    gap.followed(1)
+    drive(gap, -1, 1.3, 0.0, 0.005)
+    for _ in range(3):
+        drive(gap, -1, 0.05, 0.05, 0.01)
+    assert gap.in_contact(-1)
+    for _ in range(3):
+        drive(gap, -1, 0.05, 0.0, 0.01)
+    assert not gap.in_contact(-1)
+    assert gap.widths[-1].samples == 2
 
 
 def test_the_tracker_learns_that_the_beam_drifts_in_one_direction():

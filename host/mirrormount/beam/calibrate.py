@@ -123,7 +123,10 @@ class Calibration:
         for lead in range(1, LEAD + 1):
             after = self._step(i, way)
             if after is None:
-                continue  # it is outside, and this may be the way back
+                if before is None:
+                    continue  # it is outside, and this may be the way back
+                self._way[i] = way  # it went out, so it moved: the other way leads back
+                return
             if before is None:
                 before = after
                 break

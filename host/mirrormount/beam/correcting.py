@@ -11,7 +11,8 @@ import numpy as np
 
 from mirrormount.beam import events
 from mirrormount.beam.choosing import LEAST_STEPS, Choice, Prices, choose
-from mirrormount.beam.driven import SOFTLY, Driven, Outcome, attributed
+from mirrormount.beam.contact import Moved
+from mirrormount.beam.driven import SOFTLY, Driven, Outcome
 from mirrormount.beam.events import Corrected, Listen, ResponseChanged
 from mirrormount.beam.gap import Gap
 from mirrormount.beam.looking import Look, Looker, Vector
@@ -21,14 +22,12 @@ from mirrormount.beam.response import Matrix, Response
 from mirrormount.beam.tracker import Tracker
 
 _SURE_SIGMAS = 3.0  # beyond the gap, from which on the screw certainly follows
-_SEEN_SIGMAS = 2.5  # of a motion that counts as seen
-_SEEN_PART = 0.15  # and of the way that was driven
 _GAIN = 0.9  # of a correction of a step and more: its scatter is not to change the direction
 _APART = 0.3  # cosine of the motions of two actuators that may creep at once
 _JUMP_SIGMAS = 8.0  # of the gap: a wish beyond that and beyond Creep.jump_steps is driven at once
-_DOUBT_SIGMAS, _DOUBT_PART = 4.0, 0.3  # of an expected motion that is doubted, and what of it came at most
 _PLAUSIBLE = (0.4, 2.0)  # part of an expected change that teaches something of the response
 _CREEP_PART = 0.15  # of the present error, by a pulse of a creep: what is far off need not creep softly
+_LEAST_FREE = 0.02  # steps of a gap that are driven ahead of a creep
 _STUCK_STEPS = 2.5  # driven beyond the gap without any motion: the axis does not move
 
 
@@ -82,8 +81,9 @@ class Corrector:
         for i, creep in self._creeps(in_gap, choice.steps).items():
             way = _way(choice.steps[i])
             size = float(np.linalg.norm(self.response.column(i, way)))
-            free = self.gaps[i].free(way, self.creep.mean_um / size, self.creep.most_um / size)
-            if free + creep >= LEAST_STEPS:
+            scatter = self.response.scatter(self.table.actuators[i].step_us)
+            free = self.gaps[i].free(way, self.creep.mean_um / size, self.creep.most_um / size, scatter)
+            if creep or free >= _LEAST_FREE:
                 travels[i] = way * (free + creep)
                 purposes[i] = events.TAKE_UP if free > creep else events.CREEP
         for i, steps_i in travels.items():
@@ -144,26 +144,18 @@ class Corrector:
         """Take the first look after the pulses, and learn from it."""
         tracker = self.tracker
         tracker.pass_to(look.time_s)
-        n = len(tracker.mean)
         before = tracker.mean.copy()
-        expected, unsure = np.zeros(n), np.zeros((n, n))
-        for each in driven:
-            if not each.creeps:
-                column = self._column(each)
-                expected += column * each.expected
-                unsure += np.outer(column, column) * each.sigma**2
-        tracker.moved(expected, unsure)
+        columns = [self._column(each) for each in driven]
+        expected = sum((c * each.expected for c, each in zip(columns, driven, strict=True)), 0 * before)
         outcome = Outcome(driven, expected, look.errors_um - before)
-        self._doubt(driven, look, frames, outcome)
-        self._learn_gaps(driven, look, frames, outcome)
-        for each in driven:
-            if each.creeps or each.i in outcome.doubted:
-                column = self._column(each)
-                more = np.outer(column, column) * each.drove**2
-                tracker.moved(np.zeros(n), more)
-                unsure += more
+        motions = self._learn_gaps(driven, columns, look, frames, outcome)
+        moved, unsure = 0 * before, np.zeros((len(before), len(before)))
+        for column, motion in zip(columns, motions, strict=True):
+            moved += column * motion.mean
+            unsure += np.outer(column, column) * motion.variance
+        tracker.moved(moved, unsure)
         nu, s = tracker.innovation(look.errors_um, frames)
-        by_motion = expected + unsure @ np.linalg.solve(s, nu)  # the rest is drift and noise
+        by_motion = moved + unsure @ np.linalg.solve(s, nu)  # the rest is drift and noise
         tracker.see(look.errors_um, frames)
         self._seen_s = look.time_s
         if self.looker.free_um is not None:
@@ -178,44 +170,39 @@ class Corrector:
         """The change of the errors for a step of the screw in its way."""
         return self.response.column(each.i, each.way) * each.way
 
-    def _doubt(self, driven: list[Driven], look: Look, frames: int, outcome: Outcome) -> None:
-        """A screw that was taken to follow and hardly did is in its gap after all: the creep goes on."""
-        following = [each for each in driven if not each.in_gap]
-        if not following or any(each.creeps for each in driven):
-            return
-        nu, s = self.tracker.innovation(look.errors_um, frames)
-        columns = np.array([self._column(each) for each in following]).T
-        s = s - columns @ np.diag([each.sigma**2 for each in following]) @ columns.T  # what is asked is how it moved
-        for each, by, sigma in zip(following, *attributed(nu, s, columns), strict=True):
-            moved = each.expected + float(by)
-            if each.expected > _DOUBT_SIGMAS * float(sigma) and abs(moved) < _DOUBT_PART * each.expected:
-                self.gaps[each.i].doubt(each.way)
-                outcome.doubted.append(each.i)
+    def _learn_gaps(
+        self, driven: list[Driven], columns: list[Vector], look: Look, frames: int, outcome: Outcome
+    ) -> list[Moved]:
+        """How far each screw has moved, and whether it follows: of each by what the others leave to explain."""
+        pulses = [self.gaps[each.i].pulse(each.way, each.drove, each.scatter) for each in driven]
+        motions = [pulse.foreseen() for pulse in pulses]
+        innovation, covariance = self.tracker.innovation(look.errors_um, frames)
+        for k in sorted(range(len(driven)), key=lambda k: driven[k].in_gap):
+            others = [(columns[m], motions[m]) for m in range(len(driven)) if m != k]
+            nu = innovation - sum((column * motion.mean for column, motion in others), 0 * innovation)
+            s = covariance + sum((np.outer(c, c) * motion.variance for c, motion in others), 0 * covariance)
+            weights = np.linalg.solve(s, columns[k])
+            size = float(columns[k] @ weights)
+            motions[k] = pulses[k].seen(float(weights @ nu) / size, size**-0.5)
+        for each, motion in zip(driven, motions, strict=True):
+            self._take(each, motion, outcome)
+        return motions
 
-    def _learn_gaps(self, driven: list[Driven], look: Look, frames: int, outcome: Outcome) -> None:
-        """How far each screw that was in its gap has moved, by generalised least squares."""
-        doubtful = [each for each in driven if each.in_gap]
-        for each in driven:
-            if not each.in_gap and each.i not in outcome.doubted:
-                self.gaps[each.i].followed(each.way)
-                self._stuck[each.i] = 0.0
-        if not doubtful:
+    def _take(self, each: Driven, motion: Moved, outcome: Outcome) -> None:
+        """What is known of a motion now, for the gap; and whether the axis moves at all."""
+        gap = self.gaps[each.i]
+        was = gap.in_contact(each.way)
+        if gap.moved(each.way, each.drove, each.scatter, motion):
+            outcome.met.append(each.i)
+        if was and not gap.in_contact(each.way):
+            outcome.doubted.append(each.i)
+        if motion.follows > 0.5:
+            self._stuck[each.i] = 0.0
             return
-        nu, s = self.tracker.innovation(look.errors_um, frames)
-        columns = np.array([self._column(each) for each in doubtful]).T
-        for each, way, sigma in zip(doubtful, *attributed(nu, s, columns), strict=True):
-            moved = each.expected + float(way)
-            gap = self.gaps[each.i]
-            if not each.creeps or moved > max(_SEEN_SIGMAS * float(sigma), _SEEN_PART * min(each.wished, each.drove)):
-                gap.met(each.way, each.drove, max(0.0, moved))
-                outcome.met.append(each.i)
-                self._stuck[each.i] = 0.0
-                continue
-            gap.drove(each.way, each.drove, each.scatter)
-            same = self._stuck[each.i] * each.way >= 0
-            self._stuck[each.i] = each.way * each.drove + (self._stuck[each.i] if same else 0.0)
-            if abs(self._stuck[each.i]) > gap.widths[each.way].mean + _STUCK_STEPS:
-                outcome.stuck.append(each.i)
+        same = self._stuck[each.i] * each.way >= 0
+        self._stuck[each.i] = each.way * each.drove + (self._stuck[each.i] if same else 0.0)
+        if abs(self._stuck[each.i]) > gap.widths[each.way].mean + _STUCK_STEPS:
+            outcome.stuck.append(each.i)
 
     def _refine(self, driven: list[Driven], outcome: Outcome, frames: int) -> None:
         steps = np.zeros(self.response.actuators)

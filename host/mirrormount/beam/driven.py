@@ -1,11 +1,8 @@
-"""What one correction drives and what came of it; how a gap is crossed. Imports numpy."""
+"""What one correction drives and what came of it; how a gap is crossed."""
 
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from mirrormount.beam.looking import Vector
-from mirrormount.beam.response import Matrix
 
 
 @dataclass(frozen=True)
@@ -16,8 +13,8 @@ class Creep:
     jump_steps: a correction by more is made at once, and the next one corrects what the gap's scatter made of it.
     """
 
-    mean_um: float = 3.0
-    most_um: float = 30.0
+    mean_um: float = 5.0
+    most_um: float = 45.0
     least_um: float = 15.0
     largest_um: float = 23.0
     jump_steps: float = 0.4
@@ -61,11 +58,3 @@ class Outcome:
         if not size or self.doubted or any(each.in_gap for each in self.driven):
             return None
         return float(self.changed_um @ self.expected_um) / size
-
-
-def attributed(innovation: Vector, covariance: Matrix, columns: Matrix) -> tuple[Vector, Vector]:
-    """How much of each column an innovation is, and the standard errors: generalised least squares (A. C. Aitken)."""
-    inverse = np.linalg.inv(covariance)
-    normal = columns.T @ inverse @ columns + 1e-6 * np.eye(columns.shape[1])
-    ways = np.linalg.solve(normal, columns.T @ inverse @ innovation)
-    return np.asarray(ways, dtype=np.float64), np.sqrt(np.diag(np.linalg.inv(normal)))

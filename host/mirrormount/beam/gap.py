@@ -7,8 +7,16 @@ distribution, cut at 0.
 import math
 from dataclasses import dataclass
 
+from mirrormount.beam.contact import Moved, Pulse
+
 _LEARN = 0.12  # weight of a new sample of the gap's width
-_TAIL_SIGMAS = 3.2  # of a normal distribution, beyond which is 0.07 % of it
+_TAIL_SIGMAS = 2.8  # of a normal distribution, beyond which is 0.26 % of it
+_MET, _LOST = 0.99, 0.4  # chances that the screw follows: beyond, a contact is taken for one; below, it is none
+_SURE = 0.999  # chance that is not exceeded by a contact that is new: a later motion can still show that it was none
+_CERTAIN = 1 - 1e-6  # nor by one that has moved the screw ...
+_FAR_SPREADS = 3.0  # ... by so many times the gap's scatter
+_LEFT = 0.5  # of the gap's scatter, that always may be left where no contact was seen
+_MAY_FOLLOW = 0.3  # beyond, nothing is surely free
 _LEAST_SPREAD = 0.01  # of the gap's width, in parts of it: a travel is not known better
 
 
@@ -39,27 +47,37 @@ class Gap:
         self.widths = widths
         self.way = 0  # of the last contact; 0: not known
         self._travelled = 0.0  # from that contact on, signed, in parts of the gap
-        self._slack: dict[int, tuple[float, float]] = {}
+        self._slack: dict[int, tuple[float, float]] = {}  # if the screw does not follow
+        self._follows: dict[int, float] = {}  # the chance that it does
+        self._since: dict[int, float] = {}  # how far it has then been moved
+        self._contact: dict[int, bool] = {}  # what is decided of that
         self.forget()
 
     def forget(self) -> None:
         """Somebody else has moved it: the shaft is anywhere in the gap."""
         self.way, self._travelled = 0, 0.0
         self._slack = {way: (width.mean / 2, width.mean / 2) for way, width in self.widths.items()}
+        self._follows = dict.fromkeys(self.widths, 0.0)
+        self._since = dict.fromkeys(self.widths, 0.0)
+        self._contact = dict.fromkeys(self.widths, False)
 
     def slack(self, way: int) -> tuple[float, float]:
         """Steps until the screw follows in this way, and the standard deviation; (0, 0): it follows at once."""
-        return self._slack[way]
+        return (0.0, 0.0) if self._contact[way] else self._slack[way]
 
     def in_contact(self, way: int) -> bool:
         """True if the screw follows at once."""
-        return self._slack[way][0] <= 0
+        return self._contact[way]
 
-    def free(self, way: int, mean: float, most: float) -> float:
-        """Steps that can be driven while the screw moves by less than `mean` on average, and hardly ever by `most`."""
-        slack, sigma = self._slack[way]
-        if slack <= 0:
+    def free(self, way: int, mean: float, most: float, scatter: float) -> float:
+        """Steps that can be driven while the screw moves by less than `mean` on average, and hardly ever by `most`.
+
+        scatter: of the way of a step, in steps.
+        """
+        slack, sigma = self.slack(way)
+        if slack <= 0 or self._follows[way] > _MAY_FOLLOW:
             return 0.0
+        sigma = math.hypot(sigma, scatter * math.sqrt(slack))
         low, high = 0.0, max(0.0, slack - _TAIL_SIGMAS * sigma + most)
         if _expected(high - slack, sigma) <= mean:
             return high
@@ -68,39 +86,47 @@ class Gap:
             low, high = (middle, high) if _expected(middle - slack, sigma) <= mean else (low, middle)
         return low
 
-    def drove(self, way: int, steps: float, scatter: float) -> None:
-        """The shaft turned by so many steps (± scatter), and the screw was not seen to move."""
-        mean, sigma = self._slack[way]
-        if mean <= 0:
-            return
-        self._travelled += way * steps / self.widths[way].mean
-        steps_back = steps * self.widths[-way].mean / self.widths[way].mean
-        self._slack[way] = _cut(mean - steps, math.hypot(sigma, scatter))
-        back, unsure = self._slack[-way]
-        self._slack[-way] = min(back + steps_back, self.widths[-way].mean), math.hypot(unsure, scatter)
+    def pulse(self, way: int, steps: float, scatter: float) -> Pulse:
+        """A travel of the shaft, before its look: what it does to the screw, as far as that is known."""
+        slack, sigma = self._slack[way]
+        return Pulse(steps, scatter, self._follows[way], self._since[way], slack, sigma)
 
-    def met(self, way: int, steps: float, moved: float) -> None:
-        """The shaft turned by so many steps, and the screw was seen to follow for `moved` of them."""
-        if self._slack[way][0] > 0 and self.way == -way:
-            self.widths[way].learn(max(0.0, abs(self._travelled) * self.widths[way].mean + steps - moved))
-        self._set_contact(way)
+    def moved(self, way: int, steps: float, scatter: float, moved: Moved) -> bool:
+        """The shaft was turned by so many steps (± scatter), and the screw so far. True: a contact is new."""
+        slack, sigma = self._slack[way]
+        width, back = self.widths[way].mean, self.widths[-way]
+        self._travelled += way * steps / width
+        slack, sigma = _cut(slack - steps, math.hypot(sigma, scatter))
+        least = _LEFT * self.widths[way].spread  # a gap that is longer than it ever was is not the least likely case
+        self._slack[way] = max(slack, least), max(sigma, least)
+        most = _CERTAIN if moved.since > _FAR_SPREADS * self.widths[way].spread else _SURE
+        self._follows[way], self._since[way] = min(moved.follows, most), moved.since
+        was, self._contact[way] = self._contact[way], moved.follows > (_LOST if self._contact[way] else _MET)
+        steps_back = steps * back.mean / width
+        if self._contact[way]:
+            if not was and self.way == -way:
+                self.widths[way].learn(max(0.0, abs(self._travelled) * width - moved.since))
+            self.way, self._travelled = way, 0.0
+            self._slack[-way] = back.mean, back.spread
+            if moved.follows >= _SURE:  # if it does not after all, the contact was seen a little too early
+                self._slack[way] = self.widths[way].spread, self.widths[way].spread
+        else:
+            if was:
+                self.way = 0  # no sample of the width
+            mean, unsure = (0.0, 0.0) if self._contact[-way] else self._slack[-way]
+            mean = min(mean + steps_back, back.mean)
+            contact = back.spread * mean / back.mean  # the other end of the gap is not twice at one place
+            self._slack[-way] = mean, max(math.hypot(unsure, scatter), contact)
+        self._contact[-way], self._follows[-way], self._since[-way] = False, 0.0, 0.0
+        return self._contact[way] and not was
 
     def followed(self, way: int) -> None:
-        """The screw is in contact in this way."""
-        self._set_contact(way)
-
-    def doubt(self, way: int) -> None:
-        """The screw was taken to follow, and did not: a contact that was seen too early."""
-        width = self.widths[way]
-        self._slack[way] = width.spread, width.spread
-        self._slack[-way] = max(0.0, self.widths[-way].mean - width.spread), self.widths[-way].spread
-        self.way = 0  # no sample of the width
-
-    def _set_contact(self, way: int) -> None:
+        """The screw is in contact in this way, as was seen otherwise."""
         self.way, self._travelled = way, 0.0
-        self._slack[way] = 0.0, 0.0
-        width = self.widths[-way]
-        self._slack[-way] = width.mean, width.spread
+        here, back = self.widths[way], self.widths[-way]
+        self._contact, self._since = {way: True, -way: False}, {way: here.mean, -way: 0.0}
+        self._follows = {way: _CERTAIN, -way: 0.0}
+        self._slack = {way: (here.spread, here.spread), -way: (back.mean, back.spread)}
 
 
 def _expected(beyond: float, sigma: float) -> float:

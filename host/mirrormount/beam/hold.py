@@ -35,8 +35,9 @@ from mirrormount.common.errors import MountError
 
 PERIOD_S = 0.4  # between two looks at rest
 RMS_URAD, MOST_UM = 9.0, 80.0  # the goal: rms of the beam's angle; no error beyond, on any camera
-_PRICES = Prices(pulse_um2=50.0, gap_um2=220.0)
-_ANGLE_WEIGHT = 2.0  # of the squared difference of the cameras, beside each camera's own square
+_PRICES = Prices(pulse_um2=50.0, gap_um2=150.0)
+_PLACE_WEIGHT = 0.5  # of the square of each camera's error ...
+_ANGLE_WEIGHT = 3.0  # ... beside that of the cameras' difference: a place that is kept costs reversals
 _MOST_STEPS = 8.0  # of an axis: what is further off is no drift and no bump
 _FIRST_FRAMES = 4  # of the first look, and of one after a gate
 _RETRY_S = 0.5  # between two looks while a gate is closed
@@ -48,6 +49,7 @@ def angle_weight(cameras: int) -> Matrix:
     """The weight of the squares: each error, and with two cameras their difference, which is the beam's angle."""
     weight = np.eye(2 * cameras)
     if cameras > 1:
+        weight *= _PLACE_WEIGHT
         for axis in (0, 1):
             v = np.zeros(2 * cameras)
             v[axis], v[2 * (cameras - 1) + axis] = -1.0, 1.0
