@@ -102,7 +102,9 @@ def make_simulation(options: Options | None = None, bench: Bench | None = None) 
     scratch: list[tempfile.TemporaryDirectory] = []
     board = board_text(options.board, options.axes, options.encoder)
     if options.machine == "rp2040":
-        command = machines.rp2040(options.image, options.flash, board, flash_cache=options.flash_cache)
+        # with the model CircuitPython never comes to its drive in the emulator: why was not found
+        model = options.flash_cache and not (options.image and is_circuitpython(options.image))
+        command = machines.rp2040(options.image, options.flash, board, flash_cache=model)
     else:
         files = _files(options, board, scratch)
         firmware = options.firmware
