@@ -6,7 +6,6 @@ began. Then the line of that rest is taken back, and one comes at the end.
 """
 
 import contextlib
-import io
 import json
 import re
 from collections.abc import Iterable
@@ -137,7 +136,5 @@ def _axes_of(words: bytes) -> list[str]:
 
 
 def _opened(file: Path) -> BinaryIO:
-    try:
-        return file.open("w+b")
-    except io.UnsupportedOperation:  # a pipe
-        return file.open("wb")
+    # a pipe or a terminal cannot be read back. A pipe is opened once: its reader takes the first closing for the end
+    return file.open("wb" if file.exists() and not file.is_file() else "w+b")
