@@ -57,7 +57,7 @@ def check_off(table, number, last_s):
         assert to_s <= last_s + OFF_S
 
 
-@pytest.mark.parametrize(("n", "part"), [(8, 1.0), (30, 0.5), (61, 1.0), (97, 0.9), (140, 0.2), (190, 0.0), (233, 1.0)])
+@pytest.mark.parametrize(("n", "part"), [(8, 1.0), (30, 0.5), (61, 1.0), (97, 0.9), (110, 0.2), (125, 0.0), (140, 1.0)])
 def test_a_loop_that_is_killed_at_any_moment_leaves_motors_off_and_settings_alone(table, n, part):
     before = [mount.settings() for mount in table.mounts]
     table.at(n, die(part))
@@ -120,7 +120,7 @@ def test_an_alignment_that_was_frozen_in_a_pulse_gives_no_more_than_that_pulse_m
         assert not [on for on in table.on(number) if on[1] > begun_s[0] + OFF_S and on[0] < woke_s]
 
 
-@pytest.mark.parametrize("n", [10, 64, 120, 201])
+@pytest.mark.parametrize("n", [10, 64, 96, 120])
 @pytest.mark.parametrize("number", [0, 1])
 def test_a_board_that_is_unplugged_at_any_moment_ends_it_for_both(table, n, number):
     cut_s = []
