@@ -1,7 +1,7 @@
 """Check everything: lint, types and every test, from a fresh clone: python tools/test.py
 
 Makes .venv and installs the locked tools of tests/requirements.txt there.  Arguments after `--` go to pytest.
-pytest runs twice: four processes share the tests that the wall clock cannot fail; then two share the others.
+pytest runs twice: four processes share the tests that the wall clock cannot fail; then one runs the others.
 Without arguments for pytest the first run records the coverage, which is printed at the end.
 System packages are installed only with --install-system or with CI=true in the environment; otherwise the
 missing ones are listed, with what is not run without them.  With CI=true, anything not run is a failure.
@@ -71,14 +71,13 @@ WANTED = bootstrap.Wanted(
 # a file stays in one process: its tests share boards; in the order of folders, the longest files come first
 # two processes more than the two cores of CI: while some wait for a board in real time, the others compute
 PARALLEL = ("--numprocesses=4", "--dist=loadfile", "--no-loadscope-reorder")
-A_CORE_EACH = ("--numprocesses=2", "--dist=loadfile")
 CHECKS = (
     ("lint", ["ruff", "check", "."]),
     ("format", ["ruff", "format", "--check", "."]),
     ("imports", ["lint-imports", "--no-cache", "--no-logo"]),
     ("types", ["basedpyright"]),
     ("tests", ["pytest", "--wall-clock=without", *PARALLEL]),
-    ("tests tied to the wall clock", ["pytest", "--wall-clock=only", *A_CORE_EACH]),
+    ("tests tied to the wall clock", ["pytest", "--wall-clock=only"]),
     ("coverage", ["coverage", "report"]),
 )
 # in a whole run, one after the other beside the first run of pytest: what reads the code only, and a firmware that got

@@ -371,7 +371,7 @@ def test_pytest_comes_last_with_its_arguments_and_without_what_cannot_run(shown)
     words = ["--deselect=tests/clone", "-k", "frame"]
     assert shown[-2:] == [
         ["pytest", "--wall-clock=without", *checks.PARALLEL, *words],
-        ["pytest", "--wall-clock=only", *checks.A_CORE_EACH, *words],
+        ["pytest", "--wall-clock=only", *words],
     ]
 
 
