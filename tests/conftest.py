@@ -2,7 +2,7 @@
 
 Tests that are marked exhaustive take hours; they are left out without --exhaustive.
 Tests that are marked wall_clock are judged by the time of this computer, and need a processor for themselves:
-tools/test.py runs all others in four processes with --wall-clock=without, then these in two with --wall-clock=only.
+tools/test.py runs all others in six processes with --wall-clock=without, then these in one with --wall-clock=only.
 With --coverage the lines and branches that this process executes are recorded; `coverage report` prints them.
 """
 
@@ -18,7 +18,7 @@ KEPT = ("MIRRORMOUNT_CACHE", "MIRRORMOUNT_FUZZ_", "MIRRORMOUNT_IMAGES")
 RECORDED = ("beam", "firmware", "host", "repo", "supervise", "tools")  # folders of tests that --coverage looks at
 # processor time of which a test is recorded, all its cases together: after it come the same lines for other sessions,
 # pictures or mounts, and recording makes them three to five times slower
-RECORDED_S = 1.0
+RECORDED_S = 0.5
 ENDING = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
 

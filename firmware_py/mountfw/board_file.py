@@ -21,12 +21,12 @@ FILE_OF = {
     "adafruit_feather_esp32s3_nopsram": "adafruit_feather_esp32s3",
 }
 
-# each bridge, and which pins of an axis carry its duty
-BRIDGES = {"enable": ("en",), "two-pwm": ("pos", "neg")}
+# each bridge: its class in motion/bridge.py, and which pins of an axis carry its duty
+BRIDGES = {"enable": ("EnableBridge", ("en",)), "two-pwm": ("TwoPwmBridge", ("pos", "neg"))}
 STOPS = ("stop_pos", "stop_neg")
 ENCODERS = ("encoder", "shaft")  # which an axis may have: A and B on the motor's shaft; SDA and SCL of an AS5600
 REQUIRED = ("NAME", "BRIDGE", "AXIS_1", "AXIS_2", "PWM_HZ", "DEAD_TIME_US", "LED")
-OPTIONAL = ("AXIS_3", "AXIS_4", "EMERGENCY_STOP", "ONE_CHANNEL", "GATE")
+OPTIONAL = ("AXIS_3", "AXIS_4", "EMERGENCY_STOP", "ONE_CHANNEL", "GATE", "LANE")
 
 _PINS = DRIVES + STOPS
 
@@ -93,7 +93,7 @@ def _fault_of_constants(values):
     for name, least, most in (("PWM_HZ", 10, _MOST_PWM_HZ), ("DEAD_TIME_US", 0, _MOST_DEAD_TIME_US)):
         if type(values[name]) is not int or not least <= values[name] <= most:
             return "%s is %r, not a whole number within %d ... %d" % (name, values[name], least, most)
-    for name in ("ONE_CHANNEL", "GATE"):
+    for name in ("ONE_CHANNEL", "GATE", "LANE"):
         if type(values.get(name, False)) is not bool:
             return "%s is neither True nor False" % name
     if not (values["LED"] is None or isinstance(values["LED"], str) or _is_pin(values["LED"])):
@@ -159,7 +159,7 @@ def _fault_of_pins(values, rp2):
     places = [("LED", "", values["LED"]), ("EMERGENCY_STOP", "", stop)]
     places += [(axis, name, values[axis][name]) for axis in fitted for name in _PINS]
     places += [(axis, name, pin) for axis in fitted for name in ENCODERS for pin in values[axis].get(name, ())]
-    carrying = BRIDGES[values["BRIDGE"]]
+    carrying = BRIDGES[values["BRIDGE"]][1]
     for axis, name, pin in places:
         if pin is None:
             continue

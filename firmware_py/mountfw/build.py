@@ -1,13 +1,11 @@
 """Composes the firmware: build() makes an App of a port (the hardware's verbs) and a board file. Runs once."""
 
-from mountfw import board_file, boards, codes
+from mountfw import board_file, boards, codes, extras
 from mountfw.app import App
 from mountfw.dialect.commands import Commands
 from mountfw.dialect.line import Line
 from mountfw.dialect.queries import About
-from mountfw.gated import Gated
 from mountfw.motion.axis import Axis
-from mountfw.motion.bridge import EnableBridge, TwoPwmBridge
 from mountfw.motion.controller import Controller
 from mountfw.motion.drive import EndStop
 from mountfw.own_reply import OwnReply
@@ -18,16 +16,15 @@ from mountfw.wire.frame import Frame
 from mountfw.wire.receiver import Receiver
 from mountfw.wire.replies import Replies
 
-BRIDGES = {"enable": EnableBridge, "two-pwm": TwoPwmBridge}  # by a board file's BRIDGE
-
 
 def make_bridge(port, board, pins):
-    """The bridge of one axis, on these pins of a board file. Raises ValueError for a BRIDGE that is not in BRIDGES."""
-    if board.BRIDGE not in BRIDGES:
-        raise ValueError("BRIDGE is %r, not one of %s" % (board.BRIDGE, ", ".join(sorted(BRIDGES))))
-    ours = BRIDGES[board.BRIDGE]
-    make = getattr(port, ours.__name__, ours)  # a port may have one of its platform's own
-    duties = board_file.BRIDGES[board.BRIDGE]
+    """The bridge of one axis, on these pins of a board file."""
+    kind, duties = board_file.BRIDGES[board.BRIDGE]
+    make = getattr(port, kind, None)  # a port may have one of its platform's own
+    if not make:
+        from mountfw.motion import bridge
+
+        make = getattr(bridge, kind)
     names = [name for name in boards.DRIVES if pins[name] is not None]
     parts = [port.output(pins[name], board.PWM_HZ if name in duties else 0) for name in names]
     return make(*(parts + [board.DEAD_TIME_US, port.pause_us, port.ticks_us]))
@@ -36,7 +33,7 @@ def make_bridge(port, board, pins):
 def make_axis(number, port, board, pins, error_queue):
     """Axis `number`, on these pins of a board file, with its interrupts, and its encoder if the port can read it."""
     stops = [EndStop(port.reader(pins[name])) for name in ("stop_pos", "stop_neg")]
-    parts = [number, make_bridge(port, board, pins)] + stops + [error_queue, port.ticks_us]
+    parts = [number, make_bridge(port, board, pins)] + stops + [_homing(stops), error_queue, port.ticks_us]
     reader = port.encoder(number, pins) if "encoder" in pins or "shaft" in pins else None
     if reader is None:
         axis = Axis(*parts)
@@ -48,6 +45,15 @@ def make_axis(number, port, board, pins, error_queue):
         if pins[name] is not None:
             port.on_rise(pins[name], axis.drive.guard)
     return axis
+
+
+def _homing(stops):
+    """What finds an end-stop of an axis: a class, and only where there is an input for one."""
+    if not (stops[0].has_input or stops[1].has_input):
+        return lambda _axis: None
+    from mountfw.homing import Homing
+
+    return Homing
 
 
 def build(port, board):
@@ -65,24 +71,25 @@ def build(port, board):
     replies = Replies(own)
     frame = Frame(port.pack)
     line = Line()
+    receiver = Receiver(frame, line, port.pack, own)  # its ring needs 4 KB in one piece: before encoders are loaded
     axes = [make_axis(i + 1, port, board, pins, error_queue) for i, pins in enumerate(boards.axes(board))]
     number = getattr(board, "EMERGENCY_STOP", None)
     emergency_stop = EndStop(port.reader(number))
     emergency_stop.fitted = number is not None
     records = Records(port, axes, error_queue)
-    controller = Controller(axes, error_queue, emergency_stop, records, port.boot_id(), port.ticks_ms)
+    controller = Controller(axes, error_queue, emergency_stop, records)
     if cause == codes.WATCHDOG:
         error_queue.push(codes.WATCHDOG_RESET)
-    about = About(board.NAME, port.unique_id(), port.firmware_hash, cause, port.free_memory)
+    about = About(board.NAME, port, cause)
     if number is not None:
         port.on_rise(number, controller.guard)
     commands = Commands(controller, line, replies, about)
-    receiver = Receiver(frame, line, port.pack, own)
-    gated = Gated(port.gate(board) if hasattr(port, "gate") else None, controller, about)
-    App.built = app = App(port, controller, commands, receiver, frame, replies, own, gated)
-    for thing in (receiver, frame, replies, own, controller):
-        presize(thing)
+    gated = extras.Gated(port.gate(board) if hasattr(port, "gate") else None, controller, about)
+    lane = extras.make_lane(port, board, controller, receiver, frame, own, replies, commands)
+    App.built = app = App(port, controller, commands, receiver, frame, replies, own, gated, lane)
+    presize(receiver, frame, replies, own, controller)
     for axis in axes:
-        for thing in (axis, axis.drive, axis.position, axis.drive.bridge):
-            presize(thing)
+        if hasattr(axis, "reader"):
+            axis.received, axis.poll_input = receiver, app.poll_input  # pyright: ignore[reportAttributeAccessIssue]
+        presize(axis, axis.drive, axis.position, axis.drive.bridge)
     return app

@@ -4,13 +4,13 @@ The numbers are the wire's. An error of one axis is 100 times the axis plus its 
 message after the number and a comma: no other comma, because clients split the answer there.
 
 The text after a declaration is for people: cause and remedy of an error, the meaning of a reason. A compiler drops
-such a text, so it takes no memory of a board; the host and docs/errors.md (`python3 tools/tables.py`) read it from
-this source.
+such a text, so it takes no memory of a board; the host and docs/errors.md (`tools/tables.py`) read it here.
 """
 
 MESSAGES = {0: b"NO ERROR DETECTED"}
 AXIS_MESSAGES = {}  # of one axis
 REASONS = {}  # why a move ended, in words
+REASON_ERRORS = {}  # the axis's errors of a reason: in the positive and the negative direction, or one for both
 
 
 def _error(number, message):
@@ -23,8 +23,10 @@ def _axis_error(number, message):
     return number
 
 
-def _reason(number, words):
+def _reason(number, words, *errors):
     REASONS[number] = words
+    if errors:
+        REASON_ERRORS[number] = errors
     return number
 
 
@@ -193,7 +195,7 @@ fitted (`XL`) or is ignored (`ZH1`); or a closed loop was asked for, and there i
 (`XN`) are not set.
 
 Remedy: Say what is fitted: `mirrormount setup`, or `mirrormount config set x.switches 3` (`XL`). See the board's file
-in `mountfw/boards` for its inputs.
+in `mountfw/boards` for its inputs. In the closed loop a search may end where the motor stalls: `stall_duty` (`XA`).
 """
 
 AXIS_RUN_LIMIT = _axis_error(40, b"RUN LIMIT REACHED")
@@ -224,7 +226,7 @@ Remedy: Is the supply far from what it was when `XN` was measured, or does the m
 """
 
 AXIS_NOT_FOUND = _axis_error(45, b"HOMING: SWITCH NOT FOUND")
-"""The axis drove for as long as `XT` allows, and no switch opened.
+"""The axis drove for as long as `XT` allows, and no switch opened; or, in a search by stall (`XA`), it met no end.
 
 Remedy: Is it that axis's switch, on that side, with its wires on? `PH?` while you press it tells. A long way needs a
 larger `XT`.
@@ -287,13 +289,13 @@ STOPPED = _reason(2, "stopped")
 ABORTED = _reason(3, "aborted")
 """`!` or `AB`"""
 
-END_STOP = _reason(4, "end-stop reached")
+END_STOP = _reason(4, "end-stop reached", AXIS_POSITIVE_STOP, AXIS_NEGATIVE_STOP)
 """see n04, n05"""
 
-SOFT_LIMIT = _reason(5, "soft limit reached")
+SOFT_LIMIT = _reason(5, "soft limit reached", AXIS_POSITIVE_SOFT, AXIS_NEGATIVE_SOFT)
 """see n06, n07"""
 
-RUN_LIMIT = _reason(6, "run limit reached")
+RUN_LIMIT = _reason(6, "run limit reached", AXIS_RUN_LIMIT)
 """see n40, n01"""
 
 KEEP_ALIVE = _reason(7, "keep-alive lost")
@@ -305,25 +307,25 @@ SUPERSEDED = _reason(8, "superseded by another command")
 FAULT = _reason(9, "fault")
 """see 64, n42"""
 
-EMERGENCY_STOP = _reason(10, "emergency stop")
+EMERGENCY_STOP = _reason(10, "emergency stop", AXIS_EMERGENCY_STOP)
 """see n43"""
 
-CLOSED_LOOP_FAILED = _reason(11, "closed loop failed")
+CLOSED_LOOP_FAILED = _reason(11, "closed loop failed", AXIS_DEAD_BAND)
 """see n50"""
 
 HOMING_FAILED = _reason(12, "homing failed")
 """see n45, n46, and n04, n05: the switch at the other end"""
 
-STALLED = _reason(13, "motor stalled")
+STALLED = _reason(13, "motor stalled", AXIS_STALLED)
 """see n47"""
 
-WRONG_WAY = _reason(14, "counts the wrong way")
+WRONG_WAY = _reason(14, "counts the wrong way", AXIS_WRONG_WAY)
 """see n48"""
 
-FOLLOWING = _reason(15, "following error")
+FOLLOWING = _reason(15, "following error", AXIS_FOLLOWING)
 """see n44"""
 
-ENCODER_LOST = _reason(16, "encoder lost")
+ENCODER_LOST = _reason(16, "encoder lost", AXIS_ENCODER_LOST)
 """see n49"""
 
 # why the board was reset last
@@ -345,6 +347,4 @@ CERTAINTY = ("unknown", "counted", "homed", "estimated", "measured")  # in words
 
 def message(code):
     """The message (bytes) of error code, without the axis."""
-    if code < 100:
-        return MESSAGES[code]
-    return AXIS_MESSAGES[code % 100]
+    return MESSAGES[code] if code < 100 else AXIS_MESSAGES[code % 100]

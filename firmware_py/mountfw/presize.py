@@ -11,11 +11,12 @@ from mountfw import codes
 _NAMES = [name for name in codes.__dict__ if name[0] != "_"][:45]
 
 
-def presize(thing):
-    """Grow the attribute table of thing until at most 3 of 5 places are taken."""
-    taken = len(thing.__dict__)
-    names = _NAMES[: taken * 5 // 3 - taken]
-    for name in names:
-        setattr(thing, name, None)
-    for name in names:
-        delattr(thing, name)
+def presize(*things):
+    """Grow the attribute table of each thing until at most 3 of 5 places are taken."""
+    for thing in things:
+        taken = len(thing.__dict__)
+        names = _NAMES[: taken * 5 // 3 - taken]
+        for name in names:
+            setattr(thing, name, None)
+        for name in names:
+            delattr(thing, name)

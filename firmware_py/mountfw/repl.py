@@ -85,7 +85,7 @@ class Mount:
                 a.axis.position.certainty = codes.UNKNOWN
         self.stop()
         self._controller.inhibit(codes.NONE_YET)
-        self._controller.watch_input(_nothing)  # what is typed is the prompt's
+        self._controller.records.poll_input = _nothing  # what is typed is the prompt's
 
     def drive(self, m1, m2, ms):
         """Drive motor 1 (y) and motor 2 (x) at -255 ... 255 for ms milliseconds. Raises ValueError, MoveEnded."""

@@ -80,23 +80,19 @@ def restore_position(axis, numbers):
         axis.restored(numbers[12] if len(numbers) > 12 else -1)
 
 
-def _no_look():
-    pass
-
-
 class Records:
     """Both files of a mount. port has load(name), store(name, data), rename(old, new), remove(name) and collect().
 
     load gives bytes, none if the file cannot be read, or None if there is no such file; the others raise OSError
     if they cannot.
-    look is called after what takes long.
+    poll_input is called after what takes long: a stop must not wait for it. The loop sets it.
     """
 
     def __init__(self, port, axes, error_queue):
         self._port = port
         self._axes = axes
         self._errors = error_queue
-        self.look = _no_look
+        self.poll_input = lambda: None
         self.waiting = False  # has record() something to do?
         self._next = _NOTHING
         self._rested_at = 0  # since when nothing moves
@@ -172,10 +168,14 @@ class Records:
         self.waiting = False
         data = self._port.load(_POSITION)
         self._on_flash = data is not None
-        if data is None:
+        if data is None:  # so nothing is to come off the flash before the first drive
             for axis in self._axes:
+                axis.drive.on_flash = False
                 if hasattr(axis, "restored"):
                     axis.restored(-1)
+            self.waiting = True
+            self._next = _NOTHING
+            self._rested_at = 0
             return
         try:
             lines = unseal(data)
@@ -197,7 +197,7 @@ class Records:
         self.waiting = True
         self._next = _WAIT
         self._rested_at = None
-        self.look()
+        self.poll_input()
         return True
 
     def record(self, now_us, moving):
@@ -209,6 +209,8 @@ class Records:
         if not rests:
             self._rested_at = now_us
             self._next = _WAIT
+        elif self._next == _NOTHING:  # no record was there at the start, and nothing has moved since
+            pass
         elif self._next == _WAIT:
             if diff(now_us, self._rested_at) >= _REST_US:
                 self._next = _WRITE

@@ -5,6 +5,7 @@ import math
 
 import pytest
 import run
+from lab import USB_US, Lab
 
 from mirrormount.common.errors import EmulatorMissing
 from mirrormount.virtual import emulator
@@ -36,3 +37,16 @@ def test_two_rows_give_a_table_and_json(tmp_path, capsys):
 def test_the_probe_shows_passes():
     values, _ = run.measured("pass-idle", 3, None)
     assert len(values) == 3 and all(values)
+
+
+def test_a_packet_lands_once_the_board_has_asked_for_it():
+    waited_us = []
+    with Lab("landing", 1) as lab:
+        board = lab.board()
+        board.run(50_000)
+        for line in (b"1XP?\n", b"2XP?\n"):
+            given_us = board.us
+            waited_us.append(board.land(line) - given_us)
+    first, second = waited_us
+    assert first == USB_US  # the board was ready for it
+    assert second > USB_US  # its USB stack was still at the packet before

@@ -7,6 +7,7 @@ from test_memory import SESSION
 from mirrormount.virtual.emulator import RawPrompt
 
 TRIALS = 200
+LEAST_FREE = 135_000  # bytes of heap on a Pico; it only rises. docs/decisions/2026-11-23-the-fast-lane.md: why it fell
 
 
 def test_free_memory_of_the_running_firmware(make_board, capsys):
@@ -18,7 +19,7 @@ def test_free_memory_of_the_running_firmware(make_board, capsys):
     free = int(said.split("free ")[-1].split()[0])
     with capsys.disabled():
         print(f" [free heap with the firmware loaded: {free} bytes]", end="")
-    assert free >= 100_000
+    assert free >= LEAST_FREE
 
 
 def test_ctrl_c_twice_at_random_moments_of_a_pulse_leaves_both_motors_off(make_board):
@@ -118,6 +119,7 @@ AS_NATIVE = """
 import micropython, random
 from mountfw.ports import micropython_console as console
 from mountfw.wire import frame
+from mountfw.ports import micropython_drain, rp2_lane
 from mountfw.wire import receiver
 random.seed(%d)
 for _ in range(400):
@@ -126,6 +128,12 @@ for _ in range(400):
     if console.pack(ring, at, 15) != frame.pack(ring, at, 15):
         print('pack', ring, at)
 fast, slow = [receiver.Receiver(None, None, None, None, 256) for _ in range(2)]
+class Plain: pass
+lane, axis = Plain(), Plain()
+axis.drive = lane.own = lane.log = lane.text = lane.sum = None
+lane.axes = axis, axis
+lane.begun = -1  # closed
+looks = rp2_lane.Look(lane, fast, (2, 5), False)
 sent = bytes(%r)
 micropython.kbd_intr(-1)
 for start in range(0, len(sent), 200):
@@ -134,7 +142,7 @@ for start in range(0, len(sent), 200):
     stops = []
     while fast.unparsed < min(200, len(sent) - start):
         if console.any(1000):
-            stops.append(console.drain(fast, 7))
+            stops.append(looks.look(7, 0) if start else micropython_drain.drain(fast, 7))
     if [s for s in stops if s] != [s for s in [slow.receive(c) for c in sent[start : start + 200]] if s]:
         print('stops', start, stops)
     if (fast.ring, fast.write, fast.zeros, fast.stops_ahead) != (slow.ring, slow.write, slow.zeros, slow.stops_ahead):

@@ -113,7 +113,7 @@ def test_the_emergency_stop_cuts_both_drives_and_latches(make_board):
     board.run(20_000)
     assert not board.off()
     assert off_after_opening(board, "emergency_stop") < 1_000
-    board.run(5_000)  # the frame's echo ends
+    board.run(20_000)  # the frame's echo ends
     assert board.ask(b"1XE?;2XE?\n").startswith(b"10,")
     board.simulation.bench.broken.clear()
     board.send(b"02550255")
@@ -121,6 +121,24 @@ def test_the_emergency_stop_cuts_both_drives_and_latches(make_board):
     assert board.off()
     board.send(b"*RST\n02540254")  # not the same frame again: so soon it would wait for what follows
     assert board.run(50_000, lambda: not board.off())
+
+
+def test_an_emergency_stop_that_opens_while_a_frame_is_obeyed_cuts_at_once(make_board):
+    board = with_emergency_stop(make_board)
+    for opens_us in range(600, 780, 20):
+        board.simulation.bench.broken.clear()
+        board.ask(b"*RST\n*IDN?\n")
+        board.send(b"01000100")  # takes the record of the position off the flash
+        board.run(30_000)
+        board.send(b"!")
+        board.run(30_000)
+        board.send(b"02550255")
+        board.run(opens_us)
+        start = board.simulation.us
+        board.simulation.bench.broken.add("emergency_stop")
+        board.run(20_000)
+        late_us = max((us for us, pin, _ in board.edges_after(start) if pin.endswith("_en")), default=start) - start
+        assert board.off() and late_us < 1_000, opens_us
 
 
 def test_an_end_stop_cuts_the_drive_from_an_interrupt(make_board):

@@ -33,7 +33,10 @@ class Port(Protocol):
         ...
 
     def drain(self, receiver: Any, most: int) -> int:
-        """Hand at most `most` bytes that wait to the receiver, no further than to a stop. Returns that stop, or 0."""
+        """Hand at most `most` bytes that wait to the receiver, no further than to a stop. Returns that stop, or 0.
+
+        A board with a look() needs none.
+        """
         ...
 
     def pack(self, ring: Any, at: int, mask: int) -> int:
@@ -115,6 +118,9 @@ class OptionalVerbs(Protocol):
 
         It has enter(), leave(), release(), differs(), recount() and axes, each with end_at(), clock() and ended().
         """
+
+    def look(self, lane: Any, receiver: Any, board: Any) -> None:
+        """Set a Lane's look(), and maybe first() and sum(), to faster code that does the same (docs/lane.md)."""
 
 
 class EntryPort(Port, Protocol):

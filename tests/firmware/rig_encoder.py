@@ -117,3 +117,40 @@ def finish(rig, most_us=60_000_000):
         assert rig.port.us < until, "it never ends"
         rig.port.horizon_us = rig.port.us + 1_000_000
         rig.step()
+
+
+def move(rig, line):
+    rig.send(line)
+    rig.settle()
+    finish(rig)
+    rig.run(60_000)
+
+
+def ended(rig, axis=1):
+    """Reason, whole steps and errors of the last move."""
+    reason, steps, _ = rig.ask(b"%dXE?\n" % axis).split(b",")
+    return int(reason), int(steps), rig.errors()
+
+
+def why(rig):
+    """The same without the steps."""
+    reason, _, errors = ended(rig)
+    return reason, errors
+
+
+def status(rig):
+    """Position in millisteps, and certainty, of axis 1."""
+    words = rig.ask(b"XS?\n").split(b"|")[1].split(b",")
+    return int(words[0]), int(words[5])
+
+
+class SlowPort(EncoderPort):
+    """A port on which a pass of the loop takes 2 ms in a drive, as on a Pico that has two encoders to look at."""
+
+    def ticks_us(self):
+        self.us += 80
+        return super().ticks_us()
+
+    def any(self, wait_ms):
+        self.us += 120
+        return super().any(wait_ms)

@@ -1,6 +1,7 @@
 """Runs every test of this folder on a MicroPython VM:  micropython run_micropython.py FIRMWARE_DIR
 
 With a second argument "quick", some of them, none that takes long: WebAssembly builds are slow, and there are many.
+With the name of a module, those of it: test_encoder_cuts keeps too many files for the heap of the others.
 With a second argument, the folder …/virtual/fakes, and a third, the folder of adafruit_motor: those that both ports
 pass, on the CircuitPython port and the fakes of its modules; then on CPython, too.
 Prints a line per failure and a last line "N passed, N failed"; exit status 1 if any failed.
@@ -14,6 +15,7 @@ TESTS = (
     "test_dialect",
     "test_board_file",
     "test_stops",
+    "test_lane",
     "test_axes",
     "test_motion",
     "test_axis_table",
@@ -21,7 +23,9 @@ TESTS = (
     "test_backlash",
     "test_homing",
     "test_emergency",
-    "test_encoder",
+    "test_encoder_counts",
+    "test_counted_moves",
+    "test_encoder_faults",
     "test_memory",
     "test_settings",
     "test_recorded",
@@ -44,6 +48,7 @@ NOT_ON_CIRCUITPYTHON = (
     "test_the_longest_pass_is_of_the_time_since_one_asked_and_does_not_count_waiting",
     "test_a_stop_that_comes_while_a_frame_is_counted_leaves_its_drive_counted",
     "test_soft_stop_finishes_a_pulse_that_is_nearly_over_and_nothing_else",
+    "test_a_byte_that_comes_just_before_the_end_keeps_a_motion_alive",
     "test_a_burst_of_input_does_not_hold_up_the_end_of_a_pulse",
     "test_a_run_ends_at_its_limit_and_says_so",
     "test_a_short_keep_alive_is_kept_to",
@@ -71,6 +76,8 @@ left_out = ()
 if sys.argv[2:] == ["quick"]:
     TESTS = QUICK
     left_out = LONG
+elif len(sys.argv) == 3 and sys.argv[2].startswith("test_"):
+    TESTS = (sys.argv[2],)
 elif len(sys.argv) > 2:
     import rig_circuitpython
 

@@ -17,42 +17,40 @@ EVENTS = (
     ("DUE_TAKE_UP", 5_000),
     ("DUE_PULSE", 5_000),
     ("DUE_RUN", 5_000),
-    ("DUE_SLOW", 5_000),
     ("DUE_SEARCH", 5_000),
     ("DUE_SETTLE", 5_000),
     ("OVER", 0),
     ("LAST_OVER", 0),
     ("HIT", codes.END_STOP),
 )
-STATES = ("IDLE", "SETTLE", "REST", "TAKE_UP", "PULSE", "SLOW", "RUN", "SEARCH")
-DUE = ("DUE_TAKE_UP", "DUE_PULSE", "DUE_RUN", "DUE_SLOW", "DUE_SEARCH")
+STATES = ("IDLE", "SETTLE", "REST", "TAKE_UP", "PULSE", "RUN", "SEARCH")
+DUE = ("DUE_TAKE_UP", "DUE_PULSE", "DUE_RUN", "DUE_SEARCH")
 
 # from each of STATES, in that order: the next state; "refused", and the state stays; "." cannot happen
 NEXT = {
-    "ASK": "IDLE refused refused refused refused refused refused refused",
-    "BEGIN": "REST . . . . . . .",
-    "SEEK": "SETTLE . . . . . . .",
-    "FRAME": "REST REST REST REST REST REST REST REST",
-    "FINISH": "IDLE IDLE IDLE IDLE PULSE IDLE IDLE IDLE",
-    "END": "IDLE IDLE IDLE IDLE IDLE IDLE IDLE IDLE",
-    "DUE_TAKE_UP": ". . TAKE_UP . . . . .",
-    "DUE_PULSE": ". . PULSE . . . . .",
-    "DUE_RUN": ". . RUN . . . . .",
-    "DUE_SLOW": ". SLOW . . . . . .",
-    "DUE_SEARCH": ". SEARCH . . . . . .",
-    "DUE_SETTLE": ". SETTLE . . . SETTLE . SETTLE",
-    "OVER": ". . . REST REST SETTLE IDLE IDLE",
-    "LAST_OVER": ". . . . IDLE . . .",
-    "HIT": ". SETTLE IDLE IDLE IDLE IDLE IDLE SETTLE",
+    "ASK": "IDLE refused refused refused refused refused refused",
+    "BEGIN": "REST . . . . . .",
+    "SEEK": "SETTLE . . . . . .",
+    "FRAME": "REST REST REST REST REST REST REST",
+    "FINISH": "IDLE IDLE IDLE IDLE PULSE IDLE IDLE",
+    "END": "IDLE IDLE IDLE IDLE IDLE IDLE IDLE",
+    "DUE_TAKE_UP": ". . TAKE_UP . . . .",
+    "DUE_PULSE": ". . PULSE . . . .",
+    "DUE_RUN": ". . RUN . . . .",
+    "DUE_SEARCH": ". SEARCH . . . . .",
+    "DUE_SETTLE": ". SETTLE . . . . SETTLE",
+    "OVER": ". . . REST REST IDLE IDLE",
+    "LAST_OVER": ". . . . IDLE . .",
+    "HIT": ". SETTLE IDLE IDLE IDLE IDLE SETTLE",
 }
 # the reason of each move that ends there, from each of STATES; 0: none ends
 ENDS = {
-    "FRAME": (0,) + (codes.SUPERSEDED,) * 7,
-    "FINISH": (0,) + (codes.STOPPED,) * 3 + (0,) + (codes.STOPPED,) * 3,
-    "END": (0,) + (codes.ABORTED,) * 7,
-    "OVER": (0, 0, 0, 0, 0, 0, codes.RUN_LIMIT, codes.HOMING_FAILED),
-    "LAST_OVER": (0, 0, 0, 0, codes.DONE, 0, 0, 0),
-    "HIT": (0, 0) + (codes.END_STOP,) * 3 + (codes.DONE, codes.END_STOP, 0),
+    "FRAME": (0,) + (codes.SUPERSEDED,) * 6,
+    "FINISH": (0,) + (codes.STOPPED,) * 3 + (0,) + (codes.STOPPED,) * 2,
+    "END": (0,) + (codes.ABORTED,) * 6,
+    "OVER": (0, 0, 0, 0, 0, codes.RUN_LIMIT, codes.HOMING_FAILED),
+    "LAST_OVER": (0, 0, 0, 0, codes.DONE, 0, 0),
+    "HIT": (0, 0) + (codes.END_STOP,) * 4 + (0,),
 }
 # the error of axis 1 that goes with it
 ERRORS = {(codes.RUN_LIMIT, "RUN"): 140, (codes.HOMING_FAILED, "SEARCH"): 145, (codes.END_STOP, "TAKE_UP"): 105}
@@ -65,7 +63,6 @@ WAYS = {
     "REST": (b"1XP1000;1DH0\n", (), b"1PR3\n"),
     "TAKE_UP": (b"1XB120000;1DH0;1VA4;1PR1\n", (), b"1PR-2\n"),
     "PULSE": (b"1DH0\n", (), b"1PR3\n"),
-    "SLOW": (b"1DH0\n", (NEGATIVE,), b"1OR\n"),
     "RUN": (b"1DH0\n", (), b"1MV+\n"),
     "SEARCH": (b"1DH0\n", (), b"1MT+\n"),
 }
@@ -87,8 +84,6 @@ def brought_into(state):
             break
         rig.port.horizon_us = rig.port.us + 1_000
         rig.step()
-        if state == "SLOW" and rig.axis1.state == a.SEARCH:  # off the switch again
-            rig.port.switches[NEGATIVE] = 0
     assert rig.axis1.state == getattr(a, state), state
     rig.port.switches[NEGATIVE] = 0
     assert rig.controller.errors.pop() == 0
@@ -105,8 +100,6 @@ def errors(rig):
 def assert_consistent(rig, where):
     """What the flags may be in each state."""
     axis, drive = rig.axis1, rig.axis1.drive
-    homes = axis.state in (a.SETTLE, a.SLOW, a.SEARCH)
-    assert (axis.homing.phase != 0) == homes, where
     assert not axis.counting and not drive.predriven, where
     if axis.state > a.REST:
         assert drive.measuring and not axis.resting, where
@@ -131,14 +124,14 @@ def walk(check):
         for column in range(len(STATES)):
             check(brought_into(STATES[column]), event, value, STATES[column], column)
             cells += 1
-    assert cells == len(a.TABLE) * 8
+    assert cells == len(a.TABLE) * 7
 
 
 def test_each_cell_leads_to_its_state_and_ends_a_move_once_with_its_reason_or_cannot_happen():
     def check(rig, event, value, state, column):
         axis, where = rig.axis1, (event, state)
         expected = NEXT[event].split()[column]
-        reason = ENDS.get(event, (0,) * 8)[column]
+        reason = ENDS.get(event, (0,) * 7)[column]
         axis.reason = 99
         axis.has_moved = False
         if expected == ".":
@@ -225,7 +218,7 @@ def test_each_way_to_drive_asks_the_gate_first():
         (tripped, codes.END_STOP, [104]),
     ):
         for event in DUE:
-            homes = event in ("DUE_SLOW", "DUE_SEARCH")
+            homes = event == "DUE_SEARCH"
             rig = brought_into("SETTLE" if homes else "REST")
             rig.port.edges.clear()
             rig.axis1.reason = 99
@@ -246,7 +239,7 @@ def test_what_an_interrupt_sets_while_a_drive_is_turned_on_ends_it_in_the_same_c
         ("tripped", True, codes.END_STOP),
     ):
         for event in DUE:
-            homes = event in ("DUE_SLOW", "DUE_SEARCH")
+            homes = event == "DUE_SEARCH"
             rig = brought_into("SETTLE" if homes else "REST")
             drive = rig.axis1.drive
             turned_on = drive.bridge.drive
@@ -266,7 +259,7 @@ def test_what_an_interrupt_sets_while_a_drive_is_turned_on_ends_it_in_the_same_c
 
 
 def test_both_switches_open_end_any_drive_as_a_fault():
-    for state in ("TAKE_UP", "PULSE", "SLOW", "RUN", "SEARCH"):
+    for state in ("TAKE_UP", "PULSE", "RUN", "SEARCH"):
         rig = brought_into(state)
         rig.port.switches.update({POSITIVE: 1, NEGATIVE: 1})
         rig.step()

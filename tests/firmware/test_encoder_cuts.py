@@ -6,6 +6,7 @@ moments of each motion, are looked at: the files as they are then, and the place
 
 from math import exp, log
 
+from rig_cuts import cuttable
 from rig_encoder import DRY, FLOOR, TAU_S, EncoderPort, encoded, finish
 
 from mountfw import codes
@@ -18,7 +19,7 @@ _EVERY = 40  # passes of the loop
 OFTEN = (codes.UNKNOWN, codes.COUNTED, codes.ESTIMATED)
 
 
-class Watched(EncoderPort):
+class Watched(cuttable(EncoderPort)):
     """A port that notes what a power cut would leave, at each point of each operation on a file."""
 
     def __init__(self, files=None):
@@ -30,29 +31,6 @@ class Watched(EncoderPort):
         motor = self.motors[0]
         motor.catch_up()
         self.cuts.append((dict(self.files), motor.at + coast(motor.speed), self.doing))
-
-    def store(self, name, data):
-        self.point()
-        kept = self.files.get(name)
-        for length in range(len(data) + 1):
-            self.files[name] = bytes(data[:length])
-            self.point()
-        if kept is None:
-            del self.files[name]
-        else:
-            self.files[name] = kept
-        super().store(name, data)
-        self.point()
-
-    def rename(self, old, new):
-        self.point()
-        super().rename(old, new)
-        self.point()
-
-    def remove(self, name):
-        self.point()
-        super().remove(name)
-        self.point()
 
 
 def coast(speed):

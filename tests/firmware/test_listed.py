@@ -48,7 +48,8 @@ class Flash:
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     for name, text in {
-        "__init__.mpy": "x" * 200,
+        "__init__.mpy": "short, but not only a docstring",
+        "encoder/axis.mpy": "imported later, if at all",
         "app.mpy": "the app",
         "wire/__init__.mpy": "short",
         "wire/frame.mpy": "the frame",
@@ -64,7 +65,7 @@ def test_it_answers_what_is_there_and_opens_the_files_of_the_flash(folder, monke
     flash.module(monkeypatch)
     (files,) = flash.mounted.values()
     assert stat.S_ISDIR(files.stat("/")[0]) and stat.S_ISDIR(files.stat("/wire")[0])
-    assert stat.S_ISREG(files.stat("/wire/frame.mpy")[0])
+    assert stat.S_ISREG(files.stat("/wire/frame.mpy")[0]) and stat.S_ISREG(files.stat("/__init__.mpy")[0])
     for absent in ("/wire/frame", "/wire/frame.py", "/wire/__init__.mpy"):  # the last has a docstring alone
         with pytest.raises(KeyError, match=absent):  # an import takes any error for "it is not there"
             files.stat(absent)

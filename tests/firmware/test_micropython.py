@@ -58,6 +58,7 @@ WORDS_OF_A_TRY = 3  # mp_exc_stack_t
         "wire/replies",
         "wire/error_queue",
         "own_reply",
+        "homing",
     ]
     + [
         f"motion/{name}"
@@ -67,7 +68,6 @@ WORDS_OF_A_TRY = 3  # mp_exc_stack_t
             "bridge",
             "controller",
             "drive",
-            "homing",
             "position",
         )
     ]
@@ -95,6 +95,16 @@ def test_the_core_passes_its_tests_on_micropython_with_the_heap_locked(micropyth
     assert run.returncode == 0, run.stdout + run.stderr
     passed = int(run.stdout.split()[-4])
     assert passed >= 160, run.stdout
+
+
+def test_a_position_after_a_power_cut_with_an_encoder_is_worth_no_more_than_it_is_on_micropython(micropython):
+    run = subprocess.run(
+        [micropython, "-X", "heapsize=64m", str(HERE / "run_micropython.py"), str(FIRMWARE), "test_encoder_cuts"],
+        capture_output=True,
+        text=True,
+        timeout=600,
+    )
+    assert (run.returncode, run.stdout.split()[-4:]) == (0, ["3", "passed,", "0", "failed"]), run.stdout + run.stderr
 
 
 @pytest.mark.parametrize("runs_on", ["CPython", "MicroPython"])

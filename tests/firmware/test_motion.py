@@ -426,6 +426,18 @@ def test_any_byte_keeps_a_motion_alive():
     assert rig.drives() == (255, 0)
 
 
+def test_a_byte_that_comes_just_before_the_end_keeps_a_motion_alive():
+    for before_us in range(50, 5000, 50):
+        rig = Rig()
+        rig.ask(b"XK100;1MV+\n")
+        left_us = rig.controller.silence(rig.port.ticks_us())
+        rig.send(b"\n", after_us=left_us - before_us)
+        rig.run(left_us + 50_000)
+        assert rig.drives() == (255, 0), before_us
+        rig.run(60_000)
+        assert rig.drives() == (0, 0)
+
+
 def test_a_dead_clients_keep_alive_does_not_cut_the_next_one():
     rig = Rig()
     rig.ask(b"XK300;1PR1\n")

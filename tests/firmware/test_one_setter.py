@@ -33,6 +33,20 @@ def test_one_class_calls_that_function_and_after_its_gate():
     assert calls({"_set"}) == {("motion/drive.py", "on", "_set"), ("motion/drive.py", "predrive", "_set")}
 
 
+def test_the_fast_lane_has_one_function_that_drives_and_two_call_it():
+    tree = ast.parse((FOLDER / "ports" / "rp2_lane.py").read_text())
+    functions = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)]
+    callers = {
+        function.name
+        for function in functions
+        for node in ast.walk(function)
+        if isinstance(node, ast.Name) and node.id == "_drive"
+    }
+    assert callers == {"drive", "_obeyed"}  # of the bridge, which _set() calls; and of the lane
+    raising = [f.name for f in functions if any(isinstance(n, ast.Name) and n.id == "_OUT_SET" for n in ast.walk(f))]
+    assert raising == ["_drive"]
+
+
 def test_outside_the_ports_only_bridges_raise_an_output():
     found = {call for call in calls({"high", "level"}) if not call[0].startswith("ports/")}
     assert found == {("motion/bridge.py", "drive", "high"), ("motion/bridge.py", "drive", "level")}

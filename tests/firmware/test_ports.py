@@ -36,7 +36,9 @@ def public_functions(path: Path) -> dict[str, Arity | None]:
     None is the arity of a function that is only given a name here, as `rename = os.rename`.
     """
     found: dict[str, Arity | None] = {}
-    for node in ast.parse(path.read_text()).body:
+    body = ast.parse(path.read_text()).body
+    body += [node for choice in body if isinstance(choice, ast.If) for node in choice.body + choice.orelse]
+    for node in body:
         if isinstance(node, ast.FunctionDef):
             found[node.name] = arity_of(node.args)
         elif isinstance(node, ast.Assign) and isinstance(node.value, ast.Attribute):

@@ -67,6 +67,18 @@ def test_a_position_is_known_again_after_ten_seconds_of_rest_and_a_restart():
     assert known(restart(again)) == known(rig)  # and it stays, for as long as nothing moves
 
 
+def test_a_position_that_is_only_defined_is_known_again():
+    rig = Rig()
+    rig.ask(b"1DH10;2DH-3\n")
+    rig.run(RECORDED_US)
+    again = restart(rig)
+    assert known(again) == known(rig)
+    assert certainty(again) == (codes.COUNTED, codes.COUNTED)
+    again.ask(b"2DH4\n")  # takes the record off
+    again.run(RECORDED_US)
+    assert restart(again).ask(b"1TP?;2TP?\n") == b"10; 4\r\n"
+
+
 def test_an_estimate_stays_an_estimate():
     rig = recorded()
     rig.ask(b"1MV-\n")

@@ -7,6 +7,7 @@ the right position or certainty 0. (The flash of the emulated RP2040 is cut in t
 import random
 
 from rig import Port, Rig
+from rig_cuts import cuttable
 
 FILES = ("mountfw.settings", "mountfw.position")
 OLD = b"1XP150000;1XD200;1XV90;1VA5;1XI0;2XP90000;2XB5000;2VA6\n"
@@ -18,7 +19,7 @@ class PowerCut(Exception):
     """The board has lost its power."""
 
 
-class CutPort(Port):
+class CutPort(cuttable(Port)):
     """A port whose power goes at the cut_at'th point of its file operations; None: it never does."""
 
     def __init__(self, files, cut_at=None):
@@ -30,23 +31,6 @@ class CutPort(Port):
         self.points += 1
         if self.points == self.cut_at:
             raise PowerCut
-
-    def store(self, name, data):
-        self.point()
-        for length in range(len(data) + 1):
-            self.files[name] = bytes(data[:length])
-            self.point()
-        super().store(name, data)
-
-    def rename(self, old, new):
-        self.point()
-        super().rename(old, new)
-        self.point()
-
-    def remove(self, name):
-        self.point()
-        super().remove(name)
-        self.point()
 
 
 def settings(rig):

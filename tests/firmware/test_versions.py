@@ -20,7 +20,7 @@ from mirrormount.deploy.mpremote import script_for
 from mirrormount.virtual.files import firmware_folder
 
 HERE = Path(__file__).parent
-NATIVE = "mountfw/ports/micropython_console.py"
+NATIVE = ("mountfw/ports/micropython_console.py", "mountfw/ports/micropython_drain.py")
 MPY = 6  # the format of the files that mpy-cross makes
 CANNOT_LOAD_MPY = ("1.21.0-279", "1.22.0-224")  # WebAssembly builds before 1.23 were made without it; boards have it
 HEAP_KB = 262_144  # these builds collect garbage only between two runs
@@ -30,7 +30,8 @@ MOTOR_1, MOTOR_2 = {"en": 2, "pos": 3, "neg": 4}, {"en": 5, "pos": 6, "neg": 7}
 def board_files(root: Path, *, compiled: bool) -> dict[str, str]:
     """Make root a board's file system with the firmware, as deploy does. Returns {path: SHA-256}."""
     files = firmware(MPY if compiled else None)
-    files[NATIVE] = vms.without_native_code(files[NATIVE])
+    for path in NATIVE:
+        files[path] = vms.without_native_code(files[path])
     for path, content in files.items():
         (root / path).parent.mkdir(parents=True, exist_ok=True)
         (root / path).write_bytes(content)

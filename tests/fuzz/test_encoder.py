@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from rig_encoder import encoded, finish
 
 from mountfw import codes
+from mountfw.motion.axis import SEARCH, SETTLE
 
 EXAMPLES = int(os.environ.get("MIRRORMOUNT_FUZZ_EXAMPLES", "30"))
 SEED = os.environ.get("MIRRORMOUNT_FUZZ_SEED")  # not set: the same sessions each time
@@ -139,7 +140,7 @@ def play(actions):
         rig.run(wait_us)
         truth.watch()
         off = truth.check()
-        if (isinstance(action, bytes) and defines(action)) or rig.axis1.homing.phase:
+        if (isinstance(action, bytes) and defines(action)) or rig.axis1.state in (SETTLE, SEARCH):
             finish(rig)
             zero = truth.check()
         elif off is not None and zero is not None:

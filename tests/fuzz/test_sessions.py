@@ -5,8 +5,11 @@ import random
 import re
 from concurrent.futures import ProcessPoolExecutor
 
+from lane_rig import LaneRig
 from model import parse
 from rig import Rig
+
+from mountfw.extras import EACH, FIRST, WAITING
 
 SESSIONS = 100_000
 PIECES = (
@@ -36,8 +39,8 @@ def session(random_: random.Random) -> list[tuple[int, int]]:
 
 
 def note_events(rig: Rig, events: list[tuple]) -> None:
-    """Write down what the app hands to the controller."""
-    controller, dispatch = rig.controller, rig.app._dispatch
+    """Write down what the app hands to the controller, and what the lane has obeyed."""
+    controller, dispatch, book = rig.controller, rig.app._dispatch, rig.app._lane.book
     words = {1: "stop", 2: "zeros", 5: "bad", 6: "long", 8: "own"}
 
     def noted(message: int) -> None:
@@ -53,7 +56,15 @@ def note_events(rig: Rig, events: list[tuple]) -> None:
         if not rig.app._receiver.stops_ahead:
             assert not controller.axes[0].drive.inhibited
 
+    def booked(stop: int) -> int:
+        log = rig.app._lane.log
+        for i in range(log[WAITING]):
+            rig.app._frame.unpack(log[FIRST + EACH * i])
+            events.append(("frame", rig.app._frame.m1, rig.app._frame.m2))
+        return book(stop)
+
     rig.app._dispatch = noted
+    rig.app._lane.book = booked
 
 
 def play(rig: Rig, data: list[tuple[int, int]]) -> None:
@@ -66,12 +77,12 @@ def play(rig: Rig, data: list[tuple[int, int]]) -> None:
         rig.step()
 
 
-def run_sessions(seed: int, count: int) -> list[str]:
-    """Play `count` sessions. Returns what was wrong, at most ten."""
+def run_sessions(seed: int, count: int, make: type[Rig] = Rig) -> list[str]:
+    """Play `count` sessions on a rig. Returns what was wrong, at most ten."""
     random_ = random.Random(seed)
     wrong: list[str] = []
     events: list[tuple] = []
-    rig = Rig()
+    rig = make()
     note_events(rig, events)
     for _ in range(count):
         data = session(random_)
@@ -114,6 +125,16 @@ def test_random_sessions_are_understood_as_the_model_says_and_end_with_everythin
     jobs = 8
     with ProcessPoolExecutor() as pool:
         results = pool.map(run_sessions, range(seed, seed + jobs), [SESSIONS // jobs] * jobs)
+        wrong = [line for result in results for line in result]
+    assert not wrong, "\n".join(wrong[:10])
+
+
+def test_random_sessions_are_understood_so_with_a_fast_lane_too():
+    seed = int(os.environ.get("MIRRORMOUNT_FUZZ_SEED", "1"))
+    jobs = 8
+    sessions = int(os.environ.get("MIRRORMOUNT_LANE_SESSIONS", str(SESSIONS // 10)))
+    with ProcessPoolExecutor() as pool:
+        results = pool.map(run_sessions, range(seed, seed + jobs), [sessions // jobs] * jobs, [LaneRig] * jobs)
         wrong = [line for result in results for line in result]
     assert not wrong, "\n".join(wrong[:10])
 

@@ -338,7 +338,7 @@ def shown(monkeypatch):
     """The commands tools/test.py runs, all of which succeed, when one need is not met."""
     commands = []
     monkeypatch.setattr(bootstrap, "prepare", lambda *args, **options: None)
-    monkeypatch.setattr(bootstrap, "run", lambda command: (commands.append(command[2:]) or 0, ""))
+    monkeypatch.setattr(bootstrap, "run", lambda command, **_: (commands.append(command[2:]) or 0, ""))
     monkeypatch.setattr(bootstrap, "apt_install", lambda packages, run: commands.append(["apt", *packages]))
     monkeypatch.setattr(bootstrap, "show_quietly_ended", lambda command: commands.append(command[2:-2]) or 0)
     monkeypatch.setattr(checks, "NEEDS", (GIT,))
@@ -390,7 +390,7 @@ def test_only_a_whole_run_checks_the_times_of_the_firmware(shown, monkeypatch, c
     shown.clear()
     checks.main(["--", "-k", "frame"])
     assert times not in shown
-    monkeypatch.setattr(bootstrap, "run", lambda command: (int("--quick" in command), "missed: stop-run"))
+    monkeypatch.setattr(bootstrap, "run", lambda command, **_: (int("--quick" in command), "missed: stop-run"))
     assert checks.main([]) == 1
     output = capsys.readouterr().out
     assert "missed: stop-run" in output and re.search(r"FAILED +times", output)
@@ -403,7 +403,7 @@ def test_the_floor_of_the_coverage_counts_on_ci(shown, monkeypatch):
 
 
 def test_one_failed_check_fails_the_whole_but_stops_nothing(shown, monkeypatch, capsys):
-    monkeypatch.setattr(bootstrap, "run", lambda command: (int("basedpyright" in command), "an error of types"))
+    monkeypatch.setattr(bootstrap, "run", lambda command, **_: (int("basedpyright" in command), "an error of types"))
     assert checks.main([]) == 1
     output = capsys.readouterr().out
     assert "an error of types" in output
@@ -445,6 +445,11 @@ def test_the_last_line_and_the_status_are_of_both_runs_of_pytest(
     monkeypatch.setattr(bootstrap, "show_quietly_ended", pytest_that(statuses, reports))
     assert checks.main([]) == status
     assert capsys.readouterr().out.splitlines()[-1] == last
+
+
+def test_what_comes_last_takes_the_processor_that_nobody_else_wants():
+    ask = [sys.executable, "-c", "import os; print(os.nice(0))"]
+    assert (bootstrap.run(ask), bootstrap.run(ask, last=True)) == ((0, f"{os.nice(0)}\n"), (0, "19\n"))
 
 
 def test_a_silent_command_is_followed_by_lines_of_progress(monkeypatch, capsys):

@@ -50,8 +50,9 @@ def _hang(board: Board, start: bytes) -> int:
     start_hanging(board)
     board.forget()
     board.give(start)
+    board.run(1_000_000, lambda: not board.off())
     board.run(20_000)
-    return max((us for us, pin, duty in board.edges if pin in ENABLES and duty), default=board.us)
+    return max(us for us, pin, duty in board.edges if pin in ENABLES and duty)
 
 
 def _off_after_us(board: Board, since_us: int) -> float:

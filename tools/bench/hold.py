@@ -16,6 +16,7 @@ from fast_table import FastTable
 
 from mirrormount.beam.align import align
 from mirrormount.beam.calibrate import Calibration
+from mirrormount.beam.events import Estimated
 from mirrormount.beam.hold import Hold
 from mirrormount.cli.main import main as command
 
@@ -35,9 +36,9 @@ def fast(profile: str, seed: int, seconds: float) -> dict[str, float]:
     rows: list[tuple[float, ...]] = []
     add = hold.summary.add
 
-    def both(time_s: float, errors_um: np.ndarray) -> None:
-        add(time_s, errors_um)
+    def both(time_s: float, errors_um: np.ndarray) -> Estimated:
         rows.append((time_s, *table.truth_um()))
+        return add(time_s, errors_um)
 
     hold.summary.add = both
     summary = hold.run(seconds)

@@ -11,6 +11,7 @@ import shutil
 import sys
 import time
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Self
@@ -18,6 +19,7 @@ from typing import Self
 from mirrormount.deploy import fileset
 from mirrormount.virtual import emulator
 from mirrormount.virtual.board import Options, make_simulation
+from mirrormount.virtual.files import THIS, board_text
 from mirrormount.virtual.image import mpy_of
 from mirrormount.virtual.lockstep import Lockstep
 from mirrormount.virtual.simulation import Simulation
@@ -29,8 +31,10 @@ USB_US = 10  # the emulated controller takes so long for a packet: a stop lands 
 _GATE = "mountfw/ports/rp2_gate.py"
 _PATIENCE_US = 20_000_000
 _ASK_US = 1_000_000  # ask again if no answer came: while the board's output is full it drops what it cannot say
+_LOOK_US = 20  # between two looks whether a packet has landed
 _REST_US = 5_000  # the pass that answered is over
 _SHORTLY_US = 50_000  # much less than a start takes
+_CLOSED = b"1XN280;2XN280;1MM1;2MM1;SM\n"  # saved: a reset does not end it
 _DEAF_US = 60_000  # a host that does not read cannot ask
 
 Edge = tuple[int, str, int]  # time, pin, duty 0 ... 65535
@@ -103,6 +107,21 @@ class Board(Lockstep):
         self.simulation.go(self.simulation.now_us, 1, data)
         self._wants_us = self.simulation.next_wait()
         return landed_us
+
+    def land(self, data: bytes) -> int:
+        """give(), and let time pass until the last byte is in the board's USB memory. Returns when that is.
+
+        A packet that comes soon after another waits in the host until the board's USB stack has asked for it.
+        Raises TimeoutError if it does not.
+        """
+        given_us = self.give(data)
+        end_us = self.us + _PATIENCE_US
+        while self.us < end_us:
+            landed_us, waiting = self.simulation.landed
+            if landed_us > given_us and not waiting:
+                return landed_us
+            self.run(_LOOK_US)
+        raise TimeoutError("the board asks for no more packets")
 
     def until_us(self, us: int) -> None:
         """Let time pass until us."""
@@ -178,11 +197,19 @@ def has_gate() -> bool:
 class Lab:
     """Makes boards for one measurement, counts its trials, and cleans up after it.
 
-    gate: False for a board file that leaves the gate out; flash_cache: with the model of the flash's cache.
+    gate: False for a board file that leaves the gate out; flash_cache: with the model of the flash's cache; closed:
+    with encoders on the motors, and both axes in the closed loop.
     """
 
     def __init__(
-        self, name: str, n: int, image: Path | None = None, *, gate: bool = True, flash_cache: bool = True
+        self,
+        name: str,
+        n: int,
+        image: Path | None = None,
+        *,
+        gate: bool = True,
+        flash_cache: bool = True,
+        closed: bool = False,
     ) -> None:
         self.n = n
         self.random = random.Random(name)  # the same moments in every run
@@ -190,6 +217,8 @@ class Lab:
         self._image = image
         self._gate = gate
         self._flash_cache = flash_cache
+        self.closed = closed
+        self._encoder = "motor" if closed else None
         self._folder = TemporaryDirectory(prefix="mirrormount-bench-")
         self._boards: list[Board] = []
 
@@ -204,15 +233,20 @@ class Lab:
     def board(self, *, source: bool = False, switches: bool = False) -> Board:
         """A new board that has started. source: with .py files instead of .mpy; switches: end-stops wired."""
         files = fileset.firmware(None if source else mpy_of(emulator.find_image(self._image)))
+        text = board_text("pico", 2, self._encoder) or "from mountfw.boards.pico import *\n"
         if not self._gate and has_gate():
-            files |= {"mountfw/boards/this.py": b"from mountfw.boards.pico import *\n\nGATE = False\n"}
+            text += "\nGATE = False\n"
+        if text.count("\n") > 1:
+            files |= {THIS: text.encode()}
         flash = Path(self._folder.name) / f"{len(self._boards)}.bin"
         shutil.copyfile(emulator.flash_with_firmware(self._image, files), flash)
         bench = "switches" if switches else "paper"
         options = Options("rp2040", image=self._image, flash=flash, bench=bench, flash_cache=self._flash_cache)
-        board = Board(make_simulation(options))
+        board = Board(make_simulation(replace(options, encoder=self._encoder)))
         self._boards.append(board)
         board.clear()
+        if self._encoder:
+            board.do(_CLOSED)
         return board
 
     def trials(self, n: int | None = None) -> Iterator[int]:

@@ -142,17 +142,22 @@ REST_OVER_US = 510_000  # the period of VA's default, and the next pulse starts 
 
 
 def stop_in_a_pulse(lab: Lab) -> list[float]:
-    """ms; both axes pulse. By turns at any moment, and about the end of axis 1's pulse, when the loop spins."""
+    """ms; both axes pulse. By turns at any moment, and about the end of axis 1's pulse, when the loop spins.
+
+    In the closed loop a step ends at its counts, whenever that is, so the stop comes at any moment of it.
+    """
     board, random = lab.board(), lab.random
     board.do(b"2XP200000;2VA4.9\n")
     times = []
     for trial in lab.trials():
         pulse_us = random.choice((5_000, 20_000, 100_000))
-        board.do(b"1XP%d\n" % pulse_us)
+        if not lab.closed:
+            board.do(b"1XP%d\n" % pulse_us)
         board.give(b"1PR1;2PR-1\n")
         board.run(1_000_000, lambda: all(board.simulation.bench.duties()[pin] for pin in ENABLES))
         began_us = min(us for us, pin, duty in board.edges if pin in ENABLES and duty)
-        after_us = random.randrange(190_000) if trial % 2 else pulse_us + random.randrange(-400, 400)
+        any_moment = lab.closed or trial % 2
+        after_us = random.randrange(190_000) if any_moment else pulse_us + random.randrange(-400, 400)
         board.until_us(began_us + after_us)
         times.append(board.stopped_after_us(board.give(b"!")) / 1000)
         board.run(REST_OVER_US)
@@ -160,9 +165,10 @@ def stop_in_a_pulse(lab: Lab) -> list[float]:
     return times
 
 
-def stop_in_a_stream(lab: Lab, *, zeros: bool) -> list[float]:
-    """ms; a frame each millisecond, a tenth of a second of them before the stop, and on after it.
+def stop_in_a_stream(lab: Lab, *, zeros: bool, landed: bool = True) -> list[float]:
+    """ms, from the stop's landing, or else from when the host has it to give.
 
+    A frame comes each millisecond, a tenth of a second of them before the stop, and on after it.
     `!` comes at any moment, half of the time inside a frame; eight zeros between two frames.
     """
     board, random, frame = lab.board(), lab.random, encode(255, 255)
@@ -179,7 +185,8 @@ def stop_in_a_stream(lab: Lab, *, zeros: bool) -> list[float]:
             if i == stop_at:
                 board.give(frame[:cut] or frame)
                 board.until_us(start_us + i * STREAM_US + random.randrange(STREAM_US - 50))
-                landed_us = board.give(b"00000000" if zeros else b"!")
+                hand = board.land if landed else board.give
+                landed_us = hand(b"00000000" if zeros else b"!")
                 rest = frame[cut:] if cut else b""
             else:
                 board.give(rest + frame)

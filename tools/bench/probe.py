@@ -1,8 +1,8 @@
 """Makes a pin show when the firmware's loop looks at its input: low while it does, high in between.
 
-The firmware runs unchanged from the raw prompt, but for the port's any(), with which it looks and in which alone it
-sleeps. That is wrapped in native code, which adds some 10 us to each look. The loop looks several times in a pass,
-so what the pin shows as high is a piece of a pass: how long something that arrives may have to wait.
+The firmware runs unchanged from the raw prompt, but for the port's any() and the lane's look(), with which it looks and
+in which alone it sleeps. Each is wrapped in native code, which adds some 10 us to each look. The loop looks several
+times in a pass, so what the pin shows as high is a piece of a pass: how long something that arrives may have to wait.
 """
 
 from lab import Board, Edge
@@ -20,16 +20,24 @@ from mountfw.ports import micropython as port
 pin = Pin(%d, Pin.OUT, value=0)
 low = pin.low
 high = pin.high
-wrapped = port.any
+asked = port.any
 @micropython.native
 def any(wait_ms):
     low()
-    waits = wrapped(wait_ms)
+    waits = asked(wait_ms)
     high()
     return waits
 port.any = any
 board = port.find_board()
 a = build(port, board)
+looked = a._look
+@micropython.native
+def look(most, wait_ms):
+    low()
+    found = looked(most, wait_ms)
+    high()
+    return found
+a._look = a._lane.look = look
 try:
     a.run()
 finally:

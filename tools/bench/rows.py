@@ -28,6 +28,7 @@ from measure import (
     stop_in_queries,
 )
 
+CLOSED = "closed-"  # so the names of rows with the closed loop begin
 HELD = 768  # bytes that USB and stdin take in before the firmware has read any
 
 
@@ -49,6 +50,7 @@ class Figure:
 class Row:
     """A line of the table. most_n: for what takes long. gate: True with the gate, False without it, None: as built.
 
+    closed: with encoders, and both axes in the closed loop.
     quick: measured by --quick. floor: while the must is missed, a quick check demands this instead. It is a measured
     value plus 25 % for code that moves in flash; it is only ever tightened, and is removed when the must is met.
     """
@@ -60,6 +62,7 @@ class Row:
     measure: Callable[[Lab], list[float]]
     most_n: int | None = None
     gate: bool | None = None
+    closed: bool = False
     quick: bool = False
     floor: float | None = None
 
@@ -130,6 +133,13 @@ def _busy_stop(
     return _both(Row(name, what, BUSY_STOP, paper.STOP_LOST, measure, quick=True, floor=floor), BUSY_STOP_GATE)
 
 
+def _given_stop(name: str, what: str, *, zeros: bool) -> tuple[Row, ...]:
+    """A stop in a stream, from when the host has it to give: how long USB makes it wait is in it."""
+    measure = partial(stop_in_a_stream, zeros=zeros, landed=False)
+    rows = _busy_stop(name, f"{what} {_STREAM}, from when the host has it", measure)
+    return tuple(replace(row, figure=ANY, quick=False) for row in rows)
+
+
 def _stop_behind(name: str, size: int, what: str, floor: float | None = None) -> Row:
     measure = partial(stop_behind, size=size)
     what = f"{_BEHIND}{size} B, {what}"
@@ -165,7 +175,7 @@ def _keep(name: str, what: str, start: bytes) -> Row:
 
 
 # Floors: measured of firmware db42aa4e660d on Debian's MicroPython 1.25.0, n = 20, plus 10 %
-ROWS = (
+_OPEN = (
     *_frame(together=True, full=True, floor=2.75),
     *_frame(together=True, full=False, floor=3.2),
     *_frame(together=False, full=True, floor=2.9),
@@ -175,6 +185,8 @@ ROWS = (
     *_stop("stop-deaf", "host never reads", paper.STOP_LATE, partial(stop_in_a_run, reading=False), floor=1.2),
     *_busy_stop("stop-stream", f"`!` {_STREAM}", partial(stop_in_a_stream, zeros=False), floor=1.95),
     *_busy_stop("stop-stream-zeros", f"eight zeros {_STREAM}", partial(stop_in_a_stream, zeros=True), floor=2.35),
+    *_given_stop("stop-stream-given", "`!`", zeros=False),
+    *_given_stop("stop-stream-zeros-given", "eight zeros", zeros=True),
     *_busy_stop(
         "stop-queries", f"{_STOP}while lines `XS?` are executed, both axes in a run", stop_in_queries, floor=3.05
     ),
@@ -223,4 +235,11 @@ ROWS = (
     _keep("keep-run", "a run", b";1MV+;2MV-\n"),
     _keep("keep-frame", "a frame", b"\n0255-255"),
     _keep("keep-pulse", "a pulse", b";1PR1;2PR-1\n"),
+)
+
+_ALSO_CLOSED = ("frame-burst-full", "frame-alone-part", "stop-run", "stop-pulse", "stop-stream", "stop-queries")
+ROWS = _OPEN + tuple(
+    replace(row, name=CLOSED + row.name, what=f"{row.what}, closed loop", closed=True, quick=False, floor=None)
+    for row in _OPEN
+    if row.name.removesuffix("-gate") in _ALSO_CLOSED
 )

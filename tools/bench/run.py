@@ -18,7 +18,7 @@ from functools import partial
 from pathlib import Path
 
 from lab import Lab, has_gate
-from rows import ROWS, Row
+from rows import CLOSED, ROWS, Row
 from table import Measurement, as_json, markdown
 
 from mirrormount.common.errors import MountError
@@ -77,8 +77,9 @@ def measured(name: str, n: int, image: Path | None, flash_cache: bool = True) ->
     (row,) = (row for row in ROWS if row.name == name)
     if row.gate and not has_gate():
         return [], 0.0
-    seed = row.name.removesuffix("-gate")  # the same moments with the gate and without
-    with Lab(seed, min(n, row.most_n or n), image, gate=row.gate is not False, flash_cache=flash_cache) as lab:
+    seed = row.name.removesuffix("-gate").removeprefix(CLOSED)  # the same moments with the gate and without
+    n, gate = min(n, row.most_n or n), row.gate is not False
+    with Lab(seed, n, image, gate=gate, flash_cache=flash_cache, closed=row.closed) as lab:
         values = row.measure(lab)
     return values, time.monotonic() - start
 

@@ -12,14 +12,15 @@ const ENTRY = 0x10000000; // the image's own second-stage boot loader
 const RESET = { power: 0x100, run: 0x10000, watchdog: 0x100 };
 
 export class Board {
-  // bootrom: Uint32Array. cached: with the flash's cache. onPin(pin, level), onByte(byte, port), onUsb(up), onFlash()
-  // tell what happens, at time `us`.
-  constructor(bootrom, cached, onPin, onByte, onUsb, onFlash) {
+  // bootrom: Uint32Array. cached: with the flash's cache. onPin(pin, level), onByte(byte, port), onUsb(up), onFlash(),
+  // onLanded() (a packet for the firmware) tell what happens, at time `us`.
+  constructor(bootrom, cached, onPin, onByte, onUsb, onFlash, onLanded) {
     this.bootrom = bootrom;
     this.cached = cached;
     this.onPin = onPin;
     this.onByte = onByte;
     this.onUsb = onUsb;
+    this.onLanded = onLanded;
     this.flash = new SpiFlash(onFlash);
     this.driven = new Array(PINS).fill(null); // by the simulation: null, 0 or 1
     this.angles = new Map(); // by the SDA of a bus: what an AS5600 there tells
@@ -59,6 +60,7 @@ export class Board {
     this.host.open = this.open;
     this.host.onData = (data, port) => { for (const byte of data) this.onByte(byte, port); };
     this.host.onConfigured = () => this.onUsb(true);
+    this.host.onLanded = () => this.onLanded();
     mcu.core.PC = ENTRY;
   }
   catchResets(mcu, watchdog) {

@@ -8,6 +8,7 @@
 // stdin and stdout carry the 16-byte records of host/mirrormount/virtual/fakes/_seam.py (in R and T, b is the serial
 // port: 0 the firmware's, 1 CircuitPython's console beside it), and these:
 //   from the board  U USB is up (a = 1) or down     F the flash has been erased or programmed at a place
+//                   L a packet for the firmware is in the board's memory; b bytes still wait in the host
 //   to the board    D a program has opened the port (a = 1) or closed it
 //                   X reset: a = 0 power, 1 the RUN pin, 2 power, and the flash is what it was at the last M
 //                   M remember what the flash holds; at first that is what it held in the beginning
@@ -19,7 +20,7 @@ import { Board } from './board.mjs';
 const [bootromFile, imageFile, flashFile, startText, keep, cached] = process.argv.slice(2);
 const START_US = Number(startText);
 const RECORD = 16;
-const [EDGE, SENT, WAIT, USB, FLASH] = Buffer.from('ETSUF');
+const [EDGE, SENT, WAIT, USB, FLASH, LANDED] = Buffer.from('ETSUFL');
 const [RECEIVED, PIN, COLLECTS, GO, OPEN, RESET, CUT, REMEMBER, EJECT, CHANGE, ENDS] = Buffer.from('RPWGDXCMJQN');
 
 const out = [];
@@ -53,6 +54,7 @@ const board = new Board(
   (byte, port) => record(SENT, byte, port, 0),
   up => record(USB, up ? 1 : 0, 0, 0),
   () => record(FLASH, 0, 0, 0),
+  () => record(LANDED, 0, Math.min(board.host.waiting, 65535), 0),
 );
 if (fs.existsSync(flashFile)) board.flash.memory.set(fs.readFileSync(flashFile));
 else for (const [address, data] of image(imageFile)) board.flash.memory.set(data, address);

@@ -28,6 +28,7 @@ export class CdcHost {
     this.clock = clock;
     this.onData = () => {};
     this.onConfigured = () => {};
+    this.onLanded = () => {}; // a packet is in the board's memory, for port 0
     this.collects = true; // these two are about port 0
     this.open = true; // DTR
     this.configured = false;
@@ -40,6 +41,11 @@ export class CdcHost {
     controller.onResetReceived = () => recovered.schedule(RECOVERY_NS);
     controller.onEndpointWrite = (endpoint, data) => this.fromDevice(endpoint, data);
     controller.onEndpointRead = (endpoint, size) => this.deviceReady(endpoint, size);
+    const finish = controller.finishRead.bind(controller);
+    controller.finishRead = (endpoint, data) => {
+      finish(endpoint, data);
+      if (endpoint === this.ports[0]?.outEndpoint) this.onLanded();
+    };
     const indicate = controller.indicateBufferReady.bind(controller);
     controller.indicateBufferReady = (endpoint, out) => {
       const port = this.ports[0];

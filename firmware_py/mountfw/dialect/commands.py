@@ -6,7 +6,7 @@ says whether it needs an axis, what sets it and what answers its query.
 """
 
 from mountfw import codes
-from mountfw.dialect.line import COMMAND, END, MINUS, NOTHING, NUMBER, PLUS, QUERY, key
+from mountfw.dialect.line import COMMAND, MINUS, NOTHING, NUMBER, PLUS, QUERY, key
 from mountfw.dialect.newfocus import ADDRESS, AXES, NewFocus
 from mountfw.dialect.queries import Queries
 from mountfw.settings import AT_REST, HUNDREDTHS, MAX_STEPS, SETTINGS, allowed
@@ -19,6 +19,7 @@ _MD = key(b"MD")
 _XF = key(b"XF")
 _ST = key(b"ST")
 _STOPS = (_ST, key(b"AB"))
+_CHARACTERS = tuple([bytes((c,)) for c in range(0x20, 0x40)])  # digits, the space and the `>` of an address among them
 
 
 class Commands:
@@ -93,14 +94,14 @@ class Commands:
             self._errors.push(codes.NO_SUCH_CONTROLLER)
 
     def go_on(self):
-        """Do one piece: read some bytes of the line, or execute a command or a piece of it, or end the line."""
+        """Do one piece: read some bytes of the line, or execute a command or a piece of it. The last ends the line."""
+        line = self._line
         if self._read:
             self._read = False  # what fails within is not begun again
-            self._read = self._execute(self._line) is True
-            return
-        found = self._line.advance()
-        self._read = found == COMMAND
-        if found != END:
+            self._read = self._execute(line) is True
+        else:
+            self._read = line.advance() == COMMAND
+        if self._read or line.more():
             return
         self.busy = False
         if self._answers:
@@ -130,6 +131,7 @@ class Commands:
         if line.kind == QUERY:
             if line.name == _XF and self.queries.hash is None:
                 return self._read_files()
+            self._records.poll_input()  # a stop does not wait for a whole answer
             self._next_answer()
             return action(axis)
         return action(axis, line)
@@ -166,7 +168,7 @@ class Commands:
         else:
             r.begin()
             for i in range(self._line.address_length):
-                r.put(self._line.text[i])
+                r.add(_CHARACTERS[self._line.text[i] - 0x20])
         self._answers += 1
 
     # ---- values
@@ -257,7 +259,9 @@ class Commands:
 
     def _restart(self, _axis, line):
         if self._nothing(line):
-            self._controller.restart()
+            self._controller.stop_all(codes.ABORTED)
+            self.queries.about.restarted()
+            self._controller.reset()
 
     # ---- settings
 
@@ -292,6 +296,7 @@ class Commands:
             axis.error(codes.AXIS_OUT_OF_RANGE)
         elif not axis.drive.on_flash or self._records.drop_record():  # the record would tell another number
             axis.position.define(n)
+            axis.has_moved = True
 
     def _version(self, axis, line):
         """VE without `?`: its controllers answer that as well, and a driver asks so."""

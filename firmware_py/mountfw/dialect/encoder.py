@@ -62,11 +62,17 @@ class EncoderWords:
 
     def _raw(self, axis):
         if hasattr(axis, "reader"):
-            self._replies.add(axis.reader.counts())
+            counts = axis.reader.counts()
+            error = codes.AXIS_ENCODER_LOST if axis.reader.gone else 0  # what it said last is no answer
         else:
-            axis.error(codes.AXIS_NOT_FITTED)
+            counts = 0
+            error = codes.AXIS_NOT_FITTED
+        if error:
+            axis.error(error)
             self._replies.add(b"ERROR ")
-            self._replies.add(axis.number * 100 + codes.AXIS_NOT_FITTED)
+            self._replies.add(axis.number * 100 + error)
+        else:
+            self._replies.add(counts)
 
     def _configure(self, _axis, line):
         """Bit 0: no motor is checked when it is to move, so no drive is watched for a stall. Others mean nothing."""

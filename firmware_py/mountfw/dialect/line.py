@@ -172,20 +172,24 @@ class Line:
         self._complete = False
 
     def advance(self):
-        """Read on in a line that feed() found good: MORE, COMMAND, or END when there are no more."""
+        """Read on in a line that feed() found good, while there is more(). COMMAND: one is complete; else MORE."""
         if self._complete:
             self._complete = False
             self._clear()
         for _ in range(_AT_ONCE):
             i = self._read
             if i > self.length:
-                return END
+                break
             self._read = i + 1
             if i == self.length or self.text[i] == 0x3B:
                 self._complete = True
                 return COMMAND
             self._field(self.text[i])
         return MORE
+
+    def more(self):
+        """False as soon as advance() has read the whole line."""
+        return self._read <= self.length
 
     def address(self):
         """The number of the address prefix; -1 if there is none."""

@@ -7,17 +7,30 @@ _VERSION = __version__.encode()
 
 
 class About:
-    """Facts of the board: board (its name) and unique_id are bytes, reset_cause is a number of codes.py.
+    """Facts of the board: board (its name) is bytes, reset_cause is a number of codes.py, the others are the port's.
 
     firmware_hash() yields None after each part of its work, and last the hash; free_memory() is the heap's free bytes.
+    boot_id (0 ... 2**30-1) differs from start to start.
     """
 
-    def __init__(self, board, unique_id, firmware_hash, reset_cause, free_memory):
-        self.identity = b"mirrormount," + board + b"," + unique_id + b"," + _VERSION
-        self.firmware_hash = firmware_hash
+    def __init__(self, board, port, reset_cause):
+        self.identity = b"mirrormount," + board + b"," + port.unique_id() + b"," + _VERSION
+        self.firmware_hash = port.firmware_hash
         self.reset_cause = reset_cause
-        self.free_memory = free_memory
+        self.free_memory = port.free_memory
+        self.boot_id = port.boot_id()
+        self._ticks_ms = port.ticks_ms
+        self._booted_ms = port.ticks_ms()
         self.gate = 0  # as the port's gate says (docs/gate.md); 0: this port has none
+
+    def restarted(self):
+        """From here on it is as after another start."""
+        self.boot_id = self.boot_id + 1 & 0x3FFFFFFF
+        self._booted_ms = self._ticks_ms()
+
+    def uptime_ms(self):
+        """Since the start, or the restart; wraps at 2**30."""
+        return (self._ticks_ms() - self._booted_ms) & 0x3FFFFFFF
 
 
 class Queries:
@@ -89,30 +102,31 @@ class Queries:
     # ---- the mount
 
     def limits(self, _axis):
-        self._replies.add(self._controller.limits())
+        bits = 0  # three of each axis; axis 1 has the lowest
+        for axis in self._controller.axes:
+            bits = axis.limits() << axis.number * 3 - 3 | bits
+        self._replies.add(bits)
 
     def keep_alive(self, _axis):
         self._replies.add(self._controller.keep_alive_ms)
 
     def status(self, _axis):
         r = self._replies
-        r.add(self._controller.boot_id)
+        r.add(self.about.boot_id)
         r.add(b",")
-        r.add(self._controller.uptime_ms())
+        r.add(self.about.uptime_ms())
         r.add(b",")
         r.add(self._controller.errors.waiting)
         for axis in self._controller.axes:
-            if axis.number > 1:
-                self._controller.poll_input()
+            self._controller.records.poll_input()
             self._status_of(axis)
 
     def _status_of(self, axis):
+        """The input is read before, never in the middle: position and `at rest` are of one moment."""
         r = self._replies
         r.add(b"|")
         r.add(axis.position_now())
-        r.add(b",")
-        r.add(1 if axis.moving() else 0)
-        r.add(b",")
+        r.add(b",1," if axis.moving() else b",0,")
         r.add(axis.direction())
         r.add(b",")
         r.add(axis.limits())

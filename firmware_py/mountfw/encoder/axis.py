@@ -12,24 +12,16 @@ from mountfw.encoder.position import MeasuredPosition
 from mountfw.encoder.settings import ENCODER_SETTINGS
 from mountfw.encoder.stall_homing import StallHoming
 from mountfw.encoder.watch import Watch
-from mountfw.motion.axis import ASK, DUE_PULSE, END, PULSE, REST, SEEK, Axis
+from mountfw.motion.axis import ASK, DUE_PULSE, END, PULSE, REST, RUN, SEARCH, SEEK, Axis
 from mountfw.motion.drive import NEVER_US
 from mountfw.settings import SETTINGS
 from mountfw.wire.ticks import add, diff
 
 _MANY = const(1 << 20)  # pulses left, for the table: the closed loop counts its own
 _LOOKS = const(2)  # of resting: no pulse's rest, but the encoder is looked at
-_LOOK_US = const(4_000)  # between two looks, at most: the loop sleeps less than that
-_LOOK_AT_RUN_US = const(10_000)
-
-# the axis's error of each reason, whatever the direction
-_ERRORS = {
-    codes.CLOSED_LOOP_FAILED: codes.AXIS_DEAD_BAND,
-    codes.STALLED: codes.AXIS_STALLED,
-    codes.WRONG_WAY: codes.AXIS_WRONG_WAY,
-    codes.FOLLOWING: codes.AXIS_FOLLOWING,
-    codes.ENCODER_LOST: codes.AXIS_ENCODER_LOST,
-}
+_LOOK_US = const(4_000)  # between two looks near a pulse's end, at most: the loop sleeps less than that
+_LOOK_AT_RUN_US = const(10_000)  # else
+_LATE_US = const(15_000)  # in a run what was received is obeyed before a look, but so long at most
 
 
 class EncodedAxis(Axis):
@@ -47,10 +39,13 @@ class EncodedAxis(Axis):
     stall_ms: int
     stall_duty: int
 
-    def __init__(self, number, bridge, positive_stop, negative_stop, error_queue, ticks_us, reader):
+    def __init__(self, number, bridge, positive_stop, negative_stop, homing, error_queue, ticks_us, reader):
         self.target_counts = self.relative_counts = self.defined_counts = 0  # as they were said in counts
         self.reader = reader
+        self.received = None  # build.py sets it: .unparsed bytes are to be obeyed
+        self.poll_input = None  # and this: a look takes long, and a stop must not wait for all axes'
         self.unchecked = False  # is no drive watched for a stall (ZZ)?
+        self._looked_at = 0
         self._loop = ClosedLoop()
         self._watch = Watch()
         self._watch.play_us = reader.play_us
@@ -59,8 +54,7 @@ class EncodedAxis(Axis):
         self._pulses = False  # is the move under way one of the closed loop?
         self._rested_at = 0  # counts of the motor while the position is on the flash
         self.measured = MeasuredPosition(reader)  # its position
-        super().__init__(number, bridge, positive_stop, negative_stop, error_queue, ticks_us, self.measured)
-        self._switch_homing = self.homing
+        super().__init__(number, bridge, positive_stop, negative_stop, homing, error_queue, ticks_us, self.measured)
         self._stall_homing = StallHoming(self)
 
     # ---- settings
@@ -75,7 +69,9 @@ class EncodedAxis(Axis):
             self.closed_loop = self.units = 0
         super()._measure()
         self.measured.measure(self.closed_loop, self.counts_per_step, self.inverted)
-        if self.measured.closed:
+        if not self.measured.closed:
+            self._watch.forget()
+        else:
             self.resting = self.resting or _LOOKS
         per_step = self.measured.per_step
         self._loop.set_up(self.dead_band, per_step, self.pulse_us, self.step_duty, self.reader.play_us > 0)
@@ -146,13 +142,12 @@ class EncodedAxis(Axis):
         if not self.drive.on_flash:
             self.measured.define_counts(counts)
             self.defined_counts = self.target_counts = counts
+            self.has_moved = True
         return True
 
     def seek(self, direction, home):
         """Find the end-stop in direction 1 or -1, or the end by stall where none is fitted."""
         if not self.measured.closed or not self.stall_duty or self.stop_towards(direction).fitted:
-            if not self.state:
-                self.homing = self._switch_homing
             return super().seek(direction, home)
         if not self.handle(ASK, 0):
             return False
@@ -176,7 +171,6 @@ class EncodedAxis(Axis):
         )
         self._counts = 0
         position.look()
-        position.begin()
         self._loop.begin(position.place, n, per_pulse)
         self._pulses = True
         return per_pulse
@@ -200,7 +194,7 @@ class EncodedAxis(Axis):
         drive.tripped = False
         self.pulses_left = _MANY
         loop.aim(drive.direction, abs(loop.way) + self.measured.gap_left(drive.direction))
-        self.handle(DUE_PULSE, loop.bound_us() + self.reader.play_us)
+        self.handle(DUE_PULSE, loop.bound_us(self.reader.play_us))
         if self.state == PULSE:
             self._begin_watch(motor)
 
@@ -214,22 +208,37 @@ class EncodedAxis(Axis):
     # ---- the loop
 
     def service(self, now_us):
-        position = self.measured
-        if not position.closed:
+        looks = True
+        # a frame or a stop, maybe: it is obeyed first
+        if self.received.unparsed:  # pyright: ignore[reportOptionalMemberAccess, reportAttributeAccessIssue]
+            if not self.state:
+                return NEVER_US
+            # a correction of a pulse is over in less
+            looks = self.state < RUN or diff(now_us, self._looked_at) > _LATE_US
+            if not (looks or self.drive.watched or diff(self.drive.ends_at, now_us) <= _LATE_US):
+                return _LATE_US
+        if not self.measured.closed:
             return super().service(now_us)
+        if looks:
+            self._looked_at = now_us
+            # before anything is read off the state: a stop ends the move
+            self.poll_input()  # pyright: ignore[reportOptionalCall]
+            reason = self._look(now_us) if self.state > REST else 0
+            if reason:
+                return self._failed(reason)
+        return self._go_on(now_us)
+
+    def _go_on(self, now_us):
         state = self.state
         if not state:
             return self._idle(now_us)
-        if state > REST:
-            reason = self._look(now_us)
-            if reason:
-                return self._failed(reason)
         left_us = super().service(now_us)
         if state == PULSE and self.state == REST and self._pulses:
             self._rest()
             return diff(self.next_at, self._ticks_us())
         if self.state > REST:
-            return min(left_us, _LOOK_US if self._pulses else _LOOK_AT_RUN_US)
+            near = self._pulses and self._loop.near(self._watch.counts)
+            return min(left_us, _LOOK_US if near else _LOOK_AT_RUN_US)
         return left_us
 
     def _look(self, now_us):
@@ -243,7 +252,7 @@ class EncodedAxis(Axis):
         reason = self._judge(now_us)
         if not reason and self._pulses:
             us = self._loop.cut_in(self._watch)
-            if us >= 0:
+            if us >= 0 and not (self._loop.guessed and diff(drive.ends_at, now_us) < us):
                 drive.ends_at = add(now_us, us)
                 if drive.gate:
                     drive.gate.end_at(drive.ends_at)
@@ -259,13 +268,14 @@ class EncodedAxis(Axis):
         return reason
 
     def _begin_watch(self, motor):
-        self._watched_at = self.drive.on_at
-        self._watch.begin(motor, self.drive.direction, self.reader.slips, self._watched_at)
+        drive = self.drive
+        self._watched_at = drive.on_at
+        self._watch.begin(motor, drive.direction, drive.duty, self.reader.slips, drive.on_at)
 
     def _failed(self, reason):
         if self.measured.certainty:  # is it the motor that does not turn, or the encoder that does not see it?
             self.measured.certainty = codes.ESTIMATED
-        if self.homing is self._stall_homing and self.homing.phase and reason == codes.STALLED:
+        if self.state == SEARCH and self.homing is self._stall_homing and reason == codes.STALLED:
             self.homing.stalled()
         else:
             self.handle(END, reason)
@@ -273,6 +283,7 @@ class EncodedAxis(Axis):
 
     def _rest(self):
         """A pulse is over: the rest before the next one, or before the end is judged."""
+        self._loop.drive_us = diff(self.drive.cut_at, self.drive.on_at)
         settled_at = add(self.drive.cut_at, self.correction_s * 10_000)
         if not self._loop.left or diff(settled_at, self.next_at) > 0:
             self.next_at = settled_at
@@ -290,10 +301,3 @@ class EncodedAxis(Axis):
         if not drive.on_flash:
             self._rested_at = position.motor
         return NEVER_US
-
-    def error_of(self, reason, direction):
-        error = _ERRORS.get(reason)
-        if error:
-            self.error(error)
-        else:
-            super().error_of(reason, direction)

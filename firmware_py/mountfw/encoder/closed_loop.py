@@ -1,20 +1,24 @@
-"""A move of the closed loop: each pulse until its counts are there, then corrections. Imports codes, counts.
+"""A move of the closed loop: each pulse until its counts are there, then corrections. Imports codes, counts, watch.
 
 Its goal is a place (counts that have moved the mirror, position.py), so what one pulse misses the next one makes up
 for. The drive is cut early by what the motor coasts on, which is learned from the place where it came to rest: for each
 direction, and in proportion to the speed. The end of a drive is foretold from the speed, and the loop waits for it as
-for the end of any drive.
+for the end of any drive. A drive of a few counts may be over before a speed is known, or between two looks: its end is
+foretold when it begins, from what such drives have made.
 """
 
 from mountfw import codes, const
 from mountfw.encoder.counts import apart
+from mountfw.encoder.watch import FULL_SPEED_US
 
 MOST_CORRECTIONS = const(3)
 _BOUND = const(3)  # a pulse may drive so many times as long as its counts are worth ...
 _MORE_US = const(50_000)  # ... and this
-_FULL_SPEED_US = const(60_000)  # a drive that lasts longer ends at full speed
+_NEAR_US = const(60_000)  # of drive at a step's speed
 _MOST_COAST = const(4)  # at most that part of a step
 _LEAST_BACK = const(16)  # that part of a step is the least correction back through the play of gears; assumed
+_FEW = const(16)  # counts that a motor makes before it has come to its speed
+_START_US = const(16_384)  # it takes longer than this, where nothing is known of it
 
 
 class Coast:
@@ -45,6 +49,35 @@ class Coast:
         self._rate = rate
 
 
+class Start:
+    """How far a drive from rest turns a motor that has not come to its speed: its counts grow as its time squared."""
+
+    def __init__(self):
+        self.forget()
+
+    def forget(self):
+        """Nothing is known."""
+        self._squares = 0  # of 64 us, for one count
+
+    def learn(self, us, counts):
+        """A drive of us from rest made so many counts, with what it coasted on."""
+        if 0 < us < _START_US:
+            us >>= 6
+            squares = us * us * 2 // max(1, counts * 2)  # none: they take longer than one would
+            self._squares = self._squares + squares >> 1 if self._squares else squares
+
+    def takes_us(self, counts):
+        """Microseconds of drive for so many counts; -1: not known."""
+        if counts > _FEW or not self._squares:
+            return -1
+        square = counts * self._squares
+        root = 64
+        for _ in range(6):  # Newton's: to less than 64 us of what may come
+            root = (root + square // root >> 1) + 1
+        us = root << 6
+        return us if us < _START_US else -1
+
+
 class ClosedLoop:
     """The move of one axis. Directions are 1 and -1."""
 
@@ -57,14 +90,18 @@ class ClosedLoop:
         self.was = 0  # it was cut so early (sixteenths), ...
         self.rate = 0  # ... from this speed
         self.foretold = False  # is the drive's end that of its counts?
+        self.guessed = False  # is it what such drives have taken? Then a look only makes it earlier
         self._dead_band = 0
         self._back_band = 0  # where it would have to go back
         self._per_step = 1
         self._step_us = 1
         self._duty = 0
+        self._near = 0  # counts
         self._per_pulse = 0  # counts, signed
         self._learns = self._will_learn = False
         self._drove = False  # was a drive begun?
+        self.drive_us = 0  # how long it was
+        self._start = Start()
         self._direction = 0
         self._coasts = (Coast(), Coast())
 
@@ -75,9 +112,11 @@ class ClosedLoop:
         if per_step != self._per_step or step_us != self._step_us or duty != self._duty:
             self._coasts[0].forget()
             self._coasts[1].forget()
+            self._start.forget()
         self._per_step = per_step
         self._step_us = step_us
         self._duty = duty
+        self._near = per_step * _NEAR_US // step_us + 8  # it starts up, too
 
     def begin(self, place, n, per_pulse):
         """A move by n pulses of per_pulse counts each. It starts where the last one should have ended, if it did."""
@@ -93,6 +132,8 @@ class ClosedLoop:
         if self._learns:
             self._learns = False
             self._learn(apart(place, self.goal) * self._direction)
+        if self._drove and self.target <= _FEW:
+            self._start.learn(self.drive_us, self.target + apart(place, self.goal) * self._direction)
         if self._drove and not self.foretold:
             return codes.FOLLOWING
         self._drove = False
@@ -130,15 +171,24 @@ class ClosedLoop:
         self.target = counts
         self.foretold = False
         self._drove = True
-        self._will_learn = self._worth_us() > _FULL_SPEED_US
+        self._will_learn = self._worth_us() > min(FULL_SPEED_US, self._step_us)  # a short step is all there is
 
     def _worth_us(self):
         """How long a drive to the target takes at a step's speed."""
         return min(self.target * (self._step_us // self._per_step + 1), 100_000_000)
 
-    def bound_us(self):
-        """The longest that it may take."""
-        return self._worth_us() * _BOUND + _MORE_US
+    def near(self, counts):
+        """May the drive be over before the second of two looks in a run?"""
+        return self.target - counts <= self._near
+
+    def bound_us(self, play_us):
+        """The longest that it may take, where a drive of play_us may turn nothing but the play of gears."""
+        us = -1 if play_us else self._start.takes_us(self.target)
+        self.guessed = us >= 0
+        if self.guessed:
+            self.foretold = True
+            return us
+        return self._worth_us() * _BOUND + _MORE_US + play_us
 
     def cut_in(self, watch):
         """Microseconds until the drive is to be cut; -1 if that is far."""

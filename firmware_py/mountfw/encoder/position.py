@@ -34,10 +34,9 @@ class MeasuredPosition(Position):
         self._steps = 0
         self._counts = 0
         self._shown = 0  # millisteps, as they were made of these
-        self._by_pulses = False  # is the move under way one of the closed loop?
+        self._made = 0
         self._begun = 0  # the place where the move under way began
         self.zero_angle = 0  # at position 0, 1 … 4096; 0: not known
-        self._run = 0  # counts of the drive that is not over yet
         super().__init__()
 
     def reset(self):
@@ -98,7 +97,6 @@ class MeasuredPosition(Position):
         self.motor = apart(self.motor + turned, 0)
         moved = self._through(turned) if self._gap_counts else turned
         self.place = apart(self.place + moved, 0)
-        self._run += moved
         counts = self._counts + moved
         if not 0 <= counts < self.per_step:
             whole = counts // self.per_step
@@ -148,17 +146,21 @@ class MeasuredPosition(Position):
             return _SMALL if steps > 0 else -_SMALL
         return steps * self.per_step + (millisteps % 1000 * self.per_step + 500) // 1000
 
-    def begin(self):
-        """A closed-loop move begins: what it makes is counted from here."""
-        self._by_pulses = True
+    @property
+    def made(self):
+        """As of a Position: 0 is set where a move begins."""
+        return self._made
+
+    @made.setter
+    def made(self, steps):
+        self._made = steps
         self._begun = self.place
 
     def done(self):
-        """It is over: whole steps. What is still to coast, or within the dead band, is no missing step."""
-        self._by_pulses = False
+        """A drive is over: whole steps since the move began. What is still to coast is no missing step."""
         self.look()
         way = apart(self.place, self._begun)
-        self.made = (abs(way) + (self.per_step >> 4)) // self.per_step * (1 if way > 0 else -1)
+        self._made = (abs(way) + (self.per_step >> 4)) // self.per_step * (1 if way > 0 else -1)
 
     # ---- the angle within a turn, of a sensor that knows it
 
@@ -201,10 +203,10 @@ class MeasuredPosition(Position):
         if not self.closed:
             super().driven(direction, amount, over)
             return
-        self.look()
-        if over and not self._by_pulses:
-            self.made = abs(self._run) // self.per_step * (1 if self._run > 0 else -1)
-            self._run = 0
+        if over:
+            self.done()
+        else:
+            self.look()
 
     def now(self, direction):
         return self.millisteps if self.closed else super().now(direction)

@@ -1,4 +1,4 @@
-"""Homing without a switch: the end is where the motor stalls. Imports codes.
+"""Homing without a switch: the end is where the motor stalls. Imports axis, codes.
 
     SEEK     run towards the end, at reduced duty, until it stalls
     BACK     run away from it for a fifth of a second: if it stalls there, too, it is no end, but a motor that is stuck
@@ -8,6 +8,7 @@ The axis drives, counts and ends the move; it says when the motor has stalled. I
 """
 
 from mountfw import codes, const
+from mountfw.motion.axis import DUE_SEARCH, DUE_SETTLE
 
 _SEEK = const(1)
 _BACK = const(2)
@@ -18,11 +19,11 @@ _BACK_US = const(200_000)
 
 
 class StallHoming:
-    """The search of one axis, in the place of a Homing. phase is 0 while there is none."""
+    """The search of one axis, in the place of a Homing."""
 
     def __init__(self, axis):
         self._axis = axis
-        self.phase = 0
+        self._phase = 0
         self._direction = 0
         self._home = False
         self._duty = 0
@@ -39,10 +40,10 @@ class StallHoming:
     def stalled(self):
         """The motor has drive, and no count comes."""
         axis = self._axis
-        if self.phase == _SEEK:
-            self.phase = _BACK
-            axis.settle_for(_SETTLE_US)
-        elif self.phase == _AGAIN:
+        if self._phase == _SEEK:
+            self._phase = _BACK
+            axis.handle(DUE_SETTLE, _SETTLE_US)
+        elif self._phase == _AGAIN:
             axis.abort(codes.DONE)
             if self._home:
                 axis.position.homed()
@@ -52,13 +53,13 @@ class StallHoming:
 
     def rested(self):
         """The rest is over."""
-        self._go(self.phase)
+        self._go(self._phase)
 
-    def ran_out(self):
+    def over(self):
         """The drive has come to its end: that of the way back, or all that there may be."""
-        if self.phase == _BACK and self._left_us() > 0:
-            self.phase = _AGAIN
-            self._axis.settle_for(_SETTLE_US)
+        if self._phase == _BACK and self._left_us() > 0:
+            self._phase = _AGAIN
+            self._axis.handle(DUE_SETTLE, _SETTLE_US)
         else:
             self._axis.abort(codes.HOMING_FAILED)
             self._axis.error(codes.AXIS_NOT_FOUND)
@@ -76,12 +77,14 @@ class StallHoming:
         return self._limit_us - self._axis.drive.on_us
 
     def _go(self, phase):
-        self.phase = phase
+        self._phase = phase
         axis = self._axis
         left_us = self._left_us()
         if left_us <= 0:
-            self.ran_out()
+            self.over()
         elif phase == _BACK:
-            axis.drive_for(min(left_us, _BACK_US), -self._direction, self._duty, False)
+            axis.drive.aim(-self._direction * self._duty)
+            axis.handle(DUE_SEARCH, min(left_us, _BACK_US))
         else:
-            axis.drive_for(left_us, self._direction, self._duty, False)
+            axis.drive.aim(self._direction * self._duty)
+            axis.handle(DUE_SEARCH, left_us)

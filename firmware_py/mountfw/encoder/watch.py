@@ -9,6 +9,9 @@ from mountfw.wire.ticks import add, diff
 
 _SPAN_US = const(16_384)  # the speed is that of the last one to two of these: counts come singly
 _STALE_US = const(60_000)
+_LEAST_US = const(4_096)  # of less the speed is not said: a shaft at rest may be a hair before its next count
+FULL_SPEED_US = const(60_000)  # a drive that lasts longer ends at full speed
+_ANY = const(1 << 29)
 _LEAST_WRONG = const(16)  # a motor that coasts one way is driven the other way: so many at least are no error
 _MOST_NOISE = const(4)  # counts of a sensor whose shaft stands still
 _MOST_SLIPS = const(8)  # of one drive; more are no single disturbance
@@ -24,11 +27,11 @@ class Watch:
         self._went = 0  # the direction of the last counts; 0: not sure
         self._per_step = 1
         self._step_us = 1
-        self._most = 0
+        self._most = self._most_more = 0
         self._start = 0
         self._direction = 0
         self._began_at = 0
-        self._furthest = 0
+        self._furthest = self._low = self._high = 0  # and the most since the lowest: it may coast back first
         self._progress_at = 0
         self._slips = 0
         self._old_at = self._new_at = 0  # two instants of the past ...
@@ -38,34 +41,55 @@ class Watch:
         self._step_counts = 0
 
     def follow(self, per_step, step_us, most):
-        """In step_us of drive at a step's duty the counts of a step are expected, give or take `most`."""
+        """In step_us of drive at a step's duty the counts of a step are expected, give or take `most`.
+
+        A step that is over before the motor has come to its speed does not say how many a run may make.
+        """
         self._per_step = per_step
         self._step_us = step_us
         self._most = most
+        self._most_more = most if step_us > FULL_SPEED_US else _ANY
 
-    def begin(self, motor, direction, slips, on_at):
+    def begin(self, motor, direction, duty, slips, on_at):
         """A drive has begun at on_at, at these counts of the motor."""
+        if not self._coasted(apart(motor, self._start) * self._direction - self.counts):
+            self._went = 0
         self._start = motor
         self._direction = direction
         self._slips = slips
-        self.counts = self._furthest = self._old_counts = self._new_counts = self._step_counts = 0
+        self.counts = self._furthest = self._low = self._high = 0
+        self._old_counts = self._new_counts = self._step_counts = 0
         self._began_at = self._progress_at = self._old_at = self._new_at = self._step_at = self._now = on_at
         if direction != self._went:
-            self._progress_at = self._step_at = add(on_at, self.play_us)
+            self._progress_at = self._step_at = add(on_at, self.play_us * 255 // duty)
+
+    def _coasted(self, counts):
+        """Can a motor have made these counts since the last look at a drive? More are a hand's."""
+        return -_MOST_NOISE <= counts <= max(_LEAST_WRONG, self._per_step >> 3)
+
+    def forget(self):
+        """What was driven meanwhile was not looked at."""
+        self._went = 0
 
     def look(self, motor, now_us):
         """The counts now. Returns the reason why the drive must end, or 0."""
         counts = self.counts = apart(motor, self._start) * self._direction
         self._now = now_us
-        if counts > self._furthest:
-            self._furthest = counts
+        if counts < self._low:
+            self._low = self._high = counts
+        if counts > self._high:
+            self._high = counts
             if diff(now_us, self._progress_at) > 0:  # in the play there may be counts of noise
                 self._progress_at = now_us
-            self._went = self._direction if counts > _MOST_NOISE else 0
-        elif self.stall_us and diff(now_us, self._progress_at) >= self.stall_us:
-            return codes.STALLED
-        elif self._furthest - counts > max(_LEAST_WRONG, self._per_step >> 3):
-            return codes.WRONG_WAY
+            if counts > self._furthest:
+                self._furthest = counts
+                self._went = self._direction if counts > _MOST_NOISE else 0
+        else:
+            back = self._furthest - counts
+            if self.stall_us and diff(now_us, self._progress_at) >= self.stall_us:
+                return codes.WRONG_WAY if back > _LEAST_WRONG else codes.STALLED
+            if back > max(_LEAST_WRONG, self._per_step >> 3):
+                return codes.WRONG_WAY
         if diff(now_us, self._new_at) >= _SPAN_US:
             if diff(now_us, self._old_at) >= _STALE_US:
                 self._old_at, self._old_counts = now_us, counts
@@ -84,19 +108,19 @@ class Watch:
             return True
         wrong = self.counts - self._step_counts - self._per_step
         self._step_at, self._step_counts = now_us, self.counts
-        return -self._most <= wrong <= self._most
+        return -self._most <= wrong <= self._most_more
 
     def rate(self):
         """The speed, in sixteenths of a count in 16.384 ms; 0 if it is not known."""
         us = diff(self._now, self._old_at)
         quarters = self._quarters()
-        return quarters * 65_536 // us if us > 0 and quarters > 0 else 0
+        return quarters * 65_536 // us if us >= _LEAST_US and quarters > 0 else 0
 
     def until(self, sixteenths):
         """Microseconds until so many sixteenths of a count (at most 8000) have come, at this speed; -1: not known."""
         us = diff(self._now, self._old_at)
         quarters = self._quarters()
-        return sixteenths * us // (quarters << 2) if quarters > 0 and us < _STALE_US + _SPAN_US else -1
+        return sixteenths * us // (quarters << 2) if quarters > 0 and _LEAST_US <= us < _STALE_US + _SPAN_US else -1
 
     def _quarters(self):
         """Quarters of a count made since the older instant, at the speed of now.

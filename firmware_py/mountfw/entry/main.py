@@ -1,6 +1,7 @@
 """What MicroPython runs at power-up: motors off, the firmware, motors off whatever happened."""
 
 import os
+import sys
 
 
 def replay():
@@ -31,7 +32,13 @@ def replay():
 if replay():
     raise SystemExit  # a soft reset: this very file may be a new one now
 
-from mountfw.ports import rp2_listed as listed  # noqa: E402
+sys.path.insert(0, "mountfw/ports")
+try:
+    import rp2_listed as listed  # pyright: ignore[reportMissingImports]  # so no folder on the way is looked at: 20 ms
+except ImportError:  # the program was not started where the folder is
+    from mountfw.ports import rp2_listed as listed
+finally:
+    sys.path.pop(0)
 
 try:
     try:

@@ -1,1 +1,1 @@
-"""Axes, their bridges, end-stops, positions and homing, and the controller that runs them."""
+"""Axes, their bridges, end-stops and positions, and the controller that runs them."""

@@ -8,7 +8,6 @@ A changed setting counts from the next move on: the amounts of drive of a step a
 
 from mountfw import codes, const
 from mountfw.motion.drive import Drive
-from mountfw.motion.homing import Homing
 from mountfw.motion.position import EDGE, Position
 from mountfw.settings import MAX_STEPS, SETTINGS, Settings
 from mountfw.wire.ticks import add
@@ -16,19 +15,11 @@ from mountfw.wire.ticks import add
 _SHORT_US = const(900)  # a drive that may be over before the loop comes round is waited for where it begins
 _REST_US = const(1_000)  # least rest after a pulse
 
-# the errors of reasons, in the positive and the negative direction
-_ERRORS = {
-    codes.END_STOP: (codes.AXIS_POSITIVE_STOP, codes.AXIS_NEGATIVE_STOP),
-    codes.SOFT_LIMIT: (codes.AXIS_POSITIVE_SOFT, codes.AXIS_NEGATIVE_SOFT),
-    codes.RUN_LIMIT: (codes.AXIS_RUN_LIMIT, codes.AXIS_RUN_LIMIT),
-    codes.EMERGENCY_STOP: (codes.AXIS_EMERGENCY_STOP, codes.AXIS_EMERGENCY_STOP),
-}
-
 
 class Actions(Settings):
     """An axis's settings as its attributes, its drive, and the move under way. Arguments as of Axis."""
 
-    def __init__(self, number, bridge, positive_stop, negative_stop, error_queue, ticks_us, position=None):
+    def __init__(self, number, bridge, positive_stop, negative_stop, homing, error_queue, ticks_us, position=None):
         self.number = number
         self.positive_stop = positive_stop
         self.negative_stop = negative_stop
@@ -36,8 +27,8 @@ class Actions(Settings):
         self._ticks_us = ticks_us
         self.position = position or Position()
         self.drive = Drive(bridge, self.stop_towards, ticks_us)
-        self.homing = Homing(self)
-        self.has_moved = False  # has a move ended since store.py asked last?
+        self.switch_homing = self.homing = homing(self)  # the homing of this axis, and the one under way
+        self.has_moved = False  # has a move ended, or was its position defined, since store.py asked last?
         self.inverted = 0
         self.reset()
 
@@ -55,7 +46,6 @@ class Actions(Settings):
         self.ended_on_us = 0
 
         # the move under way
-        self.homing.phase = 0
         self.ends_as = codes.DONE  # its reason if it comes to its own end
         self.pulses_left = 0
         self.length_us = 0  # of its pulses, but for the backlash's
@@ -96,11 +86,7 @@ class Actions(Settings):
 
     def _measure(self):
         """Compute the amounts of drive that make a step, and the gap."""
-        step = self.pulse_us * self.step_duty
-        if step != self.position.step:
-            self.position.step_changed()
-            self.position.step = step
-        self.position.set_gap(self.take_up_us * self.step_duty)
+        self.position.scale(self.pulse_us * self.step_duty, self.take_up_us * self.step_duty)
 
     def possible_velocity(self):
         """Hundredths of a step per second: `velocity`, or less if that leaves no room for pulses and rests.
@@ -134,9 +120,9 @@ class Actions(Settings):
 
     def error_of(self, reason, direction):
         """Queue the error of a reason in that direction, if it has one."""
-        errors = _ERRORS.get(reason)
+        errors = codes.REASON_ERRORS.get(reason)
         if errors:
-            self.error(errors[0] if direction > 0 else errors[1])
+            self.error(errors[0 if direction > 0 else -1])
 
     def may_begin(self, _value):
         """May a move begin? If not, an error says why."""
@@ -173,11 +159,8 @@ class Actions(Settings):
 
     def begin(self, speed):
         """A move is accepted: from here on it must reach _close()."""
-        drive = self.drive
-        drive.direction = 1 if speed > 0 else -1
-        drive.duty = speed * drive.direction
-        drive.tripped = False
-        drive.on_us = 0
+        self.drive.aim(speed)
+        self.drive.on_us = 0
         self.position.made = 0
         return True
 
@@ -187,12 +170,7 @@ class Actions(Settings):
         goes_on = drive.measuring and not drive.was_cut and speed * drive.direction > 0
         self._close(codes.SUPERSEDED)
         drive.measuring = goes_on
-        drive.direction = 1 if speed > 0 else -1  # begin() in its place: frames may come at 500 a second
-        drive.duty = speed * drive.direction
-        drive.tripped = False
-        drive.on_us = 0
-        self.position.made = 0
-        return True
+        return self.begin(speed)
 
     def turn_on(self, us):
         """Drive for us at most. If the gate forbids it, the move ends."""
@@ -277,14 +255,10 @@ class Actions(Settings):
     def _close(self, reason):
         """Count what the move has driven, and note how it ended."""
         self.counting = True
-        drive = self.drive
-        position = self.position
-        if drive.measuring:
-            position.driven(drive.direction, drive.measured_us(True) * drive.duty, True)
-        self.ended_steps = position.made
-        self.ended_on_us = drive.on_us
+        self.count(True)
+        self.ended_steps = self.position.made
+        self.ended_on_us = self.drive.on_us
         self.reason = reason
-        self.homing.phase = 0
         self.has_moved = True
         self.counting = False
         if self.changed:
@@ -297,8 +271,7 @@ class Actions(Settings):
         """Count the on-time since it was counted last, if there is any."""
         drive = self.drive
         if drive.measuring:
-            us = drive.measured_us(over)
-            self.position.driven(drive.direction, us * drive.duty, over)
+            self.position.driven(drive.direction, drive.measured_us(over) * drive.duty, over)
 
     def keep_period(self):
         """The next pulse must wait until this one's period is over."""

@@ -18,9 +18,8 @@ SETTLE = const(1)  # homing, at rest
 REST = const(2)  # a move is accepted, or between two of its pulses
 TAKE_UP = const(3)  # a pulse through the backlash
 PULSE = const(4)
-SLOW = const(5)  # a slow pulse of homing
-RUN = const(6)  # a run or a frame
-SEARCH = const(7)  # a run of homing
+RUN = const(5)  # a run or a frame
+SEARCH = const(6)  # a leg of homing
 
 # events, and the value that goes with each
 ASK = const(0)  # a move is asked for, and not by a frame
@@ -32,12 +31,11 @@ END = const(5)  # all else that ends a move: stops, faults, homing has found it 
 DUE_TAKE_UP = const(6)  # it is time to drive so (microseconds at most)
 DUE_PULSE = const(7)
 DUE_RUN = const(8)
-DUE_SLOW = const(9)
-DUE_SEARCH = const(10)
-DUE_SETTLE = const(11)  # homing is to rest (microseconds)
-OVER = const(12)  # the drive has come to its deadline
-LAST_OVER = const(13)  # so has the last pulse
-HIT = const(14)  # the end-stop ahead is open (reason)
+DUE_SEARCH = const(9)
+DUE_SETTLE = const(10)  # homing is to rest (microseconds)
+OVER = const(11)  # the drive has come to its deadline
+LAST_OVER = const(12)  # so has the last pulse
+HIT = const(13)  # the end-stop ahead is open (reason)
 
 # cells: the next state and the action; where the action returns False, the state stays
 _ = (IDLE, Actions.cannot_happen)
@@ -50,7 +48,6 @@ replace = (REST, Actions.supersede)
 take_up = (TAKE_UP, Actions.turn_on)
 pulse = (PULSE, Actions.turn_on)
 run = (RUN, Actions.turn_on)
-slow = (SLOW, Actions.turn_on)
 search = (SEARCH, Actions.turn_on)
 settle = (SETTLE, Actions.settle)
 rest = (REST, Actions.taken_up)
@@ -60,31 +57,28 @@ limit = (IDLE, lambda axis, _: axis.finish(axis.ends_as))
 last = (PULSE, Actions.make_last)
 cut = (IDLE, Actions.cut_short)
 end = (IDLE, Actions.finish)
-h_over = (IDLE, lambda axis, _: axis.homing.ran_out())  # these three ask homing, which makes an event of its own
-h_next = (IDLE, lambda axis, _: axis.homing.pulsed())
+h_over = (IDLE, lambda axis, _: axis.homing.over())  # these two ask homing, which makes an event of its own
 h_hit = (IDLE, lambda axis, _: axis.homing.hit())
 
 # fmt: off
 TABLE = {
-    # event       IDLE     SETTLE   REST     TAKE_UP  PULSE    SLOW     RUN      SEARCH
-    ASK:         (allow,   refuse,  refuse,  refuse,  refuse,  refuse,  refuse,  refuse),
-    BEGIN:       (begin,   _,       _,       _,       _,       _,       _,       _),
-    SEEK:        (seek,    _,       _,       _,       _,       _,       _,       _),
-    FRAME:       (begin,   replace, replace, replace, replace, replace, replace, replace),
-    FINISH:      (nothing, end,     end,     cut,     last,    cut,     end,     end),
-    END:         (nothing, end,     end,     cut,     cut,     cut,     end,     end),
-    DUE_TAKE_UP: (_,       _,       take_up, _,       _,       _,       _,       _),
-    DUE_PULSE:   (_,       _,       pulse,   _,       _,       _,       _,       _),
-    DUE_RUN:     (_,       _,       run,     _,       _,       _,       _,       _),
-    DUE_SLOW:    (_,       slow,    _,       _,       _,       _,       _,       _),
-    DUE_SEARCH:  (_,       search,  _,       _,       _,       _,       _,       _),
-    DUE_SETTLE:  (_,       settle,  _,       _,       _,       settle,  _,       settle),
-    OVER:        (_,       _,       _,       rest,    count,   h_next,  limit,   h_over),
-    LAST_OVER:   (_,       _,       _,       _,       done,    _,       _,       _),
-    HIT:         (_,       h_hit,   end,     cut,     cut,     h_hit,   end,     h_hit),
+    # event       IDLE     SETTLE   REST     TAKE_UP  PULSE    RUN      SEARCH
+    ASK:         (allow,   refuse,  refuse,  refuse,  refuse,  refuse,  refuse),
+    BEGIN:       (begin,   _,       _,       _,       _,       _,       _),
+    SEEK:        (seek,    _,       _,       _,       _,       _,       _),
+    FRAME:       (begin,   replace, replace, replace, replace, replace, replace),
+    FINISH:      (nothing, end,     end,     cut,     last,    end,     end),
+    END:         (nothing, end,     end,     cut,     cut,     end,     end),
+    DUE_TAKE_UP: (_,       _,       take_up, _,       _,       _,       _),
+    DUE_PULSE:   (_,       _,       pulse,   _,       _,       _,       _),
+    DUE_RUN:     (_,       _,       run,     _,       _,       _,       _),
+    DUE_SEARCH:  (_,       search,  _,       _,       _,       _,       _),
+    DUE_SETTLE:  (_,       settle,  _,       _,       _,       _,       settle),
+    OVER:        (_,       _,       _,       rest,    count,   limit,   h_over),
+    LAST_OVER:   (_,       _,       _,       _,       done,    _,       _),
+    HIT:         (_,       h_hit,   end,     cut,     cut,     end,     h_hit),
 }
 # fmt: on
-_ON_FRAME, _ON_DUE_RUN = TABLE[FRAME], TABLE[DUE_RUN]
 _FINISH_US = const(250_000)  # a soft stop lets a pulse end that has less than this to go
 _SHORTEST_US = const(200)  # no pulse is shorter, so less than that is not taken up
 _COUNT_US = const(20_000)  # a run is counted at least this often while it is served, so that its sums stay small
@@ -93,7 +87,7 @@ _COUNT_US = const(20_000)  # a run is counted at least this often while it is se
 class Axis(Actions):
     """Axis number (1, 2 ...) on a bridge, with its two EndStops named for the electrical direction.
 
-    ticks_us is the clock. error_queue takes this axis's errors.
+    homing(axis) makes what finds them: a Homing, or None. ticks_us is the clock. error_queue takes this axis's errors.
     """
 
     def handle(self, event, value):
@@ -190,6 +184,7 @@ class Axis(Actions):
         if not (self.drive.watched and self.stop_towards(direction).fitted):
             self.error(codes.AXIS_NOT_FITTED)
             return False
+        self.homing = self.switch_homing
         self.handle(SEEK, direction * self.run_duty)
         self.homing.start(direction, home)
         return True
@@ -207,13 +202,9 @@ class Axis(Actions):
                 self.error(codes.AXIS_EMERGENCY_STOP)
             self.abort(codes.EMERGENCY_STOP)
             return False
-        cell = _ON_FRAME[self.state]  # handle() in its place, here and below: frames may come at 500 a second
-        if cell[1](self, speed):
-            self.state = cell[0]
+        self.handle(FRAME, speed)
         self.ends_as = codes.DONE if for_ms else codes.RUN_LIMIT
-        cell = _ON_DUE_RUN[self.state]
-        if cell[1](self, (for_ms or self.run_limit_ms) * 1000):
-            self.state = cell[0]
+        self.handle(DUE_RUN, (for_ms or self.run_limit_ms) * 1000)
         return True
 
     def _begin_pulses(self, n, us, target):
@@ -253,6 +244,7 @@ class Axis(Actions):
             self.position.certainty = codes.UNKNOWN
         self.handle(END, reason)
         if self.drive.predriven:  # for a frame that never began
+            self.drive.off()
             amount = self.drive.predriven_amount()
             self.position.driven(1 if amount > 0 else -1, abs(amount), True)
 
@@ -297,7 +289,7 @@ class Axis(Actions):
                 self._next_pulse()
         elif drive.watched and drive.at_stop():
             self.forbidden(codes.END_STOP)
-        elif not (drive.watched and self.homing.phase and self.homing.watch()):
+        elif state != SEARCH or not self.homing.watch():
             left_us = diff(drive.ends_at, now_us)
             if left_us <= 0 or (drive.was_cut and not drive.tripped):  # what guard() has just cut is for the next pass
                 if not drive.was_cut:
@@ -312,16 +304,3 @@ class Axis(Actions):
         if not self.state:
             return NEVER_US
         return diff(self.next_at if self.state <= REST else drive.ends_at, self._ticks_us())
-
-    # ---- what homing asks for
-
-    def drive_for(self, us, direction, duty, slow):
-        """Drive for us at most; then homing.ran_out() is called, or after a slow pulse homing.pulsed()."""
-        self.drive.direction = direction
-        self.drive.duty = duty
-        self.drive.tripped = False
-        self.handle(DUE_SLOW if slow else DUE_SEARCH, us)
-
-    def settle_for(self, us):
-        """Off; then homing.rested() is called."""
-        self.handle(DUE_SETTLE, us)

@@ -3,35 +3,30 @@
 A frame drives axes 1 and 2; every stop is for all axes. Command lines go by dialect/commands.py to the same axes.
 """
 
-from mountfw import codes
+from mountfw import codes, const
 from mountfw.motion.axis import IDLE, REST
 from mountfw.motion.drive import NEVER_US
 from mountfw.wire.ticks import diff
 
+_FAR_US = const(8_000)  # no drive ends before this, so there is time to read
+
 
 class Controller:
-    """The axes, two or more, in the order of their numbers. error_queue is shared with them.
+    """The axes, two or more, in the order of their numbers. error_queue is shared with them."""
 
-    boot_id (0 ... 2**30-1) differs from boot to boot; ticks_ms is a millisecond clock that wraps at 2**30.
-    """
-
-    def __init__(self, axes, error_queue, emergency_stop, records, boot_id, ticks_ms):
+    def __init__(self, axes, error_queue, emergency_stop, records):
         self.axes = tuple(axes)
         self.errors = error_queue
         self.records = records
-        self.boot_id = boot_id
         self._axis1, self._axis2 = self.axes[:2]  # of a frame
         for axis, after in zip(self.axes, self.axes[1:] + (None,)):
             axis.next = after  # a `for` takes longer, and more words of a call's state than the C stack has
         self._cuts = tuple([axis.drive.bridge.cut for axis in axes])
         self._offs = tuple([axis.drive.bridge.off for axis in axes])
         self._emergency_stop = emergency_stop
-        self._ticks_ms = ticks_ms
-        self._booted_ms = 0
         self.keep_alive_ms = 0
         self.received_at = 0  # when the last byte came
         self.inhibited = codes.NONE_YET  # the reason of a stop that is received but still unparsed
-        self.poll_input = records.look  # called in the middle of longer work: a stop must not wait for it
         self.reset()
 
     # ---- what the app hands in
@@ -62,25 +57,9 @@ class Controller:
         self.inhibit(self.inhibited)
         self.errors.clear()
         self.keep_alive_ms = 0
-        self._booted_ms = self._ticks_ms()
         self.records.recall()
         self.records.restore()
         self.guard(None)
-
-    def restart(self):
-        """Off, every move ended, and as at power-up with a new boot id."""
-        self.stop_all(codes.ABORTED)
-        self.boot_id = self.boot_id + 1 & 0x3FFFFFFF
-        self.reset()
-
-    def uptime_ms(self):
-        """Since the start, or the restart; wraps at 2**30."""
-        return (self._ticks_ms() - self._booted_ms) & 0x3FFFFFFF
-
-    def watch_input(self, poll_input):
-        """Call poll_input(), which reads the bytes that wait, in the middle of longer work from now on."""
-        self.poll_input = poll_input
-        self.records.look = poll_input
 
     def guard(self, _pin):
         """The emergency stop has opened (a hard interrupt, maybe): cut all drives, until reset()."""
@@ -122,22 +101,17 @@ class Controller:
         if m1 == 0 and m2 == 0:
             self.stop_all(codes.STOPPED)
             return
-        axis1 = self._axis1
-        axis2 = self._axis2
-        if m1 == 0:  # what goes off goes first
-            axis1.frame(0)
-        elif m2 == 0:
-            axis2.frame(0)
+        self.suspect(m1, m2)  # what goes off goes first
         if m1:
-            axis1.drive.predrive(m1)
-            self.poll_input()
+            self._axis1.drive.predrive(m1)
+            self.records.poll_input()
         if m2:
-            axis2.drive.predrive(m2)
+            self._axis2.drive.predrive(m2)
         if m1:
-            axis1.frame(m1)
-            self.poll_input()
+            self._axis1.frame(m1)
+            self.records.poll_input()
         if m2:
-            axis2.frame(m2)
+            self._axis2.frame(m2)
 
     def service(self, now_us):
         """Carry the moves on. Returns the microseconds to the next deadline."""
@@ -147,9 +121,9 @@ class Controller:
         axis = self._axis1
         while axis is not None:
             if axis.state or axis.resting:
-                left_us = axis.service(now_us)
-                if left_us < least_us:
-                    least_us = left_us
+                least_us = min(least_us, axis.service(now_us))
+                if axis.next and least_us > _FAR_US:
+                    self.records.poll_input()  # a stop does not wait for every axis
             axis = axis.next
         return least_us
 
@@ -166,14 +140,6 @@ class Controller:
                     first = axis
             axis = axis.next
         return first
-
-    def limits(self):
-        """The end-stops of all axes, three bits each (see Axis.limits()); axis 1 has the lowest."""
-        bits = shift = 0
-        for axis in self.axes:
-            bits |= axis.limits() << shift
-            shift += 3
-        return bits
 
     def silence(self, now_us):
         """Nothing waits to be read: is the keep-alive over? Returns the microseconds it has left."""

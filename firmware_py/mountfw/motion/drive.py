@@ -11,7 +11,6 @@ from mountfw.wire.ticks import add, diff
 NEVER_US = const(1 << 29)  # "no deadline"
 
 _MOST_ON_US = const(1_000_000_000)  # a move's on-time is measured up to here: its sum stays a small integer
-_TURN_US = const(5)  # half a turn of cut_on_time()'s loop on an RP2040
 
 
 class EndStop:
@@ -54,7 +53,7 @@ class Drive:
         self.ends_at = 0  # its deadline
         self.cut_at = 0
         self.counted_at = 0  # up to when it was measured
-        self._pre_at = 0
+        self.pre_at = 0
         self._pre_speed = 0
         self.reset()
 
@@ -88,6 +87,12 @@ class Drive:
 
     # ---- on
 
+    def aim(self, speed):
+        """The next on() drives at speed, -255 ... 255 but not 0."""
+        self.direction = 1 if speed > 0 else -1
+        self.duty = speed * self.direction
+        self.tripped = False
+
     def on(self, us):
         """Drive at duty in direction until cut, for us at most. Returns 0, or the reason why it must not drive.
 
@@ -96,7 +101,7 @@ class Drive:
         self.was_cut = False
         if self.predriven:
             self.predriven = False
-            self.on_at = self._pre_at
+            self.on_at = self.pre_at
         else:
             if self.inhibited or self.emergency or self.watched or self.on_flash:
                 reason = self.forbidden()
@@ -120,7 +125,7 @@ class Drive:
         """
         if not (self.inhibited or self.emergency or self.watched or self.on_flash):
             self._pre_speed = speed
-            self._pre_at = self._set(speed)
+            self.pre_at = self._set(speed)
             self.predriven = True
 
     def _set(self, speed):
@@ -145,18 +150,11 @@ class Drive:
 
     def cut_on_time(self):
         """Wait for the deadline, which must be near, and cut."""
-        ticks_us = self._ticks_us
-        cut = self._cut
-        at = self.ends_at
-        now_us = ticks_us()
-        while diff(at, now_us) > _TURN_US:
-            now_us = ticks_us()
-        cut()
+        at_us = self.bridge.cut_at(self.ends_at)
         if not self.was_cut:  # by guard(), meanwhile
-            self.cut_at = now_us
+            self.cut_at = self.clock() if self.gate else at_us
             self.was_cut = True
             if self.gate:
-                self.cut_at = self.clock()
                 self.gate.ended()
 
     def guard(self, _pin):
@@ -172,8 +170,8 @@ class Drive:
         if not self.measuring:
             return 0
         at = self.cut_at if self.was_cut else self.clock()
-        if self.predriven and diff(at, self._pre_at) > 0:  # since then it has the next frame's speed
-            at = self._pre_at
+        if self.predriven and diff(at, self.pre_at) > 0:  # since then it has the next frame's speed
+            at = self.pre_at
         us = max(0, diff(at, self.counted_at))  # it may have been cut right before it was turned on
         self.counted_at = at
         if over:
@@ -184,4 +182,4 @@ class Drive:
     def predriven_amount(self):
         """Signed time x duty of a predrive() that no on() follows; it is over."""
         self.predriven = False
-        return max(0, diff(self.clock(), self._pre_at)) * self._pre_speed
+        return max(0, diff(self.clock(), self.pre_at)) * self._pre_speed

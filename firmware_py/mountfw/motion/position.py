@@ -105,12 +105,6 @@ class Position:
         self._way = 0  # the direction of the last drive ...
         self._one_way = 0  # ... and how much went that way, to find an end of the gap
 
-    def set_gap(self, gap):
-        """Have a gap of this size. A new size says that the old one was wrong: it is to be found again."""
-        if gap != self.gap:
-            self.gap = gap
-            self.lose_gap()
-
     def take_up(self, direction):
         """What must be driven in this direction before the mirror moves, as far as is known."""
         if not self.gap_known:
@@ -161,6 +155,15 @@ class Position:
         self.home = 0
         self.home_known = True
         self.certainty = codes.HOMED
+
+    def scale(self, step, gap):
+        """What makes a step, and the size of the gap. A new size says that the old one was wrong: it is found again."""
+        if step != self.step:
+            self.step_changed()
+            self.step = step
+        if gap != self.gap:
+            self.gap = gap
+            self.lose_gap()
 
     def step_changed(self):
         """A step is no longer what was counted: a position other than 0 becomes an estimate."""

@@ -17,7 +17,7 @@ from machine import PWM, Pin
 
 from mountfw import codes
 from mountfw.ports import shared
-from mountfw.ports.micropython_console import any, drain, pack, writable, write  # noqa: F401 (verbs of this port, too)
+from mountfw.ports.micropython_console import any, pack, writable, write  # noqa: F401 (verbs of this port, too)
 from mountfw.ports.shared import forget_start  # noqa: F401 (a verb of this port, too)
 
 ticks_us = time.ticks_us  # pyright: ignore[reportAttributeAccessIssue]
@@ -45,11 +45,14 @@ _gate = None
 rp2_gate = None
 if getattr(sys, "platform", "") == "rp2" and getattr(sys.implementation, "_machine", "").endswith("RP2040"):
     from mountfw.ports import rp2_gate
+    from mountfw.ports.rp2_lane import EnableBridge, look  # noqa: F401 (verbs, too)
+else:
+    from mountfw.ports.micropython_drain import drain  # noqa: F401 (a verb, too)
 
 
 def output(number, pwm_hz=0):
     """An output pin, low from the start: low() and high(), and with pwm_hz level() too."""
-    if pwm_hz and rp2_gate:
+    if rp2_gate:
         return rp2_gate.DutyPin(number, pwm_hz)
     pin = Pin(number, Pin.OUT, value=0)
     return _DutyPin(pin, pwm_hz) if pwm_hz else pin

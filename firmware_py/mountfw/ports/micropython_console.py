@@ -1,16 +1,12 @@
 """The console of a MicroPython board as a stream of bytes: sys.stdin and sys.stdout.
 
-drain() is the reason why a stop is not late behind a full buffer: native, it takes 24 us a byte on an
-RP2040, where bytecode takes 100. pack() takes 15 us for a frame instead of 300. Native code goes to a
-board as source (it depends on the processor), so this file does.
+Native code, since it runs for every byte: pack() takes 15 us for a frame instead of 300. It depends on the processor.
 """
 
 import select
 import sys
 
 import micropython
-
-from mountfw.wire.receiver import EIGHTH_ZERO, STOP, ZEROS
 
 
 def _ipoll(stream, events):
@@ -25,68 +21,20 @@ def _ipoll(stream, events):
     return ipoll
 
 
-_ipoll_in = _ipoll(sys.stdin, select.POLLIN)
+ipoll_in = _ipoll(sys.stdin, select.POLLIN)
 _ipoll_out = _ipoll(sys.stdout, select.POLLOUT)
-_readinto = sys.stdin.buffer.readinto  # pyright: ignore[reportAttributeAccessIssue]
+readinto = sys.stdin.buffer.readinto  # pyright: ignore[reportAttributeAccessIssue]
 _write = sys.stdout.buffer.write
-_byte_in = bytearray(1)
+byte_in = bytearray(1)
 _byte_out = bytearray(1)
-_eighth_zero = EIGHTH_ZERO
-_stop = STOP
-_zeros = ZEROS
 
 
 @micropython.native
 def any(wait_ms):
     """True as soon as a byte waits; False after wait_ms without one."""
-    for _ in _ipoll_in(wait_ms):
+    for _ in ipoll_in(wait_ms):
         return True
     return False
-
-
-@micropython.viper
-def drain(receiver, most: int) -> int:
-    """Do as Receiver.receive() with each byte that waits, at most `most` and no further than to a stop.
-
-    Returns that stop, or NEED_BYTES.
-    """
-    ring = ptr8(receiver.ring)  # noqa: F821 # pyright: ignore[reportUndefinedVariable] (known to viper)
-    mask = int(receiver.mask)
-    unparsed = int(receiver.unparsed)
-    at = int(receiver.write)
-    zeros = int(receiver.zeros)
-    byte = ptr8(_byte_in)  # noqa: F821 # pyright: ignore[reportUndefinedVariable]
-    stop = 0
-    waits = 1
-    while stop == 0 and waits and most and unparsed <= mask:
-        waits = 0
-        for _ in _ipoll_in(0):
-            waits = 1
-        if waits:
-            _readinto(_byte_in)
-            c = byte[0]
-            if c == 0x30:
-                zeros += 1
-                if zeros == 8:
-                    zeros = 0
-                    c = int(_eighth_zero)
-                    stop = int(_zeros)
-            else:
-                zeros = 0
-                if c == 0x21 or c == 3:
-                    stop = int(_stop)
-                elif c > 0x7F:
-                    c = 0x7F
-            ring[at] = c
-            at = (at + 1) & mask
-            unparsed += 1
-            most -= 1
-    receiver.write = at
-    receiver.unparsed = unparsed
-    receiver.zeros = zeros
-    if stop:
-        receiver.stops_ahead = int(receiver.stops_ahead) + 1
-    return stop
 
 
 @micropython.viper

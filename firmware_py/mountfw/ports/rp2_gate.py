@@ -231,8 +231,6 @@ class Gate:
         machine.enable_irq(irq)
         return self.release(parsed)
 
-    # ---- entering
-
     def _prepare(self, control, buffer, status, dpram, following):
         """Fill the state in; nothing is forced."""
         state = array("I", [0] * (_BLOCK - _STATE >> 2))
@@ -302,13 +300,15 @@ def _unlike():
 
 
 class DutyPin:
-    """An output that can carry a duty. A change of its function leaves the gate's override alone.
+    """An output that can carry a duty, if pwm_hz is not 0. A change of its function leaves the gate's override alone.
 
     low() and high() go through the pin's function, at once: the PWM keeps its old duty to the end of its period.
     """
 
     def __init__(self, number, pwm_hz):
-        self._duty_u16 = PWM(Pin(number, Pin.OUT, value=0), freq=pwm_hz, duty_u16=0).duty_u16
+        pin = Pin(number, Pin.OUT, value=0)
+        self._duty_u16 = PWM(pin, freq=pwm_hz, duty_u16=0).duty_u16 if pwm_hz else None
+        self.number = number
         self._control = number << 1  # in words, from GPIO0_CTRL
         self._bit = 1 << number
         self.low()
@@ -340,7 +340,7 @@ class DutyPin:
     @micropython.viper
     def level(self, duty_u16) -> int:
         """Pin at duty_u16, 0 ... 65535. Returns the time (ticks) right before."""
-        self._duty_u16(duty_u16)
+        self._duty_u16(duty_u16)  # pyright: ignore[reportOptionalCall]
         control = ptr32(_CONTROL)
         flip = ptr32(_CONTROL + _XOR)
         clock = ptr32(_CLOCK)

@@ -12,8 +12,9 @@ _OWN = ("array", "binascii", "hashlib", "machine", "os", "select", "sys", "time"
 _PLACE = "/mountfw"
 _UNDER = "./mountfw"  # the same folder of the flash, past the mount
 _FOLDER = 0x4000
+_LATER = "encoder"  # a folder that is imported when this has left, if at all
 _STATS = {kind: (kind, 0, 0, 0, 0, 0, 0, 0, 0, 0) for kind in (_FOLDER, 0x8000)}  # made once: the heap is nearly full
-_DOCSTRING = 128  # an __init__ of fewer bytes has nothing else: the folder alone will do
+_DOCSTRING = 128  # a folder's __init__ of fewer bytes has nothing else: the folder alone will do
 
 
 class _Listed:
@@ -26,10 +27,10 @@ class _Listed:
 
     def _list(self, folder):
         for name, kind, _, size in os.ilistdir(_UNDER + folder):  # pyright: ignore[reportAttributeAccessIssue]
-            if name.startswith("__init__.") and size < _DOCSTRING:
+            if name.startswith("__init__.") and size < _DOCSTRING and folder != "/":
                 continue
             self._stats[folder + name] = _STATS[kind]
-            if kind == _FOLDER:
+            if kind == _FOLDER and name != _LATER:
                 self._list(folder + name + "/")
 
     def mount(self, _readonly, _mkfs):

@@ -35,10 +35,11 @@ def forget_start():
     """Give the memory back of modules that only a start needs: 12 KB. Who imports one again has a new one."""
     for package, names in _ONLY_AT_START.items():
         for name in names:
-            module = package + "." + name
-            if module in sys.modules:
+            for module in (package + "." + name, name):  # main.py finds one without its package
+                if module in sys.modules:
+                    _drop(sys.modules, module)
+            if hasattr(sys.modules[package], name):
                 _drop(sys.modules[package].__dict__, name)
-                _drop(sys.modules, module)
 
 
 def _drop(table, key):
@@ -61,7 +62,7 @@ def gate_pins(board):
     """The pins of each axis of a board file that are low while it has no drive: those that carry its duty."""
     from mountfw.board_file import BRIDGES
 
-    return [tuple([pins[name] for name in BRIDGES[board.BRIDGE]]) for pins in axes(board)]
+    return [tuple([pins[name] for name in BRIDGES[board.BRIDGE][1]]) for pins in axes(board)]
 
 
 def read_file(path):

@@ -27,8 +27,8 @@ DECIDE_US = 20_000  # after this silence, in both directions, a held frame is th
 
 EIGHTH_ZERO = 0xB0  # stands in the ring for a `0` that completes eight; other bytes above 0x7F are stored as 0x7F
 
-_BOUNDARY = 0
-_IN_FRAME = 1
+BOUNDARY = 0  # states
+IN_FRAME = 1
 _IN_LINE = 2
 _SKIPPING = 3  # the rest of something refused or cut, up to a line end or a gap
 _DECIDING = 4  # a frame is held: the bytes after it decide
@@ -40,7 +40,7 @@ _CTRL_C = 0x03  # arrives only on a channel that is not the console
 _ZERO = 0x30
 _FRAME_LENGTH = 8
 _TOO_LONG = -2  # of Line.feed()
-_AT_ONCE = 3  # bytes that one call of next() parses at most: a piece of work must be short
+_AT_ONCE = 4  # bytes that one call of next() parses at most: a piece of work must be short
 
 
 class Receiver:
@@ -64,7 +64,7 @@ class Receiver:
         self._pack = pack
         self._own = own
         self._comparing = False  # are skipped bytes compared with the board's own reply?
-        self._state = _BOUNDARY
+        self.state = BOUNDARY
 
     def receive(self, c):
         """Store byte c, if unparsed <= mask. STOP or ZEROS if it completes that stop, else NEED_BYTES."""
@@ -91,13 +91,13 @@ class Receiver:
     def next(self):
         """The next message; NEED_BYTES if every byte is parsed, or enough of them for one call."""
         read = self.write - self.unparsed
-        if self._state == _BOUNDARY and self.unparsed >= _FRAME_LENGTH:
+        if self.state == BOUNDARY and self.unparsed >= _FRAME_LENGTH:
             packed = self._pack(self.ring, read, self.mask)  # no frame if there is a stop in it
             if packed >= 0:
                 self._frame.unpack(packed)
                 self.unparsed -= _FRAME_LENGTH
                 return self._judge() if self._own.wary or self.unparsed > 1 else FRAME
-        if self._state == _DECIDING:
+        if self.state == _DECIDING:
             return self._decide(_AT_ONCE)
         for _ in range(_AT_ONCE):
             if not self.unparsed:
@@ -106,28 +106,28 @@ class Receiver:
             read += 1
             self.unparsed -= 1
             # in a line, bytes that are neither a stop nor mpremote's go straight to it
-            message = self._in_line(c) if self._state == _IN_LINE and 0x22 <= c < 0x80 else self._parse(c)
+            message = self._in_line(c) if self.state == _IN_LINE and 0x22 <= c < 0x80 else self._parse(c)
             if message:
                 return message
         return NEED_BYTES
 
     def gap_us(self):
         """The silence after which gap() is due; 0 at a message boundary: never."""
-        return _GAPS_US[self._state]
+        return _GAPS_US[self.state]
 
     def deciding(self):
         """True while a frame is held: then silence counts from the last byte sent, too."""
-        return self._state == _DECIDING
+        return self.state == _DECIDING
 
     def gap(self):
         """Time out (a poll has just found no byte). MALFORMED, NEED_BYTES, or the held FRAME."""
-        state = self._state
-        self._state = _BOUNDARY
+        state = self.state
+        self.state = BOUNDARY
         self._comparing = False
         self.ahead = 0
         if state == _DECIDING:
             return FRAME
-        return MALFORMED if state == _IN_FRAME or state == _IN_LINE else NEED_BYTES
+        return MALFORMED if state == IN_FRAME or state == _IN_LINE else NEED_BYTES
 
     # ---- the board's own reply
 
@@ -139,7 +139,7 @@ class Receiver:
             if own.is_number(packed):
                 return self._decided(OWN)
             own.expect(packed)
-            self._state = _DECIDING
+            self.state = _DECIDING
             return SUSPECT
         if self.unparsed < 2 or not own.may_end_line(self.ring[self.write - self.unparsed & self.mask]):
             return FRAME
@@ -158,7 +158,7 @@ class Receiver:
 
     def _decided(self, verdict):
         self.ahead = 0
-        self._state = _RETURNED if verdict == OWN else _BOUNDARY
+        self.state = _RETURNED if verdict == OWN else BOUNDARY
         return OWN_REPLY if verdict == OWN else FRAME
 
     def _skip(self, c):
@@ -167,22 +167,22 @@ class Receiver:
             verdict = self._own.feed(c)
             self._comparing = verdict == UNDECIDED
             if verdict == OWN:
-                self._state = _RETURNED
+                self.state = _RETURNED
                 return WAS_OWN_REPLY
         if c == 10 or c == 13:
-            self._state = _BOUNDARY
+            self.state = BOUNDARY
             self._comparing = False
         return NEED_BYTES
 
     # ---- parsing
 
     def _parse(self, c):
-        state = self._state
+        state = self.state
         if c == _STOP or c == _CTRL_C:
             self.stops_ahead -= 1
             self._comparing = False
-            if state != _BOUNDARY and state != _RETURNED:
-                self._state = _SKIPPING  # the tail of the cut message is never executed
+            if state != BOUNDARY and state != _RETURNED:
+                self.state = _SKIPPING  # the tail of the cut message is never executed
             return STOP
         if c < 0x20 and (c == 1 or c == 2 or c == 4 or c == 5 or c == 0x18):
             return NEED_BYTES  # mpremote looks for a prompt
@@ -195,9 +195,9 @@ class Receiver:
             message = self._refuse(c, MALFORMED, self._line)
         elif state == _IN_LINE:
             message = self._in_line(c)
-        elif state == _IN_FRAME:
+        elif state == IN_FRAME:
             message = self._in_frame(c)
-        elif state == _BOUNDARY:
+        elif state == BOUNDARY:
             message = self._first_byte(c)
         elif state == _SKIPPING:
             message = self._skip(c)
@@ -209,18 +209,18 @@ class Receiver:
         if c == _ZERO or c == 0x2D or c == 0x2B:
             self._frame.start()
             self._frame.feed(c)
-            self._state = _IN_FRAME
+            self.state = IN_FRAME
             return NEED_BYTES
         if 0x31 <= c <= 0x39 or 0x41 <= c & 0xDF <= 0x5A or c == 0x2A:
-            self._state = _IN_LINE
+            self.state = _IN_LINE
         self._line.start()
-        return self._in_line(c) if self._state == _IN_LINE else self._refuse(c, MALFORMED, self._line)
+        return self._in_line(c) if self.state == _IN_LINE else self._refuse(c, MALFORMED, self._line)
 
     def _in_frame(self, c):
         frame = self._frame
         if c == 0x3E and frame.length < 3 and frame.text[0] == _ZERO:  # `0>` or `0d>`: an address
             self._line.start()
-            self._state = _IN_LINE
+            self.state = _IN_LINE
             for i in range(frame.length):
                 self._line.feed(frame.text[i])
             return self._in_line(c)
@@ -229,14 +229,14 @@ class Receiver:
             return self._refuse(c, MALFORMED, frame)
         if result == 0:
             return NEED_BYTES
-        self._state = _BOUNDARY
+        self.state = BOUNDARY
         return self._judge() if self._own.wary or self.unparsed > 1 else FRAME
 
     def _in_line(self, c):
         line = self._line
         result = line.feed(c)
         if result > 0:
-            self._state = _BOUNDARY
+            self.state = BOUNDARY
             return self._decided(OWN) if self._own.is_reply(line, c) == OWN else LINE
         if result < 0:
             return self._refuse(c, TOO_LONG if result == _TOO_LONG else MALFORMED, line)
@@ -244,7 +244,7 @@ class Receiver:
 
     def _refuse(self, c, message, part):
         """This part of a message (a Frame or a Line) and c cannot be parsed."""
-        self._state = _BOUNDARY if c == 10 or c == 13 else _SKIPPING
+        self.state = BOUNDARY if c == 10 or c == 13 else _SKIPPING
         verdict = self._own.compare_refused(part, c, self._frame.packed)
         self._comparing = verdict == UNDECIDED
         return self._decided(OWN) if verdict == OWN else message

@@ -5,13 +5,12 @@ from mountfw.wire.frame import SIGNS
 _ZERO = 0x30
 _POWERS = (0, 100, 10, 1)  # of the digits of a field
 _CR_AT = 8  # where in a line of an echo its end stands
-_CHARACTERS = tuple([bytes((c,)) for c in range(0x20, 0x40)])
 
 
 class Replies:
     """The sending side: a bounded queue. A reply that does not fit is dropped whole.
 
-    begin(), then add() and put(), then commit(); or echo(). read() while waiting. A text must not change until it is
+    begin(), then add(), then commit(); or echo(). read() while waiting. A text must not change until it is
     sent.
     """
 
@@ -41,10 +40,6 @@ class Replies:
         else:
             self._items[end] = item
             self._end = after
-
-    def put(self, c):
-        """Add character c: a digit, a sign or a space, 0x20 ... 0x3F."""
-        self.add(_CHARACTERS[c - 0x20])
 
     def echo(self, packed):
         """Queue the echo of a packed frame, as the paper's sketch sends it: a whole reply. False if it did not fit."""

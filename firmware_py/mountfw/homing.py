@@ -1,4 +1,4 @@
-"""Homing: finds an end-stop, at the same place each time. Imports codes.
+"""Homing: finds an end-stop, at the same place each time. Imports axis, codes.
 
     FAST       run towards the switch until it opens
     CONFIRM    at rest: is it still open? If not, it was a bump, and the run goes on
@@ -7,10 +7,12 @@
     SLOW       towards it in short pulses; where it opens is the place
 
 The axis drives, counts and ends the move; this only decides the next leg. In all it may drive for search_limit_ms. A
-switch at the other end that opens meanwhile is a fault of the wiring, and ends it.
+switch at the other end that opens meanwhile is a fault of the wiring, and ends it. build.py loads this where a board
+file has an input for a switch.
 """
 
 from mountfw import codes, const
+from mountfw.motion.axis import DUE_SEARCH, DUE_SETTLE
 
 _FAST = const(1)
 _CONFIRM = const(2)
@@ -25,11 +27,11 @@ _SHORTEST_US = const(200)
 
 
 class Homing:
-    """The search of one axis. phase is 0 while there is none."""
+    """The search of one axis."""
 
     def __init__(self, axis):
         self._axis = axis
-        self.phase = 0
+        self._phase = 0
         self._direction = 0
         self._home = False
         self._other_was_closed = False
@@ -55,23 +57,23 @@ class Homing:
 
     def hit(self):
         """The switch ahead has opened, and must not be driven into."""
-        if self.phase == _BACK:
+        if self._phase == _BACK:
             self._wrong_end()
-        elif self.phase == _SLOW:
+        elif self._phase == _SLOW:
             self._axis.abort(codes.DONE)
             if self._home:
                 self._axis.position.homed()
         else:
-            self.phase = _CONFIRM
-            self._axis.settle_for(_SETTLE_US)
+            self._phase = _CONFIRM
+            self._axis.handle(DUE_SETTLE, _SETTLE_US)
 
     def watch(self):
         """While it drives: True if a switch has ended this leg."""
-        if self.phase == _BACK:
+        if self._phase == _BACK:
             if self._opened(self._direction):
                 return False
-            self.phase = _RELEASED
-            self._axis.settle_for(_SETTLE_US)
+            self._phase = _RELEASED
+            self._axis.handle(DUE_SETTLE, _SETTLE_US)
             return True
         if not self._opened(-self._direction):
             self._other_was_closed = True
@@ -86,34 +88,40 @@ class Homing:
 
     def rested(self):
         """The rest is over."""
-        if self.phase == _SLOW:
+        if self._phase == _SLOW:
             self._go(_SLOW)
         elif self._opened(self._direction):
             self._go(_BACK)
         else:
-            self._go(_FAST if self.phase == _CONFIRM else _SLOW)
+            self._go(_FAST if self._phase == _CONFIRM else _SLOW)
 
-    def pulsed(self):
-        """A slow pulse is over."""
-        self._axis.settle_for(max(self._slow_us(), _SETTLE_US))
-
-    def ran_out(self):
-        """It has driven as much as it may."""
-        self._fail(codes.AXIS_NOT_RELEASED if self.phase == _BACK else codes.AXIS_NOT_FOUND)
+    def over(self):
+        """The leg is over: a slow pulse, or all the drive that there may be."""
+        if self._phase == _SLOW and self._left_us() > 0:
+            self._axis.handle(DUE_SETTLE, max(self._slow_us(), _SETTLE_US))
+        else:
+            self._fail(codes.AXIS_NOT_RELEASED if self._phase == _BACK else codes.AXIS_NOT_FOUND)
 
     # ---- inside
 
     def _go(self, phase):
-        self.phase = phase
-        left_us = self._limit_us - self._axis.drive.on_us
+        self._phase = phase
+        left_us = self._left_us()
         if left_us <= 0:
-            self.ran_out()
+            self.over()
         elif phase == _FAST:
-            self._axis.drive_for(left_us, self._direction, self._run_duty, False)
+            self._leg(left_us, self._direction * self._run_duty)
         elif phase == _BACK:
-            self._axis.drive_for(min(left_us, self._back_off_us), -self._direction, self._run_duty, False)
+            self._leg(min(left_us, self._back_off_us), -self._direction * self._run_duty)
         else:
-            self._axis.drive_for(min(left_us, self._slow_us()), self._direction, self._step_duty, True)
+            self._leg(min(left_us, self._slow_us()), self._direction * self._step_duty)
+
+    def _leg(self, us, speed):
+        self._axis.drive.aim(speed)
+        self._axis.handle(DUE_SEARCH, us)
+
+    def _left_us(self):
+        return self._limit_us - self._axis.drive.on_us
 
     def _opened(self, direction):
         return self._axis.stop_towards(direction).active()

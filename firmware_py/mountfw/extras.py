@@ -1,0 +1,233 @@
+"""What a port may bring besides its verbs: a gate, a fast lane. Imports axis, codes, receiver, ticks.
+
+docs/gate.md: Gated is the loop's side of a port's gate; it enters and leaves, and agrees with the parser.
+
+docs/lane.md: a port may read its input by a look() of its own, which drives at a frame as soon as its last byte is
+there. It does so only after Lane.open(), and only if nothing is to be checked first. It notes what it did in the log,
+and Lane.book() counts that. Other ports have Look.
+"""
+
+from array import array
+
+from mountfw import codes
+from mountfw.motion.axis import FRAME, Axis
+from mountfw.wire.receiver import BOUNDARY, IN_FRAME
+from mountfw.wire.ticks import diff
+
+MOST = 32  # frames in the log
+_READ = 64  # bytes read between two frames that are booked
+# places in the log: how many frames it has; from FIRST on the packed frames, each with the times at which axis 1 and
+# axis 2 got its speeds
+WAITING, FIRST, EACH = 0, 1, 3
+
+
+def make_lane(port, board, controller, receiver, frame, own, replies, commands):
+    """The Lane of these, with the port's own look() or that of Look."""
+    lane = Lane(controller, receiver, frame, own, replies, commands)
+    if hasattr(port, "look"):
+        port.look(lane, receiver, board)
+    else:
+        lane.look = Look(port, lane, receiver).look
+    return lane
+
+
+class Look:
+    """The input of a port without a lane."""
+
+    def __init__(self, port, lane, receiver):
+        self._lane = lane
+        self._any = port.any
+        self._drain = port.drain
+        self._ticks_us = port.ticks_us
+        self._receiver = receiver
+
+    def look(self, most, wait_ms):
+        """Wait so long for a byte, and read at most so many, no further than to a stop.
+
+        Returns that stop or NEED_BYTES; -1 if no byte came. The lane's woke_at is when the wait was over.
+        """
+        came = self._any(wait_ms)
+        self._lane.woke_at = self._ticks_us()
+        return self._drain(self._receiver, most) if came else -1
+
+
+class Lane:
+    """Of a controller's first two axes. frame is a Frame, own an OwnReply; replies and commands are those."""
+
+    def __init__(self, controller, receiver, frame, own, replies, commands):
+        self.axes = controller.axes[:2]
+        self.own = own
+        self.text = frame.text  # of a frame that is parsed in part,
+        self.begun = -1  # so many bytes; -1: look() may not take a frame
+        self.woke_at = 0
+        self.log = array("i", [0] * (FIRST + EACH * MOST))
+        axis1, axis2 = self.axes
+        self.plain = type(axis1) is Axis and type(axis2) is Axis  # with an encoder there is more to check
+        self._controller = controller
+        self._receiver = receiver
+        self._frame = frame
+        self._replies = replies
+        self._commands = commands
+        self._stop = 0  # has come while frames are booked,
+        self._cut_us = 0  # and when it was obeyed
+        self.look = lambda most, wait_ms: -1  # until there is the port's, which may bring a faster sum(), too
+
+    def open(self):
+        """Let the next look() take frames, unless another message is before them. Nothing else is under way."""
+        if not self._commands.busy:
+            state = self._receiver.state
+            self.begun = 0 if state == BOUNDARY else self._frame.length if state == IN_FRAME else -1
+
+    def obeyed(self):
+        """A frame of which some bytes were parsed is taken."""
+        self._receiver.state = BOUNDARY
+
+    def book(self, stop):
+        """Count the frames of the log, as if each had been executed when it came, and echo one that came alone.
+
+        stop: a stop has come after them. Returns that, or one that has come meanwhile.
+        """
+        self._stop = 0
+        if stop:
+            self._stopped(stop)
+        log = self.log
+        last = FIRST + EACH * (log[WAITING] - 1)
+        frame = self._frame
+        frame.unpack(log[last])
+        axis1, axis2 = self.axes
+        self._book(axis1, frame.m1, log[last + 1], 0)
+        self.poll_input()
+        self._book(axis2, frame.m2, log[last + 2], 1)
+        self.poll_input()
+        log[WAITING] = 0
+        if self._stop:
+            for axis in self.axes:
+                drive = axis.drive
+                if drive.measuring and not drive.was_cut:
+                    drive.cut()
+                    drive.cut_at = self._cut_us
+        if last == FIRST and not self.own.muted:
+            self._replies.echo(log[last])  # best effort: one that does not fit is dropped
+        return self._stop
+
+    def _book(self, axis, speed, at, which):
+        """Count one axis's part. It has had speed since at."""
+        drive = axis.drive
+        first = self.first(which, axis.state) if self.log[WAITING] > 1 else 0
+        last = self.log[WAITING] - 1
+        if not (speed or axis.state) and first == last:  # it was off, and is
+            return
+        if first < last:
+            self._supersede(axis, first, which)
+            self.poll_input()
+        elif not speed and drive.measuring and not drive.was_cut:
+            drive.cut()
+            drive.cut_at = at
+        if speed:
+            drive.predriven = True
+            drive.pre_at = at
+        axis.frame(speed)
+
+    def _supersede(self, axis, first, which):
+        """Count an axis's part from frame `first` on, but for the last: each was superseded by the next one."""
+        drive = axis.drive
+        position = axis.position
+        place = FIRST + EACH * first
+        now_us = drive.clock()  # the gate may have cut it
+        drive.predriven = True
+        drive.pre_at = self.log[place + 1 + which]
+        axis.handle(FRAME, 1)  # what was under way ended then
+        drive.predriven = drive.measuring = False
+        position.made = axis.ended_steps  # the last move that ended is the one to tell of
+        drive.on_us = axis.ended_on_us
+        self.poll_input()
+        self.sum(axis, first, which, now_us)
+
+    def first(self, which, state):
+        """The first frame of the log that an axis in this state had to do with; the last one if none had."""
+        i = 0
+        last = self.log[WAITING] - 1
+        if not state:
+            while i < last and not self._speed(i, which):
+                i += 1
+        return i
+
+    def _speed(self, i, which):
+        n = self.log[FIRST + EACH * i] >> (0 if which else 10)
+        return -(n & 0xFF) if n & 0x200 else n & 0xFF
+
+    def sum(self, axis, first, which, now_us):
+        """Count an axis's speeds from frame `first` on, but for the last, up to now_us."""
+        for i in range(first, self.log[WAITING] - 1):
+            speed = self._speed(i, which)
+            if speed:
+                place = FIRST + EACH * i + 1 + which
+                at = self.log[place]
+                us = max(0, min(diff(self.log[place + EACH], at), diff(now_us, at)))
+                axis.position.made = 0
+                axis.position.driven(1 if speed > 0 else -1, us * abs(speed), True)
+                axis.drive.on_us = us
+
+    def lose(self):
+        """Ctrl-C, or a fault, has come before the log was booked, or in the middle: where the axes are is not known."""
+        if self.log[WAITING]:
+            self.log[WAITING] = 0
+            for axis in self.axes:
+                axis.position.certainty = codes.UNKNOWN
+
+    def poll_input(self):
+        """Read the bytes that wait: the port turns off at a stop, and that is booked last."""
+        if not self._stop:
+            stop = self.look(_READ, 0)
+            if stop > 0:
+                self._stopped(stop)
+
+    def _stopped(self, stop):
+        """This stop has come after the frames of the log."""
+        self._stop = stop
+        self._controller.off_all()
+        self._cut_us = self.axes[0].drive.clock()
+
+
+class Gated:
+    """A port's gate, or None, for a controller's drives. about gets what XH? tells of it."""
+
+    def __init__(self, gate, controller, about):
+        self._gate = gate
+        self._in_place = False
+        self._controller = controller
+        self._about = about
+        self.received = 0  # stops, ever
+
+    def enter(self):
+        """Put the gate in place, if it finds all that it needs."""
+        if self._gate:
+            self._about.gate = self._gate.enter()
+            self._in_place = self._about.gate == codes.GATE_IN_PLACE
+            if self._in_place:
+                for axis in self._controller.axes:
+                    axis.drive.gate = self._gate.axes[axis.number - 1]
+                    axis.drive.clock = axis.drive.gate.clock
+
+    def leave(self, ticks_us):
+        """Out of the way, for good or until enter(). All drives are off. ticks_us: the drives' clock from here on."""
+        if self._gate:
+            self._in_place = False
+            for axis in self._controller.axes:
+                axis.drive.gate = None
+                axis.drive.clock = ticks_us
+            self._gate.leave()
+
+    def released(self):
+        """True if nothing holds the drives low. Every stop that was received is parsed, and the drives are off."""
+        return not self._in_place or self._gate.release(self.received & 0x3FFFFFFF)
+
+    def watch(self, receiver):
+        """Nothing waits: stops that the gate has found and that were not received are lost, by a reset of the bus.
+
+        They end all moves, as if they were received now.
+        """
+        if self._in_place and not receiver.unparsed and self._gate.differs(self.received & 0x3FFFFFFF):
+            self._controller.stop_all(codes.ABORTED)
+            if self._gate.recount(self.received & 0x3FFFFFFF, receiver.zeros):
+                self._controller.inhibit(codes.NONE_YET)

@@ -1,0 +1,350 @@
+"""The fast lane of an RP2040: native code between a byte and the pins. docs/lane.md explains it.
+
+look() waits for bytes, reads them, cuts at a stop and drives at a frame before any Python runs. mountfw/extras.py books
+what it did. Section numbers are those of the RP2040 data sheet.
+"""
+
+# ruff: noqa: F821 (ptr8 and ptr32 are known to viper)
+# pyright: reportUndefinedVariable=false, reportArgumentType=false
+from array import array
+
+import micropython
+from micropython import const
+
+from mountfw import codes
+from mountfw.ports.micropython_console import byte_in, ipoll_in, pack, readinto
+from mountfw.ports.shared import gate_pins
+from mountfw.wire.receiver import EIGHTH_ZERO, STOP, ZEROS
+
+# ---- registers
+_XOR = const(0x1000)  # alias that flips bits of a register, 2.1.2
+_CONTROL = const(0x40014004)  # IO_BANK0, 2.19.6: GPIO0_CTRL, 8 bytes a pin
+_SIO = const(5)  # FUNCSEL, 1.4.3
+_PWM = const(4)
+_OUT_SET = const(0xD0000014)  # SIO, 2.3.1.7
+_OUT_CLEAR = const(0xD0000018)
+_CLOCK = const(0x40054028)  # TIMERAWL, 4.6.5
+_LEVELS = const(0x4005000C)  # PWM, 4.5.3: CH0_CC, and CH0_TOP after it; 20 bytes a slice
+
+_WRAP = const(0x3FFFFFFF)  # of MicroPython's ticks
+
+# ---- the words of a bridge
+_ENABLE = const(0)  # bits of its pins
+_POS = const(1)
+_NEG = const(2)
+_FUNCTION = const(3)  # address of the enable's CTRL
+_LEVEL = const(4)  # address of its slice's CC
+_SHIFT = const(5)  # of its level in that
+_DEAD_US = const(6)
+_WAY = const(7)  # that its legs have: 1 or 2, 0: none
+
+_MOST = const(32)  # frames of a Lane, and the words of its log
+_WAITING = const(0)
+_FIRST = const(1)  # from here on: packed frame, time of axis 1, of axis 2
+
+
+def _interrupt():
+    """Ctrl-C is raised here, before the bytes behind it are read: native code does not look for it."""
+    if STOP:
+        pass
+
+
+@micropython.viper
+def _cut(words: ptr32, us: int) -> int:
+    """No drive from this time (ticks) on, which must be near or over. Returns the time."""
+    off = ptr32(_OUT_CLEAR)
+    function = ptr32(words[_FUNCTION])
+    flip = ptr32(words[_FUNCTION] + _XOR)
+    clock = ptr32(_CLOCK)
+    enable = words[_ENABLE]
+    while (us - clock[0]) << 2 > 0:  # of 30 bits
+        pass
+    off[0] = enable
+    flip[0] = (function[0] ^ _SIO) & 31
+    return clock[0] & _WRAP
+
+
+@micropython.viper
+def _drive(words: ptr32, duty: int) -> int:
+    """Drive a bridge at duty, -255 ... 255 but not 0. Returns the time (ticks) right before."""
+    on = ptr32(_OUT_SET)
+    off = ptr32(_OUT_CLEAR)
+    clock = ptr32(_CLOCK)
+    function = ptr32(words[_FUNCTION])
+    flip = ptr32(words[_FUNCTION] + _XOR)
+    way = 1 if duty > 0 else 2
+    if duty < 0:
+        duty = 0 - duty
+    if way != words[_WAY]:
+        off[0] = words[_ENABLE]  # before a leg changes
+        flip[0] = (function[0] ^ _SIO) & 31
+        off[0] = words[_NEG] if way == 1 else words[_POS]
+        on[0] = words[_POS] if way == 1 else words[_NEG]
+        words[_WAY] = way
+        now = clock[0]
+        while clock[0] - now <= words[_DEAD_US]:
+            pass
+    if duty == 255:
+        now = clock[0]
+        on[0] = words[_ENABLE]
+        flip[0] = (function[0] ^ _SIO) & 31
+    else:
+        levels = ptr32(words[_LEVEL])
+        level = duty * (levels[1] + 1) // 255
+        levels[0] = (levels[0] & (0xFFFF << (16 - words[_SHIFT]))) | level << words[_SHIFT]
+        now = clock[0]
+        flip[0] = (function[0] ^ _PWM) & 31
+    return now & _WRAP
+
+
+class EnableBridge:
+    """As motion/bridge.py's, on outputs of this port."""
+
+    def __init__(self, enable, pos, neg, dead_time_us, _pause_us, _ticks_us):
+        self.cut = enable.low
+        pin = enable.number
+        control, level = _CONTROL + 8 * pin, _LEVELS + 20 * (pin >> 1 & 7)
+        bits = 1 << pin, 1 << pos.number, 1 << neg.number
+        self.words = array("I", bits + (control, level, 16 * (pin & 1), dead_time_us, 0))
+
+    def cut_at(self, us):
+        """Wait for this time (ticks), which must be near, and cut. Returns the time."""
+        return _cut(self.words, us)
+
+    @micropython.viper
+    def off(self):
+        """No drive, coasting; both legs low."""
+        words = ptr32(self.words)
+        off = ptr32(_OUT_CLEAR)
+        function = ptr32(words[_FUNCTION])
+        flip = ptr32(words[_FUNCTION] + _XOR)
+        off[0] = words[_ENABLE] | words[_POS] | words[_NEG]
+        flip[0] = (function[0] ^ _SIO) & 31
+        words[_WAY] = 0
+
+    def drive(self, duty):
+        """Drive at duty, -255 ... 255 but not 0. Returns the time."""
+        return _drive(self.words, duty)
+
+
+def look(lane, receiver, board):
+    """Give a Lane the native look(), and more (docs/lane.md)."""
+    Look(lane, receiver, [pin for axis in gate_pins(board) for pin in axis], getattr(board, "LANE", True))
+
+
+class Look:
+    """The input of a Receiver. lane is the Lane of its frames; pins carry duty; wanted: by the board file."""
+
+    def __init__(self, lane, receiver, pins, wanted):
+        self._cuts = array("I", [0] + [_CONTROL + 8 * pin for pin in pins])
+        for pin in pins:
+            self._cuts[0] |= 1 << pin
+        self._number = len(pins)
+        self._axis1, self._axis2 = lane.axes
+        self._drive1, self._drive2 = self._axis1.drive, self._axis2.drive
+        self._plain = wanted and lane.plain and isinstance(self._drive1.bridge, EnableBridge)
+        if self._plain:
+            self._words1, self._words2 = self._drive1.bridge.words, self._drive2.bridge.words
+        self._lane = lane
+        self._own = lane.own
+        self._log = lane.log
+        self._receiver = receiver
+        self._ring = receiver.ring
+        self._text = lane.text
+        lane.look = self.look
+        self._pure = lane.sum
+        lane.sum = self.sum
+
+    @micropython.viper
+    def look(self, most: int, wait_ms: int) -> int:
+        """As extras.Look.look()."""
+        waits = 0
+        if not wait_ms:
+            for _ in ipoll_in(0):
+                waits = 1
+        lane = self._lane
+        receiver = self._receiver
+        ring = ptr8(self._ring)
+        mask = int(receiver.mask)
+        unparsed = int(receiver.unparsed)
+        at = int(receiver.write)
+        zeros = int(receiver.zeros)
+        byte = ptr8(byte_in)
+        begun = int(lane.begun)
+        whole = 8 - begun if begun >= 0 else -1  # so many bytes and a frame is there
+        clock = ptr32(_CLOCK)
+        stop = 0
+        c = 0
+        if wait_ms:
+            for _ in ipoll_in(wait_ms):
+                waits = 1
+        elif not waits and begun < 0:
+            return -1
+        came = waits
+        lane.woke_at = clock[0] & _WRAP
+        if waits and wait_ms:
+            _interrupt()
+        while True:
+            while waits and most and unparsed <= mask and stop == 0:  # a stop may wait behind any number of frames
+                readinto(byte_in)
+                c = byte[0]
+                most -= 1
+                if c == 0x30:
+                    zeros += 1
+                    if zeros == 8:
+                        zeros = 0
+                        c = int(EIGHTH_ZERO)
+                        stop = int(ZEROS)
+                else:
+                    zeros = 0
+                    if c == 0x21 or c == 3:
+                        stop = int(STOP)
+                    elif c > 0x7F:
+                        c = 0x7F
+                if stop:
+                    self.cut()
+                ring[at] = c
+                at = (at + 1) & mask
+                unparsed += 1
+                waits = 0
+                for _ in ipoll_in(0):
+                    waits = 1
+            if stop or whole < 0 or unparsed < whole:
+                break
+            c = ring[(at - unparsed + whole) & mask] if unparsed > whole else 0
+            if int(self._obeyed(begun, at - unparsed, c)) == 0:
+                break
+            unparsed -= whole
+            came = 1
+            begun = 0
+            whole = 8
+            for _ in ipoll_in(0):
+                waits = 1
+        receiver.write = at
+        receiver.unparsed = unparsed
+        receiver.zeros = zeros
+        lane.begun = -1
+        if came == 0:
+            return -1
+        if stop:
+            receiver.stops_ahead = int(receiver.stops_ahead) + 1
+        return stop
+
+    @micropython.viper
+    def sum(self, axis, i: int, which: int, now_us: int):
+        """As Lane.sum()."""
+        position = axis.position
+        if int(position.gap):
+            self._pure(axis, i, which, now_us)
+            return
+        log = ptr32(self._log)
+        last = log[_WAITING] - 1
+        step = int(position.step)
+        millisteps = int(position.millisteps)
+        made = int(position.made)
+        part = int(position.part)
+        on_us = -1
+        counted = 0
+        while i < last:
+            place = _FIRST + 3 * i
+            i += 1
+            n = log[place] if which else log[place] >> 10
+            way = -1 if n & 0x200 else 1
+            n &= 0xFF
+            if n:
+                place += 1 + which
+                on_us = (log[place + 3] - log[place]) << 2 >> 2
+                left_us = (now_us - log[place]) << 2 >> 2
+                if left_us < on_us:
+                    on_us = left_us
+                if on_us < 0:
+                    on_us = 0
+                n *= on_us
+                counted |= n
+                part += n
+                n = part // step
+                part -= n * step
+                made = way * n
+                if part:
+                    if step < 1000000:
+                        n = n * 1000 + (part * 1000 + (step >> 1)) // step
+                    else:
+                        part += step // 1000 >> 1
+                        n = n * 1000 + part // (step // 1000)
+                    part = 0
+                else:
+                    n *= 1000
+                millisteps += way * n
+        if on_us >= 0:
+            position.millisteps = millisteps
+            position.made = made
+            position.part = part
+            axis.drive.on_us = on_us
+            if counted and int(position.certainty):
+                position.certainty = int(codes.ESTIMATED)
+
+    @micropython.viper
+    def cut(self):
+        """No drive on any axis."""
+        pins = ptr32(self._cuts)
+        off = ptr32(_OUT_CLEAR)
+        off[0] = pins[0]
+        for i in range(int(self._number)):
+            function = ptr32(pins[i + 1])
+            flip = ptr32(pins[i + 1] + _XOR)
+            flip[0] = (function[0] ^ _SIO) & 31
+
+    @micropython.viper
+    def _obeyed(self, begun: int, at: int, c: int) -> int:
+        """Drive at a frame, if nothing is against it. Returns 1 if it did.
+
+        begun of its bytes are parsed, the others stand in the ring from place `at` on; c comes behind them, or 0.
+        """
+        if not self._plain or c == 10 or c == 13 or c == 0x5E:  # a line end: it may be the board's own reply
+            return 0
+        mask = int(self._receiver.mask)
+        if begun:
+            ring = ptr8(self._ring)
+            text = ptr8(self._text)
+            for i in range(begun, 8):
+                text[i] = ring[(at + i - begun) & mask]
+            packed = int(pack(self._text, 0, 7))
+        else:
+            packed = int(pack(self._ring, at, mask))
+        if packed < 0 or packed & 0x3FCFF == 0:
+            return 0
+        log = ptr32(self._log)
+        n = log[_WAITING]
+        if n == _MOST:
+            return 0
+        drive1 = self._drive1
+        drive2 = self._drive2
+        if int(drive1.inhibited) or int(drive1.emergency) or int(drive1.watched) or int(drive1.on_flash):
+            return 0
+        if int(drive2.inhibited) or int(drive2.emergency) or int(drive2.watched) or int(drive2.on_flash):
+            return 0
+        wary = int(self._own.wary)
+        if wary and wary >> (packed % 29) & 1:
+            return 0
+        n1 = packed >> 10 & 0xFF
+        n2 = packed & 0xFF
+        at1 = at2 = 0  # what goes off goes first
+        i = _FIRST + 3 * n
+        clock = ptr32(_CLOCK)
+        if n1 == 0 and (log[i - 3] >> 10 & 0xFF if n else int(self._axis1.state)):
+            at1 = int(_cut(self._words1, clock[0]))
+        if n2 == 0 and (log[i - 3] & 0xFF if n else int(self._axis2.state)):
+            at2 = int(_cut(self._words2, clock[0]))
+        if n1:
+            at1 = int(_drive(self._words1, 0 - n1 if (packed >> 19) ^ int(drive1.inverted) else n1))
+        if n2:
+            at2 = int(_drive(self._words2, 0 - n2 if (packed >> 9 & 1) ^ int(drive2.inverted) else n2))
+        if int(drive1.emergency):  # meanwhile, by an interrupt: booking ends the moves
+            self.cut()
+        log[i] = packed
+        log[i + 1] = at1
+        log[i + 2] = at2
+        log[_WAITING] = n + 1
+        if begun:
+            self._lane.obeyed()
+        return 1

@@ -1,0 +1,67 @@
+"""The fast lane on a real image (docs/lane.md): a board file may leave it out, and nothing but times differs."""
+
+import shutil
+
+import pytest
+
+from mirrormount.deploy import fileset
+from mirrormount.virtual import emulator
+from mirrormount.virtual.files import THIS
+from mirrormount.virtual.image import mpy_of
+
+ENABLES = ("m1_en", "m2_en")
+LANE_US, PYTHON_US = 900, 1_200  # a frame reaches both motors before the first with the lane, after the second without
+
+
+@pytest.fixture(params=[True, False], ids=["lane", "no-lane"])
+def lane(request) -> bool:
+    return request.param
+
+
+@pytest.fixture
+def board(lane, make_board, tmp_path):
+    text = f"from mountfw.boards.pico import *\n\nLANE = {lane}\n"
+    flash = tmp_path / "flash.bin"
+    files = fileset.firmware(mpy_of(emulator.find_image(None))) | {THIS: text.encode()}
+    shutil.copyfile(emulator.flash_with_firmware(None, files), flash)
+    return make_board("rp2040", flash=flash)
+
+
+def both_on_us(board, frame: bytes) -> int:
+    """From a frame's sending, while the loop sleeps, to the last enable's edge."""
+    board.run(20_000)
+    board.simulation.edges.clear()
+    since_us = board.simulation.us
+    board.send(frame)
+    board.run(20_000)
+    return max(us for us, pin, _ in board.simulation.edges if pin in ENABLES) - since_us
+
+
+def positions(board) -> list[int]:
+    return [int(board.ask(b"%dTP?\n" % axis)) for axis in (1, 2)]
+
+
+def test_frames_stops_and_steps_are_obeyed_told_and_counted_with_the_lane_and_without(board, lane):
+    # steps of 10 ms; the first frame takes the record of the position off the flash
+    board.send(b"1XP10000;2XP10000;1DH100;2DH100\n0100-100")
+    board.run(100_000)
+    board.send(b"!\n")
+    board.run(100_000)
+    before = positions(board)
+
+    late_us = both_on_us(board, b"0255-255")
+    assert (late_us < LANE_US) if lane else (late_us > PYTHON_US), late_us
+    board.run(300_000)
+    board.send(b"!\n")
+    board.run(100_000)
+    assert board.off() and b"0255-255" in board.received
+    after = positions(board)
+    assert [abs(new - old) for old, new in zip(before, after, strict=True)] in ([32, 32], [32, 33], [33, 32])
+    assert after[0] > before[0] and after[1] < before[1]
+
+    board.send(b"1PR3;2PR-2\n")
+    board.run(3_000_000)
+    assert positions(board) == [after[0] + 3, after[1] - 2]
+    board.send(b"02550255" + b"0" * 8)
+    board.run(100_000)
+    assert board.off() and board.ask(b"TB?\n").startswith(b"0,")

@@ -1,0 +1,132 @@
+"""A rig whose port has a fast lane (docs/lane.md): in Python, line for line what ports/rp2_lane.py does in native code.
+
+Runs under CPython and under MicroPython.
+"""
+
+from gate_rig import GatedPort
+from rig import Port, Rig
+
+from mountfw.extras import EACH, FIRST, MOST, WAITING
+from mountfw.wire import frame
+
+LINE_ENDS = b"\r\n^"
+
+
+def speed_of(packed, which):
+    n = packed >> (0 if which else 10)
+    return -(n & 0xFF) if n & 0x200 else n & 0xFF
+
+
+class LaneLook:
+    """As rp2_lane.Look, on a rig's port."""
+
+    def __init__(self, port, lane, receiver):
+        self.port = port
+        self.lane = lane
+        self.receiver = receiver
+        self.taken = 0  # frames, ever
+
+    def look(self, most, wait_ms):
+        lane = self.lane
+        port = self.port
+        receiver = self.receiver
+        begun = lane.begun
+        lane.begun = -1
+        whole = 8 - begun if begun >= 0 else -1
+        came = waits = port.any(wait_ms)
+        lane.woke_at = port.ticks_us()
+        if not came and begun < 0:
+            return -1
+        stop = 0
+        while True:
+            while waits and most and receiver.unparsed <= receiver.mask and not stop:
+                port.us += 24
+                c = port.inbox[port.taken][1]
+                port.taken += 1
+                most -= 1
+                stop = receiver.receive(c)
+                if stop:
+                    for axis in lane.axes:
+                        axis.drive.bridge.cut()
+                waits = port.next_us() <= port.us
+            if stop or not 0 <= whole <= receiver.unparsed:
+                break
+            at = receiver.write - receiver.unparsed
+            c = receiver.ring[at + whole & receiver.mask] if receiver.unparsed > whole else 0
+            if not self.obeyed(begun, at, c):
+                break
+            receiver.unparsed -= whole
+            came = True
+            begun = 0
+            whole = 8
+            waits = port.next_us() <= port.us
+        return stop if came else -1
+
+    def obeyed(self, begun, at, c):
+        lane = self.lane
+        receiver = self.receiver
+        if not lane.plain or (c and c in LINE_ENDS):
+            return False
+        text = lane.text
+        for i in range(begun, 8):
+            text[i] = receiver.ring[at + i - begun & receiver.mask]
+        packed = frame.pack(text, 0, 7)
+        log = lane.log
+        n = log[WAITING]
+        if packed < 0 or not packed & 0x3FCFF or n == MOST:
+            return False
+        for axis in lane.axes:
+            drive = axis.drive
+            if drive.inhibited or drive.emergency or drive.watched or drive.on_flash:
+                return False
+        if lane.own.wary >> packed % 29 & 1:
+            return False
+        place = FIRST + EACH * n
+        log[place] = packed
+        for which in range(2):  # off goes first
+            log[place + 1 + which] = 0
+            was = log[place - EACH] >> (0 if which else 10) & 0xFF if n else lane.axes[which].state
+            if not speed_of(packed, which) and was:
+                lane.axes[which].drive.bridge.cut()
+                log[place + 1 + which] = self.port.ticks_us()
+        for which in range(2):
+            speed = speed_of(packed, which)
+            if speed:
+                drive = lane.axes[which].drive
+                log[place + 1 + which] = drive.bridge.drive(-speed if drive.inverted else speed)
+        if lane.axes[0].drive.emergency:
+            for axis in lane.axes:
+                axis.drive.bridge.cut()
+        log[WAITING] = n + 1
+        if begun:
+            lane.obeyed()
+        self.taken += 1
+        return True
+
+
+class LanePort(Port):
+    def look(self, lane, receiver, board):
+        self.looks = LaneLook(self, lane, receiver)
+        lane.look = self.looks.look
+
+
+class LaneAndGatePort(GatedPort):
+    look = LanePort.look
+
+
+class LaneRig(Rig):
+    """A rig with a fast lane; gated: with a gate, too, and it is in place."""
+
+    def __init__(self, board=None, gated=False, port=None):
+        super().__init__(board, port=port or (LaneAndGatePort() if gated else LanePort()))
+        self.looks = self.port.looks
+        self.gate = None
+        if gated:
+            self.gate = self.port.fitted
+            self.app.gated.enter()
+
+    def take_in(self):
+        super().take_in()
+        if self.gate:
+            self.gate.run()
+            self.gate.looked = 0

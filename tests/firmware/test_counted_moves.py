@@ -1,0 +1,170 @@
+"""Moves of the closed loop, on motors that turn as the pins say. Runs under CPython and MicroPython."""
+
+from mountfw import codes
+
+from rig_encoder import SlowPort, encoded, ended, move, status, why  # isort: skip
+
+
+def counted(rig):
+    return rig.motor1.counts()
+
+
+def test_a_step_is_its_counts_whatever_the_supply():
+    for supply in (0.8, 1.0, 1.2):
+        rig = encoded()
+        rig.ask(b"1DH0\n")
+        rig.motor1.supply = supply
+        for i in range(12):
+            before = counted(rig)
+            move(rig, b"1PR%d\n" % (1 if i % 4 < 2 else -1))
+            made = counted(rig) - before
+            assert 278 <= abs(made) <= 282, (supply, i, made)
+            assert ended(rig) == (codes.DONE, 1 if i % 4 < 2 else -1, [])
+        assert abs(counted(rig)) <= 1
+        assert status(rig) == (round(counted(rig) * 1000 / 280), codes.MEASURED)
+
+
+def test_a_move_of_many_steps_ends_at_its_place_and_no_step_adds_to_the_error():
+    for sign, inverted in ((1, 0), (-1, 0), (1, 1), (-1, 1)):
+        rig = encoded(settings=b"XN%d;MM1;XI%d" % (280 * sign, inverted))
+        rig.motor1.sign = sign
+        rig.ask(b"1DH0;1VA4\n")
+        move(rig, b"1PR25\n")
+        assert abs(abs(rig.motor1.at) - 7000) < 2, rig.motor1.at
+        assert (rig.motor1.at > 0) == (inverted == 0)
+        assert rig.ask(b"1TP?\n") == b"25\r\n"
+        assert ended(rig) == (codes.DONE, 25, [])
+        move(rig, b"1PA-3\n")
+        assert abs(abs(rig.motor1.at) - 840) < 2, rig.motor1.at
+        assert ended(rig) == (codes.DONE, -28, [])
+
+
+def test_a_pulse_of_its_own_length_is_so_many_counts():
+    rig = encoded()
+    for us, counts in ((100_000, 140), (50_000, 70), (-350_000, -490), (1_000, 1), (200, 0)):
+        before = counted(rig)
+        move(rig, b"1XU%d\n" % us)
+        assert abs(counted(rig) - before - counts) <= 2, us
+        assert why(rig) == (codes.DONE, [])
+
+
+def test_a_count_right_at_the_begin_of_a_drive_is_no_speed_to_cut_by():
+    rig = encoded()
+    for n in (1, 1, -1, -1, 1):  # what it coasts is learned
+        move(rig, b"1PR%d\n" % n)
+    rig.motor1.at = rig.motor1.at // 1 + 1 - 1e-7  # a hair before its next count
+    rig.run(100_000)
+    before, edges = counted(rig), len(rig.port.edges)
+    move(rig, b"1PR1\n")
+    assert abs(counted(rig) - before - 280) <= 2
+    assert sum(pin == 2 and duty > 0 for _, pin, duty in rig.port.edges[edges:]) == 1  # and no correction
+
+
+def test_a_drive_that_is_over_between_two_looks_is_its_counts():
+    for counts in (2, 3, 5):
+        for supply in (0.8, 1.0, 1.2):
+            rig = encoded(settings=b"XN140;XP100000;MM1;SN1", port=SlowPort)
+            rig.motor1.supply = rig.motor2.supply = supply
+            rig.motor1.at = rig.motor2.at = 0.37
+            goal = 0
+            for i in range(12):
+                way = 1 if i % 4 < 2 else -1
+                goal += way * counts
+                move(rig, b"1PR%d;2PR%d\n" % (way * counts, way * counts))
+                for axis, motor in ((1, rig.motor1), (2, rig.motor2)):
+                    reason, _, errors = ended(rig, axis)
+                    assert (reason, errors) == (codes.DONE, []), (counts, supply, i, axis)
+                    assert abs(motor.counts() - goal) <= 2, (counts, supply, i, axis)
+
+
+def test_a_step_shorter_than_a_motor_takes_to_its_speed_is_its_counts_and_a_run_is_no_error():
+    for us, counts in ((60_000, 70), (40_000, 42), (20_000, 16), (10_000, 5)):
+        for supply in (0.8, 1.2):
+            rig = encoded(settings=b"XP%d;XN%d;MM1" % (us, counts))
+            rig.motor1.supply = supply
+            rig.motor1.at = 0.37
+            way = 1
+            for i in range(12):
+                before = rig.motor1.at
+                move(rig, b"1PR%d\n" % way)
+                assert why(rig) == (codes.DONE, [])
+                assert i < 3 or abs(rig.motor1.at - before - way * counts) < 3, (us, supply, i)
+                way = -way if i % 3 else way
+            rig.ask(b"1XM500\n")
+            move(rig, b"1MV+\n")
+            assert ended(rig)[0] == codes.RUN_LIMIT
+
+
+def test_a_move_that_is_stopped_tells_the_steps_that_it_made():
+    for stop, us, reason, steps in (
+        (b"!", 1_120_000, codes.ABORTED, 2),
+        (b"!", 1_350_000, codes.ABORTED, 3),
+        (b"02000000", 1_350_000, codes.SUPERSEDED, 3),
+        (b"1ST", 1_120_000, codes.STOPPED, 3),
+    ):
+        rig = encoded()
+        rig.ask(b"1DH0\n")
+        rig.send(b"1PR5\n")
+        rig.run(us)
+        rig.send(stop + b"\n")
+        rig.settle()
+        while rig.axis1.reason == codes.NONE_YET:
+            rig.run(10_000)
+        assert (rig.axis1.reason, rig.axis1.ended_steps) == (reason, steps)
+
+
+def test_units_of_counts_are_those_of_moves_and_positions():
+    rig = encoded(settings=b"XN280;MM1;SN1")
+    rig.ask(b"1DH1000\n")
+    assert rig.ask(b"1TP?;1DH?\n") == b"1000; 1000\r\n"
+    move(rig, b"1PR-421\n")
+    assert abs(counted(rig) + 421) <= 1
+    assert abs(int(rig.ask(b"1TP?\n")) - 579) <= 1
+    assert rig.ask(b"1PR?;1PA?\n") == b"-421; 579\r\n"
+    move(rig, b"1PA1000\n")
+    assert abs(counted(rig)) <= 1
+    assert rig.errors() == []
+
+
+def test_the_backlash_is_taken_up_in_counts():
+    rig = encoded(settings=b"XN280;MM1;XB100000")  # half a step's time: 140 counts
+    rig.ask(b"1DH0\n")
+    move(rig, b"1PR2\n")
+    before = counted(rig)
+    move(rig, b"1PR-1\n")
+    assert abs(counted(rig) - before + 280 + 140) <= 2
+    before = counted(rig)
+    move(rig, b"1PR-1\n")
+    assert abs(counted(rig) - before + 280) <= 2
+    assert rig.ask(b"1TP?\n") == b"0\r\n"
+
+
+def test_the_closed_loop_allocates_nothing():
+    rig = encoded(settings=b"XN280;MM1;XB20000;XA128")
+    rig.motor1.ends = (-3000, 1e9)
+    rig.port.locked = True
+    for data in (
+        b"1DH0;1PR2;2XU90000\n",
+        b"1PR-2;2PR1\n",
+        b"1XC?;1TP?;1SN1;1PR50;1TP?;1PA?;1PR?;1DH?;1XE?;XS?\n",
+        b"1DH7;1PA-20;ZZ?;ZZ1;ZZ0\n",
+        b"1SN0;1XG61;1FE200;1DB2;1CL0.06;1CL?;1MM0;1MM1;1XI1;1XI0;1XB0\n",
+        b"02550255\n",
+        b"-2550100\n",
+        b"1MV+;2MV-\n",
+        b"!\n",
+        b"1OR\n",
+    ):
+        rig.send(data)
+        rig.settle()
+        rig.run(900_000)
+    rig.run(3_000_000)
+    rig.motor1.stuck = rig.motor2.broken = True
+    rig.send(b"1PR1;2PR1\n")
+    rig.settle()
+    rig.run(300_000)
+    rig.motor1.at += 500
+    rig.run(300_000)
+    rig.port.locked = False
+    assert rig.axis1.reason == rig.axis2.reason == codes.STALLED
+    assert codes.INTERNAL_FAULT not in rig.errors()

@@ -1,0 +1,182 @@
+"""What an encoder counts: settings, position at rest, records, an AS5600. Runs under CPython and MicroPython."""
+
+from rig import Rig
+
+from mountfw import codes
+from mountfw.ports.counted import Phases, Turns
+
+from rig_encoder import encoded, ended, finish, move, status  # isort: skip
+
+
+def test_an_axis_without_an_encoder_says_0_and_takes_nothing_else():
+    rig = Rig()
+    for name in (b"SN", b"MM", b"DB", b"CL", b"FE", b"XN", b"XG", b"XA", b"XZ"):
+        assert rig.ask(b"1%s0;1%s?\n" % (name, name)) == b"0\r\n"
+        rig.ask(b"1%s1\n" % name)
+        assert rig.errors() == [135]
+    assert rig.ask(b"1XC?\n") == b"ERROR 6\r\n"
+
+
+def test_on_a_board_with_one_encoder_the_other_axis_answers_as_without():
+    rig = encoded()
+    bare = rig.axis1
+    del bare.reader
+    assert rig.ask(b"1XN?;1MM?;2XN?\n") == b"0; 0; 280\r\n"
+    rig.ask(b"1MM0;1XN5\n")
+    assert rig.errors() == [135]
+    assert rig.ask(b"1XC?\n") == b"ERROR 135\r\n"
+
+
+def test_the_closed_loop_and_counts_as_units_need_the_counts_of_a_step():
+    rig = encoded(settings=b"")
+    for line in (b"1MM1\n", b"1SN1\n"):
+        rig.ask(line)
+        assert rig.errors() == [135]
+    rig.ask(b"1XN280;1MM1;1SN1\n")
+    assert rig.errors() == []
+    rig.ask(b"1XN0\n")
+    assert rig.ask(b"1MM?;1SN?\n") == b"0; 0\r\n"
+
+
+def test_the_settings_of_an_encoder_are_saved_with_the_others():
+    rig = encoded(settings=b"XN-281;MM1;SN1;DB3;CL0.25;FE90;XG75;XA120;XZ9")
+    rig.ask(b"SM\n")
+    rig.run(200_000)
+    again = encoded(rig.port.files, b"")
+    names = (b"XN", b"MM", b"SN", b"DB", b"CL", b"FE", b"XG", b"XA", b"XZ")
+    answer = again.ask(b";".join([b"1%s?" % name for name in names]) + b"\n")
+    assert answer == b"-281; 1; 1; 3; 0.25; 90; 75; 120; 9\r\n"
+    assert again.errors() == []
+
+
+def test_one_lost_count_takes_the_certainty_back_and_ends_nothing():
+    rig = encoded()
+    rig.ask(b"1DH0\n")
+    assert status(rig)[1] == codes.MEASURED
+    rig.motor1.slips = 1
+    move(rig, b"1PR1\n")
+    assert ended(rig) == (codes.DONE, 1, [])
+    assert status(rig)[1] == codes.ESTIMATED
+    rig.ask(b"1DH0\n")
+    assert status(rig)[1] == codes.MEASURED
+
+
+def test_the_position_follows_a_hand():
+    rig = encoded()
+    rig.ask(b"1DH0\n")
+    for turned, millisteps in ((140, 500), (-700, -2000), (1, -1996)):
+        rig.motor1.at += turned
+        rig.run(100_000)
+        assert rig.axis1.position.millisteps == millisteps  # before anybody asks
+        assert status(rig) == (millisteps, codes.MEASURED)
+
+
+def test_a_record_of_the_position_goes_when_a_hand_turns_the_shaft():
+    rig = encoded()
+    rig.ask(b"1DH0\n")
+    move(rig, b"1PR1\n")
+    rig.run(10_500_000)
+    assert "mountfw.position" in rig.port.files
+    rig.motor1.at += 1  # less than a dead band is no turn
+    rig.run(100_000)
+    assert "mountfw.position" in rig.port.files
+    rig.motor1.at += 100
+    rig.run(100_000)
+    assert "mountfw.position" not in rig.port.files
+    rig.run(10_500_000)
+    again = encoded(rig.port.files)
+    assert abs(status(again)[0] - 1361) <= 8
+    assert status(again)[1] == codes.COUNTED  # while it was off nobody measured
+
+
+def test_no_look_at_rest_or_in_the_open_loop_costs_a_board_without_an_encoder_anything():
+    rig = encoded(settings=b"XN280")
+    reads = rig.motor1.reads
+    rig.ask(b"1PR2\n")
+    finish(rig)
+    rig.run(1_000_000)
+    assert rig.motor1.reads == reads
+
+
+def on_screw(rig, at=0.0):
+    """Make motor 1's encoder one that stands on the screw and knows its angle."""
+    motor = rig.motor1
+    motor.at = at
+    motor.angle = lambda: motor.counts() & 4095
+    rig.axis1.position.look()
+
+
+def started_again(files, at):
+    """The same board after a power cut, with its shaft at so many counts."""
+    again = encoded(files, b"")
+    on_screw(again, at)
+    again.controller.records.restore()
+    return again
+
+
+def test_an_encoder_on_the_screw_tells_if_it_was_turned_while_the_board_was_off():
+    rig = encoded(settings=b"XN102;MM1")
+    on_screw(rig, 300)
+    rig.ask(b"1DH7;SM\n")
+    rig.run(200_000)
+    move(rig, b"1PR2\n")
+    rig.run(10_500_000)
+    at = rig.motor1.at
+    for turned, error in ((0, []), (3, []), (51, [151]), (-1000, [151]), (4096, [])):
+        again = started_again(dict(rig.port.files), at + turned)
+        assert again.errors() == error, turned
+        certainty = codes.ESTIMATED if error else codes.COUNTED
+        moved = turned if error else 0
+        assert abs(status(again)[0] - 9000 - moved * 1000 / 102) <= 30
+        assert status(again)[1] == certainty
+
+
+def test_without_a_record_the_angle_gives_the_position_within_half_a_turn_as_an_estimate():
+    for sign in (1, -1):
+        rig = encoded(settings=b"XN%d;MM1" % (102 * sign))
+        on_screw(rig, 300)
+        rig.ask(b"1DH0;SM\n")
+        rig.run(200_000)
+        assert "mountfw.position" not in rig.port.files
+        for turned in (0, 510, -1020, 2040):
+            again = started_again(dict(rig.port.files), 300 + turned)
+            assert abs(status(again)[0] - sign * turned * 1000 / 102) <= 10
+            assert status(again)[1] == codes.ESTIMATED
+            assert again.errors() == []
+    rig = encoded(rig.port.files, b"")  # an encoder that knows no angle
+    assert status(rig) == (0, codes.UNKNOWN)
+
+
+def test_phases_see_a_change_of_both_signals_at_once():
+    phases = Phases()
+    order = (0, 1, 3, 2)
+    for n in (0, 1, 2, 3, 4, 5, 4, 3, 2, 1, 0, -1, -2, -5, -6):
+        assert phases.take(n << 2 | order[n & 3]) == n
+    assert phases.slips == 0
+    phases.take(-6 << 2 | order[0])  # it counted nothing, and stands half a turn further
+    assert phases.slips == 1
+    phases.take(-5 << 2 | order[1])
+    assert phases.slips == 1
+
+
+def test_turns_of_an_angle_are_counted_over_its_zero_and_a_lost_magnet_is_told():
+    turns = Turns()
+    assert turns.gone
+    turns.take(0x20, 0x0F, 0xF0)
+    assert (turns.count & 4095, turns.gone) == (4080, False)
+    start = turns.count
+    turns.take(0x20, 0, 16)
+    assert turns.count - start == 32
+    turns.take(0x20, 0x0F, 0xFF)
+    assert turns.count - start == 15
+    before = turns.slips
+    turns.take(0, 0, 0)
+    turns.silent()
+    assert not turns.gone
+    turns.take(0x20, 0x0F, 0xFE)
+    assert (turns.count - start, turns.slips) == (14, before)
+    for _ in range(3):
+        turns.silent()
+    assert turns.gone
+    turns.take(0x20, 0, 0)
+    assert not turns.gone and turns.slips == before + 1

@@ -1,0 +1,222 @@
+"""The fast lane: a frame drives when its last byte is read, and is booked after. The lane is lane_rig.py's."""
+
+from lane_rig import LaneRig
+from rig import Rig
+from test_memory import SESSION
+
+from mountfw import codes
+from mountfw.extras import MOST
+
+ENABLES = (2, 5)
+
+
+def on_at(rig, pin):
+    return [us for us, number, duty in rig.port.edges if number == pin and duty][-1]
+
+
+def reasons(rig):
+    return [axis.reason for axis in rig.axes]
+
+
+def test_a_frame_drives_both_motors_before_it_is_booked():
+    times = []
+    for make in (LaneRig, Rig):
+        rig = make()
+        rig.ask(b"0100-1000000-100!\n")  # what comes first takes the record of the position off
+        rig.run(200_000)
+        sent_at = rig.now()
+        rig.send(b"0255-100")
+        rig.settle()
+        assert rig.drives() == (255, -100)
+        times.append(max([on_at(rig, pin) for pin in ENABLES]) - sent_at)
+    assert times[0] < times[1]
+
+
+def driven(rig, data, us):
+    """Positions, reasons and the on-time of the last move after data and a stop us later."""
+    rig.send(data)
+    rig.run(us)
+    rig.ask(b"!\n")
+    return [(axis.position.millisteps, axis.reason, axis.ended_steps) for axis in rig.axes]
+
+
+def test_a_frame_is_counted_as_without_the_lane():
+    for data in (b"02550255", b"-255-100", b"+1000000", b"0000-077"):
+        found = []
+        for make in (LaneRig, Rig):
+            rig = make()
+            rig.ask(b"1XP1000;2XP1000;1DH0;2DH0;0100-100!\n")
+            found.append(driven(rig, data, 500_000))
+        for (lane, *rest), (core, *same) in zip(found[0], found[1]):
+            assert rest == same and abs(lane - core) < 500, (data, found)
+
+
+def test_each_byte_of_a_frame_may_come_alone_and_in_two_parts_at_any_place():
+    for cut in range(1, 8):
+        rig = LaneRig()
+        rig.ask(b"0100-100!\n")
+        rig.run(100_000)
+        frame = b"-2550100"
+        rig.send(frame[:cut])
+        rig.settle()
+        taken = rig.looks.taken
+        rig.send(frame[cut:])
+        rig.settle()
+        assert rig.drives() == (-255, 100) and rig.looks.taken == taken + 1, cut
+
+
+def test_frames_of_a_stream_all_reach_the_pins_in_their_order():
+    rig = LaneRig()
+    rig.ask(b"0100-100!\n")
+    rig.run(3_000_000)
+    rig.port.reading = False
+    rig.port.edges.clear()
+    speeds = [10 + i for i in range(200)]
+    for i, n in enumerate(speeds):
+        rig.send(b"0%03d-%03d" % (n, n), after_us=1000 * i)
+    rig.take_in()
+    rig.settle()
+    shown = [duty // 257 for _, pin, duty in rig.port.edges if pin == 2 and duty]
+    assert shown == speeds
+
+
+def test_more_frames_at_once_than_the_log_holds_are_all_obeyed():
+    rig = LaneRig()
+    rig.ask(b"0100-100!\n")
+    rig.run(100_000)
+    rig.port.edges.clear()
+    speeds = [1 + i for i in range(3 * MOST)]
+    rig.send(b"".join([b"0%03d0000" % n for n in speeds]))
+    rig.settle()
+    assert [duty // 257 for _, pin, duty in rig.port.edges if pin == 2 and duty] == speeds
+
+
+def test_a_stop_behind_frames_ends_them_and_nothing_drives_after_it():
+    for stop in (b"!", b"00000000"):
+        rig = LaneRig()
+        rig.ask(b"0100-100!\n")
+        rig.run(100_000)
+        rig.send(b"02550255-255-255" + stop)
+        rig.settle()
+        assert rig.drives() == (0, 0) and not rig.controller.moving()
+        assert reasons(rig) == [codes.ABORTED if stop == b"!" else codes.STOPPED] * 2
+
+
+def test_a_stop_that_comes_while_frames_are_booked_ends_them():
+    for after_us in range(0, 3000, 20):
+        rig = LaneRig()
+        rig.ask(b"0100-100!\n")
+        rig.run(100_000)
+        rig.send(b"02550255-255-255")
+        rig.send(b"!", after_us=500 + after_us)
+        rig.settle()
+        assert rig.drives() == (0, 0) and not rig.controller.moving(), after_us
+        assert reasons(rig) == [codes.ABORTED] * 2, after_us
+
+
+def refused(rig, data, drives):
+    """These bytes are obeyed, and the lane takes no frame of them."""
+    taken = rig.looks.taken
+    rig.send(data)
+    rig.settle()
+    rig.run(100_000)
+    assert rig.looks.taken == taken and rig.drives() == drives, data
+
+
+def test_what_has_something_before_it_waits_for_its_turn():
+    rig = LaneRig()
+    rig.ask(b"1DH7\n")
+    rig.run(10_400_000)
+    assert "mountfw.position" in rig.port.files
+    refused(rig, b"02550255", (255, 255))  # the record of the position comes off the flash first
+    assert "mountfw.position" not in rig.port.files
+    rig.run(3_000_000)
+    rig.ask(b"!\n")
+    refused(rig, b"+000-000", (0, 0))  # a stop for all axes
+    rig.ask(b"1XL3\n")
+    rig.port.switches.update({10: 0, 11: 0})
+    refused(rig, b"02550100", (255, 100))  # an end-stop is to be looked at
+    rig.ask(b"!\n1XL0\n")
+    rig.send(b"02550100\r\n")  # a line end: it may be the board's own reply
+    rig.settle()
+    assert rig.looks.taken == 0 and rig.drives() == (255, 100)
+
+
+def test_the_first_frame_is_taken_where_no_position_is_recorded():
+    rig = LaneRig()
+    rig.run(11_000_000)
+    assert "mountfw.position" not in rig.port.files  # nothing has moved since the start
+    rig.ask(b"02550255")
+    assert rig.looks.taken == 1 and rig.drives() == (255, 255)
+
+
+def test_a_frame_behind_a_line_waits_until_the_line_is_done():
+    rig = LaneRig()
+    rig.ask(b"0100-100!\n")
+    rig.run(100_000)
+    rig.send(b"1XP5000;2XP5000;1XP?;2XP?\n0100-100")
+    rig.settle()
+    assert rig.axis1.pulse_us == 5000 and rig.drives() == (100, -100)
+
+
+def test_an_inverted_axis_turns_the_other_way():
+    for make in (LaneRig, Rig):
+        rig = make()
+        rig.ask(b"1XI1\n0100-100!\n")
+        rig.run(100_000)
+        rig.ask(b"0255-100")
+        assert rig.drives() == (-255, -100)
+
+
+def test_ctrl_c_before_frames_are_booked_leaves_the_positions_unknown():
+    rig = LaneRig()
+    rig.ask(b"1DH0;2DH0\n0100-100!\n")
+    rig.run(100_000)
+
+    def interrupted(stop):
+        raise KeyboardInterrupt
+
+    rig.app._lane.book = interrupted
+    rig.send(b"02550255")
+    try:
+        rig.run(50_000)
+    except KeyboardInterrupt:
+        rig.app._leave(codes.ABORTED)
+    assert rig.drives() == (0, 0)
+    assert [axis.position.certainty for axis in rig.axes] == [codes.UNKNOWN] * 2
+
+
+def test_with_a_gate_a_drive_ends_at_its_limit_and_the_stop_is_where_the_gate_has_cut():
+    rig = LaneRig(gated=True)
+    rig.ask(b"1XM70;2XM90\n0100-100!\n")
+    rig.run(100_000)
+    rig.send(b"02550100")
+    rig.take_in()
+    rig.run(200_000)
+    assert reasons(rig) == [codes.RUN_LIMIT] * 2
+    assert [round(axis.ended_on_us, -2) for axis in rig.axes] == [70_000, 90_000]
+
+
+def test_the_lane_allocates_nothing():
+    rig = LaneRig()
+    rig.port.locked = True
+    for data in SESSION + (b"0255-100" * 20, b"0100-100-2000200", b"0100", b"-100", b"01000000" * 3, b"0100-100!"):
+        rig.send(data)
+        rig.settle()
+        rig.run(300_000)
+    assert rig.looks.taken > 20
+
+
+def test_the_silence_of_a_keep_alive_begins_with_the_last_byte_not_when_its_frame_is_taken():
+    """The frame waits in the ring until the line before it is executed."""
+    late_us = []
+    for make in (LaneRig, Rig):
+        rig = make()
+        rig.ask(b"0100-100!\n")
+        rig.run(200_000)
+        sent_at = rig.now()
+        rig.send(b"XK500" + 20 * b";XS?" + b"\n0255-255")
+        rig.run(600_000)
+        assert rig.drives() == (0, 0) and reasons(rig) == [codes.KEEP_ALIVE] * 2
+        late_us.append(max([us for us, pin, duty in rig.port.edges if pin in ENABLES and not duty]) - sent_at - 500_000)
+    assert late_us[0] <= late_us[1] + 1000, late_us

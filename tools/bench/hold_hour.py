@@ -1,0 +1,367 @@
+"""Holds a virtual table's beam for an hour in real time, at 30 frames a second, while two programs look on.
+
+    .venv/bin/python tools/bench/hold_hour.py [--seconds S] [--profile smooth|rough] [--seed N] [--json FILE]
+
+As `mirrormount hold --page` on a real table: supervised mounts on boards in processes of their own, a log, a page. Each
+frame of both cameras goes through spot and loop. The two that look on are processes that ask for state and pictures as
+often as a page does. A gate that only a person opens is opened after 5 s, and counted. Linux only.
+
+`--run FOLDER` keeps what an excursion is traced with: the log of the run, the true beam (truth.npy: time of the log,
+time of the table, x and y of each camera in um), and the memory of each process (memory.jsonl).
+"""
+
+import argparse
+import contextlib
+import http.client
+import json
+import os
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrormount.beam import events
+from mirrormount.beam.align import align
+from mirrormount.beam.calibrate import Calibration
+from mirrormount.beam.eyes import CameraEye
+from mirrormount.beam.gap import Gap
+from mirrormount.beam.hold import Hold
+from mirrormount.beam.looking import lever_m
+from mirrormount.beam.response import Response
+from mirrormount.beam.run_log import RunLog
+from mirrormount.beam.summary import Summary
+from mirrormount.beam.supervised import SupervisedTable
+from mirrormount.beam.watched_eye import WatchedTable
+from mirrormount.common.errors import MountError
+from mirrormount.panel.hold_board import HoldBoard
+from mirrormount.panel.hold_page import make_hold_server
+from mirrormount.panel.sign_in import SignIn
+from mirrormount.supervise import Supervisor
+from mirrormount.transport.port import Port
+from mirrormount.virtual.virtual_table import VirtualTable, open_table
+
+Numbers = NDArray[np.float64]
+PERIOD_S = 1 / 60  # less than a frame's, so that the frames set the pace
+TRUTH_S = 0.1  # between two samples of the true beam
+MEMORY_S = 10.0
+PERSON_S = 5.0  # until somebody opens a gate
+STATE_S, PICTURE_S = 0.25, 0.08  # between two questions of a page
+PARTS = 6
+ROOM_S = 600.0  # of the truth, beyond what was asked for
+TRIES = 5  # to calibrate and align
+
+
+class Watch:
+    """What is measured of the loop. Calls of listen() come from the loop's thread."""
+
+    def __init__(self) -> None:
+        self.periods_s: list[float] = []
+        self.looks = 0
+        self.gates: list[str] = []
+        self.person: threading.Event = threading.Event()
+        self._last_s: float | None = None
+
+    def listen(self, event: events.Event) -> None:
+        """Take an event: two looks with nothing moved between them are a period."""
+        match event:
+            case events.Looked():
+                now_s = time.monotonic()
+                if self._last_s is not None:
+                    self.periods_s.append(now_s - self._last_s)
+                self._last_s = now_s
+                self.looks += 1
+            case events.Estimated():
+                pass  # told with each look
+            case events.GateClosed():
+                self.gates.append(f"{event.number} {event.name}: {event.cause}")
+                print(f"gate {self.gates[-1]}", flush=True)
+                self._last_s = None
+                if not event.opens_itself:
+                    self.person.set()
+            case _:
+                self._last_s = None
+
+
+class Truth:
+    """Where the beam is, without noise, sampled in the table's own thread: times and the errors of the spots in um.
+
+    Its room is taken at the beginning, so that memory that grows is the product's.
+    """
+
+    def __init__(self, table: VirtualTable, eyes: WatchedTable, seconds: float) -> None:
+        self._rows = np.full((int((seconds + ROOM_S) / TRUTH_S), 2 + 2 * len(eyes.eyes)), np.nan)
+        self._count = 0
+        self._table, self._eyes = table, eyes.eyes
+        self._next_s = table.now_s()
+        self.sample()
+
+    def sample(self) -> None:
+        """Take one, and order the next while there is room."""
+        row = [time.monotonic(), self._next_s]
+        for eye, camera, spot in zip(
+            self._eyes, self._table.cameras, self._table.truth.spots_mm(self._next_s), strict=True
+        ):
+            x, y = camera.truth_px(spot) if spot else (np.nan, np.nan)
+            row += [(x - eye.target_px[0]) * eye.um_per_px[0], -(y - eye.target_px[1]) * eye.um_per_px[1]]
+        self._rows[self._count] = row
+        self._count += 1
+        self._next_s += TRUTH_S
+        if self._count < len(self._rows):
+            self._table.clock.at(self._next_s, self.sample)
+
+    def rows(self) -> Numbers:
+        """All samples: time of the log, time of the table, x and y of each spot."""
+        return self._rows[: self._count].copy()
+
+
+def look_on(port: int, name: str) -> None:
+    """One page, without a browser, until its standard input ends: prints what it got."""
+    got = {"states": 0, "pictures": 0, "bytes": 0, "failures": 0, "slowest_s": 0.0}
+    ended = threading.Event()
+
+    def ask(path: str, every_s: float) -> None:
+        after = "0"
+        server = http.client.HTTPConnection("127.0.0.1", port, timeout=20)
+        while not ended.is_set():
+            begin_s = time.monotonic()
+            try:
+                server.request("GET", f"{path}?after={after}", headers={"X-Page": name})
+                answer = server.getresponse()
+                body = answer.read()
+            except OSError:
+                got["failures"] += not ended.is_set()
+                server.close()
+                ended.wait(1)
+                continue
+            got["slowest_s"] = max(got["slowest_s"], time.monotonic() - begin_s)
+            got["bytes"] += len(body)
+            if answer.status == 200 and path == "/hold/state":
+                got["states"] += 1
+                history = json.loads(body)["history"]
+                after = f"{history[-1]['t']:.2f}" if history else after
+            elif answer.status == 200:
+                got["pictures"] += 1
+                after = str(json.loads(answer.headers["X-Seen"])["n"])
+            ended.wait(max(0.0, every_s - (time.monotonic() - begin_s)))
+
+    threads = [
+        threading.Thread(target=ask, args=arguments, daemon=True)
+        for arguments in (("/hold/state", STATE_S), ("/camera/1", PICTURE_S), ("/camera/2", PICTURE_S))
+    ]
+    for thread in threads:
+        thread.start()
+    sys.stdin.read()
+    ended.set()
+    print(json.dumps(got))
+
+
+@contextlib.contextmanager
+def lookers(port: int, found: list[dict[str, float]]) -> Iterator[None]:
+    """Two processes that look on; what they got is put into found."""
+    command = [sys.executable, "-P", __file__, "--look-on", str(port)]
+    running = [
+        subprocess.Popen([*command, name], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        for name in ("first", "second")
+    ]
+    try:
+        yield
+    finally:
+        for process in running:
+            out, _ = process.communicate("")
+            found.append(json.loads(out))
+
+
+def plugs(table: VirtualTable, number: int) -> Callable[[], Port]:
+    """What opens the port of a board, at first and again after it was lost: then it has been switched off and on."""
+    ports = iter([table.ports[number]])
+    return lambda: next(ports, None) or table.replug(number)
+
+
+def ready(table: WatchedTable, listen: events.Listen) -> tuple[Response, Sequence[Gap], Summary]:
+    """Calibrate and align; again where a busy computer has lost a board. Raises MountError at the last of the tries."""
+    for left in reversed(range(TRIES)):
+        try:
+            table.take_control()
+            measuring = Calibration(table, listen)
+            response = measuring.run()
+            summary = align(table, response, measuring.gaps, listen)
+            if summary.reached or not left:
+                return response, measuring.gaps, summary
+        except MountError as e:
+            print(f"once more: {e}", flush=True)
+            if not left:
+                raise
+            time.sleep(PERSON_S)
+    raise AssertionError
+
+
+def memory_mb() -> dict[str, float]:
+    """Resident memory of this process (loop, page, cameras) and of each that it started, by role."""
+    page_mb = os.sysconf("SC_PAGESIZE") / 1e6
+    found = {"loop": int(Path("/proc/self/statm").read_text().split()[1]) * page_mb}
+    for status in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError):  # it has ended
+            if status.read_text().rpartition(")")[2].split()[1] == str(os.getpid()):
+                command = (status.parent / "cmdline").read_bytes()
+                role = "page" if b"--look-on" in command else "other"
+                found[f"{role} {status.parent.name}"] = int((status.parent / "statm").read_text().split()[1]) * page_mb
+    return found
+
+
+def growth(samples: Sequence[dict[str, float]]) -> dict[str, dict[str, float]]:
+    """Of each process: memory at the begin, in the middle, at the end, and the most."""
+    return {
+        role: {
+            "begin": samples[0].get(role, 0.0),
+            "middle": samples[len(samples) // 2].get(role, 0.0),
+            "end": samples[-1].get(role, 0.0),
+            "most": max(sample.get(role, 0.0) for sample in samples),
+        }
+        for role in samples[-1]
+    }
+
+
+def busy_s() -> float:
+    """Time in which a processor of this computer was busy, of all processors together."""
+    user, nice, system, _, _, irq, soft, *_ = map(int, Path("/proc/stat").read_text().split("\n")[0].split()[1:])
+    return (user + nice + system + irq + soft) / os.sysconf("SC_CLK_TCK")
+
+
+def hour(options: argparse.Namespace) -> dict[str, object]:
+    """Calibrate, align, hold. Returns the figures."""
+    address = f"virtual-table://?speed=1&off=2&profile={options.profile}&seed={options.seed}"
+    with contextlib.ExitStack() as kept:
+        table = kept.enter_context(open_table(address))
+        mounts = []
+        for number, name in enumerate(("first", "second")):
+            supervisor = Supervisor(plugs(table, number), patience_s=options.patience)
+            mounts.append((name, kept.enter_context(supervisor), ("x", "y")))
+        um = 1000 * table.cameras[0].sensor.pixel_mm
+        eyes = [
+            CameraEye(camera.name, camera, ((camera.size.width - 1) / 2, (camera.size.height - 1) / 2), (um, um), at_m)
+            for camera, at_m in zip(table.cameras, table.truth.geometry.cameras_m, strict=True)
+        ]
+        loop = kept.enter_context(SupervisedTable("hour", mounts, eyes))
+        watched, watch = WatchedTable(loop), Watch()
+        board = HoldBoard({eye.name: eye.um_per_px for eye in eyes})
+        folder = options.run or Path(kept.enter_context(tempfile.TemporaryDirectory())) / "run"
+        log = kept.enter_context(RunLog(folder, {"seed": options.seed, "profile": options.profile}))
+
+        def listen(event: events.Event) -> None:
+            log(event)
+            board.listen(event)
+            watch.listen(event)
+
+        response, gaps, summary = ready(watched, listen)
+        print(f"aligned in {summary.corrections} corrections", flush=True)
+        hold = Hold(watched, response, gaps, listen, period_s=PERIOD_S)
+        server = make_hold_server(watched.eyes, board, SignIn(None), go=hold.go_on, stop=hold.stop)
+        listener = kept.enter_context(socket.create_server(("127.0.0.1", 0)))
+        page = threading.Thread(target=server.run, args=([listener],), daemon=True)
+        page.start()
+        got: list[dict[str, float]] = []
+        memory: list[dict[str, float]] = []
+        ended = threading.Event()
+
+        def mind() -> None:
+            while not ended.wait(MEMORY_S):
+                memory.append(memory_mb())
+                with (folder / "memory.jsonl").open("a") as file:
+                    file.write(json.dumps({"t": time.monotonic()} | memory[-1]) + "\n")
+
+        def person() -> None:
+            while not ended.wait(0.5):
+                if watch.person.is_set():
+                    ended.wait(PERSON_S)
+                    watch.person.clear()
+                    hold.go_on()
+
+        with lookers(listener.getsockname()[1], got):
+            ended.wait(3.0)  # they have begun
+            watch.periods_s.clear()
+            watch.looks, watch.gates = 0, []
+            truth = Truth(table, watched, options.seconds)
+            threads = [threading.Thread(target=work) for work in (mind, person)]
+            for thread in threads:
+                thread.start()
+            begin_s, own_s, all_s = time.monotonic(), time.process_time(), busy_s()
+            threading.Timer(options.seconds, hold.stop).start()
+            summary = hold.run()
+            seconds, own_s, all_s = (
+                now - begun
+                for now, begun in (
+                    (time.monotonic(), begin_s),
+                    (time.process_time(), own_s),
+                    (busy_s(), all_s),
+                )
+            )
+            rows = truth.rows()
+            np.save(folder / "truth.npy", rows)
+            ended.set()
+            for thread in threads:
+                thread.join()
+        server.should_exit = True
+        page.join(5)
+        lever = lever_m(eyes) or np.nan
+    errors_um = rows[:, 2:]
+    angles = (errors_um[:, 2:4] - errors_um[:, :2]) / lever
+    periods_ms = 1000 * np.array(watch.periods_s)
+    parts = [float(np.sqrt((part**2).mean(axis=0)).max()) for part in np.array_split(angles, PARTS)]
+    return {
+        "profile": options.profile,
+        "seed": options.seed,
+        "seconds": seconds,
+        "rms_urad": float(np.sqrt((angles**2).mean(axis=0)).max()),
+        "rms_urad_of_sixths": parts,
+        "max_um": float(np.abs(errors_um).max()),
+        "over_80_um": float((np.abs(errors_um).max(axis=1) > 80).mean()),
+        "seen": summary.to_json(final=False) | {"gates": watch.gates},
+        "looks_a_second": watch.looks / seconds,
+        "period_ms": {
+            "median": float(np.median(periods_ms)),
+            "p99": float(np.quantile(periods_ms, 0.99)),
+            "worst": float(periods_ms.max()),
+            "over_100": int((periods_ms > 100).sum()),
+            "of": len(periods_ms),
+        },
+        "memory_mb": growth(memory),
+        "processor": {
+            "own": own_s / seconds,
+            "all": all_s / seconds,
+            "processors": os.cpu_count(),
+        },
+        "log_events_lost": log.lost,
+        "looking_on": got,
+    }
+
+
+def main(arguments: list[str]) -> int:
+    """Hold, and print the figures."""
+    parser = argparse.ArgumentParser(description=str(__doc__).partition("\n")[0])
+    parser.add_argument("--seconds", type=float, default=3600.0, metavar="S")
+    parser.add_argument("--profile", choices=("smooth", "rough"), default="rough")
+    parser.add_argument("--seed", type=int, default=300)
+    parser.add_argument("--patience", type=float, default=2.0, metavar="S", help="as of `mirrormount hold` (2)")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures to FILE, too")
+    parser.add_argument("--run", type=Path, metavar="FOLDER", help="keep log, true beam and memory in this new folder")
+    parser.add_argument("--look-on", nargs=2, metavar=("PORT", "NAME"), help=argparse.SUPPRESS)
+    options = parser.parse_args(arguments)
+    if options.look_on:
+        look_on(int(options.look_on[0]), options.look_on[1])
+        return 0
+    text = json.dumps(hour(options), indent=1)
+    print(text)
+    if options.json:
+        options.json.write_text(text + "\n", encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
