@@ -7,6 +7,7 @@ from mirrormount import Mount
 from mirrormount.transport.lines import Link
 from mirrormount.virtual.board import LockstepPort, Options, make_simulation
 from mirrormount.virtual.encoder import COUNTS_A_REV
+from mirrormount.virtual.files import THIS, board_text, new_files
 from mirrormount.virtual.profile import PROFILES
 
 PER_STEP = 280
@@ -64,5 +65,8 @@ class ClosedLoop:
 
 
 def with_files(folder: Path, **options) -> ClosedLoop:
-    """One whose board keeps what it saves."""
+    """One whose board keeps what it saves; MicroPython has the firmware there, too."""
+    if options.get("machine") == "micropython":
+        board = board_text("pico", 2, options.get("encoder", "motor"))
+        (new_files(folder) / THIS).write_text(board, encoding="utf-8")
     return ClosedLoop(files=folder, **options)

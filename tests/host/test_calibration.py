@@ -5,6 +5,7 @@ from itertools import pairwise
 import pytest
 
 from mirrormount import Mount
+from mirrormount.cli import main
 from mirrormount.common import errors
 from mirrormount.device import calibration
 from mirrormount.device.calibration import Scale, Step
@@ -74,6 +75,30 @@ def test_without_waiting_it_is_the_nearest_whole_number_of_steps(mount):
     for amount, unit in ((1.5, "steps"), (0.05, "mrad")):
         with pytest.raises(errors.BadValue):
             mount.x.move_by(amount, unit, wait=False)
+
+
+def test_a_position_in_an_angle_goes_by_the_mean_of_both_directions(mount):
+    calibration.write(mount.board_id, {2: Scale(0.2, 0.3, USUAL)})
+    mount.x.zero()
+    assert mount.x.move_to(500, "urad") == 2
+    assert mount.x.move_to(0.3, "mrad", wait=False) == 1  # 1.2 steps
+    mount.x.wait()
+    assert mount.x.position == 1
+    assert mount.x.move_to(-0.375, "mrad") == -1.5
+    assert pulse_lengths_us(mount, "m2_neg") == pytest.approx([200_000] * 3 + [100_000], abs=100)
+    for position, unit in ((float("nan"), "mrad"), (1e9, "mrad"), (1, "parsec")):
+        with pytest.raises(errors.BadValue):
+            mount.x.move_to(position, unit)
+    with pytest.raises(errors.NotCalibrated):
+        mount.y.move_to(1, "mrad")
+    assert mount.x.position == -1.5
+
+
+def test_the_command_moves_to_a_position_in_an_angle_and_says_where_it_is(capsys):
+    with Mount.open("virtual://?speed=max") as mount:
+        calibration.write(mount.board_id, {2: Scale(0.2, 0.3, USUAL)})
+    assert main.main(["move", "x", "0.5", "mrad", "--port", "virtual://?speed=max"]) == 0
+    assert capsys.readouterr().out == "x: +2.000 steps (≈ +0.5 mrad)\n"
 
 
 def test_an_angle_of_the_beam_and_mm_on_the_screen_follow_from_the_mirrors(mount):

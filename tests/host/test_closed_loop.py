@@ -10,6 +10,7 @@ from mirrormount.cli import main
 from mirrormount.cli.demo_square import closure, square
 from mirrormount.cli.dialogue import Dialogue
 from mirrormount.cli.self_test import run_checks
+from mirrormount.cli.setup_course import run_course
 from mirrormount.cli.setup_encoder import encoder as set_up
 from mirrormount.common import errors
 from mirrormount.device.encoder import judged
@@ -148,6 +149,25 @@ def test_the_first_steps_behind_the_gears_end_although_no_coast_is_known(loop, p
         assert mount.step(n)[0] == pytest.approx(n * per_step, abs=0.05 * per_step)
 
 
+def test_play_of_gears_is_no_stall_after_moves_that_were_not_watched_and_at_low_speed(loop):
+    mount = loop("smooth", closed=False, encoder="shaft")
+    settings = mount.mount.x.measure_counts().settings
+    mount.mount.apply({"x": settings})
+    mount.mount.x.step(2)
+    mount.mount.x.closed_loop = 0
+    mount.mount.x.step(-2)
+    mount.mount.x.closed_loop = 1
+    mount.mount.x.step(1)  # raises what the board says
+    mount.mount.x.jog(-0.3)
+    mount.mount.sleep(1)
+    assert mount.mount.status().x.moving
+    mount.mount.stop()
+    mount.bench.disturb("m2", "hand")
+    mount.mount.sleep(2)
+    mount.mount.x.step(1)
+    mount.mount.x.step(-1)
+
+
 def test_noise_of_an_angle_in_the_play_of_gears_is_no_stall(loop):
     mount = loop("rough", 0.8, closed=False, encoder="shaft")
     mount.mount.apply({"x": mount.mount.x.measure_counts().settings})
@@ -179,8 +199,14 @@ def test_without_an_encoder_there_are_no_counts_and_no_settings_of_one(loop):
     assert not mount.errors()
 
 
-def test_a_position_after_a_power_cut_is_worth_no_more_than_it_is(tmp_path):
-    mount = with_files(tmp_path, profile="rough")
+POWER_CUTS = [("cpython", "motor", PER_STEP), ("micropython", "motor", PER_STEP), ("micropython", "shaft", 96)]
+
+
+@pytest.mark.parametrize(("machine", "encoder", "per_step"), POWER_CUTS)
+def test_a_position_after_a_power_cut_is_worth_no_more_than_it_is(tmp_path, machine, encoder, per_step):
+    mount = with_files(tmp_path, profile="rough", machine=machine, encoder=encoder, closed=False)
+    mount.close_loop(per_step)
+    mount.mount.apply({"x": {"dead_band": 4}} if encoder == "shaft" else {})
     mount.mount.save()
     choose = random.Random(11)
     origin = mount.counts()
@@ -193,7 +219,7 @@ def test_a_position_after_a_power_cut_is_worth_no_more_than_it_is(tmp_path):
         status = mount.mount.x.status()
         if status.certainty in ("counted", "homed", "measured"):
             known += 1
-            assert status.position == pytest.approx((mount.counts() - origin) / PER_STEP, abs=0.1)
+            assert status.position == pytest.approx((mount.counts() - origin) / per_step, abs=0.1)
         else:
             mount.mount.x.zero()
             origin = mount.counts()
@@ -271,9 +297,31 @@ def test_setup_measures_an_encoder_and_closes_the_loop_if_it_may(loop):
 def test_setup_goes_on_without_an_encoder_that_does_not_count(loop):
     mount = loop(closed=False)
     mount.bench.disturb("m2", "broken")
-    answers = ["yes", "no", "yes"]
+    answers = ["again", "without"]
     set_up(mount.mount, mount.mount.x, Dialogue(lambda _question: answers.pop(0), lambda _text: None))
     assert mount.mount.x.closed_loop == 0 and not answers
+
+
+def test_setup_measures_anew_what_would_end_every_move_in_the_closed_loop(loop, monkeypatch, tmp_path):
+    monkeypatch.setenv("MIRRORMOUNT_CONFIG", str(tmp_path))
+    mount = loop()
+    mount.bench.disturb("m2", "swapped")
+    mount.bench.disturb("m1", "broken")
+    answers = {
+        "May it move": ["yes"],
+        "Which way": ["right", "up"],
+        "End-stop": ["none", "none"],
+        "Close the loop": ["yes"],
+        "Measure again": ["without"],
+        "Distance": ["0"],
+        "Save this": ["yes"],
+    }
+    said = []
+    run_course(mount.mount, lambda asked: next(a for part, a in answers.items() if part in asked).pop(0), said.append)
+    assert "x: encoder, -277 counts a step, closed loop" in said[-3]
+    assert "y: encoder, 280 counts a step, open loop" in said[-3]
+    for axis in mount.mount.axes:
+        axis.step(1)  # raises what the board says
 
 
 def test_status_shows_the_counts_and_what_they_are_worth(capsys):
@@ -281,7 +329,21 @@ def test_status_shows_the_counts_and_what_they_are_worth(capsys):
     assert capsys.readouterr().out.count("encoder: 0 counts (open loop)") == 2
 
 
-@pytest.mark.parametrize(("fault", "found"), [(None, None), ("swapped", "the other way"), ("broken", "counts nothing")])
+def test_status_tells_an_encoder_that_does_not_answer(capsys):
+    assert main.main(["status", "--port", "virtual://?speed=max&encoder=shaft&fault=m2:broken@0"]) == 0
+    assert "encoder: does not answer (open loop)" in capsys.readouterr().out
+
+
+FOUND = [
+    (None, "none lost, and none at rest"),
+    ("swapped", "the other way"),
+    ("broken", "counts nothing"),
+    ("jammed", "does the motor turn?"),
+    ("lost", "counts were lost"),
+]
+
+
+@pytest.mark.parametrize(("fault", "found"), FOUND)
 def test_check_tells_what_an_encoder_does_not_do(loop, capsys, fault, found):
     mount = loop()
     if fault:
@@ -292,5 +354,16 @@ def test_check_tells_what_an_encoder_does_not_do(loop, capsys, fault, found):
         assert fault
     lines = capsys.readouterr().out.splitlines()
     line = next(line for line in lines if "x encoder in a move" in line)
-    assert line.startswith("FAILED" if fault else "ok") and (found or "none at rest") in line
+    assert line.startswith("FAILED" if fault else "ok") and found in line
     assert any(line.startswith("ok") and "y encoder in a move" in line for line in lines)
+    assert all("its encoder counts" in line for line in lines if "FAILED" in line and "in a move:" not in line)
+    assert not [line for line in lines if "report it" in line]
+
+
+def test_check_at_rest_tells_an_encoder_that_does_not_answer(loop, capsys):
+    mount = loop(encoder="shaft", closed=False)
+    mount.bench.disturb("m2", "broken")
+    with pytest.raises(errors.CheckFailed):
+        run_checks(lambda: mount.mount, move=False)
+    line = next(line for line in capsys.readouterr().out.splitlines() if "x encoder" in line)
+    assert line.startswith("FAILED") and "does not answer" in line and "its plug" in line

@@ -198,7 +198,17 @@ def test_without_an_encoder_the_bench_moves_as_with_one():
 
 
 @pytest.mark.parametrize(
-    "options", ["encoder=disc", "fault=rust", "fault=broken@-1", "fault=m3:broken", "fault=broken@nan", "fault=@3"]
+    "options",
+    [
+        "encoder=disc",
+        "fault=rust",
+        "fault=broken@-1",
+        "fault=m3:broken",
+        "fault=broken@nan",
+        "fault=@3",
+        "encoder=shaft&fault=noise,m1:lost@3",
+        "fault=hand,broken@5",
+    ],
 )
 def test_an_unknown_encoder_or_fault_is_refused_in_one_line(options):
     with pytest.raises(BadAddress, match=r"^[^\n]*(encoder|fault)[^\n]*$"):

@@ -37,7 +37,7 @@ def as_imported(files: dict[str, bytes]) -> dict[str, bytes]:
 
 def test_the_two_layouts_share_no_module_but_those_in_the_packages_own_folder():
     both = {path for path in OLD if path in NEW and "/boards/" not in path}
-    assert both <= {"main.py", *(f"mountfw/{name}.mpy" for name in ("__init__", "app", "repl", "settings"))}
+    assert both <= {"main.py", *(f"mountfw/{name}.mpy" for name in ("__init__", "app", "homing", "repl", "settings"))}
     assert set(folders(NEW)) == NEW_FOLDERS and set(folders(OLD)) == {"mountfw", "mountfw/boards"}
 
 

@@ -100,6 +100,16 @@ def test_what_is_written_is_read(table):
         ('[mounts.near]\nport = "x"\ndistance_mm = nan', "above 0"),
         ('[mounts.near]\nport = "x"\nspeed = 1', "speed is not known"),
         ("[mounts.near]\nport = 3", "a text in quotes"),
+        (
+            '[mounts.near]\nboard = "ab"\n[mounts.far]\nboard = "AB"',
+            r"far\] is the same board and pair .*1 and 2.* as near",
+        ),
+        (
+            '[mounts.near]\nport = "x"\nx_axis = 3\n[mounts.far]\nport = "x"\nx_axis = 4',
+            r"far\] is the same board and pair of axes \(3 and 4\) as near: .* x_axis = 1 or 2 to the one",
+        ),
+        ('[mounts.near]\nport = "x"\n[cameras.near]\ncamera = "0"', "near is a mount and a camera: give one"),
+        ('[cameras.near]\ncamera = "C270"\n[cameras.far]\ncamera = "c270"', r"far\] is the same camera as near: give"),
         ("[cameras.near]\n", "camera is missing"),
         ('[cameras.near]\ncamera = "0"\ntarget_x_px = 3', "both"),
         ('[cameras.near]\ncamera = "0"\ntarget_x_px = -3\ntarget_y_px = 1', "from 0"),

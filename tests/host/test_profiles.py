@@ -1,6 +1,7 @@
 """The two kinds of mechanics: smooth is what the paper's figures stand on, rough what its numbers say. Pins only."""
 
 import math
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
@@ -104,18 +105,28 @@ def test_the_mirrors_speed_is_periodic_in_the_screws_turn():
     assert train.mirror_rad == pytest.approx(train.pitch_mm / train.lever_mm)  # a whole turn is a whole turn
 
 
-def test_the_gap_varies_from_reversal_to_reversal_and_the_screw_never_jumps():
+def reversing(count: int) -> Iterator[tuple[Drivetrain, Callable[[float, float], None]]]:
+    """A drivetrain whose gap varies, before each of its reversals, and what gives a pulse that way (on, off in s)."""
     noise = np.random.default_rng(8)
     train = Drivetrain.new(30.0, only(gap_spread=0.03), noise)
-    gaps = []
-    for k in range(1000):
+    for k in range(count):
         drive = 1.0 if k % 2 else -1.0
+
+        def pulse(on_s: float, off_s: float, drive: float = drive) -> None:
+            train.begin(drive, noise)
+            train.advance(on_s, drive)
+            train.advance(off_s, None)
+
+        yield train, pulse
+
+
+def test_the_gap_varies_from_reversal_to_reversal_and_the_screw_never_jumps():
+    gaps = []
+    for train, pulse in reversing(1000):
         screw, shaft = train.screw_rev, train.shaft_rev
-        train.begin(drive, noise)
-        train.advance(1e-6, drive)
+        pulse(1e-6, 0.0)
         assert train.screw_rev == screw
-        train.advance(0.6, drive)
-        train.advance(0.5, None)
+        pulse(0.6, 0.5)
         gaps.append(abs(train.shaft_rev - shaft) - abs(train.screw_rev - screw))
     gaps = np.array(gaps[1:])
     assert np.mean(gaps) == pytest.approx(train.gap_rev, rel=0.005)
@@ -123,16 +134,11 @@ def test_the_gap_varies_from_reversal_to_reversal_and_the_screw_never_jumps():
 
 
 def test_the_gap_stays_as_it_is_while_the_shaft_pushes_the_screw():
-    noise = np.random.default_rng(8)
-    train = Drivetrain.new(30.0, only(gap_spread=0.03), noise)
     gaps = []
-    for k in range(400):
-        drive = 1.0 if k % 2 else -1.0
-        for pulse in range(11):
-            train.begin(drive, noise)
-            train.advance(0.2, drive)
-            train.advance(0.1, None)
-            if pulse == 4:
+    for train, pulse in reversing(400):
+        for number in range(11):
+            pulse(0.2, 0.1)
+            if number == 4:
                 across = abs(train.shaft_rev - train.screw_rev)
         assert abs(train.shaft_rev - train.screw_rev) == pytest.approx(across, abs=1e-9)
         gaps.append(2 * across)

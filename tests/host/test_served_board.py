@@ -168,6 +168,7 @@ def test_a_board_that_goes_in_mid_move_is_one_clear_error(board):
     assert "\n" not in str(lost.value)
 
 
+@pytest.mark.wall_clock  # alone: the number of a terminal that has gone may go to that of another test
 def test_the_link_of_a_killed_board_is_replaced_and_one_in_use_is_not(board):
     refused = run_cli("virtual", "--link", str(board.link))
     assert refused.returncode == 1

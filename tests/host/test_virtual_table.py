@@ -1,5 +1,7 @@
 """Boards, mirrors and cameras on one clock: what a program drives through ports, it sees through cameras."""
 
+import time
+
 import numpy as np
 import pytest
 from centroids import centroid
@@ -229,3 +231,34 @@ def test_the_rest_of_a_microsecond_passes_too():
         for _ in range(50):  # the board may be some microseconds ahead of the table
             port.sleep(3e-7)
         assert port.monotonic() > before
+
+
+def test_a_board_that_the_computer_keeps_from_running_moves_no_further_than_its_firmware_let_it(monkeypatch):
+    with opened("?mounts=1") as table:
+        (mount,) = mounts(table)
+        mount.send("XK0")
+        mount.link.write(b"2PR1\n")
+        table.sleep(0.1)  # in mid-step: the motor is on, and ends by the firmware alone
+        (simulation,) = table.simulations
+        begun = simulation.mirrors_now_rad()
+        later_s = time.monotonic() + 60
+        monkeypatch.setattr("mirrormount.virtual.simulation.time.monotonic", lambda: later_s)
+        starved = simulation.mirrors_now_rad()
+        monkeypatch.undo()
+        table.sleep(1)
+        ended = simulation.bench.mirrors_rad()
+        way = abs(ended[0][0] - begun[0][0])
+        assert way > 20e-6
+        assert abs(starved[0][0] - begun[0][0]) <= way
+
+
+def test_the_edges_that_a_board_keeps_are_the_last_ones(monkeypatch):
+    monkeypatch.setattr("mirrormount.virtual.simulation.EDGES_KEPT", 6)
+    with opened("?mounts=1") as table:
+        (mount,) = mounts(table)
+        (simulation,) = table.simulations
+        for _ in range(12):
+            mount.x.pulse(1000)
+            table.sleep(0.05)
+        assert 6 <= len(simulation.edges) < 12
+        assert simulation.edges[-1][0] * 1e-6 > table.now_s() - 0.2

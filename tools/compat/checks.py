@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from pins import told
-from place import WAYS, Place
+from place import SETTINGS, WAYS, Place
 
 _AT_REST = "AB;*RCL1;XK0;1DH;2DH"
 NO_ERROR = "0"
@@ -122,7 +122,8 @@ class Trial:
 def trial(kind: Driver, way: str, machine: str) -> Iterator[Trial]:
     """A driver at a new place. Raises EmulatorMissing if there is no such machine here."""
     with tempfile.TemporaryDirectory(prefix="mirrormount-") as folder:
-        place = Place(Path(folder), way, machine)
+        settings, encoder = getattr(kind, "SETTINGS", SETTINGS), getattr(kind, "ENCODER", None)
+        place = Place(Path(folder), way, machine, settings, encoder)
         try:
             opened = Trial(kind, place)
             try:

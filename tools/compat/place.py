@@ -15,7 +15,7 @@ from pathlib import Path
 import pins
 
 from mirrormount import Mount
-from mirrormount.virtual.files import new_files
+from mirrormount.virtual.files import THIS, board_text, new_files
 
 WAYS = ("tcp", "pty")
 MACHINES = ("cpython", "micropython")
@@ -37,27 +37,34 @@ def wait_for(condition: Callable[[], object], what: str) -> None:
 class Place:
     """A virtual board of a machine, reached in a way: tcp is `mirrormount serve`, pty is `mirrormount virtual`.
 
-    address is HOST:PORT or the pty's name. folder is an empty one for the board's files.
+    address is HOST:PORT or the pty's name. folder is an empty one for the board's files. settings: those that the
+    board's owner has saved; encoder: what is on its motors, or None.
     Raises EmulatorMissing if there is no such machine here.
     """
 
-    def __init__(self, folder: Path, way: str, machine: str) -> None:
+    def __init__(
+        self, folder: Path, way: str, machine: str, settings: str = SETTINGS, encoder: str | None = None
+    ) -> None:
         self.way, self.machine = way, machine
         self._files, self._edges, self._log = (folder / name for name in ("files", "edges.jsonl", "log"))
         self._seen = 0
         self._files.mkdir()
         if machine != "cpython":
             new_files(self._files)
-        with Mount.open(f"virtual://?speed=max&machine={machine}&files={self._files}") as mount:
-            mount.send(SETTINGS)
+            if text := board_text("pico", 2, encoder):
+                (self._files / THIS).write_text(text, encoding="utf-8")
+        kind = f"machine={machine}" + (f"&encoder={encoder}" if encoder else "")
+        with Mount.open(f"virtual://?speed=max&{kind}&files={self._files}") as mount:
+            mount.send(settings)
             mount.save()
         self._words = [sys.executable, "-P", "-m", "mirrormount"]
         if way == "tcp":
-            board = f"virtual://?machine={machine}&edges={self._edges}&files={self._files}"
+            board = f"virtual://?{kind}&edges={self._edges}&files={self._files}"
             self._words += ["serve", board, "--tcp", "127.0.0.1:0"]
         else:
             self._words += ["virtual", "--link", str(folder / "mount"), "--machine", machine]
             self._words += ["--edges", str(self._edges), "--files", str(self._files)]
+            self._words += ["--encoder", encoder] if encoder else []
         self._start()
 
     def restart(self) -> None:

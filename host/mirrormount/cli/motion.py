@@ -26,19 +26,20 @@ def step(args: argparse.Namespace) -> None:
 
 
 def move_arguments(parser: argparse.ArgumentParser) -> None:
-    """AXIS and STEPS."""
+    """AXIS, POSITION and UNIT."""
     port_options(parser)
     axis_argument(parser)
-    parser.add_argument("position", metavar="STEPS", help="a number, such as 5 or -0.25")
+    parser.add_argument("position", metavar="POSITION", help="a number, such as 5 or -0.25; 0 is where it was zeroed")
+    parser.add_argument("unit", metavar="UNIT", nargs="?", default=STEPS, choices=UNITS, help=UNITS_HELP)
 
 
 def move(args: argparse.Namespace) -> None:
-    """Move to a position in steps and print it. Raises MountError."""
+    """Move to a position and print it. Raises MountError."""
     from mirrormount.cli import moving
 
-    position = number(args.position, "STEPS")
+    position = number(args.position, "POSITION")
     with open_any(args) as mount:
-        moving.move(mount, args.axis, position)
+        moving.move(mount, args.axis, position, args.unit)
 
 
 def home_arguments(parser: argparse.ArgumentParser) -> None:
@@ -106,7 +107,7 @@ COMMANDS = (
         step,
         step_arguments,
     ),
-    Command("move", "move to a position, in steps", move, move_arguments),
+    Command("move", "move to a position, in steps, or in an angle, or in mm on the screen", move, move_arguments),
     Command("home", "find an axis's end-stop; position 0 is there", home, home_arguments),
     Command("jog", "run at SPEED until Ctrl-C or the board's run limit, or for S seconds", jog, jog_arguments),
     Command(

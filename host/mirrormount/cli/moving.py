@@ -36,15 +36,16 @@ def step(mount: Mount | SketchMount, name: str, amount: float, unit: str = STEPS
     print(place(axis) + (f" (moved by {made:+.4g} {unit})" if unit != STEPS else ""))
 
 
-def move(mount: Mount | SketchMount, name: str, position: float) -> None:
-    """Move to a position, which may lie between two steps, and print it."""
+def move(mount: Mount | SketchMount, name: str, position: float, unit: str = STEPS) -> None:
+    """Move to a position of a unit, which may lie between two steps, and print it."""
     if isinstance(mount, SketchMount):
         mount.axis(name).move_to(position)  # raises NotSupported
         return
     axis = mount.axis(name)
     with watched(mount, [axis]) as line:
-        axis.move_to(position, progress=_shown(line, name, f"on the way to {position:+g}"))
-    print(place(axis))
+        words = f"{position:+g}" if unit == STEPS else f"{position:+g} {unit}"
+        axis.move_to(position, unit, progress=_shown(line, name, f"on the way to {words}"))
+    print(place(axis) + (f" (≈ {axis.position * axis.per_step(unit):+.4g} {unit})" if unit != STEPS else ""))
 
 
 def home(mount: Mount | SketchMount, name: str) -> None:

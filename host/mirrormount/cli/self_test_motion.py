@@ -5,12 +5,14 @@ from collections.abc import Callable, Iterator
 
 from mirrormount.cli import self_test_encoder
 from mirrormount.cli.outcomes import Wrong
-from mirrormount.common.errors import REASONS
+from mirrormount.common.errors import REASONS, MoveEnded
 from mirrormount.device.mount import Axis, Ended, Mount
 from mountfw import codes as wire
 
 _KEEP_ALIVE_MS = 100
 _LATE_US = 1000  # what a pulse may be wrong by
+_BY_ENCODER = (wire.CLOSED_LOOP_FAILED, wire.STALLED, wire.WRONG_WAY, wire.FOLLOWING, wire.ENCODER_LOST)
+_WHY = "what its encoder counts has ended it, see there; docs/errors.md has the causes"
 
 
 def checks(mount: Mount, axis: Axis) -> Iterator[tuple[str, Callable[[], str]]]:
@@ -26,7 +28,12 @@ def checks(mount: Mount, axis: Axis) -> Iterator[tuple[str, Callable[[], str]]]:
 def one_step(axis: Axis, n: int) -> str:
     """A step is done, and its time under drive is the pulse's; a take-up of the backlash may come on top."""
     pulse_us, take_up_us = axis.ask_whole("XP?", "XB?")
-    axis.step(n)
+    try:
+        axis.step(n)
+    except MoveEnded as e:
+        if e.reason in _BY_ENCODER:
+            raise Wrong(f"{e}: {_WHY}") from e
+        raise
     if axis.has_encoder and axis.closed_loop:
         return f"done, {axis.last_move().on_time_s * 1e6:.0f} us under drive until its counts were there"
     on_us = round(axis.last_move().on_time_s * 1e6)
@@ -70,6 +77,8 @@ def _rest(mount: Mount, axis: Axis) -> None:
 
 
 def _must_be(ended: Ended, reason: int) -> None:
+    if ended.reason in _BY_ENCODER:
+        raise Wrong(f"the move ended as {REASONS[ended.reason]!r}: {_WHY}")
     if ended.reason != reason:
         raise Wrong(f"the move ended as {REASONS[ended.reason]!r}, not as {REASONS[reason]!r}: report it")
     if not ended.on_time_s:

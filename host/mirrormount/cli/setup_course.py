@@ -7,7 +7,7 @@ motors are off and the old settings are on the board.
 from collections.abc import Callable
 
 from mirrormount.cli.dialogue import Dialogue
-from mirrormount.cli.setup_encoder import encoder, measured
+from mirrormount.cli.setup_encoder import encoder, measured, open_loops
 from mirrormount.cli.setup_steps import Ways, direction, scale, switches, ways
 from mirrormount.common.errors import MountError, SetupEnded
 from mirrormount.device import calibration
@@ -55,6 +55,7 @@ def _go_through(mount: Mount, talk: Dialogue) -> dict[int, Scale]:
     talk.say(_WELCOME.format(identity=mount.identity))
     if not talk.yes("May it move now?"):
         raise SetupEnded("not begun")
+    open_loops(mount)
     axes = {axis: ways(axis, talk) for axis in mount.by_name.values()}
     for axis, way in axes.items():
         direction(mount, axis, way, talk)

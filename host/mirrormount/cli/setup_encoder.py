@@ -8,21 +8,26 @@ from mirrormount.common.errors import EncoderFault, SetupEnded
 from mirrormount.device.mount import Axis, Mount
 
 
+def open_loops(mount: Mount) -> None:
+    """Steps are timed until the encoders are measured: one whose wires have changed would end them."""
+    mount.apply({axis.name: {"closed_loop": 0} for axis in mount.axes if axis.has_encoder})
+
+
 def encoder(mount: Mount, axis: Axis, talk: Dialogue) -> None:
     """Measure the counts of a step, and ask whether the loop is to be closed; nothing where no encoder is fitted."""
     if not axis.has_encoder:
         return
     talk.say(f"{axis.name}: thirteen steps and back, to see what its encoder counts …")
-    mount.apply({axis.name: {"closed_loop": 0}})
     while True:
         try:
             found = axis.measure_counts()
             break
         except EncoderFault as e:
             talk.say(f"  {e}: look at its plug and its wires")
-            if not talk.yes("Measure again? (no: go on without it)"):
-                if talk.yes("Is the encoder to be left out of this setup?"):
-                    return
+            what = talk.choice("Measure again, go on without it (timed steps), or end?", ("again", "without", "end"))
+            if what == "without":
+                return
+            if what == "end":
                 raise SetupEnded(f"the encoder of {axis.name} does not count") from e
     way = "up" if found.per_step > 0 else "down"
     talk.say(
@@ -38,4 +43,5 @@ def measured(axis: Axis) -> list[str]:
     if not axis.has_encoder:
         return []
     per_step, closed = axis.ask_whole("XN?", "MM?")
-    return [f"{axis.name}: encoder, {per_step} counts a step, {'closed' if closed else 'open'} loop"]
+    counts = f"{per_step} counts a step" if per_step else "not measured"
+    return [f"{axis.name}: encoder, {counts}, {'closed' if closed else 'open'} loop"]

@@ -35,11 +35,16 @@ def run(args: argparse.Namespace) -> None:
 
 def _encoder(axis: "Axis") -> str:
     """Counts and loop, to follow a status; "" without an encoder."""
+    from mirrormount.common.errors import EncoderFault
+
     if not axis.has_encoder:
         return ""
     per_step, closed = axis.ask_whole("XN?", "MM?")
     loop = f"closed loop, {abs(per_step)} counts a step" if closed else "open loop"
-    return f", encoder: {axis.counts} counts ({loop})"
+    try:
+        return f", encoder: {axis.counts} counts ({loop})"
+    except EncoderFault:
+        return f", encoder: does not answer ({loop})"
 
 
 COMMAND = Command("status", "show what the board knows", run, port_options)

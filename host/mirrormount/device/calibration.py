@@ -110,7 +110,8 @@ def scale_of(board_id: str, axis: int, name: str, direction: int, step: Step) ->
     value = getattr(scale, which) if scale else None
     if scale is None or value is None:
         raise NotCalibrated(
-            f"{name}: no scale in the {which} direction: run `mirrormount setup`, or write {which}, pulse_us and"
+            f"{name}: no scale in the {which} direction: run `mirrormount setup` or, with a camera,"
+            f" `mirrormount measure steps --apply`, or write {which}, pulse_us and"
             f" step_duty under [{board_id}.axis{axis}] in {path()} (docs/calibration.md)"
         )
     if scale.step != step:

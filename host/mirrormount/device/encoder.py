@@ -2,10 +2,11 @@
 
 from dataclasses import dataclass, replace
 
-from mirrormount.common.errors import EncoderFault, NotSupported
+from mirrormount.common.errors import BoardError, EncoderFault, NotSupported
 from mirrormount.common.validation import whole_number
 from mirrormount.device import settings
 from mirrormount.device.moves import Moves
+from mountfw import codes as wire
 
 _WRAP = 1 << 30  # of the board's counts
 _APPROACH = 3  # steps that bring the gears to one side of their play, which an encoder behind them sees
@@ -54,10 +55,18 @@ class Encoded(Moves):
 
     @property
     def counts(self) -> int:
-        """What the encoder has counted, from an arbitrary zero; wraps at 2^29. Raises NotSupported without one."""
+        """What the encoder has counted, from an arbitrary zero; wraps at 2^29.
+
+        Raises NotSupported without one, EncoderFault if it does not answer or sees no magnet.
+        """
         if not self.has_encoder:
             raise NotSupported(f"{self.name} has no encoder, as far as the board's file says")
-        answer = self._session.send(f"{self.number}XC?")
+        try:
+            answer = self._session.send(f"{self.number}XC?")
+        except BoardError as e:
+            if e.code % 100 != wire.AXIS_ENCODER_LOST:
+                raise
+            raise EncoderFault(f"{self.name}: the encoder does not answer, or sees no magnet") from e
         return whole_number(int(answer), _WRAP, "a count")
 
     def measure_counts(self, n: int = _STEPS) -> Counted:

@@ -15,7 +15,7 @@ from mirrormount.transport.lines import Link
 from mirrormount.transport.refusals import AT_PROMPT, NO_BOARD, TAKEN, TOKEN_REFUSED
 from mirrormount.transport.telnet import GREETING
 
-_ANSWER_S = 1.0
+_ANSWER_S = 2.0  # a board answers in milliseconds, but one that was just plugged in, or is virtual, may be starting
 _SERVED_ANSWER_S = 5.0  # after a greeting: `serve` stops the board first, which takes longer on a busy computer
 
 

@@ -66,16 +66,29 @@ class Moves(AxisProperties):
         """
         self._move("XU", pulse_length(us), 1, wait, feed, progress, by_sight=by_sight)
 
-    def move_to(self, steps: float, *, wait: bool = True, feed: bool = True, progress: Progress | None = None) -> float:
-        """Move to the position `steps`, which may lie between two steps. Returns the position that is reached.
+    def move_to(
+        self,
+        position: float,
+        unit: str = units.STEPS,
+        *,
+        wait: bool = True,
+        feed: bool = True,
+        progress: Progress | None = None,
+    ) -> float:
+        """Move to a position in one of units.UNITS, which may lie between two steps. Returns the one reached, in steps.
 
         The remainder of whole steps is one pulse of its own length (`XU`), so that a whole position is reached
         also from one between two steps, such as a jog's end; the position is an estimate then. The board's shortest
         pulse is 200 us, 0.001 of a step of 200 ms: a smaller remainder stays.
-        Without wait the nearest whole number of steps is moved to, and `steps` must be whole. Raises as step() does.
+        Angles and mm go by the mean scale of both directions, as positions are shown; NotCalibrated without one.
+        Without wait the nearest whole number of steps is the target, which is returned, and steps must be whole. From
+        between two steps the open loop ends up to half a step beside it; `position` tells. Raises as step() does.
         """
+        steps = self._steps_of(position, unit)
         if not wait:
-            target = whole_number(steps, 1_000_000, "position, without waiting,")
+            target = whole_number(
+                steps if unit == units.STEPS else round(steps), 1_000_000, "position, without waiting,"
+            )
             self._move("PA", target, round(target - self.position), wait, feed, progress)
             return target
         wanted = real_number(steps, 1_000_000, "position")
@@ -87,6 +100,12 @@ class Moves(AxisProperties):
             else:
                 self._by(n, part_us, feed, progress, stops)
         return self.position
+
+    def _steps_of(self, position: float, unit: str) -> float:
+        if units.check(unit) == units.STEPS:
+            return position
+        amount = real_number(position, _MOST_AMOUNT, f"a position in {unit}")
+        return real_number(amount / self.per_step(unit), 1_000_000, f"{amount:g} {unit} in steps")
 
     def move_by(
         self, amount: float, unit: str = units.STEPS, *, wait: bool = True, progress: Progress | None = None

@@ -126,8 +126,8 @@ def has_encoder(session: Session, number: int) -> bool:
         try:
             session.send(f"{number}XC?")
             known[number] = True
-        except BoardError:
-            known[number] = False
+        except BoardError as e:
+            known[number] = e.code % 100 == wire.AXIS_ENCODER_LOST  # fitted, but it does not answer
     return known[number]
 
 

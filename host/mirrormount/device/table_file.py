@@ -96,10 +96,12 @@ def read() -> TableFile:
     for key in tables:
         if key not in ("mounts", "cameras"):
             raise BadFile(f"{where}: [{printable(key, 40)}] is not known: [mounts.NAME] and [cameras.NAME] are")
-    return TableFile(
+    table = TableFile(
         _entries(tables, "mounts", where, _mount),
         _entries(tables, "cameras", where, _camera),
     )
+    _check_each_is_one_thing(table, where)
+    return table
 
 
 def write(table: TableFile) -> Path:
@@ -159,6 +161,27 @@ def _camera(entry: dict[str, Any], where: str) -> CameraEntry:
     if (x is None) != (y is None):
         raise BadFile(f"{where}: a target is target_x_px and target_y_px, both")
     return CameraEntry(camera, _length(entry, "distance_mm", where), x, y)
+
+
+def _check_each_is_one_thing(table: TableFile, where: Path) -> None:
+    """Raises BadFile where two names are for one pair of axes, or one camera, or one name is for two things."""
+    pairs: dict[tuple[str, int], str] = {}
+    for name, entry in table.mounts.items():
+        board = entry.board.upper() if entry.board else f"port {entry.port}"
+        other = pairs.setdefault((board, (entry.x_axis - 1) // 2), name)
+        if other != name:
+            axes = "1 and 2" if entry.x_axis < 3 else "3 and 4"
+            raise BadFile(
+                f"{where}: [mounts.{name}] is the same board and pair of axes ({axes}) as {other}: give its own board,"
+                " or x_axis = 1 or 2 to the one and 3 or 4 to the other"
+            )
+    cameras: dict[str, str] = {}
+    for name, camera in table.cameras.items():
+        other = cameras.setdefault(camera.camera.lower(), name)
+        if other != name:
+            raise BadFile(f"{where}: [cameras.{name}] is the same camera as {other}: give it its own, or leave it out")
+        if name in table.mounts:
+            raise BadFile(f"{where}: {name} is a mount and a camera: give one of them another name")
 
 
 def _only(entry: Mapping[str, Any], kind: type, where: str) -> None:

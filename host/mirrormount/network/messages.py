@@ -6,7 +6,7 @@ The parser is the firmware's own, so that host and board split the same bytes in
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from mountfw.dialect.line import COMMAND, END, QUERY, Line, key
+from mountfw.dialect.line import COMMAND, QUERY, Line, key
 from mountfw.own_reply import OwnReply
 from mountfw.wire.frame import Frame, pack
 from mountfw.wire.receiver import FRAME, LINE, NEED_BYTES, Receiver
@@ -64,6 +64,6 @@ class Messages:
         """The commands of the last line."""
         line = self._line
         line.rewind()
-        while (result := line.advance()) != END:
-            if result == COMMAND and line.name:
+        while line.more():
+            if line.advance() == COMMAND and line.name:
                 yield Command(max(line.axis, 0), line.name, line.kind == QUERY, line.rounded())

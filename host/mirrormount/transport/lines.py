@@ -55,12 +55,13 @@ class Link:
         end = self.monotonic() + timeout_s
         self._stale = True
         while b"\n" not in self._buffer:
-            left = end - self.monotonic()
-            if left <= 0:
-                raise NoAnswer(f"no answer within {timeout_s:g} s")
             if len(self._buffer) > _LONGEST_LINE:
                 raise NotAMount(f"more than {_LONGEST_LINE} bytes without the end of a line")
-            self._buffer += self.port.read(left)
+            left = end - self.monotonic()
+            came = self.port.read(max(0.0, left))  # what came while this process did not run is no late answer
+            if not came and left <= 0:
+                raise NoAnswer(f"no answer within {timeout_s:g} s")
+            self._buffer += came
         line, _, rest = bytes(self._buffer).partition(b"\n")
         self._buffer[:] = rest
         self._stale = False

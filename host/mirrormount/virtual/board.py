@@ -22,7 +22,7 @@ from mirrormount.common.printable import printable
 from mirrormount.transport.tcp_port import SocketPort
 from mirrormount.virtual import machines
 from mirrormount.virtual.bench import Bench, Order
-from mirrormount.virtual.encoder import KINDS
+from mirrormount.virtual.encoder import KINDS, OF_WIRES
 from mirrormount.virtual.files import THIS, board_text, firmware_with, new_files
 from mirrormount.virtual.image import is_circuitpython
 from mirrormount.virtual.lockstep import Lockstep
@@ -68,7 +68,7 @@ class Options:
     firmware: Path | None = None
 
     def check(self) -> None:
-        """Raises BadAddress for an unknown machine, bench or board."""
+        """Raises BadAddress for an unknown machine, bench or board, and for what does not go together."""
         for what, value, known in (
             ("machine", self.machine, machines.NAMES),
             ("bench", self.bench, BENCHES),
@@ -80,6 +80,11 @@ class Options:
             raise BadAddress("a virtual board has two axes; with machine=cpython and board=pico it may have four")
         if self.encoder not in (None, *KINDS):
             raise BadAddress(f"there is no encoder {self.encoder!r}: choose one of {', '.join(KINDS)}")
+        if self.encoder == "shaft" and any(order.name == "lost" for order in self.orders):
+            raise BadAddress("encoder=shaft tells angles, and has no edges to lose: fault=lost is for encoder=motor")
+        of_wires = [order.name for order in self.orders if order.name in OF_WIRES]
+        if of_wires and not self.encoder:
+            raise BadAddress(f"fault={of_wires[0]} is an encoder's, and none is fitted: encoder=motor or encoder=shaft")
         if self.machine == "rp2040" and self.board != "pico":
             raise BadAddress("the rp2040 machine is a Pico with an SN754410")
         for name, value in (("image", self.image), ("flash", self.flash)):

@@ -167,6 +167,8 @@ def flash_with_firmware(image: Path | None, files: dict[str, bytes] | None = Non
     for name, data in sorted(files.items()):
         digest.update(name.encode() + b"\0" + data + b"\0")
     kept = cache() / "flash" / f"{digest.hexdigest()[:16]}.bin"
+    if kept.exists():  # nobody waits for it while another one is made
+        return kept
     with held("flash"):
         if not kept.exists():
             kept.parent.mkdir(parents=True, exist_ok=True)

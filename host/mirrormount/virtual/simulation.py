@@ -9,6 +9,7 @@ import contextlib
 import json
 import struct
 import subprocess
+import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
 from tempfile import TemporaryDirectory
@@ -22,11 +23,12 @@ from mirrormount.virtual.wiring import LED, SWITCHES
 
 # the seam's records; virtual/fakes/_seam.py is the other side and explains them
 _RECORD = struct.Struct("<BBHIQ")
-_EDGE, _SENT, _WAIT, _USB, _FLASH = b"ETSUF"
+_EDGE, _SENT, _WAIT, _USB, _FLASH, _LANDED = b"ETSUFL"
 _RECEIVED, _PIN, _COLLECTS, _GO, _OPEN, _RESET, _CUT, _REMEMBER, _EJECT = b"RPWGDXCMJ"
 
 # half a second before the firmware's 30-bit clock wraps: every board lives through a wrap early
 START_US = (1 << 30) - 500_000
+EDGES_KEPT = 5_000  # at least
 CLOSING_US = 1_000_000  # of the truth, after the power went
 
 
@@ -73,6 +75,10 @@ class Simulation:
         self._opened = True
         self.usb = True
         self.flash_operations = 0  # erases and programs so far, of a machine that has a flash
+        self.landed = (
+            0,
+            0,
+        )  # the last packet's landing in an emulated board: (us since power-up, bytes that still waited)
         self._wants_us: int | None = None  # while the firmware waits to go on
         self.lit = False  # the board's LED
         self.at_prompt = False  # of Python, on the port: input is executed as Python
@@ -84,7 +90,9 @@ class Simulation:
         assert self._child.stdin and self._child.stdout
         self._to_child, self._from_child = self._child.stdin, self._child.stdout
         self.now_us = start_us
-        self.went_s = time.monotonic()  # when it was last let go on
+        # for another thread, in one piece: a time of the board, the same on the wall, and until when no pin changes
+        self._paced = start_us, time.monotonic(), start_us
+        self._looking = threading.Lock()  # the bench is read by another thread
         self.waiting_in = 0  # bytes that the board has received and not read
 
     @property
@@ -94,9 +102,18 @@ class Simulation:
 
     @property
     def wall_us(self) -> int:
-        """now_us of a board in real time, for another thread: now_us itself stands still while the firmware waits."""
-        now_us, went_s = self.now_us, self.went_s
-        return now_us + round((time.monotonic() - went_s) * 1e6)
+        """now_us of a board in real time, for another thread: now_us itself stands still while the firmware waits.
+
+        A board whose process the computer keeps from running stands still, too: only the firmware can tell what its
+        pins would have done, so a motor that is on does not run on by the wall's clock.
+        """
+        now_us, at_s, until_us = self._paced
+        return min(now_us + round((time.monotonic() - at_s) * 1e6), until_us)
+
+    def mirrors_now_rad(self) -> list[tuple[float, float]]:
+        """As Bench.mirrors_rad(), of a board in real time, for another thread."""
+        with self._looking:
+            return self.bench.mirrors_rad(self.wall_us)
 
     def next_wait(self) -> int:
         """Read records until the firmware blocks at now_us. Returns the us after which it continues by itself.
@@ -111,7 +128,9 @@ class Simulation:
             if kind == _WAIT:
                 self.now_us = t
                 self.waiting_in = b
-                self.bench.advance(t)
+                with self._looking:
+                    self.bench.advance(t)
+                    self._paced = t, time.monotonic(), t + dt
                 self._wants_us = dt
             elif kind == _SENT:
                 if not b:
@@ -122,12 +141,14 @@ class Simulation:
                 self.at_prompt = self.at_prompt and self.usb
             elif kind == _FLASH:
                 self.flash_operations += 1
+            elif kind == _LANDED:
+                self.landed = t - START_US, b
             elif kind == _EDGE and a in self.bench.wires:
                 self._edge(t, self.bench.wires[a], b)
             elif kind == _EDGE and a == LED:
                 self.lit = b > 0
             elif kind == _EDGE and a in self.probes:
-                self.edges.append((t - START_US, self.probes[a], b))
+                self._note(t, self.probes[a], b)
         return self._wants_us
 
     def _watch_prompt(self, c: int) -> None:
@@ -145,7 +166,9 @@ class Simulation:
         """Let the firmware go on at t_us (>= now_us) for at most grant_us, with bytes received."""
         out = bytearray()
         told_us = self.now_us  # the board knows what was before
-        self.bench.advance(t_us)
+        with self._looking:
+            self.bench.advance(t_us)
+            self._paced = t_us, time.monotonic(), t_us  # what its pins do next is told behind
         for number, name in SWITCHES.items():
             level = self.bench.switch_levels().get(name, 1)  # not connected: pulled up
             if level != self._sent_levels.get(name, 1):
@@ -157,7 +180,7 @@ class Simulation:
             self._truth.hear(received)
         for c in received:
             out += _RECORD.pack(_RECEIVED, c, 0, 0, 0)
-        self.now_us, self.went_s = t_us, time.monotonic()
+        self.now_us = t_us
         self._wants_us = None
         switch_us = self.bench.next_switch_us(grant_us) if grant_us else None
         if switch_us is not None:
@@ -236,11 +259,18 @@ class Simulation:
             for folder in self._scratch:
                 folder.cleanup()
 
+    def _note(self, t: int, pin: str, duty: int) -> None:
+        """Keep an edge: the last ones, for a board may run for a week."""
+        self.edges.append((t - START_US, pin, duty))
+        if len(self.edges) >= 2 * EDGES_KEPT:
+            del self.edges[:EDGES_KEPT]
+
     def _edge(self, t: int, pin: str, duty: int) -> None:
         if round(self.bench.duties()[pin] * 65535) == duty:  # a reset drops every pin, whether it was up or not
             return
-        self.bench.edge(t, pin, duty)
-        self.edges.append((t - START_US, pin, duty))
+        with self._looking:
+            self.bench.edge(t, pin, duty)
+        self._note(t, pin, duty)
         if self._edges_file:
             carries_duty = pin.endswith("_en") or self.bench.two_pwm
             what = {"duty": duty} if carries_duty else {"level": duty // 65535}

@@ -53,8 +53,6 @@ class TableCamera:
     Set black, frozen and plugged to order a fault, more_mm for further spots in the plane.
     """
 
-    controls = Controls(exposure_fixed=True, gain_fixed=True)
-
     def __init__(
         self, name: str, sensor: Sensor, timing: Timing, look: Callable[[float], list[Place]], clock: Clock
     ) -> None:
@@ -76,6 +74,11 @@ class TableCamera:
         self._next_s = 0.0
         self._number = -1
         self._image: NDArray[np.uint8] | None = None
+
+    @property
+    def controls(self) -> Controls:
+        """Those of the sensor."""
+        return Controls(True, True, self.sensor.exposure_s, "s", self.sensor.gain)
 
     def monotonic(self) -> float:
         """The table's time."""

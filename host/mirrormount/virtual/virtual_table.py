@@ -104,7 +104,7 @@ class VirtualTable:
     def _mirrors(self, number: int) -> list[tuple[float, float]]:
         """Yaw and pitch of the mirrors on a board, in radians."""
         simulation = self.simulations[number]
-        return simulation.bench.mirrors_rad(None if isinstance(self.clock, LockstepClock) else simulation.wall_us)
+        return simulation.bench.mirrors_rad() if isinstance(self.clock, LockstepClock) else simulation.mirrors_now_rad()
 
     def replug(self, number: int) -> LockstepPort | RealtimePort:
         """Switch a board on again whose port was closed. Returns its new port, which is in `ports`, too.
