@@ -4,10 +4,12 @@ The spot's place follows from the shafts, a drifting beam and the reading's nois
 """
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
 from mirrormount.beam.observer import FRAMES, Sighting
+from mirrormount.beam.rig import Vector
 from mirrormount.virtual.drivetrain import Drivetrain
 from mirrormount.virtual.profile import Profile
 
@@ -31,6 +33,8 @@ class DrivetrainRig:
         self.quiet = quiet
         self.time_s = 0.0
         self.drift = np.zeros(2)
+        self.seen: list[tuple[float, Vector]] = []  # of each look: when, and where the spot is without drift and noise
+        self.ways: dict[str, float] = {}
 
     def step_us(self, _axis: str) -> int:
         return STEP_US
@@ -41,11 +45,20 @@ class DrivetrainRig:
 
     def pulse(self, axis: str, us: int) -> None:
         train = self.trains[axis]
-        drive = math.copysign(1.0, us)
+        drive = self.ways[axis] = math.copysign(1.0, us)
         train.begin(drive, self.noise)
         train.advance(abs(us) * 1e-6, drive)
         self._drift(abs(us) * 1e-6)
         self._pass(_REST_S)
+
+    def take_up_us(self, _axis: str) -> int:
+        return 0
+
+    def step_taken_up(self, axis: str, n: int, take_up_us: int) -> None:
+        way = math.copysign(1.0, n)
+        if self.ways.get(axis) == -way and take_up_us:
+            self.pulse(axis, int(way * take_up_us))
+        self.step(axis, n)
 
     def sleep(self, seconds: float) -> None:
         self._pass(seconds)
@@ -55,7 +68,9 @@ class DrivetrainRig:
         x, y = (PX_PER_RAD * self.trains[axis].mirror_rad for axis in self.axes)
         c, s = math.cos(self.rotation_rad), math.sin(self.rotation_rad)
         read = 0.0 if self.quiet else READING_PX * self.noise.standard_normal(2)
-        place = np.array([320 + c * x - s * y, 240 - s * x - c * y]) + self.drift + read
+        true = np.array([320 + c * x - s * y, 240 - s * x - c * y])
+        self.seen.append((self.time_s, true))
+        place = true + self.drift + read
         return Sighting(float(place[0]), float(place[1]), READING_PX, READING_PX, self.time_s, frames)
 
     def _pass(self, seconds: float) -> None:
@@ -80,3 +95,17 @@ def true_pulse_px(profile: Profile, us: int, count: int = 4000) -> float:
     for _ in range(count):
         rig.pulse("x", us)
     return abs(train.mirror_rad - start) * PX_PER_RAD / count
+
+
+def step_scatter(profile: Profile, count: int = 4000) -> float:
+    """The standard deviation of a step in parts of its mean, by a drivetrain whose screw is straight."""
+    rig = DrivetrainRig(replace(profile, periodic=0.0), 1, quiet=True)
+    train = rig.trains["x"]
+    train.travel_rev = math.inf
+    rig.step("x", 5)
+    places = [train.mirror_rad]
+    for _ in range(count):
+        rig.pulse("x", STEP_US)
+        places.append(train.mirror_rad)
+    ways = np.diff(places)
+    return float(ways.std() / ways.mean())

@@ -10,7 +10,7 @@ import pytest
 import scenes
 
 from mirrormount.beam import find_spot, webcam
-from mirrormount.beam.camera import Controls, Size
+from mirrormount.beam.camera import OF_DRIVER, Controls, Size
 from mirrormount.beam.checked import Limits, Picture, checked
 from mirrormount.beam.open_camera import open_camera
 from mirrormount.beam.recording import record
@@ -106,11 +106,16 @@ def test_a_camera_that_does_not_open_is_absent_and_released():
 @pytest.mark.parametrize(
     ("properties", "controls"),
     [
-        ({cv2.CAP_PROP_AUTO_EXPOSURE: 3, cv2.CAP_PROP_GAIN: 10}, Controls(True, True)),
+        (
+            {cv2.CAP_PROP_AUTO_EXPOSURE: 3, cv2.CAP_PROP_EXPOSURE: 157, cv2.CAP_PROP_GAIN: 10},
+            Controls(True, True, 157, OF_DRIVER, 10),
+        ),
+        ({cv2.CAP_PROP_EXPOSURE: -6, cv2.CAP_PROP_GAIN: -1}, Controls(None, None, -6, OF_DRIVER, None)),
+        ({cv2.CAP_PROP_EXPOSURE: 0}, Controls(None, None)),
         ({}, Controls(None, None)),
     ],
 )
-def test_controls_that_cannot_be_fixed_are_told(properties, controls):
+def test_controls_that_cannot_be_fixed_or_are_not_known_are_told(properties, controls):
     capture = FakeCapture([], properties=properties)
     camera = Webcam(capture, "cam")
     assert camera.controls == controls

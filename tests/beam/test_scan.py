@@ -4,14 +4,18 @@ import contextlib
 import csv
 import itertools
 import json
+import math
 
+import cv2
 import numpy as np
 import pytest
 
 from mirrormount.beam import find_spot
+from mirrormount.beam.open_camera import open_camera
 from mirrormount.beam.patterns import FARTHEST, line, raster, spiral
 from mirrormount.beam.scan import Signal, find, grey_signal, scan, spot_signal
-from mirrormount.beam.scan_files import CsvFile, metadata, write_hdf5
+from mirrormount.beam.scan_files import UNKNOWN, CsvFile, metadata, of_camera, write_hdf5
+from mirrormount.beam.scan_page import ScanPage
 from mirrormount.cli import scan_work
 from mirrormount.cli.main import main
 from mirrormount.common.beam_errors import CameraGone
@@ -19,6 +23,7 @@ from mirrormount.common.errors import BadValue, CannotWrite, MoveEnded
 from mirrormount.device.mount import Mount
 from mirrormount.transport.lines import Link
 from mirrormount.transport.open import open_table
+from mirrormount.virtual.sensor import EXPOSURE_S
 
 h5py = pytest.importorskip("h5py")
 
@@ -266,12 +271,62 @@ def test_the_command_scans_and_writes_both_files(tmp_path, capsys):
     assert [(row["x"], row["y"]) for row in rows] == [("0", "0"), ("2", "-1")]
     assert said["ended"] == '"complete"'
     assert said["camera"] == '"virtual camera 1"'
+    scale = json.loads(said["camera_scale"])
+    assert (scale["mm_per_px"], scale["distance_mm"], scale["width"]) == (0.05, 400.0, 640)
+    assert json.loads(said["camera_exposure"]) == {"value": EXPOSURE_S, "unit": "s", "fixed": True}
+    assert json.loads(said["camera_gain"]) == {"value": 1.0, "fixed": True}
+    with h5py.File(files[1]) as whole:
+        assert json.loads(whole.attrs["camera_scale"]) == scale
+        assert json.loads(whole.attrs["camera_exposure"])["value"] == EXPOSURE_S
 
 
-def test_a_scan_without_a_file_says_that_nothing_is_kept(opened, capsys):
+def test_what_a_camera_does_not_know_is_said_to_be_unknown_and_never_invented(tmp_path):
+    picture = tmp_path / "pictures" / "1.png"
+    picture.parent.mkdir()
+    cv2.imwrite(str(picture), np.zeros((40, 60), np.uint8))
+    assert of_camera(open_camera(str(picture.parent)), None) == {
+        "camera": "pictures",
+        "camera_size": "60 x 40",
+        "camera_scale": UNKNOWN,
+        "camera_exposure": {"value": None, "unit": None, "fixed": None},
+        "camera_gain": {"value": None, "fixed": None},
+    }
+
+
+def test_the_live_picture_reloads_while_the_scan_is_under_way_and_then_no_more(mount, tmp_path):
+    path, values = tmp_path / "scan.html", iter((1.0, 2.0, math.nan, 4.0))
+    pattern, signal = raster(2, 2), Signal.of(lambda _mount: next(values))
+    live = ScanPage(path, pattern, signal)
+    assert "0 of 4 places" in path.read_text("utf-8") and 'http-equiv="refresh"' in path.read_text("utf-8")
+    for sample in scan(mount, pattern, signal):
+        live.add(sample)
+    live.end("complete")
+    page = path.read_text("utf-8")
+    assert "4 of 4 places" in page and "Ended: complete" in page and "refresh" not in page
+    assert page.count("<rect") == 3 and page.count("<path") == 1, "a place without a value is crossed out"
+    assert "value: 1 (dark) … 4 (bright)" in page
+    lowest = next(line for line in page.split("<rect") if "(0, 0): 1" in line)
+    assert 'x="0.00" y="28.00"' in lowest, "up is up"
+
+
+def test_the_command_makes_a_live_picture_also_of_a_scan_that_is_cut(opened, tmp_path, capsys, monkeypatch):
+    path = tmp_path / "scan.html"
+    seen = []
+
+    def pulled(self, sample):
+        seen.append(sample)
+        raise CameraGone("gone")
+
+    monkeypatch.setattr(ScanPage, "add", pulled)
+    assert main(["scan", "line", "1", "0", "3", "--virtual", "--page", str(path)]) == 1
+    assert "Ended: gone" in path.read_text("utf-8")
+    capsys.readouterr()
+
+
+def test_a_scan_without_a_file_says_first_that_nothing_is_kept(opened, capsys):
     assert main(["scan", "line", "1", "0", "2", "--virtual"]) == 0
     said = capsys.readouterr().out.splitlines()
-    assert said[0] == "2 places" and said[1].startswith("nothing is kept: --csv FILE")
+    assert said[0].startswith("nothing is kept: --csv FILE") and said[1] == "2 places"
 
 
 def test_the_command_finds_a_lost_beam(opened, capsys):

@@ -4,7 +4,7 @@ import base64
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 
@@ -16,10 +16,12 @@ from numpy.typing import NDArray
 
 from mirrormount.beam import Spot
 from mirrormount.beam.estimate import Estimate
-from mirrormount.beam.html_page import chart, page, text
+from mirrormount.beam.html_page import chart, page, table, text
 from mirrormount.beam.optics import Optics
 from mirrormount.beam.result import Result, Series
 from mirrormount.common import toml_file
+
+_SYMBOLS = {"urad": "µrad", "us": "µs", "px/sqrt(s)": "px/√s"}
 
 
 @dataclass(frozen=True)
@@ -60,11 +62,12 @@ def write_page(path: Path, result: Result, origin: Origin, last: tuple[NDArray[n
         parts.append(
             f'<p class="partial"><b>Ended early:</b> {text(result.partial)}. What was measured by then is below.</p>'
         )
-    parts += ["<h2>Results</h2>", _table(result.estimates, origin.optics)]
+    parts += ["<h2>Results</h2>", _table(result, origin.optics)]
     parts += [f"<p>{text(remark)}</p>" for remark in result.remarks]
-    parts.append("<p>± is one standard error. The truth is within two of them in 95 of 100 measurements.</p>")
+    if any(math.isfinite(estimate.error) for estimate in result.estimates.values()):
+        parts.append("<p>± is one standard error. The truth is within two of them in 95 of 100 measurements.</p>")
     for series in result.series:
-        parts += [f"<h2>{text(series.title)}</h2>", f'<div class="curve">{_chart(series)}</div>']
+        parts += [f"<h2>{text(series.title)}</h2>", _chart(series)]
     if last:
         parts += ["<h2>The camera's last picture, with the spot that was found</h2>", _picture(*last)]
     parts += ["<h2>Settings of the mount</h2>", _settings(origin.settings)]
@@ -80,33 +83,30 @@ def _finite(value: object) -> object:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def _table(estimates: Mapping[str, Estimate], optics: Optics) -> str:
+def _table(result: Result, optics: Optics) -> str:
+    estimates = result.estimates
     columns: dict[str, list[Estimate | None]] = {"measured": list(estimates.values())}
     in_px = {name: estimate if estimate.unit == "px" else None for name, estimate in estimates.items()}
     columns["at the camera"] = [each and optics.mm(each) for each in in_px.values()]
     columns["of the beam"] = [each and optics.beam_urad(each) for each in in_px.values()]
     columns["of the mirror"] = [
-        each and optics.mirror_urad(each, name[0]) if name.startswith(("x.", "y.")) else None
+        each and optics.mirror_urad(each, name[0]) if result.moves and name.startswith(("x.", "y.")) else None
         for name, each in in_px.items()
     ]
     shown = {title: cells for title, cells in columns.items() if any(cells)}
-    rows = ""
-    for name, *cells in zip(estimates, *shown.values(), strict=True):
-        words = text(name).replace(".", ".<wbr>").replace("_", "_<wbr>")
-        figures = "".join(f"<td class=n>{text(cell or '')}</td>" for cell in cells)
-        rows += f'<tr><td class="name">{words}</td>{figures}</tr>'
-    head = "".join(f"<th>{title}</th>" for title in shown)
-    return f'<div class="wide"><table><tr><th></th>{head}</tr>{rows}</table></div>'
+    cells_of = zip(estimates, *shown.values(), strict=True)
+    rows = [(name, *(_in_words(cell) if cell else "" for cell in cells)) for name, *cells in cells_of]
+    return table(("", *shown), rows)
+
+
+def _in_words(estimate: Estimate) -> str:
+    """As on the command line, where a unit is a word that can be typed; a page has its symbol."""
+    return str(replace(estimate, unit=_SYMBOLS.get(estimate.unit, estimate.unit)))
 
 
 def _settings(settings: Mapping[str, Mapping[str, int | float]]) -> str:
-    names = list(dict.fromkeys(name for values in settings.values() for name in values))
-    head = "".join(f"<th>{text(axis)}</th>" for axis in settings)
-    rows = ""
-    for name in names:
-        cells = "".join(f"<td class=n>{text(values.get(name, ''))}</td>" for values in settings.values())
-        rows += f"<tr><td>{text(name)}</td>{cells}</tr>"
-    return f'<div class="wide"><table><tr><th></th>{head}</tr>{rows}</table></div>'
+    names = dict.fromkeys(name for values in settings.values() for name in values)
+    return table(("", *settings), [(name, *(each.get(name, "") for each in settings.values())) for name in names])
 
 
 def _chart(series: Series) -> str:
@@ -122,6 +122,9 @@ def _chart(series: Series) -> str:
         if series.in_picture:
             axes.set_aspect("equal", adjustable="datalim")
             axes.invert_yaxis()
+            for at, name, fill in ((0, "begin", "none"), (-1, "end", "#b5521b")):
+                axes.plot(x[at], y[at], "o", ms=8, mec="#b5521b", mfc=fill, ls="none", label=name)
+            axes.legend(fontsize="small", loc="center")
 
     return chart(series.title, draw, height=4.0 if series.in_picture else 2.8, width=5.2)
 

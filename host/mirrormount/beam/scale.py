@@ -7,6 +7,7 @@ turned by a: the change of r is -2 ((d·dn) n + (d·n) dn).
 The scales of cameras are in cameras.toml in the user's folder for settings, a table for each camera's name.
 """
 
+import contextlib
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -188,6 +189,13 @@ def read(camera: Camera) -> Scale:
             " run `mirrormount camera scale` again"
         )
     return scale
+
+
+def read_if_any(camera: Camera) -> Scale | None:
+    """As read(); None where that raises NotCalibrated."""
+    with contextlib.suppress(NotCalibrated):
+        return read(camera)
+    return None
 
 
 def _parsed(table: object, where: str) -> Scale:

@@ -10,11 +10,12 @@ import io
 import json
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import fields
+from dataclasses import asdict, fields
 from datetime import datetime
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
+from mirrormount.beam.camera import Camera
 from mirrormount.beam.patterns import Pattern
 from mirrormount.beam.scan import Sample, Signal
 from mirrormount.common.errors import CannotWrite, ExtraMissing
@@ -22,8 +23,12 @@ from mirrormount.common.extras import install
 from mirrormount.device.mount import Mount
 from mountfw import __version__
 
+if TYPE_CHECKING:
+    from mirrormount.beam.scale import Scale
+
 _T = TypeVar("_T")
 COMPLETE = "complete"
+UNKNOWN = "not known"
 _UNITS = {"time_s": "s", "x": "steps", "y": "steps", "position_x": "steps", "position_y": "steps"}
 _OWN = tuple(field.name for field in fields(Sample) if field.name not in ("values", "missing"))
 _WHOLE = ("number", "x", "y")
@@ -31,8 +36,8 @@ _TEXTS = ("certainty_x", "certainty_y", "missing")
 Metadata = Mapping[str, Any]  # values that JSON has
 
 
-def metadata(mount: Mount, pattern: Pattern, signal: Signal, **more: str) -> Metadata:
-    """All that is known at the start of a scan."""
+def metadata(mount: Mount, pattern: Pattern, signal: Signal, **more: Any) -> Metadata:
+    """All that is known at the start of a scan. more: values that JSON has, such as those of of_camera()."""
     return {
         "format": "mirrormount scan 1",
         "version": __version__,
@@ -45,6 +50,18 @@ def metadata(mount: Mount, pattern: Pattern, signal: Signal, **more: str) -> Met
         "places": pattern.measured,
         "units": {**_UNITS, **signal.columns},
         **more,
+    }
+
+
+def of_camera(camera: Camera, scale: "Scale | None") -> Metadata:
+    """What is known of a camera; what is not known is null, a whole scale UNKNOWN."""
+    now = camera.controls
+    return {
+        "camera": camera.name,
+        "camera_size": str(camera.size),
+        "camera_scale": asdict(scale) if scale else UNKNOWN,
+        "camera_exposure": {"value": now.exposure, "unit": now.exposure_unit, "fixed": now.exposure_fixed},
+        "camera_gain": {"value": now.gain, "fixed": now.gain_fixed},
     }
 
 

@@ -1,18 +1,19 @@
 """What a run comes to: the residuals as the cameras saw them, and what was done. Imports looking.
 
-A value is of the tracker's errors: the last look and those before it, weighted by their noise (tracker.py). Means are
-over time, so that many looks in a short while do not count more.
+Means are those of over_time.py.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from mirrormount.beam.events import GateClosed
-from mirrormount.beam.looking import Vector, lever_m
+from mirrormount.beam.events import Estimated, GateClosed
+from mirrormount.beam.looking import Vector, angle_urad, in_pairs
 from mirrormount.beam.loop_table import Eye
+from mirrormount.beam.over_time import OverTime
 
 
 @dataclass
@@ -29,54 +30,38 @@ class Summary:
     reached: bool = False
     last_um: Vector | None = None
     max_um: float = 0.0
-    _time_s: float | None = None
-    _weight_s: float = 0.0
-    _squares: Vector | None = None
-    _angles: Vector | None = None
+    held: OverTime = field(default_factory=OverTime)
 
-    def add(self, time_s: float, errors_um: Vector) -> None:
+    def add(self, time_s: float, errors_um: Vector) -> Estimated:
         """The errors from now on."""
-        if self._squares is None or self._angles is None:
-            self._squares, self._angles = np.zeros_like(errors_um), np.zeros(2)
-        if self._time_s is not None and self.last_um is not None:
-            dt = time_s - self._time_s
-            self._weight_s += dt
-            self._squares += dt * self.last_um**2
-            self._angles += dt * self._angle(self.last_um) ** 2
-        self._time_s, self.last_um = time_s, errors_um.copy()
+        errors = {eye.name: pair for eye, pair in zip(self.eyes, in_pairs(errors_um), strict=True)}
+        estimate = Estimated(time_s, errors, angle_urad(self.eyes, errors_um))
+        self.held.take(estimate)
+        self.last_um = errors_um.copy()
         self.max_um = max(self.max_um, float(np.max(np.abs(errors_um))))
+        return estimate
 
     def pause(self) -> None:
         """Nothing is known of the spots until the next add()."""
-        self._time_s = None
-
-    def _angle(self, errors_um: Vector) -> Vector:
-        lever = lever_m(self.eyes)
-        if not lever:
-            return np.full(2, np.nan)
-        return (errors_um[-2:] - errors_um[:2] if len(self.eyes) > 1 else errors_um[:2]) / lever
+        self.held.pause()
 
     @property
     def rms_um(self) -> Vector | None:
         """Root mean square of each error over time; the last errors of a run too short for that."""
-        if self._squares is None or not self._weight_s:
-            return self.last_um
-        return np.sqrt(self._squares / self._weight_s)
+        rms = [um for sums in self.held.errors_um.values() for um in sums.rms]
+        return np.array(rms) if np.isfinite(rms).all() and rms else self.last_um
 
     @property
     def rms_urad(self) -> float | None:
         """Root mean square of the beam's angle, of x or y, whichever is larger; None where no distance is known."""
-        if self._angles is None or lever_m(self.eyes) is None or self.last_um is None:
-            return None
-        worst = self._angles.max() / self._weight_s if self._weight_s else (self._angle(self.last_um) ** 2).max()
-        return float(np.sqrt(worst))
+        worst = max(self.held.angle_urad.rms)
+        return self.last_urad if math.isnan(worst) else worst
 
     @property
     def last_urad(self) -> float | None:
         """The beam's angle at the end, of x or y, whichever is larger; None where no distance is known."""
-        if self.last_um is None or not lever_m(self.eyes):
-            return None
-        return float(np.max(np.abs(self._angle(self.last_um))))
+        angle = None if self.last_um is None else angle_urad(self.eyes, self.last_um)
+        return None if angle is None else max(map(abs, angle))
 
     def to_json(self, *, final: bool) -> dict[str, Any]:
         """Plain data. final: what is left at the end (an alignment), else over time (a hold)."""
@@ -102,7 +87,5 @@ class Summary:
 
 
 def _by_camera(eyes: Sequence[Eye], errors_um: Vector) -> dict[str, dict[str, float]]:
-    pairs = errors_um.reshape(-1, 2)
-    return {
-        eye.name: {"x": round(float(x), 2), "y": round(float(y), 2)} for eye, (x, y) in zip(eyes, pairs, strict=True)
-    }
+    pairs = in_pairs(errors_um)
+    return {eye.name: {"x": round(x, 2), "y": round(y, 2)} for eye, (x, y) in zip(eyes, pairs, strict=True)}

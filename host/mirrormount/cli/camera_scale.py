@@ -11,8 +11,8 @@ from mirrormount.beam.camera import Camera
 from mirrormount.beam.estimate import Estimate
 from mirrormount.beam.open_camera import open_camera
 from mirrormount.beam.scale import Measured, Scale
-from mirrormount.cli.command import number, whole
-from mirrormount.common.errors import BadValue, NotCalibrated
+from mirrormount.cli.command import number, positive, whole
+from mirrormount.common.errors import BadValue
 from mirrormount.common.printable import printable
 
 _Find = Callable[[Camera], Measured]
@@ -31,7 +31,7 @@ def scale(args: argparse.Namespace) -> None:
     geometry, find = _geometry(args), _SOURCES[args.source](args)  # wrong input is told before a camera is opened
     with contextlib.closing(open_camera(args.camera)) as camera:
         found = find(camera)
-        saved = _saved(camera)
+        saved = scales.read_if_any(camera)
         kept = saved or Scale(*camera.size, found.value, found.sigma)
         after = replace(kept, mm_per_px=found.value, sigma_mm_per_px=found.sigma, **geometry)
         path = scales.write(camera, after)
@@ -42,12 +42,6 @@ def scale(args: argparse.Namespace) -> None:
         print(f"saved in {path}")
 
 
-def _saved(camera: Camera) -> Scale | None:
-    with contextlib.suppress(NotCalibrated):
-        return scales.read(camera)
-    return None
-
-
 def _geometry(args: argparse.Namespace) -> dict[str, float]:
     """The fields of a Scale that were given beside mm a pixel. Raises BadValue."""
     given: dict[str, float] = {}
@@ -55,10 +49,12 @@ def _geometry(args: argparse.Namespace) -> dict[str, float]:
     if distance:
         if not 0 < distance.value <= _FARTHEST_MM:
             raise BadValue(f"--distance is above 0 and at most {_FARTHEST_MM:g} mm, not {distance.value:g}")
+        if not distance.sigma < distance.value:
+            raise BadValue(f"--distance-error is less than --distance, not {distance.sigma:g}")
         given |= {"distance_mm": distance.value, "sigma_distance_mm": distance.sigma}
     if incidence:
         if not 0 <= incidence.value < 90:
-            raise BadValue(f"--incidence is 0 … 90 degrees, not {incidence.value:g}")
+            raise BadValue(f"--incidence is 0 to less than 90 degrees, not {incidence.value:g}")
         given |= {"incidence_deg": incidence.value, "sigma_incidence_deg": incidence.sigma}
     return given
 
@@ -81,9 +77,9 @@ def _error(text: str | None, what: str) -> float:
 
 
 def _length(args: argparse.Namespace, text: str, what: str) -> Measured:
-    length = Measured(number(text, what), _error(args.error, "--error"))
-    if not length.value > 0:
-        raise BadValue(f"{what} is above 0, not {text}")
+    length = Measured(positive(text, what), _error(args.error, "--error"))
+    if not length.sigma < length.value:
+        raise BadValue(f"--error is less than {what}, not {args.error}")
     return length
 
 

@@ -90,9 +90,8 @@ def _opened(args: argparse.Namespace) -> Iterator[tuple[Camera, Iterator[Frame]]
 
 def _tell_controls(camera: Camera) -> None:
     """Say which controls may change in mid-measurement."""
-    for name, fixed in camera.controls._asdict().items():
+    for what, fixed in (("exposure", camera.controls.exposure_fixed), ("gain", camera.controls.gain_fixed)):
         if not fixed:
-            what = name.removesuffix("_fixed")
             state = "is automatic" if fixed is False else "may be automatic: the camera does not say"
             print(f"note: {what} {state}; fix it in the camera's own program", file=sys.stderr)
 

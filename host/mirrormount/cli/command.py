@@ -91,6 +91,19 @@ def virtual_options(parser: argparse.ArgumentParser, what: str) -> None:
     profile_options(parser)
 
 
+def mount_and_camera(parser: argparse.ArgumentParser) -> None:
+    """--port and --camera of a command that looks at what one mount does, and virtual_options for both."""
+    parser.add_argument(
+        "--port", default=os.environ.get("MIRRORMOUNT_PORT"), help="the mount (default: the only board)"
+    )
+    parser.add_argument(
+        "--camera",
+        metavar="CAMERA",
+        help="as `mirrormount camera` takes it (default: $MIRRORMOUNT_CAMERA, else 0); with --virtual: 1 or 2",
+    )
+    virtual_options(parser, "a virtual mount, table and camera, as fast as it goes; no hardware needed")
+
+
 def virtual_address(args: argparse.Namespace, scheme: str = "virtual", **options: str) -> str | None:
     """The address that virtual_options' arguments name, with further options of the address. None without --virtual.
 
@@ -208,4 +221,12 @@ def number(text: str, what: str) -> float:
         raise BadValue(f"{what} is a number, not {text!r}") from None
     if not abs(value) <= 1e6:
         raise BadValue(f"{what} is out of range: {text}")
+    return value
+
+
+def positive(text: str, what: str) -> float:
+    """A number above 0, as number(). Raises BadValue."""
+    value = number(text, what)
+    if not value > 0:
+        raise BadValue(f"{what} is more than 0, not {text}")
     return value

@@ -1,10 +1,9 @@
 """`mirrormount measure`: experiments of a mount in front of a camera, by measure_work.py."""
 
 import argparse
-import os
 from pathlib import Path
 
-from mirrormount.cli.command import Command, from_extra, virtual_options
+from mirrormount.cli.command import Command, from_extra, mount_and_camera
 
 EXPERIMENTS = ("steps", "backlash", "pulses", "square", "drift", "settle")
 
@@ -12,21 +11,13 @@ EXPERIMENTS = ("steps", "backlash", "pulses", "square", "drift", "settle")
 def arguments(parser: argparse.ArgumentParser) -> None:
     """The experiment, mount, camera and scale; where the report goes."""
     parser.add_argument("experiment", choices=EXPERIMENTS, help="docs/measure.md says what each of them does")
-    parser.add_argument(
-        "--port", default=os.environ.get("MIRRORMOUNT_PORT"), help="the mount (default: the only board)"
-    )
-    parser.add_argument(
-        "--camera",
-        metavar="CAMERA",
-        help="as `mirrormount camera` takes it (default: $MIRRORMOUNT_CAMERA, else 0); with --virtual: 1 or 2",
-    )
-    virtual_options(parser, "a virtual mount, table and camera, as fast as it goes; no hardware needed")
+    mount_and_camera(parser)
     parser.add_argument("--axes", default="x,y", metavar="LIST", help="axes to measure, such as x or x,y")
     parser.add_argument("--mm-per-px", metavar="MM", help="mm at the camera for one pixel")
     parser.add_argument("--mm-per-px-error", metavar="MM", help="its standard error (0)")
     parser.add_argument("--distance", metavar="MM", help="from the mirror to the camera's plane, along the beam")
     parser.add_argument("--distance-error", metavar="MM", help="its standard error (0)")
-    parser.add_argument("--incidence", default="45", metavar="DEGREES", help="between beam and mirror's normal (45)")
+    parser.add_argument("--incidence", metavar="DEGREES", help="between beam and mirror's normal (45)")
     parser.add_argument("--minutes", metavar="M", help="drift: how long (60)")
     parser.add_argument(
         "--step",
@@ -48,4 +39,4 @@ def run(args: argparse.Namespace) -> None:
     measure(args)
 
 
-COMMAND = Command("measure", "measure steps, backlash, pulses or drift with a camera", run, arguments)
+COMMAND = Command("measure", "measure steps, backlash, pulses, square, drift or settling with a camera", run, arguments)

@@ -1,6 +1,7 @@
 """The work of `mirrormount measure`: opens mount and camera, runs the experiment, writes the report, offers its use.
 
-However it ends, the motors are off, the settings are as they were, and what was measured is in the report.
+However it ends (Ctrl-C, SIGTERM and SIGHUP, too), the motors are off, and what was measured is in the report. The
+board's settings are never changed.
 """
 
 import argparse
@@ -20,19 +21,18 @@ from mirrormount.beam.open_camera import open_camera
 from mirrormount.beam.optics import OF_PX, Optics
 from mirrormount.beam.report import Origin, write_json, write_page
 from mirrormount.beam.result import Result, Tell
-from mirrormount.beam.rig import MountRig, Rig, borrowed
+from mirrormount.beam.rig import MountRig, Rig
 from mirrormount.beam.scale import Scale
-from mirrormount.cli.command import number, virtual_address, whole
+from mirrormount.cli.command import number, positive, virtual_address, whole
 from mirrormount.cli.measure_use import OF_USE, use
-from mirrormount.common.errors import BadValue, CannotWrite, NotCalibrated
+from mirrormount.cli.virtual_scale import INCIDENCE_DEG, virtual_scale
+from mirrormount.common.errors import BadValue, CannotWrite, MountError, NotCalibrated
 from mirrormount.common.progress import StatusLine
+from mirrormount.common.signals import ended_in_order
 from mirrormount.device.mount import Mount
 from mirrormount.transport.lines import Link
 from mirrormount.transport.open import open_table
 from mountfw import __version__
-
-_NEEDS_TAKE_UP = ("square",)  # the others are measured without
-_NEAR_MM, _FAR_MM = 400.0, 1600.0  # of the virtual table's cameras from the last mirror
 
 
 def measure(args: argparse.Namespace) -> None:
@@ -47,17 +47,16 @@ def measure(args: argparse.Namespace) -> None:
         _check_writable(path)
     if args.apply and args.experiment not in OF_USE:
         raise BadValue(f"--apply is of the experiments {', '.join(OF_USE)}")
-    with _opened(args) as (mount, camera, optics):
+    with ended_in_order(), _opened(args) as (mount, camera, optics):
         axes = _axes(args.axes, mount)
         if wanted:
             work = partial(_steps_of_size, wanted_px=_in_px(*wanted, axes, optics))
         result = Result(args.experiment)
         began = datetime.now().astimezone()
         observer = Observer(camera)
-        off = {axis: {"take_up_us": 0} for axis in axes} if args.experiment not in _NEEDS_TAKE_UP else {}
         origin = Origin(began, __version__, mount.identity, camera.name, mount.settings(), optics)
         try:
-            with _shown(mount) as tell, borrowed(mount, off, print):
+            with _shown(mount) as tell, _stopped(mount):
                 work(MountRig(mount, observer, axes), result, tell)
         except BaseException as e:
             result.partial = "stopped by Ctrl-C" if isinstance(e, KeyboardInterrupt) else str(e) or type(e).__name__
@@ -85,8 +84,9 @@ def _experiment(args: argparse.Namespace) -> Callable[[Rig, Result, Tell], None]
     if args.minutes is not None and args.experiment != "drift":
         raise BadValue("--minutes is of the experiment drift")
     minutes = number(args.minutes, "--minutes") if args.minutes is not None else waiting.DRIFT_S / 60
-    if minutes <= 0:
-        raise BadValue("--minutes must be more than 0")
+    if minutes * 60 < waiting.LEAST_DRIFT_S:
+        least, every = waiting.LEAST_DRIFT_S / 60, waiting.EVERY_S
+        raise BadValue(f"--minutes is {least:g} or more, not {args.minutes}: the spot is read every {every:g} s")
     return {
         "steps": steps.run,
         "backlash": backlash.run,
@@ -101,11 +101,9 @@ def _wanted(args: argparse.Namespace) -> tuple[float, str] | None:
     """The size of a step that is asked for, and its unit."""
     if args.step is None:
         return None
-    size, unit = number(args.step[0], "--step"), args.step[1]
+    size, unit = positive(args.step[0], "--step"), args.step[1]
     if args.experiment != "steps":
         raise BadValue("--step is of the experiment steps")
-    if size <= 0:
-        raise BadValue("--step is more than 0")
     if unit not in OF_PX:
         raise BadValue(f"the unit of --step is {', '.join(OF_PX)}, not {unit!r}")
     return size, unit
@@ -148,8 +146,7 @@ def _opened(args: argparse.Namespace) -> Iterator[tuple[Mount, Camera, Optics]]:
     table = open_table(address)
     with contextlib.closing(table):
         camera = table.cameras[which - 1]
-        sheet = _scale_of(camera, camera.sensor.pixel_mm, 0.0, (_NEAR_MM, _FAR_MM)[which - 1], 0.0, 45.0)
-        optics = _optics(args, camera, sheet)
+        optics = _optics(args, camera, virtual_scale(camera, which))
         with Mount(Link(table.ports[0])) as mount:
             yield mount, camera, optics
 
@@ -157,20 +154,19 @@ def _opened(args: argparse.Namespace) -> Iterator[tuple[Mount, Camera, Optics]]:
 def _optics(args: argparse.Namespace, camera: Camera, otherwise: Scale | None) -> Optics:
     """The scale of the arguments, else `otherwise` (a virtual table's), else the camera's saved one."""
     if args.mm_per_px is None:
-        for given, name in ((args.mm_per_px_error, "--mm-per-px-error"), (args.distance, "--distance")):
-            if given is not None:
-                raise BadValue(f"{name} needs --mm-per-px")
-        if otherwise is None:
-            with contextlib.suppress(NotCalibrated):
-                otherwise = camera_scale.read(camera)
-        return Optics(otherwise)
+        for name in ("mm_per_px_error", "distance", "distance_error", "incidence"):
+            if getattr(args, name) is not None:
+                raise BadValue(f"--{name.replace('_', '-')} needs --mm-per-px")
+        return Optics(otherwise or camera_scale.read_if_any(camera))
     mm_per_px, mm_error = _length(args.mm_per_px, args.mm_per_px_error, "--mm-per-px")
     distance, distance_error = (None, 0.0)
     if args.distance is not None:
         distance, distance_error = _length(args.distance, args.distance_error, "--distance")
-    incidence = number(args.incidence, "--incidence")
+    elif args.distance_error is not None:
+        raise BadValue("--distance-error needs --distance")
+    incidence = number(args.incidence, "--incidence") if args.incidence is not None else INCIDENCE_DEG
     if not 0 <= incidence < 90:
-        raise BadValue(f"--incidence is 0 … 90 degrees, not {args.incidence}")
+        raise BadValue(f"--incidence is 0 to less than 90 degrees, not {args.incidence}")
     return Optics(_scale_of(camera, mm_per_px, mm_error, distance, distance_error, incidence))
 
 
@@ -182,15 +178,27 @@ def _scale_of(
 
 
 def _length(text: str, error: str | None, what: str) -> tuple[float, float]:
-    value, spread = number(text, what), number(error, f"{what}-error") if error is not None else 0.0
-    if value <= 0 or spread < 0:
-        raise BadValue(f"{what} is more than 0, and its error not less")
+    value, spread = positive(text, what), number(error, f"{what}-error") if error is not None else 0.0
+    if not 0 <= spread < value:
+        raise BadValue(f"{what}-error is 0 or more, and less than {what}, not {error}")
     return value, spread
 
 
 def _axes(text: str, mount: Mount) -> tuple[str, ...]:
     names = tuple(dict.fromkeys(name.strip() for name in text.split(",")))
     return tuple(mount.axis(name).name for name in names)
+
+
+@contextlib.contextmanager
+def _stopped(mount: Mount) -> Iterator[None]:
+    """At the end, however it comes, the motors are off; what went wrong before is told rather than a failed stop."""
+    try:
+        yield
+    except BaseException:
+        with contextlib.suppress(MountError):
+            mount.stop()
+        raise
+    mount.stop()
 
 
 @contextlib.contextmanager

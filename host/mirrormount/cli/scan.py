@@ -1,10 +1,9 @@
 """`mirrormount scan raster | spiral | line | find`, by scan_work.py."""
 
 import argparse
-import os
 from pathlib import Path
 
-from mirrormount.cli.command import Command, from_extra, virtual_options
+from mirrormount.cli.command import Command, from_extra, mount_and_camera
 
 SIGNALS = ("spot", "grey")
 
@@ -37,15 +36,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _common(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--port", default=os.environ.get("MIRRORMOUNT_PORT"), help="the mount (default: the only board)"
-    )
-    parser.add_argument(
-        "--camera",
-        metavar="CAMERA",
-        help="as `mirrormount camera` takes it (default: $MIRRORMOUNT_CAMERA, else 0); with --virtual: 1 or 2",
-    )
-    virtual_options(parser, "a virtual mount, table and camera, as fast as it goes; no hardware needed")
+    mount_and_camera(parser)
+    parser.add_argument("--page", type=Path, metavar="FILE", help="a live picture: open this HTML file in a browser")
     parser.add_argument("--csv", type=Path, metavar="FILE", help="a new file, written row by row")
     parser.add_argument("--hdf5", type=Path, metavar="FILE", help="a new file, written at the end")
 

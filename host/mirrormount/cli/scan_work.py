@@ -7,12 +7,16 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from mirrormount.beam import patterns
+from mirrormount.beam import scale as scales
 from mirrormount.beam.camera import Camera
 from mirrormount.beam.open_camera import open_camera
 from mirrormount.beam.patterns import Pattern
+from mirrormount.beam.scale import Scale
 from mirrormount.beam.scan import Sample, Signal, grey_signal, scan, spot_signal
-from mirrormount.beam.scan_files import COMPLETE, CsvFile, Metadata, check_hdf5, metadata, write_hdf5
+from mirrormount.beam.scan_files import COMPLETE, CsvFile, Metadata, check_hdf5, metadata, of_camera, write_hdf5
+from mirrormount.beam.scan_page import ScanPage
 from mirrormount.cli.command import virtual_address, whole
+from mirrormount.cli.virtual_scale import virtual_scale
 from mirrormount.common.errors import BadValue
 from mirrormount.common.progress import StatusLine
 from mirrormount.common.signals import ended_in_order
@@ -27,17 +31,22 @@ def work(args: argparse.Namespace) -> int:
     """Run one scan; the exit status: 1 if a search found nothing. Raises MountError."""
     pattern = _pattern(args)
     searches = args.verb == "find"
-    if args.csv and args.csv == args.hdf5:
-        raise BadValue(f"the two files cannot both be {args.csv}")
+    files = [path for path in (args.csv, args.hdf5, args.page) if path]
+    if len(set(files)) < len(files):
+        raise BadValue(f"two files cannot both be {max(files, key=files.count)}")
     if args.hdf5:
         check_hdf5(args.hdf5)
-    with ended_in_order(), _opened(args) as (mount, camera):
+    with ended_in_order(), _opened(args) as (mount, camera, scale):
         name = "spot" if searches else args.signal
         signal = spot_signal(camera) if name == "spot" else grey_signal(camera)
-        about = metadata(mount, pattern, signal, read=name, camera=camera.name, camera_size=str(camera.size))
-        with _kept(args.csv, args.hdf5, about, signal) as kept:
+        about = metadata(mount, pattern, signal, read=name, **of_camera(camera, scale))
+        live = ScanPage(args.page, pattern, signal) if args.page else None
+        with _kept(args.csv, args.hdf5, live, about, signal) as kept:
+            keeps = bool(args.csv or args.hdf5)
+            if not (keeps or searches):
+                print("nothing is kept: --csv FILE or --hdf5 FILE writes place and value of each", flush=True)
             samples = scan(mount, pattern, signal, back=searches or args.back)
-            with contextlib.closing(samples), _shown(pattern, mount) as show:
+            with contextlib.closing(samples), _shown(pattern, mount, keeps) as show:
                 for sample in samples:
                     kept.add(sample)
                     show(sample)
@@ -48,29 +57,35 @@ def work(args: argparse.Namespace) -> int:
 
 
 class _Kept:
-    """What was measured, and the CSV file that gets it at once."""
+    """What was measured, and the CSV file and the page that get it at once."""
 
-    def __init__(self, file: CsvFile | None) -> None:
+    def __init__(self, file: CsvFile | None, live: ScanPage | None) -> None:
         self.samples: list[Sample] = []
         self.ended = COMPLETE
-        self._file = file
+        self._file, self._live = file, live
 
     def add(self, sample: Sample) -> None:
         """Keep a sample. Raises CannotWrite."""
         self.samples.append(sample)
         if self._file:
             self._file.add(sample)
+        if self._live:
+            self._live.add(sample)
 
     def end(self) -> None:
-        """Close the file. Raises CannotWrite."""
+        """Close the file, and write the last page. Raises CannotWrite."""
         if self._file:
             self._file.end(self.ended)
+        if self._live:
+            self._live.end(self.ended)
 
 
 @contextlib.contextmanager
-def _kept(csv: Path | None, hdf5: Path | None, about: Metadata, signal: Signal) -> Iterator[_Kept]:
+def _kept(
+    csv: Path | None, hdf5: Path | None, live: ScanPage | None, about: Metadata, signal: Signal
+) -> Iterator[_Kept]:
     """The files, which are ended with the reason whatever happens."""
-    kept = _Kept(CsvFile(csv, about, signal) if csv else None)
+    kept = _Kept(CsvFile(csv, about, signal) if csv else None, live)
     try:
         try:
             yield kept
@@ -103,27 +118,28 @@ def _pattern(args: argparse.Namespace) -> Pattern:
 
 
 @contextlib.contextmanager
-def _opened(args: argparse.Namespace) -> Iterator[tuple[Mount, Camera]]:
-    """The mount and the camera that the arguments name, closed at the end."""
+def _opened(args: argparse.Namespace) -> Iterator[tuple[Mount, Camera, Scale | None]]:
+    """The mount, the camera that the arguments name and its scale; closed at the end."""
     address = virtual_address(args, "virtual-table", mounts="1", cameras="2")
     if address is None:
         camera = open_camera(args.camera or os.environ.get("MIRRORMOUNT_CAMERA", "0"))
         with contextlib.closing(camera), Mount.open(args.port) as mount:
-            yield mount, camera
+            yield mount, camera, scales.read_if_any(camera)
         return
     which = whole(args.camera or "1", "--camera with --virtual")
     if which not in (1, 2):
         raise BadValue(f"the virtual table has the cameras 1 and 2, not {which}")
     with contextlib.closing(open_table(address)) as table, Mount(Link(table.ports[0])) as mount:
-        yield mount, table.cameras[which - 1]
+        camera = table.cameras[which - 1]
+        yield mount, camera, virtual_scale(camera, which)
 
 
 @contextlib.contextmanager
-def _shown(pattern: Pattern, mount: Mount) -> Iterator["_Show"]:
+def _shown(pattern: Pattern, mount: Mount, keeps: bool) -> Iterator["_Show"]:
     """The line of progress."""
     line = StatusLine()
     try:
-        yield _Show(line, pattern, mount)
+        yield _Show(line, pattern, mount, keeps)
     finally:
         line.end()
 
@@ -131,9 +147,9 @@ def _shown(pattern: Pattern, mount: Mount) -> Iterator["_Show"]:
 class _Show:
     """Shows how many places are measured, the time that is left on the mount's clock, and the last values."""
 
-    def __init__(self, line: StatusLine, pattern: Pattern, mount: Mount) -> None:
+    def __init__(self, line: StatusLine, pattern: Pattern, mount: Mount, keeps: bool) -> None:
         self._line, self._of = line, pattern.measured
-        line.show(f"0/{self._of}  (Ctrl-C stops and keeps what was measured)")
+        line.show(f"0/{self._of}  (Ctrl-C stops{' and keeps what was measured' * keeps})")
 
     def __call__(self, sample: Sample) -> None:
         """After each sample."""
@@ -153,10 +169,9 @@ def _tell(args: argparse.Namespace, pattern: Pattern, kept: _Kept) -> int:
         print(f"not found at any of {pattern.measured} places; the mount is at the start again")
         return 1
     without = sum(not sample.values for sample in kept.samples)
-    print(f"{len(kept.samples)} places" + (f", {without} of them without a value" if without else ""))
-    for path in (args.csv, args.hdf5):
+    n = len(kept.samples)
+    print(f"{n} place{'s' * (n != 1)}" + (f", {without} of them without a value" if without else ""))
+    for path in (args.csv, args.hdf5, args.page):
         if path:
             print(path)
-    if not (args.csv or args.hdf5):
-        print("nothing is kept: --csv FILE or --hdf5 FILE writes place and value of each")
     return 0

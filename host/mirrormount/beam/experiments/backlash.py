@@ -6,12 +6,13 @@ from both directions: where one leg is in the gap, the leg back is behind it. On
 steps N(p) to each place p as a polynomial, the ratio of the steps of both directions, and what each direction loses.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrormount.beam.estimate import Estimate, combined, spread, student
+from mirrormount.beam.estimate import Estimate, spread, student
 from mirrormount.beam.experiments.stepping import Log, along, series
 from mirrormount.beam.result import Result, Series, Tell
 from mirrormount.beam.rig import Rig, Vector
@@ -37,7 +38,7 @@ class _Leg:
 
 
 def run(rig: Rig, result: Result, tell: Tell, places: int = PLACES, repeats: int = REPEATS) -> None:
-    """Fill the result. The mount's take-up is to be off. Raises NotMeasurable, SpotLost, CameraError, MountError."""
+    """Fill the result. Raises NotMeasurable, SpotLost, CameraError, MountError."""
     log = Log(rig, result)
     for number, axis in enumerate(rig.axes):
         legs: list[tuple[int, int, list[Vector]]] = []
@@ -126,19 +127,15 @@ def _add(result: Result, axis: str, legs: list[_Leg], step_us: int) -> None:
         result.series.append(Series(f"{axis}: steps lost in a turn to {name}", "place", "steps", points, joined=False))
         places = sorted({at for at, _ in some})
         by_place.append([float(np.mean([value for at, value in some if at == place])) for place in places])
-    total = combined(both) if abs(both[0].value - both[1].value) < 2 * sum(b.error for b in both) else _middle(both)
+    # what one direction is found to lose too much the other one loses too little, so the mean has its own jackknife
+    error = float(np.sqrt((n - 1) * without.mean(axis=1).var())) * student(n - 1)
+    total = Estimate(float(found.mean()), error, "steps", 2 * n)
     result.estimates[f"{axis}.backlash"] = total
     result.estimates[f"{axis}.take_up"] = total.scaled(step_us, "us")
+    if abs(both[0].value - both[1].value) > 2 * math.hypot(both[0].error, both[1].error):
+        result.remarks.append(
+            f"{axis}: the two directions lose {both[0]} and {both[1]}; the board has one take-up, for their mean"
+        )
     result.remarks.append(
         f"{axis}: the means of the {len(by_place[0])} places lie within {np.ptp(by_place, axis=1).max():.2f} steps"
-    )
-
-
-def _middle(both: list[Estimate]) -> Estimate:
-    """The mean of two values that differ: its error covers both."""
-    return Estimate(
-        (both[0].value + both[1].value) / 2,
-        max(abs(both[0].value - both[1].value) / 4, both[0].error, both[1].error),
-        "steps",
-        both[0].count + both[1].count,
     )

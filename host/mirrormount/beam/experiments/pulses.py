@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from mirrormount.beam.estimate import Estimate
-from mirrormount.beam.experiments.stepping import Log
+from mirrormount.beam.experiments.stepping import Ended, Log
 from mirrormount.beam.result import Result, Series, Tell
 from mirrormount.beam.rig import Rig, Vector
 from mirrormount.common.beam_errors import NotMeasurable
@@ -17,7 +17,7 @@ _LEAST_US = 200  # of the board
 
 
 def run(rig: Rig, result: Result, tell: Tell, lengths_ms: tuple[float, ...] = LENGTHS_MS, count: int = COUNT) -> None:
-    """Fill the result. The mount's take-up is to be off. Raises NotMeasurable, SpotLost, CameraError, MountError."""
+    """Fill the result. Raises NotMeasurable, SpotLost, CameraError, MountError."""
     log = Log(rig, result)
     log.rest()
     runs = [(axis, way) for axis in rig.axes for way in (1, -1)]
@@ -25,7 +25,7 @@ def run(rig: Rig, result: Result, tell: Tell, lengths_ms: tuple[float, ...] = LE
         name = f"{axis}.{'positive' if way > 0 else 'negative'}"
         rig.step(axis, -way * _LEAD)
         rig.step(axis, way * _LEAD)
-        first = log.look()
+        first = log.settle()
         rig.step(axis, way)
         line = log.look() - first
         step_px = float(np.linalg.norm(line))
@@ -42,6 +42,7 @@ def run(rig: Rig, result: Result, tell: Tell, lengths_ms: tuple[float, ...] = LE
         result.remarks.append(f"{name}: {_proportion(points, step_px, rig.step_us(axis))}")
         rig.step(axis, -way * (_LEAD - 1))
     result.remarks.append("all at one place of the travel: where the screw's steps are larger, pulses are, too")
+    result.remarks.append("what a mount creeps on after the last pulse of a length is not in it")
     tell(1.0, "")
 
 
@@ -52,7 +53,7 @@ def _pulses(rig: Rig, log: Log, axis: str, us: int, count: int, line: Vector) ->
         rig.pulse(axis, int(math.copysign(max(abs(us), _LEAST_US), us)))
         places.append(float(log.look() @ line))
     d = np.diff(places)
-    return Estimate(float(d.mean()), log.error_of_mean(d), "px", count)
+    return Estimate(float(d.mean()), log.error_of_mean(d, Ended(log.apart_s(count))), "px", count)
 
 
 def _proportion(points: list[tuple[float, float, float]], step_px: float, step_us: int) -> str:

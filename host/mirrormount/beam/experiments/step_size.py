@@ -11,8 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from mirrormount.beam.estimate import Estimate, student
-from mirrormount.beam.experiments.stepping import Log, along
-from mirrormount.beam.experiments.steps import LEAD
+from mirrormount.beam.experiments.stepping import LEAD, Log, along
 from mirrormount.beam.result import Result, Series, Tell
 from mirrormount.beam.rig import Rig
 from mirrormount.common.beam_errors import NotMeasurable

@@ -14,14 +14,30 @@ from mirrormount.beam.estimate import Estimate, student
 from mirrormount.beam.observer import Sighting
 from mirrormount.beam.result import Result
 from mirrormount.beam.rig import Rig, Vector, place
+from mirrormount.common.beam_errors import NotMeasurable
 
 _LEAST_PERIOD = 12.0  # steps of a screw's turn that are looked for; the paper's screw has 40
 _TRIED = 60  # periods
 _SIGNIFICANT = 6.0  # the F of three more parameters, of which the period is chosen among many
+LEAD = 5  # steps before a run, and at its turn: more than any backlash that setup accepts
+_TRIAL = 4  # steps for a first look at the size of a step
+_MARGIN_PX = 40.0  # of the picture's edge: a spot must be whole
+_LEAST = 8  # steps that the picture shows
 _LEAST_FITTED = 16  # steps, for a fit of four parameters
 _AT_REST = 16  # looks without a move
+_REST_DEGREES = 2 * (_AT_REST - 1)  # of freedom of the drift: each look has two coordinates
 _CREEP_S = 6.0  # between two looks at a mount that may creep: a part of the time constants that are usual
 _MOST_WAITS = 12
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a series ended. apart_s: the mean time between two of its readings. late_px, late_s: what the mount crept
+    on after the last of them, along the line, and the time that this was waited for."""
+
+    apart_s: float
+    late_px: float = 0.0
+    late_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -49,8 +65,8 @@ class Log:
         self._result = result
         self._first_s: float | None = None
         self._variances: list[float] = []
-        self.drift2 = 0.0  # variance of the spot's drift between two looks, in px² ...
-        self.walk2 = 0.0  # ... and in one second
+        self.walk2 = 0.0  # variance of the spot's drift in one second, in px²
+        self._walk2_error = 0.0  # its standard error
 
     def look(self) -> Vector:
         """Where the spot is, in px. Raises SpotLost, CameraError."""
@@ -67,8 +83,9 @@ class Log:
         """Look several times without a move, to know by how much the beam drifts from look to look."""
         places = np.array([self.look() for _ in range(_AT_REST)])
         variance = float(np.mean(np.diff(places, axis=0) ** 2))
-        self.drift2 = max(0.0, variance - 2 * self.error_px**2)
-        self.walk2 = self.drift2 * (_AT_REST - 1) / self.now_s
+        apart_s = self.apart_s(_AT_REST - 1)
+        self.walk2 = max(0.0, variance - 2 * self.error_px**2) / apart_s
+        self._walk2_error = variance * math.sqrt(2 / _REST_DEGREES) / apart_s
 
     def settle(self) -> Vector:
         """Wait until the mount does not creep any more, as far as the beam's own drift lets see. Returns the place."""
@@ -81,14 +98,45 @@ class Log:
                 break
         return places[-1]
 
-    def error_of_mean(self, d: NDArray[np.float64]) -> float:
+    def apart_s(self, n: int) -> float:
+        """The mean time between two of the last n + 1 readings."""
+        return (self._result.readings[-1][0] - self._result.readings[-1 - n][0]) / n
+
+    def error_of_mean(self, d: NDArray[np.float64], ended: Ended) -> float:
         """The standard error of the mean of displacements between successive readings along a line."""
         n = len(d)
-        return math.sqrt((self.own_variance(float(d.var(ddof=1))) + 2 * self.error_px**2 / n) / n) * student(n - 1)
+        own, degrees = self.own_variance(float(d.var(ddof=1)), n - 1, ended.apart_s)
+        return math.sqrt((own + self.of_ends(n, ended)) / n) * student(degrees)
 
-    def own_variance(self, variance: float) -> float:
-        """Of displacements, without the readings' errors: not less than the beam's drift."""
-        return max(self.drift2, variance - 2 * self.error_px**2)
+    def of_ends(self, n: int, ended: Ended) -> float:
+        """What the first and the last reading, and the wait after it, add to the variance of n displacements."""
+        return (2 * self.error_px**2 + self.walk2 * ended.late_s) / n
+
+    def own_variance(self, variance: float, degrees: int, apart_s: float) -> tuple[float, float]:
+        """The variance of displacements without the readings' errors, and its degrees of freedom.
+
+        Few displacements say little of their scatter. Those that vary by less than drift and readings alone do so by
+        chance, and are put together with what they were at rest. All others stand for themselves: to choose by what is
+        clearly more would make the error too small wherever chance has hidden a real scatter.
+        """
+        reading2, drift2 = 2 * self.error_px**2, self.walk2 * apart_s
+        if not drift2 or variance > drift2 + reading2:
+            return max(0.0, variance - reading2), degrees
+        alike = min(degrees, _REST_DEGREES)
+        both = (degrees * (variance - reading2) + alike * drift2) / (degrees + alike)
+        return max(drift2 / 2, both), degrees + alike
+
+    def error_between(self, seconds: float, readings: float = 2.0) -> float:
+        """The standard error of the way between two readings, along one line: theirs, and the drift of that time.
+
+        The drift is an estimate itself, so the error is widened as by few samples (Satterthwaite's degrees of freedom;
+        Biometrics Bull. 2 (1946) 110), at most to what twice the drift's own error makes of it.
+        readings: what they add, in variances of one reading.
+        """
+        variance = readings * self.error_px**2 + self.walk2 * seconds
+        unsure = self._walk2_error * seconds / variance if variance else 0.0
+        few = student(2 / unsure**2) if unsure else 1.0
+        return math.sqrt(variance) * min(few, math.sqrt(1 + 2 * unsure))
 
     @property
     def last(self) -> Vector:
@@ -124,10 +172,36 @@ def along(places: list[Vector]) -> tuple[NDArray[np.float64], Vector]:
     return centred @ way, way
 
 
-def fit(places: NDArray[np.float64], log: Log, late_px: float = 0.0) -> Line:
+def room(rig: Rig, log: Log, axis: str) -> int:
+    """How many steps the picture shows, half of them on either side of the present place. Raises NotMeasurable."""
+    origin = log.look()
+    rig.step(axis, LEAD)
+    start = log.look()
+    rig.step(axis, _TRIAL)
+    step = (log.look() - start) / _TRIAL
+    rig.step(axis, -_TRIAL - LEAD)
+    size = float(np.linalg.norm(step))
+    if size < 3 * log.error_px:
+        raise NotMeasurable(
+            f"{axis}: {_TRIAL} steps moved the spot by {size * _TRIAL:.2f} px: look at motor and coupler"
+        )
+    ways = []  # from the origin to the nearer edge, in steps
+    for at, way, length in zip(origin, step, rig.picture_px, strict=True):
+        if abs(way) > size / 50:
+            ways.append((min(at, length - 1 - at) - _MARGIN_PX) / abs(way))
+    count = 2 * (math.floor(min(ways)) - LEAD)
+    if count < _LEAST:
+        raise NotMeasurable(
+            f"{axis}: the picture has room for {max(count, 0)} steps of {size:.0f} px: move the spot to its middle, or"
+            " put the camera nearer to the mirror"
+        )
+    return count
+
+
+def fit(places: NDArray[np.float64], log: Log, ended: Ended) -> Line:
     """Mean and scatter of the displacements between places along a line, r_0 … r_n with n of 2 or more.
 
-    late_px: the way that the mount crept after the last of them; it belongs to the mean. A sine over the steps (the
+    What the mount crept on after the last of them belongs to the mean. A sine over the steps (the
     screw's turn) is fitted where it explains significantly more than chance: else its part of a period would count as
     an error of the mean.
     """
@@ -136,22 +210,28 @@ def fit(places: NDArray[np.float64], log: Log, late_px: float = 0.0) -> Line:
     flat = float(d.var(ddof=1))
     tried = _waves(d) if n >= _LEAST_FITTED else []
     best = min(tried, key=lambda each: each.squares) if tried else None
-    degrees = n - 4
+    degrees, late = n - 4, ended.late_px / n
     if best is None or (flat * (n - 1) - best.squares) / 3 < _SIGNIFICANT * best.squares / degrees:
-        scatter = math.sqrt(max(0.0, log.own_variance(flat) - log.drift2))
-        return Line(
-            Estimate(float(d.mean()) + late_px / n, log.error_of_mean(d), "px", n), _scatter(scatter, flat, n - 1), None
-        )
+        mean = Estimate(float(d.mean()) + late, log.error_of_mean(d, ended), "px", n)
+        return Line(mean, _scatter(log, flat, n - 1, ended), None)
     residual = best.squares / degrees
-    own = log.own_variance(residual) + 2 * log.error_px**2 / n
-    error = _reach(tried, best, own) * student(degrees)
-    scatter = math.sqrt(max(0.0, log.own_variance(residual) - log.drift2))
+    own, degrees = log.own_variance(residual, degrees, ended.apart_s)
+    error = _reach(tried, best, own + log.of_ends(n, ended)) * student(degrees)
     wave = Wave(best.amplitude / abs(best.mean) if best.mean else math.inf, best.period)
-    return Line(Estimate(best.mean + late_px / n, error, "px", n), _scatter(scatter, residual, degrees), wave)
+    return Line(Estimate(best.mean + late, error, "px", n), _scatter(log, residual, n - 4, ended), wave)
 
 
-def _scatter(scatter: float, variance: float, degrees: int) -> Estimate:
-    return Estimate(scatter, math.sqrt(variance / (2 * degrees)), "px", degrees + 1)
+def _scatter(log: Log, variance: float, degrees: int, ended: Ended) -> Estimate:
+    """The scatter of one step: what drift and readings leave of the variance of displacements.
+
+    The variances have errors, so 0 ± something is an answer: that scatter is too small to be seen.
+    """
+    other = 2 * log.error_px**2 + log.walk2 * ended.apart_s
+    error = math.hypot(variance * math.sqrt(2 / degrees), other * math.sqrt(2 / _REST_DEGREES))
+    own = max(0.0, variance - other)
+    value = math.sqrt(own)
+    upper, lower = math.sqrt(own + 2 * error) - value, value - math.sqrt(max(0.0, own - 2 * error))
+    return Estimate(value, max(upper, lower) / 2, "px", degrees + 1)
 
 
 @dataclass(frozen=True)

@@ -5,28 +5,23 @@ from itertools import pairwise
 
 import numpy as np
 
-from mirrormount.beam.estimate import Estimate, student
-from mirrormount.beam.experiments.stepping import Line, Log, along, fit, series
+from mirrormount.beam.estimate import Estimate
+from mirrormount.beam.experiments.stepping import LEAD, Ended, Line, Log, along, fit, room, series
 from mirrormount.beam.result import Result, Series, Tell
 from mirrormount.beam.rig import Rig, Vector
-from mirrormount.common.beam_errors import NotMeasurable
 
 STEPS = 60  # in each direction: more than a turn of a screw, so that its periodic error averages out
-LEAD = 5  # steps before a run, and at its turn: more than any backlash that setup accepts
-_TRIAL = 4  # steps for a first look at the size of a step
-_MARGIN_PX = 40.0  # of the picture's edge: a spot must be whole
-_LEAST = 8
 
 
 def run(rig: Rig, result: Result, tell: Tell, n: int = STEPS) -> None:
-    """Fill the result. The mount's take-up is to be off. Raises NotMeasurable, SpotLost, CameraError, MountError."""
+    """Fill the result. Raises NotMeasurable, SpotLost, CameraError, MountError."""
     log = Log(rig, result)
     log.rest()
     ways: dict[str, tuple[Vector, Estimate]] = {}
     for number, axis in enumerate(rig.axes):
         done = number / len(rig.axes)
         tell(done, f"{axis}: the size of a step")
-        count = min(n, _room(rig, log, axis))
+        count = min(n, room(rig, log, axis))
         if count < n:
             result.remarks.append(f"{axis}: the picture shows {count} steps only, not {n}")
         before = count // 2 + LEAD
@@ -36,10 +31,12 @@ def run(rig: Rig, result: Result, tell: Tell, n: int = STEPS) -> None:
             tell(done + (0.1 if direction > 0 else 0.55) / len(rig.axes), f"{axis}: {count} steps, {name}")
             log.settle()
             places = series(rig, log, axis, count, direction)
-            _, way = along(places)
+            at, way = along(places)
+            apart_s, last_s = log.apart_s(count), log.now_s
             late_px = float((log.settle() - places[-1]) @ way)
-            ways[f"{axis}.{name}"] = _direction(places)
-            _add(result, f"{axis}.{name}", fit(along(places)[0], log, late_px), places)
+            ended = Ended(apart_s, late_px, log.now_s - last_s)
+            ways[f"{axis}.{name}"] = _direction(places, log, apart_s)
+            _add(result, f"{axis}.{name}", fit(at, log, ended), places)
             if direction > 0:
                 rig.step(axis, LEAD)
                 rig.step(axis, -LEAD)
@@ -49,41 +46,14 @@ def run(rig: Rig, result: Result, tell: Tell, n: int = STEPS) -> None:
     tell(1.0, "")
 
 
-def _room(rig: Rig, log: Log, axis: str) -> int:
-    """How many steps the picture shows, half of them on either side of the present place."""
-    origin = log.look()
-    rig.step(axis, LEAD)
-    start = log.look()
-    rig.step(axis, _TRIAL)
-    step = (log.look() - start) / _TRIAL
-    rig.step(axis, -_TRIAL - LEAD)
-    size = float(np.linalg.norm(step))
-    if size < 3 * log.error_px:
-        raise NotMeasurable(
-            f"{axis}: {_TRIAL} steps moved the spot by {size * _TRIAL:.2f} px: look at motor and coupler"
-        )
-    ways = []  # from the origin to the nearer edge, in steps
-    for at, way, length in zip(origin, step, rig.picture_px, strict=True):
-        if abs(way) > size / 50:
-            ways.append((min(at, length - 1 - at) - _MARGIN_PX) / abs(way))
-    count = 2 * (math.floor(min(ways)) - LEAD)
-    if count < _LEAST:
-        raise NotMeasurable(
-            f"{axis}: the picture has room for {max(count, 0)} steps of {size:.0f} px: move the spot to its middle, or"
-            " put the camera nearer to the mirror"
-        )
-    return count
-
-
-def _direction(places: list[Vector]) -> tuple[Vector, Estimate]:
+def _direction(places: list[Vector], log: Log, apart_s: float) -> tuple[Vector, Estimate]:
     """The mean displacement, and its angle in the picture in mrad, from the picture's x towards its top."""
     steps = np.diff(np.array(places), axis=0)
     mean = steps.mean(axis=0)
     size = float(np.linalg.norm(mean))
     across = steps @ np.array([-mean[1], mean[0]]) / size
-    n = len(steps)
-    error = float(np.std(across, ddof=1)) / math.sqrt(n) / size * student(n - 1)
-    return mean, Estimate(math.atan2(-mean[1], mean[0]) * 1e3, error * 1e3, "mrad", n)
+    error = log.error_of_mean(across, Ended(apart_s)) / size
+    return mean, Estimate(math.atan2(-mean[1], mean[0]) * 1e3, error * 1e3, "mrad", len(steps))
 
 
 def _add(result: Result, name: str, line: Line, places: list[Vector]) -> None:

@@ -12,6 +12,7 @@ from mirrormount.beam.rig import Rig
 
 DRIFT_S = 3600.0
 EVERY_S = 10.0
+LEAST_DRIFT_S = 3 * EVERY_S  # fewer readings have no error
 SETTLE_S = 30.0
 _MOVE = 10  # steps before the mount settles
 _LAST = 0.3  # of the time: the end of a settling, which counts as at rest
@@ -20,6 +21,7 @@ _LAST = 0.3  # of the time: the end of a settling, which counts as at rest
 def drift(rig: Rig, result: Result, tell: Tell, seconds: float = DRIFT_S, every_s: float = EVERY_S) -> None:
     """Nothing moves; the place of the spot over time. Raises SpotLost, CameraError, MountError."""
     log = Log(rig, result)
+    result.moves = False
     log.look()
     while log.now_s < seconds:
         tell(log.now_s / seconds, f"{log.now_s:.0f} s of {seconds:.0f} s")
@@ -59,8 +61,6 @@ def settle(rig: Rig, result: Result, tell: Tell, seconds: float = SETTLE_S) -> N
     """The way of the spot after the end of a move, in both directions of each axis. Raises as drift()."""
     log = Log(rig, result)
     log.rest()
-    every_s = log.now_s / max(1, len(result.readings) - 1)
-    walk2 = log.drift2 / every_s if every_s else 0.0  # px² a second
     runs = [(axis, way) for axis in rig.axes for way in (1, -1)]
     for number, (axis, way) in enumerate(runs):
         name = f"{axis}.{'positive' if way > 0 else 'negative'}"
@@ -74,18 +74,22 @@ def settle(rig: Rig, result: Result, tell: Tell, seconds: float = SETTLE_S) -> N
             tell((number + (points[-1][0] - start_s) / seconds) / len(runs), f"{name}: settling")
             points.append((0.0, float(log.look() @ line)))
             points[-1] = log.now_s, points[-1][1]
-        _settled(result, name, np.array(points), log.error_px, walk2)
+        _settled(result, name, np.array(points), log)
     tell(1.0, "")
 
 
-def _settled(result: Result, name: str, points: NDArray[np.float64], reading_px: float, walk2: float) -> None:
+def _settled(result: Result, name: str, points: NDArray[np.float64], log: Log) -> None:
     t, at = points[:, 0] - points[0, 0], points[:, 1]
-    rest = float(at[t >= t[-1] * (1 - _LAST)].mean())
-    error = math.sqrt(2 * reading_px**2 + walk2 * float(t[-1]))  # the beam drifts meanwhile
+    reading2 = log.error_px**2
+    late = t >= t[-1] * (1 - _LAST)
+    rest, rest_s = float(at[late].mean()), float(t[late][0])
+    # the beam drifts meanwhile: a random walk's mean over the last part, against its first place
+    walked_s = rest_s + (t[-1] - rest_s) / 3
+    error = log.error_between(walked_s, 1 + 1 / int(np.count_nonzero(late)))
     creep = Estimate(rest - float(at[0]), error, "px", len(at))
     result.estimates[f"{name}.creep"] = creep
-    outside = np.nonzero(np.abs(at - rest) > 2 * np.sqrt(2 * reading_px**2 + walk2 * (t[-1] - t)))[0]
-    every_s = float(np.median(np.diff(t)))
+    seen_px = 2 * np.sqrt(2 * reading2 + log.walk2 * (t[-1] - t))  # a creep that is larger would show
+    outside = np.nonzero(np.abs(at - rest) > seen_px)[0]
     settled_s = float(t[min(outside[-1] + 1, len(t) - 1)]) if len(outside) else 0.0
     if abs(creep.value) < 2 * creep.error:
         result.remarks.append(f"{name}: no creep that is larger than the beam's own drift in {t[-1]:.0f} s")
@@ -94,12 +98,17 @@ def _settled(result: Result, name: str, points: NDArray[np.float64], reading_px:
             f"{name}: the spot moves until the end of the {t[-1]:.0f} s: when it is at rest is not known"
         )
     else:
-        result.estimates[f"{name}.settled_after"] = Estimate(settled_s, every_s / 2, "s", len(at))
+        # no error: the time depends on what the drift lets see
+        result.estimates[f"{name}.settled_after"] = Estimate(settled_s, math.nan, "s", len(at))
+        result.remarks.append(
+            f"{name}: from {settled_s:.0f} s on the spot is within {seen_px[0]:.2g} px of its rest, as far as the drift"
+            " lets see"
+        )
     result.series.append(
         Series(
             f"After {_MOVE} steps: {name}",
             "time after the move in s",
             "px",
-            [(float(a), float(b - rest), reading_px) for a, b in zip(t, at, strict=True)],
+            [(float(a), float(b - rest), log.error_px) for a, b in zip(t, at, strict=True)],
         )
     )
