@@ -6,6 +6,7 @@ from loop_rig import Rig
 from mirrormount import Mount
 from mirrormount.beam.direct import DirectTable
 from mirrormount.beam.response import belongs_to
+from mirrormount.common.errors import ConnectionLost
 from mirrormount.transport.lines import Link
 from mirrormount.virtual.profile import PROFILES
 from mirrormount.virtual.virtual_table import Kind, VirtualTable
@@ -16,11 +17,12 @@ class Died(BaseException):
 
 
 class MortalPort:
-    """A port of a board. heard_s: when the board was last sent something."""
+    """A port of a board. heard_s: when the board was last sent something. pulled: its cable, while it keeps power."""
 
     def __init__(self, port, table):
         self._port, self.table = port, table
         self.heard_s = 0.0
+        self.pulled = False
 
     def __getattr__(self, name):
         return getattr(self._port, name)
@@ -35,8 +37,17 @@ class MortalPort:
                 table.at_moment(self, data)
                 if table.dead:
                     raise Died
+        self._check()
         self.heard_s = self._port.monotonic()
         self._port.write(data)
+
+    def read(self, timeout_s):
+        self._check()
+        return self._port.read(timeout_s)
+
+    def _check(self):
+        if self.pulled:
+            raise ConnectionLost("the cable was pulled")
 
     def send(self, data):
         """What a killed process had sent of its last message."""

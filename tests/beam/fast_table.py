@@ -142,7 +142,7 @@ class FastTable:
         self, profile: str, seed: int, off_mm: float = 0.0, mounts: int = 2, geometry: Geometry = DEFAULT
     ) -> None:
         self.noise = np.random.default_rng([seed, 77])
-        self.taken_over = ""
+        self.taken_over = self.lost_board = ""
         self._now_s = 0.0
         self._events: list = []
         kind = PROFILES[profile]
@@ -200,4 +200,4 @@ class FastTable:
             actuator.stop()
 
     def take_control(self) -> None:
-        self.taken_over = ""
+        self.taken_over = self.lost_board = ""

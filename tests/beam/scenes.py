@@ -54,6 +54,16 @@ def clean(rng, *, width=12.0, peak=180.0):
     return Scene(expose(8 + peak * gaussian(x, y, width, width), rng), (x, y), ["clean"])
 
 
+def marred(rng, *, width=12.0, peak=268.0):
+    """A round spot of which about 3 % is saturated, with a ghost of 10 % somewhere near and 60 hot pixels."""
+    x, y = rng.uniform(10 * width, COLUMNS - 10 * width), rng.uniform(10 * width, ROWS - 10 * width)
+    far, to = rng.uniform(2, 8) * width, rng.uniform(0, 2 * np.pi)
+    ghost = gaussian(x + far * np.cos(to), y + far * np.sin(to), width, width)
+    image = expose(8 + peak * (gaussian(x, y, width, width) + 0.1 * ghost), rng)
+    image[rng.integers(0, ROWS, 60), rng.integers(0, COLUMNS, 60)] = 255
+    return Scene(image, (x, y), ["ghost", "hot", "saturated"])
+
+
 def nasty(rng):
     """A random scene: each part comes or not, by chance."""
     parts: list[str] = []

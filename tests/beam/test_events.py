@@ -15,6 +15,7 @@ from mirrormount.beam import events
             (events.SpotSeen("near", (3.0, 4.0), (0.1, 0.2), (10.0, -20.0), 1.4, 2), events.SpotMissed("far", "dark")),
             free_um=((1.0, 2.0),),
         ),
+        events.Estimated(1.6, {"near": (9.0, -18.0)}, (1.0, -2.0)),
         events.Pulsed(1.0, "first.x", -12000, events.CREEP),
         events.Corrected(2.0, 1, {"first.x": 0.02}, (1.0, 2.0), (0.0, 0.1), (0.2, 0.3), ("first.x",)),
         events.StateChanged(3.0, events.HOLDING, "within the dead band"),

@@ -7,8 +7,10 @@ import pytest
 from loop_rig import Rig
 
 from mirrormount.beam import gates
+from mirrormount.beam.events import TAKE_UP, GateClosed
 from mirrormount.beam.hold import Hold
 from mirrormount.beam.reasons import Reason
+from mirrormount.beam.spot import NoSpot
 from mirrormount.common.errors import BoardError, NotInControl
 
 WHEN_S = 20.0  # after the begin of the hold
@@ -37,6 +39,46 @@ def test_a_laser_blocked_for_10_s_is_waited_for(rig):
     assert not rig.pulses(begin_s + WHEN_S + 0.2, begin_s + WHEN_S + 10)
     assert rig.pulses(begin_s + WHEN_S + 11, begin_s + 60)
     assert summary.reached
+
+
+@pytest.mark.parametrize(("reason", "most"), [(Reason.SHAPE, 4), (Reason.SPLIT, 4), (Reason.NOTHING, 1)])
+def test_frames_that_noise_alone_may_spoil_close_no_gate(rig, reason, most):
+    eye = rig.table.eyes[1]
+    left = {"frames": 0}
+    find = eye.find
+
+    def refuses(frame):
+        left["frames"] -= 1
+        return NoSpot(reason) if left["frames"] >= 0 else find(frame)
+
+    eye.find = refuses
+    after(rig, WHEN_S, lambda: left.update(frames=most))
+    after(rig, 2 * WHEN_S, lambda: left.update(frames=most + 1))
+    rig.run(1.5 * WHEN_S)
+    assert rig.gates() == []
+    rig.run(WHEN_S)
+    assert len(rig.gates()) == 1
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_gate_that_closes_behind_a_take_up_does_not_make_it_forgotten(seed):
+    rig = Rig("smooth", seed)
+
+    travel = rig.hold.guard.mover.travel
+
+    def blocked_then(response, travels, purposes):
+        made = travel(response, travels, purposes)
+        rig.table.truth.laser.blocked |= TAKE_UP in purposes.values()
+        return made
+
+    rig.hold.guard.mover.travel = blocked_then
+    rig.run(120)
+    assert rig.gates() == ["no spot"]
+    for actuator, gap in zip(rig.table.actuators, rig.hold.guard.corrector.gaps, strict=True):
+        train = actuator.train
+        for way in (1, -1):
+            left = train.gap_rev / 2 - way * (train.shaft_rev - train.screw_rev)
+            assert not gap.in_contact(way) or left < 0.05 * train.gap_rev
 
 
 def test_a_beam_that_comes_back_elsewhere_is_not_followed(rig):
@@ -127,10 +169,12 @@ def test_a_wrong_calibration_ends_by_a_gate_before_the_beam_runs_away(profile, f
     fault(rig)
     worst = []
     add = rig.hold.summary.add
-    rig.hold.summary.add = lambda time_s, errors: (
-        worst.append(np.abs(rig.table.truth_um()).max()),
-        add(time_s, errors),
-    )
+
+    def both(time_s, errors):
+        worst.append(np.abs(rig.table.truth_um()).max())
+        return add(time_s, errors)
+
+    rig.hold.summary.add = both
     summary = rig.run(300)
     assert rig.gates() in (["corrections do not help"], ["axis does not move"], ["spot jumped"])
     assert max(worst) < 3000
@@ -191,13 +235,26 @@ def test_it_stands_still_while_the_person_keeps_control(rig):
     assert not rig.pulses(begin_s + WHEN_S + 0.5, begin_s + 100)
 
 
+def test_it_does_not_go_on_with_another_board_in_the_place_of_a_lost_one(rig):
+    begin_s = rig.table.now_s()
+    after(rig, WHEN_S, lambda: setattr(rig.table, "lost_board", "the board does not answer"))
+    after(rig, WHEN_S + 10, lambda: setattr(rig.table.actuators[2], "board_id", "another board"))
+    after(rig, WHEN_S + 20, rig.hold.go_on)
+    after(rig, 100, rig.hold.stop)
+    rig.hold.run()
+    assert rig.gates() == ["board"]
+    assert not rig.pulses(begin_s + WHEN_S + 0.5, begin_s + 100)
+
+
 def test_after_a_restart_nothing_moves_before_the_beam_was_seen(rig):
     rig.table.truth.laser.blocked = True
+    rig.table.truth.bump(0, 700.0, 0.0)
     begin_s = rig.table.now_s()
     told = []
     again = Hold(rig.table, rig.response, None, told.append)
     after(rig, 10, lambda: setattr(rig.table.truth.laser, "blocked", False))
     again.run(60)
+    assert [event.name for event in told if isinstance(event, GateClosed)] == ["no spot"]
     pulses = [event.time_s for event in told if type(event).__name__ == "Pulsed"]
     assert pulses
     assert min(pulses) > begin_s + 10

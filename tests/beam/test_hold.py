@@ -11,6 +11,7 @@ from mirrormount.beam.events import Corrected, Looked, Pulsed
 from mirrormount.beam.gap import Gap, Width
 from mirrormount.beam.hold import angle_weight
 from mirrormount.beam.tracker import Tracker
+from mirrormount.cli import hold_work
 from mirrormount.cli.main import main
 
 LEVER_M = 1.2  # between the cameras
@@ -23,8 +24,8 @@ def held(rig, seconds=SECONDS):
     add = rig.hold.summary.add
 
     def both(time_s, errors):
-        add(time_s, errors)
         rows.append((time_s, *rig.table.truth_um()))
+        return add(time_s, errors)
 
     rig.hold.summary.add = both
     return rig.run(seconds), np.array(rows)
@@ -204,6 +205,10 @@ def test_a_goal_that_is_not_met_is_no_success(tmp_path):
     "arguments",
     [
         ["hold", "--virtual", "--duration", "-1"],
+        ["hold", "--virtual", "--rms-urad", "0"],
+        ["hold", "--virtual", "--max-um", "-3"],
+        ["align", "--virtual", "--within", "0"],
+        ["align", "--virtual", "--most", "0"],
         ["hold", "--virtual", "--duration", "x"],
         ["align", "--virtual", "--most", "1.5"],
         ["hold", "--profile", "rough"],
@@ -214,3 +219,12 @@ def test_a_goal_that_is_not_met_is_no_success(tmp_path):
 def test_what_cannot_be_is_one_line(arguments, capsys):
     assert main(arguments) == 1
     assert capsys.readouterr().err.startswith("mirrormount: ")
+
+
+@pytest.mark.parametrize("verb", ["calibrate", "align", "hold"])
+def test_numbers_that_cannot_be_written_are_told_before_anything_moves(verb, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(hold_work, "open_table", pytest.fail)
+    for file in (tmp_path / "none" / "hold.json", tmp_path):
+        assert main([verb, "--virtual", "--json", str(file)]) == 1
+        assert capsys.readouterr().err.startswith(f"mirrormount: cannot write {file}: ")
+    assert list(tmp_path.iterdir()) == []

@@ -4,15 +4,18 @@ import errno
 import json
 import math
 import threading
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from loop_rig import Rig
 
 from mirrormount.beam import run_log
 from mirrormount.beam.events import (
     HOLDING,
     WAITING,
     Corrected,
+    Estimated,
     GateClosed,
     Looked,
     Pulsed,
@@ -21,6 +24,8 @@ from mirrormount.beam.events import (
     SpotSeen,
     StateChanged,
 )
+from mirrormount.beam.hold import Hold
+from mirrormount.beam.over_time import Sums, joined
 from mirrormount.beam.run_log import RunLog
 from mirrormount.beam.run_reader import read_run, spectrum
 from mirrormount.beam.run_report import write_report
@@ -29,13 +34,18 @@ from mirrormount.common.errors import BadFile, CannotWrite
 ABOUT = {"began": "2026-11-22T10:00:00+00:00", "table": "<two> mounts"}
 
 
-def seen(camera: str, x_um: float, y_um: float = 0.0) -> SpotSeen:
+def spot(camera: str, x_um: float, y_um: float = 0.0) -> SpotSeen:
     return SpotSeen(camera, (320.0, 240.0), (0.01, 0.01), (x_um, y_um), 0.0)
 
 
 def look(time_s: float, near_um: float, far_um: float, free_um: float = 50.0) -> Looked:
-    spots = seen("near", near_um), seen("far", far_um, -far_um)
+    spots = spot("near", near_um), spot("far", far_um, -far_um)
     return Looked(time_s, spots, (far_um - near_um, 0.0), ((free_um, 0.0), (2 * free_um, 0.0)))
+
+
+def estimate(look: Looked) -> Estimated:
+    """Of a loop that takes each look for the truth."""
+    return Estimated(look.time_s, {spot.camera: spot.error_um for spot in look.spots}, look.angle_urad)
 
 
 def an_hour() -> list:
@@ -43,14 +53,15 @@ def an_hour() -> list:
     events: list = [StateChanged(0.0, HOLDING)]
     for at in range(2 * 65 * 60):
         sign = 1 if at % 2 else -1
-        events.append(look(at / 2, 3.0 * sign, 8.0 * sign, at / 100))
+        seen = look(at / 2, 3.0 * sign, 8.0 * sign, at / 100)
+        events += [seen, estimate(seen)]
         if at % 100 == 0:
             events.append(Pulsed(at / 2, "first.x", -12_000, "correct"))
             events.append(Corrected(at / 2, at, {"first.x": -0.1}, (3.0,), (0.0,), (1.0,), ("first.x",)))
         if at == 4000:
             events.append(GateClosed(at / 2, 2, "no spot", "near: too dark", "remove <what> is in the way", True))
             events.append(StateChanged(at / 2, WAITING, "near: too dark"))
-            events.append(Looked(at / 2, (SpotMissed("near", "dark"), seen("far", 900.0))))
+            events.append(Looked(at / 2, (SpotMissed("near", "dark"), spot("far", 900.0))))
             events.append(StateChanged(at / 2 + 0.4, HOLDING))
     events.append(ResponseChanged(3899.0, ((1.0,),), 0.03))
     return events
@@ -80,6 +91,25 @@ def test_what_is_read_is_what_happened(written):
     assert len(run.times_s) == len(run.errors_um["far"]) == 2 * 65 * 60
 
 
+def test_a_report_has_the_figures_that_the_run_ended_with(tmp_path):
+    rig = Rig("rough", 2)
+    with RunLog(tmp_path / "log", ABOUT, patient=True) as log:
+        hold = Hold(rig.table, rig.response, rig.gaps, log)
+        begin_s = rig.table.now_s()
+        rig.table.at(begin_s + 50, lambda: setattr(rig.table.truth.laser, "blocked", True))
+        rig.table.at(begin_s + 65, lambda: setattr(rig.table.truth.laser, "blocked", False))
+        summary = hold.run(150)
+    run = read_run(tmp_path / "log")
+    angle = Sums()
+    for minute in run.minutes:
+        angle.join(minute.angle_urad)
+    errors = joined([minute.errors_um for minute in run.minutes])
+    assert len(summary.gates) == 1 and len(run.minutes) >= 3
+    assert max(angle.rms) == pytest.approx(summary.rms_urad)
+    assert [um for sums in errors.values() for um in sums.rms] == pytest.approx(list(summary.rms_um))
+    assert max(sums.most for sums in errors.values()) == summary.max_um
+
+
 def test_a_cut_costs_the_last_line_and_no_minute(written, tmp_path):
     (cut := tmp_path / "cut").mkdir()
     for path in written.iterdir():
@@ -95,6 +125,18 @@ def test_a_cut_costs_the_last_line_and_no_minute(written, tmp_path):
     assert run.minutes[62].errors_um == whole.minutes[62].errors_um
     write_report(page := tmp_path / "cut.html", run)
     assert "2 lines of the log are damaged" in page.read_text()
+
+
+def test_minutes_that_are_made_of_events_miss_nothing_between_two_files(written, tmp_path, monkeypatch):
+    monkeypatch.setattr(run_log, "SEGMENT_BYTES", 400_000)
+    with RunLog(tmp_path / "log", ABOUT, patient=True) as log:
+        for event in an_hour():
+            log(event)
+    (tmp_path / "log" / "minutes.jsonl").write_bytes(b"")
+    assert len(list((tmp_path / "log").glob("events-*"))) > 5
+    found, whole = read_run(tmp_path / "log").minutes, read_run(written).minutes
+    assert [minute.errors_um for minute in found] == [minute.errors_um for minute in whole]
+    assert [minute.corrections for minute in found] == [minute.corrections for minute in whole]
 
 
 def test_the_log_is_bounded_and_the_minutes_outlive_the_events(tmp_path, monkeypatch):
@@ -169,7 +211,7 @@ def test_a_damaged_line_is_counted_and_left_out(written, tmp_path, line):
 
 
 def test_a_folder_without_a_log_is_one_line(tmp_path):
-    with pytest.raises(BadFile, match=r"no log of a run \(about.json"):
+    with pytest.raises(BadFile, match=r"no log of a run \(about.json: No such file or directory\)"):
         read_run(tmp_path)
 
 
@@ -180,6 +222,18 @@ def test_the_page_tells_it_in_words_and_curves_and_holds_nothing_of_others(writt
     assert "&lt;two&gt; mounts" in text and "<two>" not in text
     for words in ("near, µm", "far, µm", "angle of the beam, µrad", "hour 2", "no spot", "near: too dark", "78"):
         assert words in text
+
+
+def test_a_short_run_is_told_in_minutes_and_a_long_one_in_hours(written, tmp_path):
+    long = read_run(written)
+    short = replace(long, minutes=long.minutes[:3])
+    pages = []
+    for run in (short, long):
+        write_report(tmp_path / "page.html", run)
+        pages.append((tmp_path / "page.html").read_text())
+    assert [">minutes<" in page for page in pages] == [True, False]
+    assert [">hours<" in page for page in pages] == [False, True]
+    assert "3 min" in pages[0]
 
 
 def test_the_spectrum_of_a_wave_stands_at_its_frequency_and_holds_its_power():

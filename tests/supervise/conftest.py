@@ -5,8 +5,10 @@ from pathlib import Path
 
 import pytest
 from served import ServedBoard, wait_for
+from supervised import AlwaysAlive
 
 from mirrormount.supervise import Program, Supervisor
+from mirrormount.supervise.lease import Client, Lease
 
 
 @pytest.fixture
@@ -39,3 +41,16 @@ def loop(supervisor: Supervisor, told: list[str]) -> Iterator[Program]:
     with supervisor.join("camera loop", told.append) as loop:
         loop.take_control()
         yield loop
+
+
+@pytest.fixture
+def lease() -> Lease:
+    return AlwaysAlive()
+
+
+@pytest.fixture
+def page(lease: Lease) -> Client:
+    """A person at a page, connected."""
+    page = Client("page 1 (here)", is_person=True)
+    lease.join(page, object())
+    return page

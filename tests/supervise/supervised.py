@@ -1,8 +1,29 @@
-"""What tests of a supervised mount share: a clock that the test turns, the worker's log."""
+"""What tests of a supervised mount share: a clock that the test turns, a worker on a live board and its log."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 from served import wait_for
 
+from mirrormount.supervise.lease import Client, Lease
 from mirrormount.supervise.worker import Worker
+
+
+class AlwaysAlive(Lease):
+    """A lease whose connected clients are alive without a beat."""
+
+    def alive(self, client: Client) -> bool:
+        return client.connected
+
+
+@contextmanager
+def at_work(lease: Lease, *clock: Callable[[], float]) -> Iterator[Worker]:
+    """A worker that has a virtual board of its own, and has seen it."""
+    worker = Worker("virtual://", lease, *clock)
+    worker.open()
+    wait_for(lambda: worker.state.status, "the first poll of the board")
+    yield worker
+    worker.close()
 
 
 class Clock:

@@ -2,46 +2,22 @@
 
 import pytest
 from served import wait_for
-from supervised import moving, polled, sent
+from supervised import at_work, moving, polled, sent
 
 from mirrormount.device import calibration
-from mirrormount.supervise.lease import Client, Lease
 from mirrormount.supervise.requests import MoveBy, MoveTo
-from mirrormount.supervise.worker import Worker
 
 STEP = calibration.Step(200_000, 255, 0)
-
-
-class AlwaysAlive(Lease):
-    """A lease whose connected clients are alive without a beat."""
-
-    def alive(self, client) -> bool:
-        return client.connected
-
-
-@pytest.fixture
-def lease():
-    return AlwaysAlive()
-
-
-@pytest.fixture
-def page(lease):
-    page = Client("page 1 (here)", is_person=True)
-    lease.join(page, object())
-    return page
 
 
 @pytest.fixture
 def worker(lease, tmp_path, monkeypatch):
     """A board of which x has all scales, y none: forward and back differ."""
     monkeypatch.setenv("MIRRORMOUNT_CONFIG", str(tmp_path))
-    worker = Worker("virtual://", lease)
-    worker.open()
-    scale = calibration.Scale(0.25, 0.15, STEP, beam_per_mirror=2.0, screen_mm=1000.0)
-    calibration.write(worker.mount.board_id, {worker.mount.x.number: scale})
-    wait_for(lambda: worker.state.status, "the first poll of the board")
-    yield worker
-    worker.close()
+    with at_work(lease) as worker:
+        scale = calibration.Scale(0.25, 0.15, STEP, beam_per_mirror=2.0, screen_mm=1000.0)
+        calibration.write(worker.mount.board_id, {worker.mount.x.number: scale})
+        yield worker
 
 
 @pytest.mark.parametrize(

@@ -4,23 +4,14 @@ import threading
 
 import pytest
 from served import PATIENCE_S, wait_for
-from supervised import Clock, moving, polled, sent
+from supervised import Clock, at_work, moving, polled, sent
 
 from mirrormount.common.errors import ConnectionLost
-from mirrormount.supervise.lease import Client, Lease
 from mirrormount.supervise.presses import HOLD_S
 from mirrormount.supervise.requests import Drive, GoTo, Press, Steps
-from mirrormount.supervise.worker import Worker
 from mountfw import codes as wire
 
 RIGHT = Press({"x": 1}, 255)
-
-
-class AlwaysAlive(Lease):
-    """A lease whose connected clients are alive without a beat."""
-
-    def alive(self, client) -> bool:
-        return client.connected
 
 
 @pytest.fixture
@@ -31,11 +22,8 @@ def clock():
 @pytest.fixture
 def timed(lease, clock):
     """A worker for which the time between press and release passes only when told."""
-    worker = Worker("virtual://", lease, clock)
-    worker.open()
-    wait_for(lambda: worker.state.status, "the first poll of the board")
-    yield worker
-    worker.close()
+    with at_work(lease, clock) as worker:
+        yield worker
 
 
 def test_a_press_of_0_6_s_is_one_whole_step(timed, page, clock):
@@ -100,24 +88,9 @@ def test_a_diagonal_run_of_which_the_board_ends_one_axis_does_not_lose_its_relea
 
 
 @pytest.fixture
-def lease():
-    return AlwaysAlive()
-
-
-@pytest.fixture
-def page(lease):
-    page = Client("page 1 (here)", is_person=True)
-    lease.join(page, object())
-    return page
-
-
-@pytest.fixture
 def worker(lease):
-    worker = Worker("virtual://", lease)
-    worker.open()
-    wait_for(lambda: worker.state.status, "the first poll of the board")
-    yield worker
-    worker.close()
+    with at_work(lease) as worker:
+        yield worker
 
 
 def test_a_request_that_is_refused_while_a_button_is_held_does_not_lose_its_release(worker, page):

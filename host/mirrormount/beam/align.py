@@ -1,5 +1,6 @@
 """Brings the beam to its targets: corrections by the response until all spots are near enough. Imports guard."""
 
+import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -8,7 +9,7 @@ from mirrormount.beam.choosing import Prices
 from mirrormount.beam.driven import QUICKLY
 from mirrormount.beam.events import ALIGNING, ENDED, STOPPED, Event, GateClosed, Listen, StateChanged, silent
 from mirrormount.beam.gap import Gap
-from mirrormount.beam.gates import Closed
+from mirrormount.beam.gates import NO_HELP, Closed
 from mirrormount.beam.guard import Guard
 from mirrormount.beam.loop_table import LoopTable
 from mirrormount.beam.response import Response, check_belongs
@@ -18,8 +19,10 @@ WITHIN_UM = 15.0  # on every camera, along x and y
 MOST_CORRECTIONS = 10
 _MOST_CREEPS = 80
 _FRAMES = 6  # of a look that decides
-_AIM = 0.6  # of WITHIN_UM, at which it ends early
-_PRICES = Prices(pulse_um2=9.0, gap_um2=80.0)
+# of WITHIN_UM, at which it ends, up to so many corrections; the rest is for the look's noise and the beam's tremble
+_AIMS = ((8, 0.6), (math.inf, 0.85))
+_HELPED = 0.5  # of the first error: what corrections by a true calibration leave at most
+_PRICES, _AT_ANY_PRICE = Prices(pulse_um2=9.0, gap_um2=80.0), Prices(pulse_um2=0.0, gap_um2=0.0)
 
 
 def align(
@@ -49,20 +52,27 @@ def align(
     begin_s = table.now_s()
     weight = np.eye(len(response.noise_um))
     told(StateChanged(begin_s, ALIGNING, f"until all spots are within {within_um:g} um of their targets"))
-    why = ""
+    why, begun_um = "", 0.0
     try:
         while True:
             look = guard.look(_FRAMES)
             summary.add(look.time_s, look.errors_um)
-            if look.worst_um <= _AIM * within_um or cancelled():
+            begun_um = begun_um or look.worst_um
+            if look.worst_um <= _aim(guard.corrector.number) * within_um or cancelled():
                 break
             if guard.corrector.number >= most or guard.corrector.creeps > _MOST_CREEPS:
-                why = f"{most} corrections were not enough"
+                why = f"{guard.corrector.number} corrections were not enough"
+                if guard.corrector.number >= MOST_CORRECTIONS and look.worst_um > _HELPED * begun_um:
+                    raise Closed(NO_HELP, f"{why}: of {begun_um:.0f} um, {look.worst_um:.0f} um are left")
                 break
-            choice = guard.choose(_PRICES, weight)
+            prices = _PRICES
+            choice = guard.choose(prices, weight)
+            if not choice and look.worst_um > within_um:
+                prices = _AT_ANY_PRICE
+                choice = guard.choose(prices, weight)
             if not choice:
                 break
-            guard.correct(choice, _PRICES, weight, frames=2)
+            guard.correct(choice, prices, weight, frames=2)
         summary.reached = summary.last_um is not None and float(np.max(np.abs(summary.last_um))) <= within_um
     except Closed as closed:
         told(closed.event(table.now_s()))
@@ -75,3 +85,8 @@ def align(
         summary.motor_s, summary.seconds = guard.mover.motor_s, table.now_s() - begin_s
     told(StateChanged(table.now_s(), ENDED, why))
     return summary
+
+
+def _aim(corrections: int) -> float:
+    """What is near enough after so many: between two corrections the laser drifts, so more of them need not help."""
+    return next(aim for most, aim in _AIMS if corrections < most)

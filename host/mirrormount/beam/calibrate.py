@@ -31,7 +31,8 @@ _MOVED = 0.15  # of a step's way: the screw follows
 # lengths of pulses in parts of a step, and how many of each: the sum is some steps
 _CURVE = ((0.025, 10), (0.04, 8), (0.065, 6), (0.12, 5), (0.25, 3), (0.5, 2))
 _ROOM_UM = 2000.0  # errors beyond are made smaller first
-_CENTRED = 0.8  # part of an error that is corrected then
+_CENTRED, _CENTRINGS = 0.8, 4  # part of an error that is corrected then, and how often: few steps were measured
+_UNITS = 0.7, 1.3  # a step here, in those that the response was measured with: at least and at most
 _GAP_SPREAD, _LEAST_SPREAD = 0.03, 0.01  # of a gap's width, relative: until reversals have shown it, and after
 
 
@@ -230,24 +231,30 @@ class Calibration:
         return found
 
     def _measure_gaps(self, matrices: Mapping[int, Matrix], widths: list[dict[int, Width]]) -> None:
-        """Reversals of both axes of a mount at once, each by a step more than the gap; the widths learn from them."""
+        """Reversals of both axes of a mount at once, each by a step more than the gap; the widths learn from them.
+
+        One step more shows how far a step moves the spots here: a screw's pitch is not even along its turn.
+        """
         n = len(self.table.actuators)
         gaps: dict[tuple[int, int], Vector] = {}
         for first in range(0, n, 2):
             pair = [i for i in (first, first + 1) if i < n]
-            samples: dict[tuple[int, int], list[float]] = {}
+            moved: dict[tuple[int, int], list[tuple[int, float, float]]] = {}
             for _ in range(2 * _REVERSALS):
                 before = self.eyes.seen()
                 steps = {i: -self._way[i] * round(widths[i][-self._way[i]].mean + 1.0) for i in pair}
                 self.eyes.mover.measure(steps)
                 after = self.eyes.seen()
                 columns = np.array([matrices[-self._way[i]][:, i] * -self._way[i] for i in pair]).T
-                ways, *_ = np.linalg.lstsq(columns, after.errors_um - before.errors_um, rcond=None)
-                for i, way in zip(pair, ways, strict=True):
+                self.eyes.mover.measure({i: -self._way[i] for i in pair})
+                changes = after.errors_um - before.errors_um, self.eyes.seen().errors_um - after.errors_um
+                ways, *_ = np.linalg.lstsq(columns, np.array(changes).T, rcond=None)
+                for i, (way, unit) in zip(pair, ways, strict=True):
                     self._way[i] = -self._way[i]
-                    samples.setdefault((i, self._way[i]), []).append(abs(steps[i]) - float(way))
-            for (i, way), found in samples.items():
-                gaps[i, way] = np.array(found)
+                    moved.setdefault((i, self._way[i]), []).append((abs(steps[i]), float(way), float(unit)))
+            for key, found in moved.items():
+                driven, way, unit = np.array(found).T
+                gaps[key] = driven - way / np.clip(unit.mean(), *_UNITS)
         parts = np.concatenate([(found - found.mean()) / found.mean() for found in gaps.values()])
         free = len(parts) - len(gaps)  # all gaps together: three samples of one say little of its spread
         spread = max(math.sqrt(float(parts @ parts) / free), _LEAST_SPREAD)
@@ -257,14 +264,15 @@ class Calibration:
 
     def _centre(self, matrices: Mapping[int, Matrix], widths: list[dict[int, Width]]) -> None:
         """Bring far spots towards the targets, so that what comes has room in the pictures."""
-        look = self.eyes.seen()
-        if look.worst_um < _ROOM_UM:
-            return
-        steps = np.linalg.lstsq(matrices[1], -_CENTRED * look.errors_um, rcond=None)[0]
-        whole = {i: round(float(step)) for i, step in enumerate(steps) if abs(step) >= 1}
-        for i, n in whole.items():
-            way = 1 if n > 0 else -1
-            if way != self._way[i]:
-                whole[i] += way * round(widths[i][way].mean + 0.5)
-                self._way[i] = way
-        self.eyes.mover.measure(whole)
+        for _ in range(_CENTRINGS):
+            look = self.eyes.seen()
+            if look.worst_um < _ROOM_UM:
+                return
+            steps = np.linalg.lstsq(matrices[1], -_CENTRED * look.errors_um, rcond=None)[0]
+            whole = {i: round(float(step)) for i, step in enumerate(steps) if abs(step) >= 1}
+            for i, n in whole.items():
+                way = 1 if n > 0 else -1
+                if way != self._way[i]:
+                    whole[i] += way * round(widths[i][way].mean + 0.5)
+                    self._way[i] = way
+            self.eyes.mover.measure(whole)

@@ -23,11 +23,21 @@ class Size(NamedTuple):
         return f"{self.width} x {self.height}"
 
 
+OF_DRIVER = "number of the driver"
+
+
 class Controls(NamedTuple):
-    """Whether the camera keeps exposure and gain: True (fixed), False (automatic), None (the camera does not say)."""
+    """Whether the camera keeps exposure and gain: True (fixed), False (automatic), None (the camera does not say).
+
+    exposure, gain: what they are, or were when the camera was opened if they are automatic; None: not known.
+    exposure_unit: s, or OF_DRIVER, whose numbers mean something else with each driver, as those of every gain do.
+    """
 
     exposure_fixed: bool | None
     gain_fixed: bool | None
+    exposure: float | None = None
+    exposure_unit: str | None = None
+    gain: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

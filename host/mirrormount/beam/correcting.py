@@ -6,6 +6,7 @@ are seen to move: so a reversal never throws the beam.
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -28,6 +29,7 @@ _JUMP_SIGMAS = 8.0  # of the gap: a wish beyond that and beyond Creep.jump_steps
 _PLAUSIBLE = (0.4, 2.0)  # part of an expected change that teaches something of the response
 _CREEP_PART = 0.15  # of the present error, by a pulse of a creep: what is far off need not creep softly
 _LEAST_FREE = 0.02  # steps of a gap that are driven ahead of a creep
+_UNSEEN = 0.9  # chance of a contact at most, where nothing was seen
 _STUCK_STEPS = 2.5  # driven beyond the gap without any motion: the axis does not move
 
 
@@ -165,6 +167,15 @@ class Corrector:
             self._refine(driven, outcome, frames)
         self._tell(driven, before, outcome, look)
         return outcome
+
+    def unseen(self, driven: list[Driven]) -> None:
+        """There is no look after the pulses: what is known of them is what was foreseen. No contact comes of that."""
+        for each in driven:
+            gap, column = self.gaps[each.i], self._column(each)
+            foreseen = gap.pulse(each.way, each.drove, each.scatter).foreseen()
+            self.tracker.moved(column * foreseen.mean, np.outer(column, column) * foreseen.variance)
+            follows = foreseen.follows if gap.in_contact(each.way) else min(foreseen.follows, _UNSEEN)
+            gap.moved(each.way, each.drove, each.scatter, replace(foreseen, follows=follows))
 
     def _column(self, each: Driven) -> Vector:
         """The change of the errors for a step of the screw in its way."""

@@ -4,6 +4,7 @@ Each move is watched by its caller, who asks is_moving() until it is over: that 
 that dies or hangs stops asking, and the board switches its motors off within half a second.
 """
 
+import contextlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from mirrormount.beam.loop_table import Eye
@@ -56,6 +57,7 @@ class DirectTable:
     """Mounts and eyes of this program. now_s, sleep: of the table's clock."""
 
     taken_over = ""  # nobody else drives these mounts; a stop by another program ends a move, and closes a gate
+    lost_board = ""  # a motion tells it
 
     def __init__(
         self,
@@ -75,7 +77,10 @@ class DirectTable:
         self._mounts = list(mounts.values())
 
     def stop(self) -> None:
-        """As LoopTable.stop(). A board that has gone does not keep another one from its stop."""
+        """As LoopTable.stop(). A board that has gone, or is slow to confirm it, keeps no other one from its stop."""
+        for mount in self._mounts:
+            with contextlib.suppress(MountError):  # told by what follows
+                mount.halt()
         failures: list[MountError] = []
         for actuator in self.actuators:
             try:

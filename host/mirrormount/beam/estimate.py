@@ -88,22 +88,3 @@ def spread(samples: Sequence[float] | NDArray[np.float64], unit: str) -> Estimat
     n = len(values)
     deviation = float(np.std(values, ddof=1))
     return Estimate(deviation, deviation / math.sqrt(2 * (n - 1)) if n > 1 else math.inf, unit, n)
-
-
-def combined(estimates: Sequence[Estimate]) -> Estimate:
-    """The mean of independent estimates of one value, weighted by 1/error², in their unit; at least one.
-
-    If they differ by more than their errors say, the error is widened by the square root of chi² per degree of freedom
-    (the scale factor of the Particle Data Group's averages).
-    """
-    weights = np.array([1 / e.error**2 if e.error > 0 else 0.0 for e in estimates])
-    values = np.array([e.value for e in estimates])
-    if not weights.any():
-        return Estimate(float(np.mean(values)), math.inf, estimates[0].unit, len(estimates))
-    value = float(np.sum(weights * values) / np.sum(weights))
-    error = 1 / math.sqrt(float(np.sum(weights)))
-    degrees = len(estimates) - 1
-    if degrees:
-        chi2 = float(np.sum(weights * (values - value) ** 2)) / degrees
-        error *= max(1.0, math.sqrt(chi2))
-    return Estimate(value, error, estimates[0].unit, sum(e.count for e in estimates))

@@ -63,6 +63,16 @@ class Looked:
 
 
 @dataclass(frozen=True, slots=True)
+class Estimated:
+    """What a loop that holds a beam takes for the errors from now on: the last look and those before it, weighted by
+    their noise. errors_um: for each camera; angle_urad: as of Looked."""
+
+    time_s: float
+    errors_um: Mapping[str, Pair]
+    angle_urad: Pair | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class Pulsed:
     """One motor was driven. us: signed length of all pulses together. purpose: CORRECT, TAKE_UP, CREEP or MEASURE."""
 
@@ -154,11 +164,12 @@ class Progress:
     what: str
 
 
-Event = Looked | Pulsed | Corrected | StateChanged | GateClosed | GateOpened | ResponseChanged | Progress
+Event = Looked | Estimated | Pulsed | Corrected | StateChanged | GateClosed | GateOpened | ResponseChanged | Progress
 Listen = Callable[[Event], object]
 
 _KINDS: dict[str, type[Any]] = {
     "look": Looked,
+    "estimate": Estimated,
     "pulse": Pulsed,
     "correction": Corrected,
     "state": StateChanged,

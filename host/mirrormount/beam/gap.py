@@ -95,6 +95,9 @@ class Gap:
         """The shaft was turned by so many steps (± scatter), and the screw so far. True: a contact is new."""
         slack, sigma = self._slack[way]
         width, back = self.widths[way].mean, self.widths[-way]
+        if self._contact[way] and moved.follows <= _LOST and self._since[way] > _FAR_SPREADS * self.widths[way].spread:
+            self.forget()  # what was certain is wrong: it is not known by how much
+            return False
         self._travelled += way * steps / width
         slack, sigma = _cut(slack - steps, math.hypot(sigma, scatter))
         least = _LEFT * self.widths[way].spread  # a gap that is longer than it ever was is not the least likely case

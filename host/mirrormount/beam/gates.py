@@ -22,7 +22,7 @@ class Gate:
 NO_SPOT = Gate(
     1,
     "no spot",
-    "two frames in a row of a camera show no spot",
+    "two frames in a row of a camera show no spot, or five none that is clear",
     "look for something in the beam, or switch on the laser; a lost beam is found by `mirrormount scan find`",
     True,
 )

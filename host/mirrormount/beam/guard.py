@@ -88,13 +88,12 @@ class Guard:
             driven = self.corrector.drive(choice, prices, weight)
         except SpotLostMoving:
             self._close(Closed(NO_SPOT, "the spot was lost during a motion"))
-        except NotInControl as e:
-            self._close(Closed(CONTROL, self.table.taken_over or str(e)))
         except MountError as e:
-            taken = self.table.taken_over
-            self._close(Closed(CONTROL, taken) if taken else Closed(BOARD, str(e)))
+            gate = CONTROL if isinstance(e, NotInControl) else BOARD
+            self._close(self._out_of_control() or Closed(gate, str(e)))
         look = self.looker.look(frames)
         if not look:
+            self.corrector.unseen(driven)
             self._close(of_fault(look.faults[0]))
         outcome = self.corrector.learn(driven, look, frames)
         if outcome.stuck:
@@ -166,8 +165,15 @@ class Guard:
             )
 
     def _check_control(self) -> None:
-        if taken := self.table.taken_over:
-            self._close(Closed(CONTROL, taken))
+        if closed := self._out_of_control():
+            self._close(closed)
+
+    def _out_of_control(self) -> Closed | None:
+        """The gate of a loop that has no control any more. A board that went ends control, too: nobody took it then."""
+        if lost := self.table.lost_board:
+            return Closed(BOARD, lost)
+        taken = self.table.taken_over
+        return Closed(CONTROL, taken) if taken else None
 
     def _close(self, closed: Closed) -> NoReturn:
         """All motors off; a board that has gone is off by its keep-alive."""
@@ -175,5 +181,6 @@ class Guard:
         try:
             self.table.stop()
         except MountError as e:
-            closed = Closed(closed.gate, f"{closed.detail} ({e})")
+            if str(e) not in closed.detail:
+                closed = Closed(closed.gate, f"{closed.detail} ({e})")
         raise closed

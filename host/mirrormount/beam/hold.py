@@ -147,12 +147,13 @@ class Hold:
         self.table.sleep(max(0.0, self.period_s - (self.table.now_s() - begin_s)))
 
     def _add(self) -> None:
-        self.summary.add(self.table.now_s(), self.guard.tracker.mean)
+        self._tell(self.summary.add(self.table.now_s(), self.guard.tracker.mean))
 
     def _wait(self, closed: Closed, end_s: float | None, timed: bool) -> bool:
         """A gate is closed. True: it has opened, by itself or by go_on(); False: the loop ends."""
         self._going_on.clear()
-        was, since_s = self.guard.tracker.mean.copy(), self.table.now_s()
+        was = self.guard.tracker.mean.copy() if self.guard.tracker.seen else None  # then it is where it was found
+        since_s = self.table.now_s()
         opens = closed.gate.opens_itself
         self._state_is(WAITING if opens else STOPPED, closed.detail)
         while not self._over(end_s):
@@ -162,7 +163,7 @@ class Hold:
                     break
             elif opens:
                 if self._sees():
-                    if self._is_back(was, since_s):
+                    if was is None or self._is_back(was, since_s):
                         break
                     opens = False
                     closed = Closed(JUMPED, f"the spot is back, {self._off_mm(was):.2f} mm from where it was")
@@ -180,6 +181,7 @@ class Hold:
     def _take_control(self) -> bool:
         try:
             self.table.take_control()
+            check_belongs(self.response, self.table)  # another board may have been plugged in
         except MountError as e:
             self._state_is(STOPPED, str(e))
             return False

@@ -14,14 +14,15 @@ from numpy.typing import NDArray
 from mirrormount.beam.camera import Frame
 from mirrormount.beam.events import Listen, Looked, Pair, SpotMissed, SpotSeen
 from mirrormount.beam.loop_table import Eye, LoopTable
-from mirrormount.beam.reasons import Reason
-from mirrormount.beam.spot import Spot
+from mirrormount.beam.reasons import BY_CHANCE, Reason
+from mirrormount.beam.spot import NoSpot, Spot
 from mirrormount.common.beam_errors import CameraError
 
 SETTLE_S = 0.01  # from the end of a pulse, which has its own rest after it, to the first exposure that counts
 REPEATED = 4  # equal frames in a row: a camera whose noise differs from frame to frame does not do that
 STALE = 40  # frames in a row that were exposed before the last motion
-MISSED = 2  # frames in a row without a spot: the motors are off by then
+MISSED = 2  # frames in a row without a spot: the motors are off by then ...
+DOUBTED = 5  # ... and frames whose light is not that of a clear spot, which noise alone may do to one
 
 Vector = NDArray[np.float64]
 
@@ -57,6 +58,22 @@ class Look:
     def worst_um(self) -> float:
         """The largest error along an axis in a camera."""
         return float(np.max(np.abs(self.errors_um)))
+
+
+class Misses:
+    """Counts frames in a row without a spot."""
+
+    def __init__(self) -> None:
+        self._all = self._sure = 0
+
+    def too_many(self, found: Spot | NoSpot | None) -> bool:
+        """Take the next frame; None: there is none. True from the last one that may miss on."""
+        if found:
+            self._all = self._sure = 0
+            return False
+        self._all += 1
+        self._sure += found is None or found.reason not in BY_CHANCE
+        return self._sure >= MISSED or self._all >= DOUBTED
 
 
 class Looker:
@@ -98,23 +115,23 @@ class Looker:
         self._listen(Looked(look.time_s, tuple(told), angle_urad(table.eyes, errors), self._free(errors)))
         return look
 
-    def glance(self) -> bool:
-        """One frame of one camera, in turn, while motors run. False if it shows no spot.
+    def glance(self) -> Spot | NoSpot | None:
+        """One frame of one camera, in turn, while motors run. None if the camera fails.
 
-        It is not compared with the target, for the spot moves. A camera that fails is a False, too.
+        It is not compared with the target, for the spot moves.
         """
         number = self._turn = (self._turn + 1) % len(self.table.eyes)
         try:
-            return bool(self.table.eyes[number].find(next(self._stream(number))))
+            return self.table.eyes[number].find(next(self._stream(number)))
         except (CameraError, StopIteration):
             self._frames[number] = None
-            return False
+            return None
 
     def _free(self, errors: Vector) -> tuple[Pair, ...]:
         if self.free_um is None:
             return ()
         free = errors - self.free_um
-        return tuple((float(x), float(y)) for x, y in free.reshape(-1, 2)) if np.isfinite(free).all() else ()
+        return tuple(in_pairs(free)) if np.isfinite(free).all() else ()
 
     def _stream(self, number: int) -> Iterator[Frame]:
         stream = self._frames[number]
@@ -126,7 +143,8 @@ class Looker:
         """The mean place in one camera, and its distance from the edge."""
         eye = self.table.eyes[number]
         spots: list[Spot] = []
-        missed = repeated = stale = old = 0
+        misses = Misses()
+        repeated = stale = old = 0
         time_s = -math.inf
         while len(spots) < frames:
             try:
@@ -151,13 +169,12 @@ class Looker:
                     return Fault("old", eye.name, f"{eye.name}: no frame from after the last motion among {stale}")
                 continue
             spot = eye.find(frame)
-            if not spot:
-                missed += 1
-                if missed >= MISSED:
-                    return Fault("spot", eye.name, f"{eye.name}: {spot}", spot.reason)
-                continue
-            missed, time_s = 0, frame.time_s
-            spots.append(spot)
+            if misses.too_many(spot):
+                assert not spot
+                return Fault("spot", eye.name, f"{eye.name}: {spot}", spot.reason)
+            if spot:
+                time_s = frame.time_s
+                spots.append(spot)
         return self._seen(eye, spots, time_s)
 
     def _seen(self, eye: Eye, spots: Sequence[Spot], time_s: float) -> tuple[SpotSeen, float]:
@@ -171,6 +188,11 @@ class Looker:
         edge = min(x, eye.size.width - 1 - x, y, eye.size.height - 1 - y)
         age_s = eye.monotonic() - time_s
         return SpotSeen(eye.name, (x, y), sigma, error, self.table.now_s() - age_s, n), edge
+
+
+def in_pairs(errors_um: Vector) -> list[Pair]:
+    """(x, y) of each camera."""
+    return [(float(x), float(y)) for x, y in errors_um.reshape(-1, 2)]
 
 
 def lever_m(eyes: Sequence[Eye]) -> float | None:

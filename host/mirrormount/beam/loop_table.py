@@ -97,9 +97,17 @@ class LoopTable(Protocol):
 
     @property
     def taken_over(self) -> str:
-        """Why the loop has no control: a person took it, or somebody stopped; "" while it has."""
+        """Why the loop has no control: a person took it, somebody stopped, or a board has gone; "" while it has."""
+        ...
+
+    @property
+    def lost_board(self) -> str:
+        """Why, if it has no control because a board has gone or did not answer; else "". Until take_control()."""
         ...
 
     def take_control(self) -> None:
-        """Ask for control again, after a person has told the loop to go on. Raises NotInControl."""
+        """Ask for control again, after a person has told the loop to go on.
+
+        Raises NotInControl; ConnectionLost, NoAnswer while a board is not there.
+        """
         ...

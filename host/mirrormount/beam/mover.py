@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Mapping
 
 from mirrormount.beam.events import CORRECT, MEASURE, Listen, Pulsed
-from mirrormount.beam.looking import MISSED, Looker
+from mirrormount.beam.looking import Looker, Misses
 from mirrormount.beam.loop_table import Actuator, LoopTable
 from mirrormount.beam.response import Response
 
@@ -90,7 +90,7 @@ class Mover:
         if not amounts:
             return
         moving = [self.table.actuators[i] for i in amounts]
-        missed = 0
+        misses = Misses()
         try:
             for i, amount in amounts.items():
                 begin(self.table.actuators[i], amount)
@@ -101,13 +101,14 @@ class Mover:
                     self.table.sleep(_SOON_S)
                     continue
                 before_s = self.table.now_s()
-                missed = 0 if self._looker.glance() else missed + 1
-                if missed >= MISSED:
+                if misses.too_many(self._looker.glance()):
                     raise SpotLostMoving
                 self.table.sleep(_POLL_S - (self.table.now_s() - before_s))
         except BaseException:
-            self.table.stop()
-            self._looker.moved()
+            try:
+                self.table.stop()
+            finally:
+                self._looker.moved()
             raise
 
     def _tell(self, i: int, us: int, purpose: str) -> None:

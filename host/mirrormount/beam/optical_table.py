@@ -14,12 +14,11 @@ from mirrormount.beam import scale
 from mirrormount.beam.eyes import CameraEye
 from mirrormount.beam.open_camera import open_camera
 from mirrormount.beam.supervised import SupervisedTable
-from mirrormount.common.axis_names import axis_name, paired
 from mirrormount.common.errors import BadFile, NotCalibrated
 from mirrormount.common.keep_alive import PATIENCE_S
 from mirrormount.device import table_file
-from mirrormount.device.table_file import CameraEntry, MountEntry
-from mirrormount.supervise import Supervisor
+from mirrormount.device.table_file import CameraEntry
+from mirrormount.supervise.of_table import Supervised, supervised
 
 
 class Table:
@@ -28,7 +27,7 @@ class Table:
     Use open(), and close() or `with`.
     """
 
-    def __init__(self, mounts: Mapping[str, tuple[Supervisor, tuple[str, str]]], eyes: Mapping[str, CameraEye]) -> None:
+    def __init__(self, mounts: Mapping[str, Supervised], eyes: Mapping[str, CameraEye]) -> None:
         self.supervisors = {name: supervisor for name, (supervisor, _) in mounts.items()}
         self.axes = {name: axes for name, (_, axes) in mounts.items()}
         self.eyes = dict(eyes)
@@ -50,7 +49,7 @@ class Table:
             for name, entry in table.cameras.items():
                 eyes[name] = _eye(name, entry)
                 opened.callback(eyes[name].close)
-            mounts = _mounts(table.mounts, patience_s)
+            mounts = supervised(table.mounts, patience_s)
             for supervisor in dict.fromkeys(supervisor for supervisor, _ in mounts.values()):
                 opened.enter_context(supervisor)
             made = cls(mounts, eyes)
@@ -78,18 +77,6 @@ class Table:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
-
-
-def _mounts(entries: Mapping[str, MountEntry], patience_s: float) -> dict[str, tuple[Supervisor, tuple[str, str]]]:
-    """Supervisors, not open yet: one for each board, under the name of its first mount, which finds it on any port."""
-    boards: dict[str, tuple[Supervisor, int]] = {}
-    mounts: dict[str, tuple[Supervisor, tuple[str, str]]] = {}
-    for name, entry in entries.items():
-        key = entry.board.upper() if entry.board else f"port {entry.port}"
-        supervisor, x_axis = boards.setdefault(key, (Supervisor(name, patience_s=patience_s), entry.x_axis))
-        axes = axis_name(entry.x_axis, x_axis), axis_name(paired(entry.x_axis), x_axis)
-        mounts[name] = supervisor, axes
-    return mounts
 
 
 def _eye(name: str, entry: CameraEntry) -> CameraEye:

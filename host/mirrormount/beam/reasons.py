@@ -40,3 +40,7 @@ class Reason(Enum):
         "the bright place has not the shape of a spot",
         "look for something in the beam's way, stray light, or a moving beam",
     )
+
+
+# that the noise of a good spot looks like in one frame of some hundred: no single frame says it for sure
+BY_CHANCE = frozenset({Reason.SHAPE, Reason.SPLIT, Reason.DIM})

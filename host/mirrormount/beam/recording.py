@@ -1,7 +1,7 @@
 """Pictures on the disk as a camera: a folder of pictures, or a recording; and the writer of a recording.
 
 A recording is a folder. frames.jsonl has a line of JSON for each frame: file, time_s, number, repeated, late.
-camera.json has the camera's name, width, height, exposure_fixed and gain_fixed. The pictures are PNG, 8 bit, lossless.
+camera.json has the camera's name, width, height and Controls. The pictures are PNG, 8 bit, lossless.
 """
 
 import json
@@ -73,7 +73,8 @@ class Recording(Folder):
             about = json.loads((folder / _ABOUT).read_text("utf-8"))
             self.name = str(about["name"])
             self.size = Size(int(about["width"]), int(about["height"]))
-            self.controls = Controls(about.get("exposure_fixed"), about.get("gain_fixed"))
+            fixed = about.get("exposure_fixed"), about.get("gain_fixed")
+            self.controls = Controls(*fixed, about.get("exposure"), about.get("exposure_unit"), about.get("gain"))
         except (OSError, ValueError, KeyError, TypeError) as e:
             raise CameraError(f"{folder / _ABOUT}: not the head of a recording: {e}") from e
 

@@ -28,7 +28,8 @@ class Series:
 class Result:
     """Of one experiment. readings: every look, as rows of numbers under the names of columns.
 
-    estimates: name → value. partial: why it ended early; "" if it did not.
+    estimates: name → value. partial: why it ended early; "" if it did not. moves: False where nothing is moved, so that
+    no estimate is an angle of the mirror.
     """
 
     experiment: str
@@ -38,6 +39,7 @@ class Result:
     series: list[Series] = field(default_factory=list)
     remarks: list[str] = field(default_factory=list)
     partial: str = ""
+    moves: bool = True
 
     def to_json(self) -> dict[str, Any]:
         """All numbers with units and errors."""

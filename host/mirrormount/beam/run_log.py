@@ -124,7 +124,7 @@ class RunLog:
             if self._minute is not None:
                 self._minute.end()
             self._end_minute()
-            self._minute = Minute(event.time_s // MINUTE_S * MINUTE_S, self._minute.state if self._minute else "")
+            self._minute = Minute.after(self._minute, event.time_s)
         self._minute.add(event)
         line = json.dumps(to_json(event), separators=(",", ":")).encode() + b"\n"
         if self._segment is None or self._size + len(line) > SEGMENT_BYTES:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrormount.beam.events import Event, Looked, SpotSeen, StateChanged, from_json
+from mirrormount.beam.events import Estimated, Event, Looked, SpotSeen, StateChanged, from_json
 from mirrormount.beam.run_log import ABOUT, EVENTS, MINUTES
 from mirrormount.beam.run_minutes import HELD, MINUTE_S, Minute, minute_from_json
 from mirrormount.common.errors import BadFile
@@ -24,7 +24,7 @@ class Run:
     """A log that was read. damaged: lines that are none of its form, such as the last one before a power cut.
 
     minutes: all of them, with the last ones made of the events if they were cut. times_s, errors_um, angle_urad: of the
-    looks in the kept events while the beam was held; errors_um for each camera, shape (looks, 2).
+    looks in the kept events while the beam was held, each by itself; errors_um for each camera, shape (looks, 2).
     """
 
     about: dict[str, Any]
@@ -41,15 +41,17 @@ def read_run(folder: Path) -> Run:
         if not isinstance(about, dict):
             raise ValueError("no object")
     except (OSError, ValueError) as e:
-        raise BadFile(f"{folder}: no log of a run ({ABOUT}: {e})") from e
+        raise BadFile(f"{folder}: no log of a run ({ABOUT}: {_why(e)})") from e
     run = Run(about)
     for data in _lines(folder / MINUTES, run):
         try:
             run.minutes.append(minute_from_json(data))
         except (TypeError, ValueError, AttributeError):
             run.damaged += 1
+    known_s = run.minutes[-1].begin_s + MINUTE_S if run.minutes else -math.inf
+    state = ""
     for path in sorted(folder.glob(EVENTS)):
-        _add_events(path, run)
+        state = _add_events(path, run, known_s, state)
     return run
 
 
@@ -69,11 +71,11 @@ def _lines(path: Path, run: Run) -> Iterator[dict[str, Any]]:
         raise BadFile(f"{path}: {e.strerror}") from e
 
 
-def _add_events(path: Path, run: Run) -> None:
-    """The looks of a segment, and the minutes that the file of minutes does not have."""
-    last = run.minutes[-1] if run.minutes else None
-    known_s = last.begin_s + MINUTE_S if last else -math.inf
-    state = ""
+def _add_events(path: Path, run: Run, known_s: float, state: str) -> str:
+    """The looks of a segment, and the minutes that the file of minutes, which ends at known_s, does not have.
+
+    state: of the loop at its begin ("": not known). Returns that at its end.
+    """
     for data in _lines(path, run):
         try:
             event = from_json(data)
@@ -90,6 +92,7 @@ def _add_events(path: Path, run: Run) -> None:
             for spot in event.spots:
                 assert isinstance(spot, SpotSeen)
                 run.errors_um.setdefault(spot.camera, []).append(spot.error_um)
+    return state
 
 
 def _check(event: Event) -> None:
@@ -100,12 +103,16 @@ def _check(event: Event) -> None:
         for spot in event.spots:
             if isinstance(spot, SpotSeen) and not all(math.isfinite(um) for um in spot.error_um):
                 raise ValueError
+    if isinstance(event, Estimated):
+        for pair in (*event.errors_um.values(), event.angle_urad or (0.0, 0.0)):
+            if len(pair) != 2 or not all(math.isfinite(um) for um in pair):
+                raise ValueError
 
 
 def _into_minute(event: Event, run: Run) -> None:
-    begin_s = event.time_s // MINUTE_S * MINUTE_S
-    if not run.minutes or run.minutes[-1].begin_s != begin_s:
-        run.minutes.append(Minute(begin_s, run.minutes[-1].state if run.minutes else ""))
+    last = run.minutes[-1] if run.minutes else None
+    if last is None or last.begin_s != event.time_s // MINUTE_S * MINUTE_S:
+        run.minutes.append(Minute.after(last, event.time_s))
     run.minutes[-1].add(event)
 
 
@@ -128,3 +135,7 @@ def spectrum(
         powers.append(np.abs(np.fft.rfft((part - part.mean()) * window)) ** 2)
     density = 2 * np.mean(powers, axis=0) * step_s / (window**2).sum()
     return np.fft.rfftfreq(length, step_s)[1:], np.sqrt(density[1:])
+
+
+def _why(error: Exception) -> str:
+    return (error.strerror if isinstance(error, OSError) else None) or str(error)

@@ -6,15 +6,19 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.ticker import LogFormatter
 
 from mirrormount.beam.html_page import chart, page, table, text
-from mirrormount.beam.run_minutes import MINUTE_S, Minute, Sums
+from mirrormount.beam.over_time import Sums, joined
+from mirrormount.beam.run_minutes import MINUTE_S, Minute
 from mirrormount.beam.run_reader import Run, spectrum
 from mirrormount.common import toml_file
 
 _COLOURS = ("#1f5fa8", "#b5521b", "#3c7d3c", "#7d3c7d")
 _LOOKS_LEAST = 64  # for a spectrum
 _GATES_SHOWN = 100
+_WIDE = 5.2  # inches: letters of a size that is read on a phone
+_LONG_S = 3600.0  # from here on in hours
 
 
 def write_report(path: Path, run: Run) -> None:
@@ -30,21 +34,22 @@ def _parts(run: Run) -> Iterator[str]:
         return
     yield "<h2>Result</h2>"
     yield _results(run)
-    yield "<p>Errors are from the target, of all looks while the loop held the beam.</p>"
+    yield "<p>Errors are from the target. What the loop took for them after a look counts until the next look; behind a"
+    yield "gate nothing counts. These are the figures that the run itself ended with.</p>"
     if run.damaged:
         yield f'<p class="partial">{run.damaged} lines of the log are damaged and left out (a power cut does that).</p>'
     yield "<h2>Error, and what it would have been</h2>"
-    yield chart("errors", lambda axes: _draw_errors(axes, run), 4.0)
+    yield chart("errors", lambda axes: _draw_errors(axes, run), 4.2, _WIDE)
     yield "<p>If nobody held it: where the spot would be had nothing been moved since the start. Estimated from the"
     yield "pulses and the response.</p>"
     yield "<h2>Each hour</h2>"
     yield _hours(run)
     yield from _of_looks(run)
     yield "<h2>What the motors did</h2>"
-    yield chart("drive", lambda axes: _draw_drive(axes, run))
+    yield chart("drive", lambda axes: _draw_drive(axes, run), width=_WIDE)
     if any(minute.change is not None for minute in run.minutes):
         yield "<h2>How the response changed</h2>"
-        yield chart("response", lambda axes: _draw_change(axes, run))
+        yield chart("response", lambda axes: _draw_change(axes, run), width=_WIDE)
     yield "<h2>Gates</h2>"
     yield _gates(run)
 
@@ -54,7 +59,7 @@ def _is_short(value: object) -> bool:
 
 
 def _results(run: Run) -> str:
-    errors = _joined(run.minutes, "errors_um")
+    errors = joined([minute.errors_um for minute in run.minutes])
     angle = Sums()
     for minute in run.minutes:
         angle.join(minute.angle_urad)
@@ -69,8 +74,8 @@ def _results(run: Run) -> str:
     span_s = run.minutes[-1].begin_s + MINUTE_S - run.minutes[0].begin_s
     held_s = sum(minute.held_s for minute in run.minutes)
     counts = [
-        ("time", f"{span_s / 3600:.2f} h"),
-        ("held", f"{100 * held_s / span_s:.1f} %"),
+        ("time, in whole minutes", f"{span_s / MINUTE_S:.0f} min"),
+        ("held", f"{held_s / MINUTE_S:.1f} min"),
         ("corrections", sum(minute.corrections for minute in run.minutes)),
         ("pulses", sum(minute.pulses for minute in run.minutes)),
         ("reversals", sum(minute.reversals for minute in run.minutes)),
@@ -78,14 +83,6 @@ def _results(run: Run) -> str:
         ("looks without a spot", sum(minute.missed for minute in run.minutes)),
     ]
     return table(head, rows) + table(("", ""), counts)
-
-
-def _joined(minutes: Sequence[Minute], name: str) -> dict[str, Sums]:
-    joined: dict[str, Sums] = {}
-    for minute in minutes:
-        for camera, sums in getattr(minute, name).items():
-            joined.setdefault(camera, Sums()).join(sums)
-    return joined
 
 
 def _figure(value: float) -> str:
@@ -98,10 +95,10 @@ def _hours(run: Run) -> str:
     hours: dict[int, list[Minute]] = {}
     for minute in run.minutes:
         hours.setdefault(int((minute.begin_s - began_s) // 3600), []).append(minute)
-    cameras = list(_joined(run.minutes, "errors_um"))
+    cameras = list(joined([minute.errors_um for minute in run.minutes]))
     rows = []
     for hour, minutes in hours.items():
-        errors = _joined(minutes, "errors_um")
+        errors = joined([minute.errors_um for minute in minutes])
         cells = [_figure(math.hypot(*errors[camera].rms)) if camera in errors else "–" for camera in cameras]
         corrections, reversals, gates = (
             sum(getattr(minute, name) for minute in minutes) for name in ("corrections", "reversals", "gates_closed")
@@ -117,27 +114,41 @@ def _of_looks(run: Run) -> Iterator[str]:
         return
     span_s = run.times_s[-1] - run.times_s[0]
     yield f"<h2>Distribution and spectrum of the last {span_s / 60:.0f} min</h2>"
-    yield chart("histogram", lambda axes: _draw_histogram(axes, run))
-    yield chart("spectrum", lambda axes: _draw_spectrum(axes, run))
+    yield chart("histogram", lambda axes: _draw_histogram(axes, run), width=_WIDE)
+    yield chart("spectrum", lambda axes: _draw_spectrum(axes, run), width=_WIDE)
+
+
+def _of_time(run: Run) -> tuple[float, str]:
+    """The seconds of a unit of time that suits the run, and its name."""
+    long = run.minutes[-1].begin_s - run.minutes[0].begin_s >= _LONG_S
+    return (3600.0, "hours") if long else (60.0, "minutes")
+
+
+def _legend(axes: Axes) -> None:
+    """Below the curves: beside or upon them there is no room on a phone."""
+    axes.legend(fontsize="small", loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2, frameon=False)
 
 
 def _draw_errors(axes: Axes, run: Run) -> None:
+    unit_s, unit = _of_time(run)
     began_s = run.minutes[0].begin_s
-    for colour, camera in zip(_COLOURS, _joined(run.minutes, "errors_um"), strict=False):
+    for colour, camera in zip(_COLOURS, joined([minute.errors_um for minute in run.minutes]), strict=False):
         kept = [minute for minute in run.minutes if camera in minute.errors_um]
-        hours = [(minute.begin_s - began_s) / 3600 for minute in kept]
+        times = [(minute.begin_s - began_s) / unit_s for minute in kept]
         rms = [math.hypot(*minute.errors_um[camera].rms) for minute in kept]
         most = [minute.errors_um[camera].most for minute in kept]
-        axes.plot(hours, rms, color=colour, lw=1.2, label=f"{camera}: rms of a minute")
-        axes.plot(hours, most, color=colour, lw=0, marker=".", ms=3, label=f"{camera}: largest of a minute")
+        axes.plot(times, rms, color=colour, lw=1.2, label=f"{camera}: rms of a minute")
+        axes.plot(times, most, color=colour, lw=0, marker=".", ms=3, label=f"{camera}: largest of a minute")
         free = [minute for minute in kept if camera in minute.free_um]
         if free:
-            at = [(minute.begin_s - began_s) / 3600 for minute in free]
+            at = [(minute.begin_s - began_s) / unit_s for minute in free]
             far = [math.hypot(*minute.free_um[camera].mean) for minute in free]
             axes.plot(at, far, color=colour, lw=1, ls=":", label=f"{camera}: if nobody held it")
-    axes.set(xlabel="hours", ylabel="µm", yscale="log")
+    axes.set(xlabel=unit, ylabel="µm", yscale="log")
+    axes.yaxis.set_major_formatter(LogFormatter())
+    axes.yaxis.set_minor_formatter(LogFormatter(minor_thresholds=(1.5, 0.5)))
     if axes.lines:
-        axes.legend(fontsize="small")
+        _legend(axes)
 
 
 def _draw_histogram(axes: Axes, run: Run) -> None:
@@ -148,7 +159,7 @@ def _draw_histogram(axes: Axes, run: Run) -> None:
             label = f"{camera}, {'xy'[at]}"
             axes.stairs(counts, edges, color=colour, ls=style, label=label)
     axes.set(xlabel="error, µm", ylabel="looks")
-    axes.legend(fontsize="small")
+    _legend(axes)
 
 
 def _draw_spectrum(axes: Axes, run: Run) -> None:
@@ -157,26 +168,29 @@ def _draw_spectrum(axes: Axes, run: Run) -> None:
             hz, density = spectrum(np.array(run.times_s), np.array(errors)[:, at])
             axes.plot(hz, density, color=colour, ls=style, lw=1, label=f"{camera}, {'xy'[at]}")
     axes.set(xlabel="Hz", ylabel="µm/√Hz", xscale="log", yscale="log")
-    axes.legend(fontsize="small")
+    _legend(axes)
 
 
 def _draw_drive(axes: Axes, run: Run) -> None:
     began_s = run.minutes[0].begin_s
-    hours = [(minute.begin_s - began_s) / 3600 for minute in run.minutes]
+    unit_s, unit = _of_time(run)
+    times = [(minute.begin_s - began_s) / unit_s for minute in run.minutes]
     names = dict.fromkeys(name for minute in run.minutes for name in minute.drive_us)
     for name in names:
         pairs = np.array([minute.drive_us.get(name, (0, 0)) for minute in run.minutes]) * 1e-6
-        axes.plot(hours, np.cumsum(pairs[:, 0] - pairs[:, 1]), lw=1, label=name)
-    axes.set(xlabel="hours", ylabel="drive forward less back, s")
+        axes.plot(times, np.cumsum(pairs[:, 0] - pairs[:, 1]), lw=1, label=name)
+    axes.set(xlabel=unit, ylabel="drive forward less back, s")
     if names:
-        axes.legend(fontsize="small")
+        _legend(axes)
 
 
 def _draw_change(axes: Axes, run: Run) -> None:
     began_s = run.minutes[0].begin_s
     known = [(minute.begin_s - began_s, minute.change) for minute in run.minutes if minute.change is not None]
-    axes.plot([at / 3600 for at, _ in known], [100 * change for _, change in known], color=_COLOURS[0], lw=1)
-    axes.set(xlabel="hours", ylabel="largest change of a column, %")
+    unit_s, unit = _of_time(run)
+    axes.plot([at / unit_s for at, _ in known], [100 * change for _, change in known], color=_COLOURS[0], lw=1)
+    axes.set(xlabel=unit, ylabel="largest change of a column, %")
+    axes.set_ylim(0.0, 110 * max((change for _, change in known), default=1.0) or 1.0)
 
 
 def _gates(run: Run) -> str:

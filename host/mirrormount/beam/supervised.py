@@ -28,7 +28,11 @@ class SupervisedActuator:
         self._supervisor = supervisor
         self._axis = axis
         self._motion: Motion | None = None
-        self.board_id = answer(supervisor.ask(lambda mount: mount.board_id))
+
+    @property
+    def board_id(self) -> str:
+        """Of the board that is there now."""
+        return answer(self._supervisor.ask(lambda mount: mount.board_id))
 
     @property
     def step_us(self) -> int:
@@ -76,7 +80,7 @@ class SupervisedTable:
     ) -> None:
         self.eyes = tuple(eyes)
         self._changed = threading.Event()
-        self._lost = ""
+        self._lost = self._lost_board = ""
         self._programs: dict[Supervisor, Program] = {}
         for _, supervisor, _ in mounts:
             if supervisor not in self._programs:
@@ -103,6 +107,8 @@ class SupervisedTable:
         if self._lost:
             return
         self._lost = cause
+        if of.worker.gone:
+            self._lost_board = cause
         self._changed.set()
         for supervisor, program in self._programs.items():
             if supervisor is not of:
@@ -143,8 +149,15 @@ class SupervisedTable:
                 return f"stopped: {supervisor.worker.stop_cause or 'control was not taken yet'}"
         return ""
 
+    @property
+    def lost_board(self) -> str:
+        """As LoopTable.lost_board."""
+        return self._lost_board or next((each.worker.gone for each in self._programs if each.worker.gone), "")
+
     def take_control(self) -> None:
         """As LoopTable.take_control(): of all mounts, or of none."""
+        for asked in [supervisor.ask(lambda mount: mount.board_id) for supervisor in self._programs]:
+            answer(asked)
         taken: list[Program] = []
         try:
             for program in self._programs.values():
@@ -154,7 +167,7 @@ class SupervisedTable:
             for program in taken:
                 program.stop()  # which ends its control
             raise
-        self._lost = ""
+        self._lost = self._lost_board = ""
         self._changed.clear()
 
 

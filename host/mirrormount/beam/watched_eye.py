@@ -103,6 +103,11 @@ class WatchedTable:
         """As LoopTable.taken_over."""
         return self._table.taken_over
 
+    @property
+    def lost_board(self) -> str:
+        """As LoopTable.lost_board."""
+        return self._table.lost_board
+
     def now_s(self) -> float:
         """As LoopTable.now_s()."""
         return self._table.now_s()

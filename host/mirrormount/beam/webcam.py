@@ -1,6 +1,7 @@
 """A webcam through OpenCV's VideoCapture, by index, device or name, and the webcams that there are."""
 
 import contextlib
+import math
 import os
 import sys
 import threading
@@ -11,7 +12,7 @@ from typing import Any, NamedTuple, Protocol
 
 import cv2
 
-from mirrormount.beam.camera import Controls, Frame, Size
+from mirrormount.beam.camera import OF_DRIVER, Controls, Frame, Size
 from mirrormount.beam.checked import Limits, Picture, checked
 from mirrormount.common.beam_errors import CameraAbsent, CameraGone
 
@@ -112,7 +113,7 @@ class Webcam:
         self._limits = limits
         self._silent_s = silent_s
         capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
-        self.controls = Controls(_fix(capture, cv2.CAP_PROP_AUTO_EXPOSURE, (1, 0.25)), _fix_gain(capture))
+        self.controls = _controls(capture)
         self.size = Size(int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)), int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT)))
         self._ready = threading.Condition()
         self._newest: Picture | None = None
@@ -161,6 +162,21 @@ class Webcam:
         """Release the device."""
         self._closed = True
         self._thread.join(self._silent_s)
+
+
+def _controls(capture: Capture) -> Controls:
+    """Exposure and gain, fixed where the camera can, and their numbers where OpenCV knows them."""
+    exposure_fixed, gain_fixed = _fix(capture, cv2.CAP_PROP_AUTO_EXPOSURE, (1, 0.25)), _fix_gain(capture)
+    exposure, gain = capture.get(cv2.CAP_PROP_EXPOSURE), capture.get(cv2.CAP_PROP_GAIN)
+    told = math.isfinite(exposure) and exposure not in (-1, 0)  # what OpenCV returns where it does not know
+    set_or_above_0 = math.isfinite(gain) and (gain > 0 or gain_fixed is True)
+    return Controls(
+        exposure_fixed,
+        gain_fixed,
+        exposure if told else None,
+        OF_DRIVER if told else None,
+        gain if set_or_above_0 else None,
+    )
 
 
 def _fix(capture: Capture, automatic: int, manual: tuple[float, ...]) -> bool | None:

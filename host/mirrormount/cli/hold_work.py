@@ -19,7 +19,7 @@ from mirrormount.beam.optical_table import Table
 from mirrormount.beam.response import Response, load, save
 from mirrormount.beam.run_log import RunLog
 from mirrormount.beam.summary import Summary
-from mirrormount.cli.command import from_extra, number, patience_of, virtual_address, whole
+from mirrormount.cli.command import from_extra, number, patience_of, positive, virtual_address, whole
 from mirrormount.common.errors import BadValue, CannotWrite
 from mirrormount.common.progress import StatusLine
 from mirrormount.common.signals import ended_in_order
@@ -39,6 +39,7 @@ _VIRTUAL_S = 3600.0  # of a virtual hold, unless another duration is asked for
 def work(verb: str, args: argparse.Namespace) -> int:
     """Run one of the three; the exit status: 0 only if the goal was met. Raises MountError."""
     goals = _goals(verb, args)
+    _check_writable(args.json)
     path = args.calibration or (None if args.virtual else calibration.path().with_name("table-calibration.json"))
     with ended_in_order(), contextlib.ExitStack() as stack:
         table, halt = stack.enter_context(_virtual(args) if args.virtual else _real(args))
@@ -77,12 +78,13 @@ def _goals(verb: str, args: argparse.Namespace) -> dict[str, Any]:
     number(args.off, "--off")
     patience_of(args)
     if verb == "align":
-        return {"within_um": number(args.within, "--within"), "most": whole(args.most, "--most")}
+        most = whole(args.most, "--most")
+        if most < 1:
+            raise BadValue(f"--most is 1 or more, not {most}")
+        return {"within_um": positive(args.within, "--within"), "most": most}
     if verb == "hold":
-        seconds = number(args.duration, "--duration") if args.duration else _VIRTUAL_S if args.virtual else None
-        if seconds is not None and seconds <= 0:
-            raise BadValue(f"--duration is more than 0 s, not {args.duration}")
-        goals = number(args.rms_urad, "--rms-urad"), number(args.max_um, "--max-um")
+        seconds = positive(args.duration, "--duration") if args.duration else _VIRTUAL_S if args.virtual else None
+        goals = positive(args.rms_urad, "--rms-urad"), positive(args.max_um, "--max-um")
         return {"seconds": seconds, "rms_urad": goals[0], "most_um": goals[1]}
     return {}
 
@@ -159,7 +161,7 @@ def _told(args: argparse.Namespace, also: Listen | None) -> Iterator[Listen]:
         stack.callback(line.end)
         log: Callable[[Event], object] | None = None
         if args.log:
-            log = stack.enter_context(RunLog(args.log, {"command": "hold"}, patient=args.virtual))
+            log = stack.enter_context(RunLog(args.log, {"command": args.command}, patient=args.virtual))
 
         def tell(event: Event) -> None:
             if log:
@@ -205,6 +207,19 @@ def _tell_hold(summary: Summary) -> None:
         f"{goal}: {rms}, largest error {summary.max_um:.0f} um, {summary.corrections} corrections,"
         f" {summary.reversals} reversals, {summary.actions} pulses in {summary.seconds:.0f} s"
     )
+
+
+def _check_writable(path: Path | None) -> None:
+    """Raises CannotWrite now, and not after hours of holding."""
+    if path is None or (path.exists() and not (path.is_file() or path.is_dir())):
+        return  # a device or a pipe is opened once
+    new = not path.exists()
+    try:
+        path.open("a").close()
+        if new:
+            path.unlink()
+    except OSError as e:
+        raise CannotWrite(f"cannot write {path}: {e.strerror or e}") from e
 
 
 def _write(path: Path | None, result: dict[str, Any]) -> None:

@@ -5,6 +5,7 @@
         loop.step("x", 3).wait()
 
 supervisor.py      opens a mount for programs of this process: start here
+of_table.py        the supervisors of a table's mounts
 program.py         a program as a client: control, beats, requests
 motions.py         requests on the mount, and their outcomes
 lease.py           which client has control, and which are alive          pure

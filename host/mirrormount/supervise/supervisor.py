@@ -28,10 +28,13 @@ class Supervisor:
     def __init__(self, address: Address = None, *, patience_s: float = PATIENCE_S) -> None:
         self.worker = Worker(address, Lease(patience_s=patience_s))
 
-    def open(self) -> Self:
-        """Connect; motors that moved are stopped. Raises MountError if there is no mount at the address."""
+    def open(self, *, absent: bool = False) -> Self:
+        """Connect; motors that moved are stopped. Raises MountError if there is no mount at the address.
+
+        absent: begin without it then; it is looked for every second, and status is None.
+        """
         try:
-            self.worker.open()
+            self.worker.open(absent=absent)
         except BaseException:
             self.worker.close()
             raise

@@ -4,8 +4,7 @@ The thread polls the board's status twenty times a second, and each poll feeds t
 only while the client that asked for the motion is alive; if that client has gone, hangs or is cut off, it stops the
 mount. If this thread or its whole program hangs, the board stops by its own keep-alive.
 
-A stop never waits for this thread: it has one of its own (brake.py). No request from before a stop is begun after it,
-presses that wait for their turn (presses.py) included.
+A stop has a thread of its own (brake.py). No request from before a stop is begun after it, waiting presses included.
 """
 
 import contextlib
@@ -50,7 +49,7 @@ class Worker:
     """Owns the mount. request() … call() may be called from any thread, and return at once.
 
     address: a port, or None for the only board. Attributes for any thread to read: connection, state, notices, log,
-    driver (the client whose motion it is), stop_cause (of the last stop).
+    driver (the client whose motion it is), stop_cause (of the last stop), gone (why the board is lost, "" while not).
     """
 
     def __init__(self, address: Address, lease: Lease, clock: Callable[[], float] = time.monotonic) -> None:
@@ -60,7 +59,7 @@ class Worker:
             address, self.log, lambda: self.stop("another program of this computer asked for it (mirrormount stop)")
         )
         self.state = State()
-        self.stop_cause = ""
+        self.stop_cause = self.gone = ""
         self.driver: Client | None = None
         self.notices = Notices()
         self._clock = clock
@@ -83,9 +82,10 @@ class Worker:
         """None while there is no board."""
         return self.connection.mount
 
-    def open(self) -> None:
-        """Connect and begin. Raises MountError if there is no mount at the address."""
-        self._connect()
+    def open(self, *, absent: bool = False) -> None:
+        """Connect and begin. Raises MountError if there is no mount, unless absent: then it is looked for."""
+        with contextlib.suppress(*[MountError] if absent else []):
+            self._connect()
         logging.getLogger("mirrormount").addHandler(self._to_notices)
         self._thread.start()
         self._brake.start()
@@ -279,7 +279,7 @@ class Worker:
     def _connect(self) -> None:
         mount = self.connection.open()
         self.state.connect(mount)
-        self.driver = None
+        self.driver, self.gone = None, ""
         self._pad = Pad(self.state, self._clock, self.stop)
         self._confirmed = self.lease.stops  # opening has stopped what moved
 
@@ -290,11 +290,11 @@ class Worker:
 
     def _lose(self, why: MountError) -> None:
         """The board has gone. Its motion ended with it, or by its keep-alive; nothing of it is resumed."""
-        self.driver = None
+        self.driver, self.gone = None, str(why)  # before control ends: who asks why gets the cause
         self.state.lose()
         self.lease.stops += 1  # requests from before are not carried out after
+        self.lease.end_stopped(str(why))  # before the port is closed, which may take long: other mounts are to stop
         self.presses.drop()
         self.report(f"{why}; the port is tried every second, and no motion is resumed", type(why).__name__)
         self.connection.lose(why)
         self._motions.fail(why)
-        self.lease.end_stopped(str(why))
