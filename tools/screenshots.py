@@ -10,11 +10,11 @@ import sys
 import tempfile
 from pathlib import Path
 
-from playwright.sync_api import Page, ViewportSize, sync_playwright
+from playwright.sync_api import Browser, Page, ViewportSize, sync_playwright
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT / "tests" / "panel"), str(ROOT / "tests" / "host")]
-from running import CHROMIUM, Panel  # noqa: E402
+from running import CHROMIUM, PANEL_ON_BENCH, Panel  # noqa: E402
 
 DESK, PHONE = ViewportSize(width=1600, height=1000), ViewportSize(width=390, height=844)
 _SQUARE = ("right ▶", "up ▲", "◀ left", "▼ down")
@@ -23,7 +23,7 @@ _PATIENCE_MS = 60_000
 
 
 def main(folder: Path) -> None:
-    """Draw a square, and take the four pictures."""
+    """Draw a square, and take the four pictures; then that of the camera's card."""
     with tempfile.TemporaryDirectory() as scratch, sync_playwright() as playwright:
         os.environ["XDG_CONFIG_HOME"] = scratch
         _calibrate()
@@ -43,7 +43,27 @@ def main(folder: Path) -> None:
                     page.screenshot(path=folder / f"panel-{name}-{colors}.png")
         finally:
             panel.end()
+        try:
+            _camera(browser, Path(scratch), folder / "panel-camera.png")
+        finally:
             browser.close()
+
+
+def _camera(browser: Browser, scratch: Path, picture: Path) -> None:
+    """The camera's card, with the spot on its way to a target."""
+    panel = Panel("--virtual", scratch, "--patience", "2", "--camera", "2", program=PANEL_ON_BENCH)
+    try:
+        page = browser.new_page(viewport=DESK)
+        page.set_default_timeout(_PATIENCE_MS)
+        page.goto(panel.url)
+        page.wait_for_selector("body.ready")
+        page.get_by_role("button", name="Learn").click()
+        page.locator(".news").get_by_text("now click where it should go").wait_for()
+        page.locator("canvas.picture").click(position={"x": 110, "y": 90})
+        page.locator(".camera-doing").get_by_text("correction 4").wait_for()
+        page.locator("section:has(canvas.picture)").screenshot(path=picture)
+    finally:
+        panel.end()
 
 
 def _calibrate() -> None:

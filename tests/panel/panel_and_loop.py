@@ -34,8 +34,8 @@ def act(loop: Program) -> None:
 class SupervisorWithLoop(Supervisor):
     """A Supervisor that a camera loop has joined."""
 
-    def open(self) -> "SupervisorWithLoop":
-        super().open()
+    def open(self, *, absent: bool = False) -> "SupervisorWithLoop":
+        super().open(absent=absent)
         threading.Thread(target=act, args=(self.join("camera loop"),), daemon=True).start()
         return self
 

@@ -21,10 +21,12 @@ def served(monkeypatch):
     """What would be served, instead of serving it: (board's address, links)."""
     calls = []
 
-    def serve(address, opening, patience_s, browser, view):
+    def serve(supervisors, opening, browser, view):
+        (address,) = supervisors.values()
         calls.append((address, opening.addresses, opening.sign_in.token))
 
     monkeypatch.setattr(panel, "_serve", serve)
+    monkeypatch.setattr(panel, "Supervisor", lambda address, patience_s: address)
     monkeypatch.setattr(panel, "find", list)
     monkeypatch.delenv("MIRRORMOUNT_PORT", raising=False)
     monkeypatch.delenv("MIRRORMOUNT_TOKEN", raising=False)
@@ -61,6 +63,16 @@ def test_the_links_are_of_the_family_that_is_listened_to(served):
     assert all(link.startswith("http://[") for link in served[0][1])
 
 
+def test_the_only_mount_of_a_table_is_taken_and_of_several_all(served, monkeypatch, tmp_path):
+    monkeypatch.setenv("MIRRORMOUNT_TABLE", str(tmp_path / "table.toml"))
+    opened = []
+    monkeypatch.setattr(panel.panel_mounts, "of_table", lambda mounts, _s: opened.append([*mounts]) or {"": None})
+    for names in (["one"], ["one", "two"]):
+        (tmp_path / "table.toml").write_text("".join(f'[mounts.{name}]\nport = "/dev/{name}"\n' for name in names))
+        assert main.main(["panel", "--http", "0"]) == 0
+    assert served[0][0] == "one" and opened == [["one", "two"]]
+
+
 def test_an_encoder_is_of_the_virtual_board(served):
     assert main.main(["panel", "--virtual", "--encoder", "shaft", "--http", "0"]) == 0
     assert served[0][0] == "virtual://?encoder=shaft"
@@ -76,6 +88,8 @@ def test_a_port_that_is_named_is_taken(served):
     [
         (["/dev/ttyACM0", "--virtual"], "leave the port out"),
         (["/dev/ttyACM0", "--encoder", "motor"], "--encoder: of a virtual board; add --virtual"),
+        (["--mounts", "2"], "--mounts: of virtual boards; add --virtual"),
+        (["--virtual", "--mounts", "2", "--camera", "1"], "moves the spot by one mount"),
         (["--virtual", "--http", "http"], "--http is a port number"),
         (["--virtual", "--http", "65536"], "--http is a port number"),
         (["--virtual", "--patience", "5"], "--patience is 0.1 to 2 seconds"),

@@ -78,6 +78,15 @@ def test_each_state_can_be_read_from_afar_and_stop_is_asked_for(open_page, loop)
     assert asked == ["stop"]
 
 
+def test_a_cause_is_told_once_and_with_the_symbols_of_units(open_page, loop):
+    url, board, _ = loop
+    page = open_page(url)
+    board.listen(events.GateClosed(5.0, 3, "spot jumped", "far: 900 um off", "look at what was moved", False))
+    board.listen(events.StateChanged(6.0, events.WAITING, "far: 900 um off"))
+    expect(page.locator(".hold-gates")).to_have_text("Far: 900 µm off. Look at what was moved")
+    expect(page.locator(".hold-why")).to_have_text("")
+
+
 def test_an_alarm_is_heard_once_its_user_has_touched_the_page(open_page, loop):
     url, board, _ = loop
     page = open_page(url)

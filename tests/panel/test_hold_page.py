@@ -71,13 +71,16 @@ def test_the_board_tells_errors_with_their_standard_errors_and_what_would_be_wit
     assert near == {"name": "near", "missed": "dark", "free": None}
 
 
-def test_the_rms_is_of_the_last_minute_and_of_complete_looks_alone():
+def test_the_rms_is_over_the_time_of_the_last_minute_less_that_behind_a_gate():
     board = HoldBoard()
-    board.listen(events.Looked(0.0, (events.SpotSeen("far", (0, 0), (0, 0), (1000.0, 0.0), 0.0),), (500.0, 0.0)))
-    for time_s in (100.0, 101.0):
-        board.listen(events.Looked(time_s, (SPOT,), (3.0, 4.0)))
-        board.listen(events.Looked(time_s, (SPOT, events.SpotMissed("near", "dark"))))
-    assert board.told()["rms"] == {"um": 12.0, "urad": 5.0}
+    for time_s, um in ((0.0, 1000.0), (10.0, 12.0), (11.0, 3000.0)):
+        board.listen(events.Estimated(time_s, {"far": (um, 5.0)}, (um, 0.0)))
+    board.listen(gate(opens_itself=True))
+    for time_s in (68.0, 71.0):
+        board.listen(events.Looked(time_s, (SPOT,)))  # what was held until 10 s is out
+        board.listen(events.Estimated(time_s, {"far": (4.0, -8.0)}, (-3.0, 4.0)))
+    um, urad = ((part + 3 * later) / 4 for part, later in ((12.0**2, 8.0**2), (12.0**2, 3.0**2)))
+    assert board.told()["rms"] == {"um": round(um**0.5, 1), "urad": round(urad**0.5, 1)}
 
 
 def test_the_history_is_bounded_and_told_once():

@@ -64,21 +64,19 @@ def test_what_has_the_focus_is_neither_under_stop_nor_under_the_header(open_page
     page.get_by_text("Wiring, pulse and speed, take-up, limits").click()
     page.get_by_label("x: length of a step's pulse, us").wait_for()
     settled(page)
-    hidden = []
     for _ in range(page.locator("button:visible, input:visible").count() + 5):
         page.keyboard.press(key)
-        settled(page)
-        hidden += page.evaluate(
+        # comes to rest there: what arrives from the board meanwhile may move the page once more
+        page.wait_for_function(
             """() => {
                 const e = document.activeElement;
-                if (e === document.body || e.closest("footer, header")) return [];
+                if (e === document.body || e.closest("footer, header")) return true;
                 const box = e.getBoundingClientRect();
                 const top = document.querySelector("header").getBoundingClientRect().bottom;
                 const bottom = document.querySelector("footer").getBoundingClientRect().top;
-                return box.top >= top - 1 && box.bottom <= bottom + 1 ? [] : [e.outerHTML.slice(0, 120)];
+                return box.top >= top - 1 && box.bottom <= bottom + 1;
             }"""
         )
-    assert hidden == []
 
 
 @pytest.mark.parametrize("viewport", [PHONE, DESK])

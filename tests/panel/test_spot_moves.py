@@ -20,9 +20,10 @@ from mirrormount.beam.pointing import Learned
 from mirrormount.panel import camera_route
 from mirrormount.panel.auth import Auth
 from mirrormount.panel.camera_view import CameraView
+from mirrormount.panel.mounts import Orders, PanelMount
 from mirrormount.panel.pages import Pages
 from mirrormount.panel.sign_in import SignIn
-from mirrormount.panel.socket import Orders, routes
+from mirrormount.panel.socket import routes
 from mirrormount.panel.spot_moves import SpotMoves
 from mirrormount.supervise import Supervisor
 from mirrormount.virtual.virtual_table import open_table
@@ -51,7 +52,7 @@ def desk(bench) -> Iterator[SimpleNamespace]:
     first, second = pages.add("here"), pages.add("here")
     app = FastAPI()
     orders = Orders({"place": moves.place, "learn": moves.learn}, moves.give_way)
-    app.include_router(routes(pages, bench.worker, None, orders))
+    app.include_router(routes([PanelMount("", bench.worker, pages, orders)], None))
     named = {first.key: "first"}
     app.include_router(camera_route.routes([view], lambda request: named.get(request.headers.get("x-page"))))
     with served(Auth(app, SignIn(None))) as at, ticked(at) as drive, ticked(at) as watch:

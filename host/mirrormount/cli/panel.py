@@ -9,6 +9,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     """Which board, where to listen, and the token."""
     board_port(parser)
     virtual_options(parser, "a virtual board, with its screen; no hardware needed")
+    parser.add_argument("--mounts", choices=("1", "2"), help="virtual: how many (1)")
     parser.add_argument("--encoder", choices=("motor", "shaft"), help="virtual: an encoder on each motor, or behind it")
     web_options(parser)
     patience_option(parser, "a page")
@@ -25,4 +26,4 @@ def run(args: argparse.Namespace) -> None:
     serve_panel(args)
 
 
-COMMAND = Command("panel", "the web panel: drive the mount from a browser, until Ctrl-C", run, arguments)
+COMMAND = Command("panel", "the web panel: drive one or more mounts from a browser, until Ctrl-C", run, arguments)

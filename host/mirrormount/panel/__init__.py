@@ -1,6 +1,7 @@
 """The web panel: drive the mount from any browser. Needs the extra [gui]; only cli/panel.py imports this.
 
 pages.py             the pages as clients of the mount: secrets, bounds     pure
+mounts.py            the mounts of a panel                                  pure
 rates.py             how often something may happen                         pure
 sign_in.py           sign-in of a browser where a token is needed           no web
 auth.py              which requests are let in; headers of every reply      ASGI

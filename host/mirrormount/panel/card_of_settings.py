@@ -15,8 +15,11 @@ from mirrormount.supervise.board_settings import BoardSettings
 _DONE = "done"
 
 
-def build(settings: BoardSettings, refusal: Callable[[object], str]) -> Callable[[], None]:
-    """A card that opens to all settings. refusal(tick): why this page may not change them; "" if it may."""
+def build(settings: BoardSettings, refusal: Callable[[object], str], mount: int) -> Callable[[], None]:
+    """A card that opens to all settings. refusal(tick): why this page may not change them; "" if it may.
+
+    mount: its number, as static/panel.js counts.
+    """
 
     def button(word: str, action: Callable[[], Awaitable[object]]) -> ui.button:
         async def clicked(event: GenericEventArguments) -> None:
@@ -27,7 +30,8 @@ def build(settings: BoardSettings, refusal: Callable[[object], str]) -> Callable
                 await action()
 
         # with the last tick that the page has seen: NiceGUI keeps a click until the network is back
-        return ui.button(word).on("click", clicked, js_handler="() => emit(window.mountTick())").props("no-caps")
+        tick = f"() => emit(window.mountTick({mount}))"
+        return ui.button(word).on("click", clicked, js_handler=tick).props("no-caps")
 
     with card("Settings"), ui.expansion(", ".join(groups()).capitalize()).classes("fold") as fold:
         form = _Form(settings)

@@ -12,13 +12,13 @@ from mirrormount.supervise.worker import Worker
 _SHOWN = 300
 
 
-def build(worker: Worker) -> Callable[[], None]:
-    """A card that opens to the last lines of both directions."""
+def build(worker: Worker, name: str) -> Callable[[], None]:
+    """A card that opens to the last lines of both directions. name: the mount's, for its file; "" of the only one."""
     with card("Wire log"), ui.expansion("What goes over the wire").classes("fold") as fold:
         with ui.element("div").classes("line"):
             polls = ui.checkbox("with the questions after the state")
             ui.element("span").classes("spring")
-            ui.button("Save as a file", on_click=lambda: _download(worker)).props("no-caps flat dense")
+            ui.button("Save as a file", on_click=lambda: _download(worker, name)).props("no-caps flat dense")
         log = ui.log(max_lines=_SHOWN).classes("wire mono")
     seen = [0]
 
@@ -39,5 +39,6 @@ def _text(entry: Entry) -> str:
     return f"{clock} {'→' if entry.to_board else '←'} {entry.text}"
 
 
-def _download(worker: Worker) -> None:
-    ui.download.content("\n".join(map(_text, worker.log.since(0))) + "\n", "mirrormount-wire.txt", "text/plain")
+def _download(worker: Worker, name: str) -> None:
+    file = "-".join(["mirrormount-wire", *name.split()]) + ".txt"
+    ui.download.content("\n".join(map(_text, worker.log.since(0))) + "\n", file, "text/plain")

@@ -198,19 +198,19 @@ def _empty_plot(axes: Sequence[str]) -> dict:
     }
 
 
-def screen() -> None:
-    """The virtual board's screen, drawn by static/screen.js."""
+def screen(mount: int) -> None:
+    """The virtual board's screen, drawn by static/screen.js. mount: its number, as static/panel.js counts."""
     with card("Virtual screen, 7.62 m away"):
         ui.element("canvas").classes("screen").props("data-screen role=img aria-label='The spot on the screen'")
         with ui.element("div").classes("line"):
             ui.label("The spot and its trail. Turn back, and see the backlash before it follows.").classes("hint grow")
-            ui.button("Clear trail", on_click=lambda: ui.run_javascript("mountScreenClear()")).props(
+            ui.button("Clear trail", on_click=lambda: ui.run_javascript(f"mountScreenClear({mount})")).props(
                 "no-caps flat dense"
             )
 
 
-def news(page: Page, worker: Worker) -> Refresh:
-    """Events, newest first, with causes and remedies; refusals of this page at once, as messages."""
+def news(page: Page, worker: Worker, name: str) -> Refresh:
+    """Events, newest first, with causes and remedies; refusals of this page at once, as messages under that name."""
     with card("What happened"):
         keep_alive = _Lamp("keep-alive")
         rows = ui.element("div").classes("news").props("role=log aria-live=polite")
@@ -218,7 +218,8 @@ def news(page: Page, worker: Worker) -> Refresh:
 
     def refresh() -> None:
         while page.notices:
-            warn(page.notices.popleft())
+            text = page.notices.popleft()
+            warn(f"{name}: {text}" if name else text)
         driver = worker.driver
         keep_alive.show(
             "on" if driver else "", f"keep-alive: {driver.name} drives" if driver else "keep-alive: at rest"

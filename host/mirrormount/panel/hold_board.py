@@ -36,7 +36,8 @@ class HoldBoard:
         self._heard_s: float | None = None
         self._history: deque[dict[str, Any]] = deque(maxlen=_KEPT)
         self._kept_s = -math.inf
-        self._recent: deque[tuple[float, float, float]] = deque()  # time, squares of um and urad
+        self._estimate: events.Estimated | None = None  # the last one, unless a gate closed behind it
+        self._recent: deque[tuple[float, ...]] = deque()  # time, seconds; times these: squares of um, of urad x and y
         self._number = -1  # of the last correction
         self._counts = {"corrections": 0, "pulses": 0, "reversals": 0, "gates": 0}
         self._news: deque[str] = deque(maxlen=_LAST)
@@ -48,6 +49,8 @@ class HoldBoard:
             match event:
                 case events.Looked():
                     self._looked(event)
+                case events.Estimated():
+                    self._estimated(event)
                 case events.Pulsed():
                     self._counts["pulses"] += 1
                 case events.Corrected():
@@ -60,6 +63,7 @@ class HoldBoard:
                     self._progress = None
                 case events.GateClosed():
                     self._counts["gates"] += 1
+                    self._estimate = None
                     self._gate = event  # the last one is the one that has to open
                     self._news.append(f"gate {event.number}, {event.name}: {event.cause}")
                 case events.GateOpened():
@@ -72,15 +76,21 @@ class HoldBoard:
 
     def _looked(self, look: events.Looked) -> None:
         self._look = look
-        if look.complete:
-            urad = math.hypot(*look.angle_urad) if look.angle_urad else math.nan
-            self._recent.append((look.time_s, look.worst_um**2, urad**2))
         while self._recent and self._recent[0][0] < look.time_s - _RMS_S:
             self._recent.popleft()
         if look.time_s - self._kept_s >= _EVERY_S:
             self._kept_s = look.time_s
             off = [spot.error_um if isinstance(spot, SpotSeen) else None for spot in look.spots]
             self._history.append({"t": round(look.time_s, 2), "off": off, "free": look.free_um})
+
+    def _estimated(self, estimate: events.Estimated) -> None:
+        """The one before has counted until now, as in over_time.py."""
+        if before := self._estimate:
+            seconds = estimate.time_s - before.time_s
+            um = max(abs(each) for pair in before.errors_um.values() for each in pair)
+            x, y = before.angle_urad or (math.nan, math.nan)
+            self._recent.append((estimate.time_s, seconds, seconds * um**2, seconds * x**2, seconds * y**2))
+        self._estimate = estimate
 
     @property
     def alert(self) -> str:
@@ -120,10 +130,12 @@ class HoldBoard:
         return told | {"off": _rounded(spot.error_um), "sigma": sigma}
 
     def _rms(self) -> dict[str, float | None]:
-        """Over the last minute: of the worst error along an axis in any camera, and of the beam's angle."""
-        count = len(self._recent)
-        um, urad = (math.sqrt(sum(point[at] for point in self._recent) / count) if count else math.nan for at in (1, 2))
-        return {"um": _known(um), "urad": _known(urad)}
+        """Over the last minute: of the worst error along an axis in any camera, and of the beam's angle (x or y)."""
+        _, seconds, *squares = (sum(part) for part in zip(*self._recent, strict=True)) if self._recent else (0.0, 0.0)
+        if not seconds:
+            return {"um": None, "urad": None}
+        um, x, y = (math.sqrt(square / seconds) for square in squares)
+        return {"um": _known(um), "urad": _known(max(x, y))}
 
 
 def _correction(event: events.Corrected) -> str:

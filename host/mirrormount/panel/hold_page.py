@@ -33,7 +33,8 @@ _BODY = """<main class="hold"><section class="card state" aria-live="polite"><p 
 <section class="card"><h2 class="title">Error over time</h2>
 <canvas class="history" role="img" aria-label="Error of each camera over the last ten minutes, and without the loop"
 ></canvas><p class="hint">Full line: the error along x and y together. Broken line: what it would be if nothing had been
-moved since the loop began, estimated from the pulses. The colours are those beside the cameras' errors.</p></section>
+moved since the loop began, estimated from the pulses. The colours are those beside the cameras' errors. Each
+line of the grid is ten times as far as the one below.</p></section>
 <section class="card"><h2 class="title">What it did</h2><p class="hold-counts mono"></p>
 <div class="hold-news" role="log"></div></section></main>
 <footer class="bottom"><button class="stop" type="button" data-stop aria-label="STOP all motors (Escape)">

@@ -2,14 +2,16 @@
 
 import json
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from nicegui import app, ui
 
 from mirrormount.panel import card_of_settings, card_of_wire, cards_of_motion, cards_of_state
-from mirrormount.panel.pages import Page, Pages
+from mirrormount.panel.mounts import PanelMount, Part
+from mirrormount.panel.pages import Page
 from mirrormount.panel.run_on_mount import warn
 from mirrormount.panel.sign_in import CODE_S
 from mirrormount.panel.socket import refusal
@@ -32,92 +34,140 @@ Link = Callable[[], str] | None
 _log = logging.getLogger("mirrormount.panel")
 
 
-def register(pages: Pages, worker: Worker, link: Link, view: "CameraView[LiveCamera] | None") -> None:
+def register(mounts: Sequence[PanelMount], link: Link, view: "CameraView[LiveCamera] | None") -> None:
     """Register the page with NiceGUI. link(): a new link for a phone, None if only this computer can open the panel.
 
     view: the camera, if there is one.
     """
     app.add_static_files("/panel", STATIC, max_cache_age=0)
-    settings = BoardSettings(worker)
+    settings = [BoardSettings(mount.worker) for mount in mounts]
 
     @ui.page("/", title="Mirror mount", response_timeout=10)
     def index() -> None:
         client = ui.context.client
-        if pages.full:
+        if any(mount.pages.full for mount in mounts):
             ui.label("Too many pages of this panel are open: close one, then load this page again.")
             return
-        page = pages.add(client.ip or "?")
-        page.drop = client.delete
-        client.on_delete(lambda: pages.forget(page))
-        _build(page, worker, settings, link, view)
+        parts = [(mount, mount.pages.add(client.ip or "?")) for mount in mounts]
+        for mount, page in parts:
+            page.drop = client.delete
+            client.on_delete(partial(mount.pages.forget, page))
+        _build(parts, settings, link, view)
 
 
 def _build(
-    page: Page, worker: Worker, settings: BoardSettings, link: Link, view: "CameraView[LiveCamera] | None"
+    parts: Sequence[Part], settings: Sequence[BoardSettings], link: Link, view: "CameraView[LiveCamera] | None"
 ) -> None:
     ui.add_head_html(_HEAD)
-    axes = worker.state.axes
-    refreshes: list[Refresh] = [_header(page, worker, link), _question(page, worker)]
-    with ui.element("main").classes("cards").props(f'data-page="{page.key}"'):
-        with ui.element("div").classes("column"):
-            refreshes += [cards_of_motion.hold(worker)]
-            refreshes += [cards_of_motion.by_numbers(worker)]
-        with ui.element("div").classes("column"):
-            if view:
-                from mirrormount.panel import card_of_camera  # and with it OpenCV
-
-                card_of_camera.build(view)
-            refreshes += [cards_of_state.axis(worker, name) for name in axes]
-            refreshes += [cards_of_state.plot(worker), cards_of_state.news(page, worker)]
-        with ui.element("div").classes("column"):
-            if worker.connection.spot_mm() and not view:
-                cards_of_state.screen()
-            refreshes += [card_of_settings.build(settings, lambda tick: refusal(worker, page, tick))]
-            refreshes += [card_of_wire.build(worker)]
-    _footer()
+    refreshes: list[tuple[Page, Refresh]] = []
+    with ui.element("header").classes("top"):
+        ui.label("mirrormount").classes("brand")
+        if len(parts) == 1:
+            (mount, page) = parts[0]
+            refreshes.append((page, _bar(page, mount.worker)))
+        else:
+            for number, (mount, page) in enumerate(parts, 1):
+                refreshes.append((page, _way_to(number, mount)))
+            ui.element("span").classes("spring")
+        if link:
+            ui.button(icon="qr_code_2", on_click=lambda: _show_link([page for _, page in parts], link)).props(
+                "flat dense aria-label='Open on a phone'"
+            )
+        _mode_button()
+    with ui.element("div").classes("banner cut-banner").props("role=alert"):
+        ui.label("No connection to the panel. Nothing can be driven from here; what this page drove has been stopped.")
+    if len(parts) == 1:
+        (mount, page) = parts[0]
+        refreshes += [(page, _trouble(mount.worker)), (page, _question(page, mount.worker))]
+        with ui.element("main").classes("cards").props(f'data-page="{page.key}"'):
+            refreshes += [(page, refresh) for refresh in _cards(0, mount, page, settings[0], view)]
+    else:
+        with ui.element("main").classes("mounts"):
+            for number, (mount, page) in enumerate(parts):
+                with _section(number + 1, mount, page):
+                    with ui.element("div").classes("mount-bar"):
+                        ui.label(mount.name).classes("mount-name").props("role=heading aria-level=1")
+                        refreshes.append((page, _bar(page, mount.worker)))
+                        ui.label("arrow keys").classes("keys").props("title='Arrow keys drive the mount touched last'")
+                    refreshes += [(page, _trouble(mount.worker)), (page, _question(page, mount.worker))]
+                    with ui.element("div").classes("cards"):
+                        refreshes += [
+                            (page, refresh) for refresh in _cards(number, mount, page, settings[number], None)
+                        ]
+    _footer(len(parts) > 1)
+    axes = [mount.worker.state.axes for mount, _ in parts]
 
     def refresh() -> None:
-        if worker.state.axes != axes:
+        if [mount.worker.state.axes for mount, _ in parts] != axes:
             ui.navigate.reload()  # another board has come
-        for one in list(refreshes):
+        for page, one in list(refreshes):
             try:
                 one()
             except Exception:  # or it would fail ten times a second
-                refreshes.remove(one)
+                refreshes.remove((page, one))
                 _log.exception("a part of a page of the panel has failed")
                 page.notices.append("a part of this page has failed and shows old values: load it again")
 
     ui.timer(_REFRESH_S, refresh)
 
 
-def _header(page: Page, worker: Worker, link: Link) -> Refresh:
-    with ui.element("header").classes("top"):
-        ui.label("mirrormount").classes("brand")
+def _cards(
+    number: int, mount: PanelMount, page: Page, settings: BoardSettings, view: "CameraView[LiveCamera] | None"
+) -> list[Refresh]:
+    """The cards of one mount, in three columns. number: of the mount, from 0, as static/panel.js counts them."""
+    worker = mount.worker
+    refreshes: list[Refresh] = []
+    with ui.element("div").classes("column"):
+        refreshes += [cards_of_motion.hold(worker)]
+        refreshes += [cards_of_motion.by_numbers(worker)]
+    with ui.element("div").classes("column"):
+        if view:
+            from mirrormount.panel import card_of_camera  # and with it OpenCV
+
+            card_of_camera.build(view)
+        refreshes += [cards_of_state.axis(worker, name) for name in worker.state.axes]
+        refreshes += [cards_of_state.plot(worker), cards_of_state.news(page, worker, mount.name)]
+    with ui.element("div").classes("column"):
+        if worker.connection.spot_mm() and not view:
+            cards_of_state.screen(number)
+        refreshes += [card_of_settings.build(settings, lambda tick: refusal(worker, page, tick), number)]
+        refreshes += [card_of_wire.build(worker, mount.name)]
+    return refreshes
+
+
+def _section(number: int, mount: PanelMount, page: Page) -> ui.element:
+    """What holds all of one mount. Its name is one of names.NAME_RULE, or of several that share a board."""
+    box = ui.element("section").classes("mount").props(f'id="mount-{number}" aria-label="{mount.name}"')
+    return box.props(f'data-page="{page.key}" data-mount="{mount.name}"')
+
+
+def _way_to(number: int, mount: PanelMount) -> Refresh:
+    """A link to the mount's part of the page, with its lamp."""
+    with ui.element("a").classes("way").props(f'href="#mount-{number}"'):
         lamp = ui.element("span").classes("lamp")
-        board = ui.label().classes("board")
-        ui.element("span").classes("spring")
-        role = ui.label().classes("role")
-        claim = ui.button("Take control").props("""dense no-caps outline data-send='{"do": "claim"}'""")
-        if link:
-            ui.button(icon="qr_code_2", on_click=lambda: _show_link(page, link)).props(
-                "flat dense aria-label='Open on a phone'"
-            )
-        _mode_button()
-    with ui.element("div").classes("banner cut-banner").props("role=alert"):
-        ui.label("No connection to the panel. Nothing can be driven from here; what this page drove has been stopped.")
-    banner = ui.label().classes("banner trouble").props("role=alert")
+        ui.label(mount.name)
+
+    def refresh() -> None:
+        moving = mount.worker.state.is_known and mount.worker.driver is not None
+        there = mount.worker.mount is not None
+        lamp.classes(replace="lamp moves" if moving else "lamp on" if there else "lamp bad")
+
+    return refresh
+
+
+def _bar(page: Page, worker: Worker) -> Refresh:
+    """Which board it is, and whether this page has control."""
+    lamp = ui.element("span").classes("lamp")
+    board = ui.label().classes("board")
+    ui.element("span").classes("spring")
+    role = ui.label().classes("role")
+    claim = ui.button("Take control").props("""dense no-caps outline data-send='{"do": "claim"}'""")
 
     def refresh() -> None:
         controls = worker.lease.holder is page
         mount = worker.mount
         lamp.classes(replace="lamp on" if mount else "lamp bad")
         board.set_text(" · ".join(mount.identity.split(",")[1:]) if mount else "no board")
-        banner.set_text(
-            f"No board: {worker.connection.trouble}. The panel looks for it every second."
-            if worker.connection.trouble
-            else ""
-        )
-        banner.set_visibility(bool(worker.connection.trouble))
         others = len(worker.lease.clients) - 1
         holder = worker.lease.holder
         program = "" if holder is None or holder.is_person else holder.name
@@ -125,6 +175,18 @@ def _header(page: Page, worker: Worker, link: Link) -> Refresh:
         role.set_visibility(others > 0 or not controls)
         claim.set_visibility(not controls)
         role.classes(toggle=None, add="watching" if not controls else "", remove="" if not controls else "watching")
+
+    return refresh
+
+
+def _trouble(worker: Worker) -> Refresh:
+    """Why there is no board."""
+    banner = ui.label().classes("banner trouble").props("role=alert")
+
+    def refresh() -> None:
+        trouble = worker.connection.trouble
+        banner.set_text(f"No board: {trouble}. The panel looks for it every second." if trouble else "")
+        banner.set_visibility(bool(trouble))
 
     return refresh
 
@@ -152,10 +214,12 @@ def _question(page: Page, worker: Worker) -> Refresh:
     return refresh
 
 
-def _show_link(page: Page, link: Callable[[], str]) -> None:
+def _show_link(pages: Sequence[Page], link: Callable[[], str]) -> None:
     import segno
 
-    if not page.connected:  # its driving socket has shown the key; without it there is no link for others either
+    if not all(
+        page.connected for page in pages
+    ):  # its driving socket has shown the key; without it there is no link for others either
         warn("nothing was done: this page has no connection of its own to the panel")
         return
     text = link()
@@ -182,8 +246,8 @@ def _mode_button() -> None:
     button.on_click(change)
 
 
-def _footer() -> None:
+def _footer(several: bool) -> None:
     with ui.element("footer").classes("bottom"), ui.element("button").classes("stop") as button:
         button.props("data-stop type=button aria-label='STOP all motors (Escape)'")
-        ui.label("STOP")
+        ui.label("STOP ALL" if several else "STOP")
         ui.label("Esc").classes("key")

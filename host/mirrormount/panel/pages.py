@@ -1,4 +1,7 @@
-"""The panel's pages, as clients of the mount: each with a secret, and bounds for how many there may be. Pure."""
+"""The panel's pages, as clients of a mount: each with a secret, and bounds for how many there may be. Pure.
+
+Where a panel has several mounts, a page is a client of each, with a secret for each.
+"""
 
 import itertools
 import secrets

@@ -1,7 +1,7 @@
 """The web server of the panel: NiceGUI on uvicorn, behind auth.py. Tracebacks go to a file."""
 
 import socket
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import uvicorn
@@ -14,9 +14,10 @@ from mirrormount.common.errors import CannotListen
 from mirrormount.panel import camera_route, page
 from mirrormount.panel.auth import Auth
 from mirrormount.panel.log_file import log_to_file
+from mirrormount.panel.mounts import Orders, PanelMount, find, stop_all
 from mirrormount.panel.pages import Pages
 from mirrormount.panel.sign_in import SignIn
-from mirrormount.panel.socket import Orders, routes
+from mirrormount.panel.socket import routes
 from mirrormount.supervise.worker import Worker
 
 if TYPE_CHECKING:
@@ -29,7 +30,7 @@ _MESSAGE_MOST = 1 << 16  # bytes of a message of a socket
 class Server(uvicorn.Server):
     """Serves until a signal ends it; the motors are stopped before the pages are closed."""
 
-    def __init__(self, app: ASGIApp, worker: Worker, pages: Pages) -> None:
+    def __init__(self, app: ASGIApp, mounts: Sequence[PanelMount]) -> None:
         super().__init__(
             uvicorn.Config(
                 app,
@@ -42,8 +43,7 @@ class Server(uvicorn.Server):
                 proxy_headers=False,  # a client is known by its address alone: sign-ins are slowed down by it
             )
         )
-        self._worker = worker
-        self._pages = pages
+        self._mounts = mounts
         self._ready: Callable[[], object] = lambda: None
 
     def when_ready(self, action: Callable[[], object]) -> None:
@@ -66,35 +66,48 @@ class Server(uvicorn.Server):
         """As uvicorn's, after the pages."""
         # Before NiceGUI cancels its tasks: asyncio.wait_for() of Python 3.11 loses a cancellation that comes together
         # with the awaited event, and a page's outbox that had an update then goes on until its page is deleted.
-        self._pages.close()
+        for mount in self._mounts:
+            mount.pages.close()
         await super().shutdown(sockets)
 
     def handle_exit(self, sig: int, frame: object) -> None:
         """As uvicorn's, after a stop."""
-        self._worker.stop("the panel is being ended", tell=False)
+        stop_all(self._mounts, "the panel is being ended", tell=False)
         super().handle_exit(sig, frame)  # type: ignore[arg-type]
 
 
 def make_server(
-    worker: Worker, sign_in: SignIn, link: Callable[[], str] | None, view: "CameraView[LiveCamera] | None" = None
+    workers: Mapping[str, Worker],
+    sign_in: SignIn,
+    link: Callable[[], str] | None,
+    view: "CameraView[LiveCamera] | None" = None,
 ) -> Server:
-    """The panel of a worker. link(): a new link for a phone, if the panel is open to the network. view: the camera."""
+    """The panel of one or more mounts. workers: by the mounts' names.
+
+    link(): a new link for a phone, if the panel is open to the network. view: a camera whose spot the first one moves.
+    """
     log_to_file()
-    pages = Pages(worker.lease)
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
     orders = Orders()
     if view:
         from mirrormount.panel.spot_moves import SpotMoves
 
-        moves = SpotMoves(worker, view)
+        moves = SpotMoves(next(iter(workers.values())), view)
         orders = Orders({"place": moves.place, "learn": moves.learn}, moves.give_way)
-        app.include_router(camera_route.routes([view], lambda request: _viewer(pages, request)))
-    app.include_router(routes(pages, worker, sign_in.key, orders))
-    page.register(pages, worker, link, view)
+        app.include_router(camera_route.routes([view], lambda request: _viewer(mounts, request)))
+    mounts = [
+        PanelMount(name if len(workers) > 1 else "", worker, Pages(worker.lease), Orders() if number else orders)
+        for number, (name, worker) in enumerate(workers.items())
+    ]
+    app.include_router(routes(mounts, sign_in.key))
+    page.register(mounts, link, view)
 
     def fault(error: Exception) -> None:
-        worker.stop("the panel has a fault", tell=False)
-        worker.report(f"the panel has a fault ({type(error).__name__}); the motors were stopped", "PanelFault")
+        stop_all(mounts, "the panel has a fault", tell=False)
+        for mount in mounts:
+            mount.worker.report(
+                f"the panel has a fault ({type(error).__name__}); the motors were stopped", "PanelFault"
+            )
 
     def fault_of_page(error: Exception) -> None:
         fault(error)
@@ -105,10 +118,10 @@ def make_server(
     ui.run_with(app, title="Mirror mount", dark=None, tailwind=False, show_welcome_message=False, favicon="🎯")
     core.app.config.message_history_length = 0  # what was sent to a page that was away is not true any more
     core.sio.on("log", lambda _sid, _message: None)  # what a page would write to this program's log
-    return Server(Auth(app, sign_in), worker, pages)
+    return Server(Auth(app, sign_in), mounts)
 
 
-def _viewer(pages: Pages, request: Request) -> str | None:
+def _viewer(mounts: Sequence[PanelMount], request: Request) -> str | None:
     """The page that asks for a picture, by its own key; None if it is not connected: it has shown no key then."""
-    found = pages.find(request.headers.get("x-page", ""))
-    return found.name if found and found.connected else None
+    found = find(mounts, request.headers.get("x-page", ""))
+    return found[1].name if found and found[1].connected else None

@@ -8,15 +8,16 @@ arrives late is known to be late by its tick (lease.py). Only a stop is carried 
 import asyncio
 import contextlib
 import json
-from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import Any
 
 from fastapi import APIRouter, Response, WebSocket, WebSocketDisconnect
 
 from mirrormount.common.errors import BadValue, NotInControl
 from mirrormount.common.tokens import same
 from mirrormount.panel.auth import FLOOD
-from mirrormount.panel.pages import Page, Pages
+from mirrormount.panel.mounts import Orders, PanelMount, Part, find, stop_all
+from mirrormount.panel.pages import Page
 from mirrormount.supervise.lease import TICK_S
 from mirrormount.supervise.requests import parse
 from mirrormount.supervise.worker import Worker
@@ -29,18 +30,8 @@ _NO_KEY = 4401  # a close code: the page must sign in
 _UNKNOWN_PAGE = 4404  # a close code: the page is of another run of the panel: reload
 
 
-class Orders(NamedTuple):
-    """Orders beside those of requests.py. by_name: each is called with the page and its message, may raise BadValue.
-
-    give_way(): called before any request of requests.py is carried out.
-    """
-
-    by_name: Mapping[str, Callable[[Page, Mapping[str, Any]], None]] = {}
-    give_way: Callable[[], None] = lambda: None
-
-
-def routes(pages: Pages, worker: Worker, key: str | None, orders: Orders = Orders()) -> APIRouter:  # noqa: B008
-    """The routes /drive, and /stop as a second way for a stop.
+def routes(mounts: Sequence[PanelMount], key: str | None) -> APIRouter:
+    """The routes /drive, and /stop as a second way for a stop. A socket is of the mount whose page's key it shows.
 
     key: a secret in the storage of this panel's origin (sign_in.py), None if no sign-in is needed.
     """
@@ -49,11 +40,13 @@ def routes(pages: Pages, worker: Worker, key: str | None, orders: Orders = Order
     @router.websocket("/drive")
     async def drive(socket: WebSocket) -> None:
         await socket.accept()
-        page, refused = await _introduced(socket, pages, key)
-        if page is None:
+        part, refused = await _introduced(socket, mounts, key)
+        if part is None:
             with contextlib.suppress(RuntimeError, WebSocketDisconnect):  # it has gone
                 await socket.close(refused)
             return
+        mount, page = part
+        worker = mount.worker
         tasks = [asyncio.create_task(_tick(socket, worker))]
         if isinstance(page.connection, WebSocket):  # a button held through that one cannot be released through this
             worker.client_left(page)
@@ -64,7 +57,12 @@ def routes(pages: Pages, worker: Worker, key: str | None, orders: Orders = Order
                 text = await socket.receive_text()
                 if page.connection is not socket:
                     break
-                _receive(text, page, worker, orders)
+                message = _parsed(text)
+                if message.get("do") == "stop":
+                    stop_all(mounts, _STOP)
+                    worker.lease.take_over(page, _STOP)
+                else:
+                    _receive(message, page, worker, mount.orders)
         except WebSocketDisconnect as e:
             if e.code == FLOOD:
                 worker.report(f"{page.name} was closed: it sent too many messages")
@@ -78,13 +76,13 @@ def routes(pages: Pages, worker: Worker, key: str | None, orders: Orders = Order
 
     @router.post("/stop")
     async def stop() -> Response:
-        worker.stop(_STOP)
+        stop_all(mounts, _STOP)
         return Response(status_code=204)
 
     return router
 
 
-async def _introduced(socket: WebSocket, pages: Pages, key: str | None) -> tuple[Page | None, int]:
+async def _introduced(socket: WebSocket, mounts: Sequence[PanelMount], key: str | None) -> tuple[Part | None, int]:
     """The page whose secrets the first message has, or None and the close code."""
     try:
         first = _parsed(await asyncio.wait_for(socket.receive_text(), _FIRST_S))
@@ -92,7 +90,7 @@ async def _introduced(socket: WebSocket, pages: Pages, key: str | None) -> tuple
         return None, _NO_KEY
     if key is not None and not same(str(first.get("key")).encode("utf-8", "replace"), key.encode()):
         return None, _NO_KEY
-    return pages.find(str(first.get("page"))), _UNKNOWN_PAGE
+    return find(mounts, str(first.get("page"))), _UNKNOWN_PAGE
 
 
 async def _see_off(socket: WebSocket) -> None:
@@ -101,14 +99,9 @@ async def _see_off(socket: WebSocket) -> None:
         await socket.close(_UNKNOWN_PAGE)
 
 
-def _receive(text: str, page: Page, worker: Worker, orders: Orders) -> None:
+def _receive(message: dict[str, Any], page: Page, worker: Worker, orders: Orders) -> None:
     """Carry out one message."""
-    message = _parsed(text)
     what = message.get("do")
-    if what == "stop":
-        worker.stop(_STOP)
-        worker.lease.take_over(page, _STOP)
-        return
     fresh = worker.lease.receive(page, message.get("tick"))
     if what == "release":
         worker.release(page)

@@ -25,8 +25,10 @@
   let heard = false; // could alarms be heard before the press or key that is under way
   let soundedAt = -Infinity;
 
-  const set = (where, text) => {
-    const element = find(where);
+  // The loop's words are those of the command line too, where units are typed.
+  const symbols = (text) => text.replace(/\bum\b/g, "µm").replace(/\burad\b/g, "µrad");
+  const set = (where, words) => {
+    const [element, text] = [find(where), symbols(words)];
     if (element && element.textContent !== text) element.textContent = text;
   };
   const sentence = (text) => text.charAt(0).toUpperCase() + text.slice(1);
@@ -60,7 +62,8 @@
     const word = needed ? "Alarm" : (WORDS[told.state] ?? told.state ?? "");
     set(".hold-state", stuck ? "No news" : gate && told.state === "waiting" ? `${word}: ${gate[0]}` : word);
     const done = told.progress ? ` ${Math.round(told.progress[0] * 100)} %: ${told.progress[1]}` : "";
-    set(".hold-why", stuck ? `The loop has told nothing for ${Math.round(told.silent_s)} s. Before that: ${word.toLowerCase()}.` : sentence(told.why) + done);
+    const said = gate && sentence(gate[1]) === sentence(told.why); // below, with what to do
+    set(".hold-why", stuck ? `The loop has told nothing for ${Math.round(told.silent_s)} s. Before that: ${word.toLowerCase()}.` : (said ? "" : sentence(told.why)) + done);
     list(".hold-gates", told.gates.map(([, cause, remedy, opens]) => `${sentence(cause)}. ${opens ? "It opens by itself. " : ""}${sentence(remedy)}`));
     told.cameras.forEach((camera, at) => {
       const off = camera.off
@@ -73,7 +76,7 @@
     const angle = told.angle ? `beam's angle ${number(told.angle[0])}, ${number(told.angle[1])} µrad; ` : "";
     const rms = told.rms.um === null ? "" : `rms of the last minute ${number(told.rms.um)} µm${told.rms.urad === null ? "" : `, ${number(told.rms.urad)} µrad`}; `;
     const { corrections, pulses, reversals, gates } = told.counts;
-    set(".hold-counts", `${angle}${rms}${corrections} corrections, ${pulses} pulses, ${reversals} reversals, ${gates} gates`);
+    set(".hold-counts", `${angle}${rms}corrections: ${corrections}, pulses: ${pulses}, reversals: ${reversals}, gates: ${gates}`);
     list(".hold-news", told.news);
     if (told.history.length && history.length && told.history[0].t < history[0].t) history = []; // another loop
     history = [...history, ...told.history].filter((point, _, all) => point.t > all[all.length - 1].t - KEPT_S);
@@ -86,7 +89,7 @@
     const box = find(where);
     if (box.dataset.shown === lines.join("\n")) return;
     box.dataset.shown = lines.join("\n");
-    box.replaceChildren(...lines.map((line) => Object.assign(document.createElement("p"), { textContent: line })));
+    box.replaceChildren(...lines.map((line) => Object.assign(document.createElement("p"), { textContent: symbols(line) })));
   }
 
   // ---- the alarm
@@ -179,18 +182,20 @@
       lines.push([COLOURS[at % 2], [], history.map((point) => [point.t, length(point.off[at])])]);
       lines.push([COLOURS[at % 2], [6, 6], history.map((point) => [point.t, length(point.free[at])])]);
     });
-    const most = Math.max(20, ...lines.flatMap(([, , line]) => line.map(([, um]) => um ?? 0))) * 1.1;
+    // decades: a calibration moves a spot by millimetres, and holding is a matter of micrometres
+    const most = Math.max(20, ...lines.flatMap(([, , line]) => line.map(([, um]) => um ?? 0)));
+    const decades = Math.ceil(Math.log10(most));
     const size = Math.max(11, wide / 60);
     pen.font = `${size}px system-ui`;
     pen.fillStyle = pen.strokeStyle = style.getPropertyValue("--soft");
-    const left = pen.measureText(`${Math.round(most)} µm `).width;
-    const height = (um) => high - 1.8 * size - (um / most) * (high - 3 * size);
-    for (const part of [0, 0.5, 1]) {
-      const y = height((part * most) / 1.1);
+    const left = pen.measureText(`${10 ** decades} µm `).width;
+    const height = (um) => high - 1.8 * size - (Math.log10(Math.max(1, um)) / decades) * (high - 3 * size);
+    for (let decade = 0; decade <= decades; decade++) {
+      const y = height(10 ** decade);
       pen.globalAlpha = 0.35;
       pen.fillRect(left, y, wide - left, 1);
       pen.globalAlpha = 1;
-      pen.fillText(`${Math.round((part * most) / 1.1)} µm`, 2, y + size / 3);
+      pen.fillText(`${10 ** decade} µm`, 2, y + size / 3);
     }
     pen.fillText(`${Math.round(long)} s ago`, left, high - 3);
     pen.fillText("now", wide - 3 * size, high - 3);

@@ -5,6 +5,7 @@
 //   data-send='{"do": "goto", "axis": "x"}'   a request; the page's fields are put in where it names them
 //   data-stop                                 stop
 //   data-fields="to:target_x"                 fields of a request: key:name of the input
+// An element with data-page holds what belongs to one mount; each has a connection of its own. Only STOP is for all.
 // Everything is sent at once or not at all: nothing is kept for later (see socket.py).
 "use strict";
 
@@ -14,70 +15,107 @@
   const BEAT_MS = 20; // the least between two beats: ticks that were held back come all at once
   const SILENT_MS = 1000; // a panel that is not heard of for so long is not reached
 
-  let socket = null;
-  let tick = null; // the last that the panel has sent
-  let heardAt = -Infinity; // when it came
-  let beatAt = -Infinity; // when the last beat was sent
-  let held = null; // {element, by}: what is down, and which pointer or key holds it
-  let key = null; // the secret of this page
+  let mounts = []; // the Mount of each element with data-page
+  let held = null; // {element, by, mount}: what is down, and which pointer or key holds it
+  let chosen = null; // the Mount that was touched last: arrow keys are for it
 
-  const field = (name) => document.querySelector(`:is(input, select)[name="${name}"]`)?.value ?? "";
+  // ---- a mount, and the connection that drives it
 
-  function send(message) {
-    if (socket?.readyState !== WebSocket.OPEN) return false;
-    socket.send(JSON.stringify({ ...message, tick }));
-    return true;
+  class Mount {
+    constructor(root, number) {
+      this.root = root;
+      this.number = number;
+      this.socket = null;
+      this.tick = null; // the last that the panel has sent
+      this.heardAt = -Infinity; // when it came
+      this.lost = false; // it was connected, or should be
+      this.beatAt = -Infinity; // when the last beat was sent
+      remembered(this);
+      this.connect();
+    }
+
+    field(name) {
+      return this.root.querySelector(`:is(input, select)[name="${name}"]`)?.value ?? "";
+    }
+
+    send(message) {
+      if (this.socket?.readyState !== WebSocket.OPEN) return false;
+      this.socket.send(JSON.stringify({ ...message, tick: this.tick }));
+      return true;
+    }
+
+    connect() {
+      const scheme = location.protocol === "https:" ? "wss" : "ws";
+      const socket = (this.socket = new WebSocket(`${scheme}://${location.host}/drive`));
+      // the first message: this page's own secret, and the one that signing in has left (sign_in.py)
+      const secrets = { page: this.root.dataset.page, key: localStorage.getItem("mirrormount-key") };
+      socket.onopen = () => socket.send(JSON.stringify(secrets));
+      socket.onmessage = (event) => this.receive(JSON.parse(event.data));
+      socket.onclose = (event) => {
+        if (held?.mount === this) held = null;
+        this.tick = null;
+        this.lost = true;
+        tellConnection();
+        if (event.code === 4404) location.reload(); // the panel was started anew
+        else if (event.code === 4401) location.replace("/enter"); // the key is missing
+        else setTimeout(() => this.connect(), AGAIN_MS);
+      };
+    }
+
+    receive(message) {
+      this.tick = message.tick;
+      this.heardAt = performance.now();
+      this.lost = false;
+      tellConnection();
+      if (this.heardAt - this.beatAt > BEAT_MS) {
+        this.beatAt = this.heardAt;
+        this.send({ do: "beat" });
+      }
+      if (message.spot) window.mountScreen?.(message.spot, this.root);
+    }
+
+    get connected() {
+      return this.tick !== null && performance.now() - this.heardAt < SILENT_MS;
+    }
   }
 
-  // ---- the connection
-
-  function connect() {
-    key ??= document.querySelector("[data-page]")?.dataset.page ?? null;
-    if (key === null) {
-      setTimeout(connect, 50);
-      return;
-    }
-    remembered();
-    const scheme = location.protocol === "https:" ? "wss" : "ws";
-    socket = new WebSocket(`${scheme}://${location.host}/drive`);
-    // the first message: this page's own secret, and the one that signing in has left (sign_in.py)
-    socket.onopen = () => socket.send(JSON.stringify({ page: key, key: localStorage.getItem("mirrormount-key") }));
-    socket.onmessage = (event) => receive(JSON.parse(event.data));
-    socket.onclose = (event) => {
-      held = tick = null;
-      document.body.classList.remove("ready");
-      document.body.classList.add("cut");
-      if (event.code === 4404) location.reload(); // the panel was started anew
-      else if (event.code === 4401) location.replace("/enter"); // the key is missing
-      else setTimeout(connect, AGAIN_MS);
-    };
-  }
-
-  function receive(message) {
-    tick = message.tick;
-    heardAt = performance.now();
-    document.body.classList.remove("cut");
-    document.body.classList.add("ready");
-    if (heardAt - beatAt > BEAT_MS) {
-      beatAt = heardAt;
-      send({ do: "beat" });
-    }
-    if (message.spot) window.mountScreen?.(message.spot);
+  function tellConnection() {
+    document.body.classList.toggle("ready", mounts.every((mount) => mount.connected));
+    document.body.classList.toggle("cut", mounts.some((mount) => mount.lost));
   }
 
   // A network that keeps everything back closes no socket.
   setInterval(() => {
-    if (tick === null || performance.now() - heardAt < SILENT_MS) return;
-    letGo();
-    document.body.classList.remove("ready");
-    document.body.classList.add("cut");
+    for (const mount of mounts.filter((one) => one.tick !== null && !one.connected)) {
+      if (held?.mount === mount) letGo();
+      mount.lost = true;
+      tellConnection();
+    }
   }, 250);
+
+  const mountOf = (element) => {
+    const root = element.closest?.("[data-page]");
+    return mounts.find((mount) => mount.root === root) ?? (mounts.length === 1 ? mounts[0] : null);
+  };
+
+  function choose(mount) {
+    if (!mount || mount === chosen) return;
+    chosen = mount;
+    for (const one of mounts) one.root.toggleAttribute("data-keys", one === chosen);
+  }
+
+  function begin() {
+    const roots = [...document.querySelectorAll("[data-page]")];
+    mounts = roots.map((root, number) => new Mount(root, number));
+    if (mounts.length === 1) chosen = mounts[0];
+    if (!roots.length) setTimeout(begin, 50);
+  }
 
   // ---- stop: by the socket, and by a request of its own if the socket is stuck
 
   function stop() {
     letGo();
-    send({ do: "stop" });
+    for (const mount of mounts) mount.send({ do: "stop" });
     fetch("/stop", { method: "POST", keepalive: true }).catch(() => {});
     for (const element of document.querySelectorAll("[data-stop]")) {
       element.classList.add("pressed");
@@ -88,50 +126,56 @@
   // ---- press and hold
 
   function press(element, by, coarse) {
-    if (held || element.disabled) return;
+    const mount = mountOf(element);
+    if (held || element.disabled || !mount) return;
     const ways = element.dataset.press.split(" ").map((way) => way.split(":"));
     const axes = Object.fromEntries(ways.map(([axis, way]) => [axis, Number(way)]));
-    if (!send({ do: "press", ...axes, coarse, speed: field("speed") })) return;
-    held = { element, by };
+    if (!mount.send({ do: "press", ...axes, coarse, speed: mount.field("speed") })) return;
+    held = { element, by, mount };
     element.classList.add("held");
   }
 
   function letGo() {
     if (!held) return;
-    held.element.classList.remove("held");
+    const { element, mount } = held;
     held = null;
-    send({ do: "release" });
+    element.classList.remove("held");
+    mount.send({ do: "release" });
   }
 
   function request(element) {
+    const mount = mountOf(element);
+    if (!mount) return;
     const message = JSON.parse(element.dataset.send);
     for (const pair of (element.dataset.fields ?? "").split(" ").filter(Boolean)) {
       const [name, input] = pair.split(":");
-      message[name] = field(input).trim();
+      message[name] = mount.field(input).trim();
     }
-    send(message);
+    mount.send(message);
   }
 
   // ---- the slider: this browser remembers it
 
-  const SPEED = "mirrormount-speed";
+  const speedOf = (mount) => ["mirrormount-speed", mount.root.dataset.mount].filter(Boolean).join(" ");
 
-  function show(input) {
-    const shown = document.querySelector(`[data-shows="${input.name}"]`);
+  function show(root, input) {
+    const shown = root.querySelector(`[data-shows="${input.name}"]`);
     if (shown) shown.textContent = input.value;
   }
 
-  function remembered() {
-    const input = document.querySelector('input[name="speed"]');
-    const speed = Number(localStorage.getItem(SPEED));
+  function remembered(mount) {
+    const input = mount.root.querySelector('input[name="speed"]');
+    const speed = Number(localStorage.getItem(speedOf(mount)));
     if (!input || !(speed >= Number(input.min) && speed <= Number(input.max))) return;
     input.value = speed;
-    show(input);
+    show(mount.root, input);
   }
 
   document.addEventListener("input", (event) => {
-    show(event.target);
-    if (event.target.name === "speed") localStorage.setItem(SPEED, event.target.value);
+    const mount = mountOf(event.target);
+    if (!mount) return;
+    show(mount.root, event.target);
+    if (event.target.name === "speed") localStorage.setItem(speedOf(mount), event.target.value);
   });
 
   const under = (event) => document.elementFromPoint(event.clientX, event.clientY)?.closest("[data-press]");
@@ -141,6 +185,7 @@
       stop(); // when it goes down: not when it comes up again
       return;
     }
+    choose(mountOf(event.target));
     const element = event.target.closest?.("[data-press]");
     if (!element || event.button !== 0) return;
     event.preventDefault();
@@ -169,6 +214,13 @@
 
   // ---- keys
 
+  document.addEventListener("focusin", (event) => choose(mountOf(event.target)));
+  // Chromium leaves a field with a list of proposals under STOP now and then: what a key has reached is brought into sight
+  document.addEventListener("focusin", ({ target }) => {
+    if (!target.matches(":focus-visible") || target.closest("header, footer")) return;
+    requestAnimationFrame(() => target.scrollIntoView({ block: "nearest", inline: "nearest" }));
+  });
+
   const typing = (target) => target.closest?.("input, textarea, select, [contenteditable], [role=slider], [role=tab]");
 
   document.addEventListener(
@@ -191,7 +243,7 @@
       const way = ARROWS[event.key];
       if (!way || typing(event.target) || event.ctrlKey || event.altKey || event.metaKey) return;
       event.preventDefault();
-      const element = document.querySelector(`[data-press="${way}"]`);
+      const element = chosen?.root.querySelector(`[data-press="${way}"]`);
       if (element && !event.repeat) press(element, event.code, event.shiftKey);
     },
     true,
@@ -208,12 +260,12 @@
   document.addEventListener("keydown", (event) => {
     if (event.key !== "Enter" || !event.target.matches?.("input[name]")) return;
     const name = event.target.name;
-    const element = document.querySelector(`[data-enter~="${name}"]`);
+    const element = mountOf(event.target)?.root.querySelector(`[data-enter~="${name}"]`);
     if (element && !element.disabled) request(element);
   });
 
-  window.mountSend = send; // a click on the picture (camera.js)
-  window.mountTick = () => tick; // for what NiceGUI's own buttons ask
+  window.mountSend = (message) => mounts[0]?.send(message); // a click on the picture (camera.js)
+  window.mountTick = (number) => mounts[number]?.tick ?? null; // for what NiceGUI's own buttons ask
 
-  connect();
+  begin();
 })();

@@ -1,46 +1,49 @@
-// The virtual board's screen: the spot and the trail that it leaves, in millimetres of the screen.
+// The virtual boards' screens: the spot and the trail that it leaves, in millimetres of the screen. One for each element
+// with data-page that has a canvas for it.
 "use strict";
 
 (() => {
   const KEPT = 4000; // points of the trail
   const LEAST_MM = 0.02; // between two points
-  let trail = [];
-  let spot = null;
-  let half = 12; // mm from the middle to the edge of the picture
+  const HALF_MM = 12; // from the middle to the edge of the picture, to begin with
+  const screens = new Map(); // {trail, spot, half} of each element with data-page
 
-  window.mountScreen = (xy) => {
-    const last = trail[trail.length - 1];
+  window.mountScreen = (xy, root) => {
+    const screen = screens.get(root) ?? { trail: [], spot: null, half: HALF_MM };
+    screens.set(root, screen);
+    const last = screen.trail[screen.trail.length - 1];
     if (!last || Math.hypot(xy[0] - last[0], xy[1] - last[1]) > LEAST_MM) {
-      trail.push(xy);
-      if (trail.length > KEPT) trail = trail.slice(-KEPT);
+      screen.trail.push(xy);
+      if (screen.trail.length > KEPT) screen.trail = screen.trail.slice(-KEPT);
     }
-    spot = xy;
-    requestAnimationFrame(draw);
+    screen.spot = xy;
+    requestAnimationFrame(() => draw(root, screen));
   };
-  window.mountScreenClear = () => {
-    trail = [];
-    half = 12;
+  window.mountScreenClear = (number) => {
+    const screen = screens.get(document.querySelectorAll("[data-page]")[number]);
+    if (screen) Object.assign(screen, { trail: [], half: HALF_MM });
   };
 
   // Left, right, bottom, top of the picture: what has been seen, with some room, and never too close.
-  function fit() {
-    const reach = Math.max(...spot.map(Math.abs), 0) * 1.15;
-    while (half < reach) half *= 1.25;
+  function fit(screen) {
+    const reach = Math.max(...screen.spot.map(Math.abs), 0) * 1.15;
+    while (screen.half < reach) screen.half *= 1.25;
   }
 
-  function draw() {
-    const canvas = document.querySelector("canvas[data-screen]");
-    if (!canvas || !spot) return;
+  function draw(root, screen) {
+    const canvas = root.querySelector("canvas[data-screen]");
+    if (!canvas) return;
     const size = canvas.clientWidth * (window.devicePixelRatio || 1);
     if (canvas.width !== size) canvas.width = canvas.height = size;
-    fit();
+    fit(screen);
+    const { trail, spot, half } = screen;
     const pen = canvas.getContext("2d");
     const scale = size / 2 / half;
     const at = ([x, y]) => [size / 2 + x * scale, size / 2 - y * scale];
     const style = getComputedStyle(canvas);
     pen.fillStyle = style.getPropertyValue("--screen");
     pen.fillRect(0, 0, size, size);
-    grid(pen, size, scale, style.getPropertyValue("--screen-grid"), style.getPropertyValue("--screen-text"));
+    grid(pen, size, half, scale, style.getPropertyValue("--screen-grid"), style.getPropertyValue("--screen-text"));
     pen.strokeStyle = style.getPropertyValue("--trail");
     pen.lineWidth = Math.max(1, size / 350);
     pen.lineJoin = "round";
@@ -56,7 +59,7 @@
     pen.fillRect(0, 0, size, size);
   }
 
-  function grid(pen, size, scale, colour, text) {
+  function grid(pen, size, half, scale, colour, text) {
     const mm = half > 60 ? 20 : half > 25 ? 10 : 5;
     pen.strokeStyle = colour;
     pen.fillStyle = text;
