@@ -1,7 +1,7 @@
 """Check everything: lint, types and every test, from a fresh clone: python tools/test.py
 
 Makes .venv and installs the locked tools of tests/requirements.txt there.  Arguments after `--` go to pytest.
-pytest runs twice: four processes share the tests that the wall clock cannot fail; then one runs the others.
+pytest runs twice: five processes share the tests that the wall clock cannot fail; then one runs the others.
 Without arguments for pytest the first run records the coverage, which is printed at the end.
 System packages are installed only with --install-system or with CI=true in the environment; otherwise the
 missing ones are listed, with what is not run without them.  With CI=true, anything not run is a failure.
@@ -69,8 +69,8 @@ WANTED = bootstrap.Wanted(
 )
 
 # a file stays in one process: its tests share boards; in the order of folders, the longest files come first
-# two processes more than the two cores of CI: while some wait for a board in real time, the others compute
-PARALLEL = ("--numprocesses=4", "--dist=loadfile", "--no-loadscope-reorder")
+# more processes than the two cores of CI: with four, a fifth of both was idle, for tests wait for boards in real time
+PARALLEL = ("--numprocesses=5", "--dist=loadfile", "--no-loadscope-reorder")
 CHECKS = (
     ("lint", ["ruff", "check", "."]),
     ("format", ["ruff", "format", "--check", "."]),
@@ -80,9 +80,10 @@ CHECKS = (
     ("tests tied to the wall clock", ["pytest", "--wall-clock=only"]),
     ("coverage", ["coverage", "report"]),
 )
-# in a whole run, one after the other beside the first run of pytest: what reads the code only, and a firmware that got
-# slower (docs/performance.md)
+# in a whole run, one after the other beside the first run of pytest: what reads the code only
 READ_ONLY = ("lint", "format", "imports", "types")
+# in a whole run beside the first: a firmware that got slower (docs/performance.md) fails. Emulated time does not depend
+# on what it is given, so it takes what is left (POSIX); beside the second, a slow page is stopped.
 TIMES = ("times", ["tools/bench/run.py", "--check", "--quick", "--jobs", "1"])
 RECORD = "--coverage"  # pytest's argument in the first run: the second is judged by the clock, which recording slows
 NO_TESTS = 5  # pytest's status when it has nothing to run
@@ -160,10 +161,10 @@ def check(step: str, title: str, words: List[str]) -> Result:
 
 
 def check_times() -> Result:
-    """Run the bench's quick check; its output comes at its end."""
+    """Run the bench's quick check after everything else that wants a processor; its output comes at its end."""
     title, words = TIMES
     start = time.monotonic()
-    status, output = bootstrap.run([str(bootstrap.venv_python(bootstrap.ROOT / ".venv")), *words])
+    status, output = bootstrap.run([str(bootstrap.venv_python(bootstrap.ROOT / ".venv")), *words], last=True)
     bootstrap.say(f"\n{title}: {' '.join(words)}\n{output.rstrip()}")
     return Result(title, status, time.monotonic() - start)
 
@@ -219,7 +220,7 @@ def main(arguments: List[str]) -> int:
             if title == "tests" and with_times:
                 beside.append(pool.submit(check_times))
             ended = check(f"{number}/{steps}", title, [*words, *extra])
-            results += [*(work.result() for work in beside), ended]  # before the tests tied to the wall clock
+            results += [*(work.result() for work in beside), ended]
             beside.clear()
     lines, status = summary(judged(results), absent, ci)
     bootstrap.say("\nSummary\n  " + "\n  ".join(lines[:-1]) + "\n" + lines[-1])
