@@ -106,7 +106,10 @@ class PipedCamera:
     def close(self):
         self._ending = True
         reader = os.open(self.path, os.O_RDONLY | os.O_NONBLOCK)
-        self._thread.join()
+        while self._thread.is_alive():  # it may wait for room in the pipe, which the loop left full
+            with suppress(BlockingIOError):
+                os.read(reader, 1 << 20)
+            self._thread.join(0.01)
         os.close(reader)
 
 
