@@ -28,22 +28,41 @@ class NotStarted(Exception):
 PANEL = ("-m", "mirrormount", "panel")
 PANEL_AND_LOOP = (str(Path(__file__).with_name("panel_and_loop.py")),)
 PANEL_ON_BENCH = (str(Path(__file__).with_name("panel_on_bench.py")),)
+_PANEL_WHEN_TOLD = (str(Path(__file__).with_name("panel_when_told.py")),)
+
+
+def _process(program: tuple[str, ...], address: str, folder: Path, options: tuple[str, ...]) -> subprocess.Popen[str]:
+    names = ("MIRRORMOUNT_PORT", "MIRRORMOUNT_TOKEN")
+    environment = {k: v for k, v in os.environ.items() if k not in names} | {"XDG_STATE_HOME": str(folder)}
+    return subprocess.Popen(
+        [sys.executable, *program, address, "--http", "0", "--no-browser", *options],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=environment,
+    )
+
+
+def waiting_panel(address: str, folder: Path, *options: str) -> subprocess.Popen[str]:
+    """A panel that makes its imports while the board at the address starts; Panel(process=…) lets it begin."""
+    return _process(_PANEL_WHEN_TOLD, address, folder, options)
 
 
 class Panel:
     """`mirrormount panel` at an address. program: the panel, PANEL_AND_LOOP or PANEL_ON_BENCH."""
 
-    def __init__(self, address: str, folder: Path, *options: str, program: tuple[str, ...] = PANEL) -> None:
-        names = ("MIRRORMOUNT_PORT", "MIRRORMOUNT_TOKEN")
-        environment = {k: v for k, v in os.environ.items() if k not in names} | {"XDG_STATE_HOME": str(folder)}
-        self.process = subprocess.Popen(
-            [sys.executable, *program, address, "--http", "0", "--no-browser", *options],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            env=environment,
-        )
+    def __init__(
+        self,
+        address: str,
+        folder: Path,
+        *options: str,
+        program: tuple[str, ...] = PANEL,
+        process: subprocess.Popen[str] | None = None,
+    ) -> None:
+        self.process = process or _process(program, address, folder, options)
+        if process:
+            self._tell("begin")
         self.said: list[str] = []
         while not (self.said and self.said[-1].startswith("ready ")):
             line = self.process.stdout.readline()
@@ -62,9 +81,12 @@ class Panel:
 
     def loop(self, act: str) -> str:
         """Let the camera loop act; returns the line that it prints next."""
-        self.process.stdin.write(act + "\n")
-        self.process.stdin.flush()
+        self._tell(act)
         return self.process.stdout.readline().strip()
+
+    def _tell(self, line: str) -> None:
+        self.process.stdin.write(line + "\n")
+        self.process.stdin.flush()
 
     def end(self) -> str:
         """End it as a service manager would. Returns what it has written to stderr."""

@@ -15,7 +15,7 @@ def panel_options() -> list[str]:
 @pytest.fixture
 def board(tmp_path):
     (tmp_path / "files").mkdir()
-    with ServedBoard(tmp_path, *make_board_files(tmp_path / "files")) as board:
+    with ServedBoard(tmp_path / "board", *make_board_files(tmp_path / "files")) as board:
         yield board
 
 
