@@ -50,13 +50,16 @@ def test_silence_is_not_a_mount():
         Mount.open(address)
 
 
+IDENTIFIES = {b"*IDN?\n": b"mirrormount,a board,1234,0.0.0\r\n"}
+
+
 class LatePort:
-    """What `serve` on a busy computer is like, with a clock of its own: a greeting at once, the first answer later."""
+    """What a board on a busy computer is like, with a clock of its own: a greeting at once, answers later."""
 
     lockstep = True
 
-    def __init__(self, greeting: bytes, late_s: float) -> None:
-        self._now_s, self._late_s = 0.0, late_s
+    def __init__(self, greeting: bytes, late_s: float, answers: dict[bytes, bytes] = IDENTIFIES) -> None:
+        self._now_s, self._late_s, self._answers = 0.0, late_s, answers
         self._coming = [(0.0, greeting)]  # when, and what
 
     def monotonic(self) -> float:
@@ -72,8 +75,8 @@ class LatePort:
         return data
 
     def write(self, data: bytes) -> None:
-        if data == b"*IDN?\n":
-            self._coming.append((self._now_s + self._late_s, b"mirrormount,a board,1234,0.0.0\r\n"))
+        if data in self._answers:
+            self._coming.append((self._now_s + self._late_s, self._answers[data]))
 
     def close(self) -> None:
         pass
@@ -86,6 +89,14 @@ def test_a_served_board_that_is_still_brought_to_rest_is_waited_for():
 def test_a_port_that_does_not_greet_is_given_up_sooner():
     with pytest.raises(errors.NotAMount, match="nothing answers"):
         identify(Link(LatePort(b"", late_s=4.0)))
+
+
+def test_a_prompt_that_takes_its_time_to_say_that_the_firmware_is_missing_is_waited_for():
+    says = b"import mountfw\r\nTraceback (most recent call last):\r\n"
+    says += b"  File \"<stdin>\", line 1, in <module>\r\nImportError: no module named 'mountfw'\r\n>>> "
+    prompt = {b"*IDN?\n": b"*IDN?\r\n... \r\n>>> ", b"import mountfw\r": says}
+    with pytest.raises(errors.FirmwareMissing, match="deploy"):
+        identify(Link(LatePort(b"", 1.0, prompt)))
 
 
 def test_another_instrument_is_not_a_mount():

@@ -28,10 +28,12 @@ chmod 755 "$work"; chmod 644 suite.list
 suite() {
     "$@" -o Dir::Etc::sourcelist="$work/suite.list" -o Dir::Etc::sourceparts=/dev/null \
         -o Dir::State::lists="$work/apt/lists" -o Dir::Cache="$work/apt/cache" \
-        -o Dir::State::status=/dev/null -o APT::Sandbox::User="$(id -un)" -qq
+        -o Dir::State::status=/dev/null -o APT::Sandbox::User="$(id -un)" -qq \
+        -o Acquire::Retries=5 -o APT::Update::Error-Mode=any
 }
 echo "fetching sources" >&2
-suite apt-get update
+# without that mode an index that could not be fetched is a warning only, and the sources are missed below
+suite apt-get update || suite apt-get update
 suite apt-get source --download-only micropython mbedtls >&2
 suite apt-get download pico-sdk-source tinyusb-source >&2
 dpkg-source --no-check -x micropython_*.dsc micropython > /dev/null

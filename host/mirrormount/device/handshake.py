@@ -15,7 +15,7 @@ from mirrormount.transport.lines import Link
 from mirrormount.transport.refusals import AT_PROMPT, NO_BOARD, TAKEN, TOKEN_REFUSED
 from mirrormount.transport.telnet import GREETING
 
-_ANSWER_S = 2.0  # a board answers in milliseconds, but one that was just plugged in, or is virtual, may be starting
+ANSWER_S = 2.0  # a board answers in milliseconds, but one that was just plugged in, or is virtual, may be starting
 _SERVED_ANSWER_S = 5.0  # after a greeting: `serve` stops the board first, which takes longer on a busy computer
 
 
@@ -29,9 +29,9 @@ def identify(link: Link) -> str:
         before = link.drain(0.1)
         _check_served(before.decode("ascii", "replace"))
         link.write(b"*IDN?\n")
-        answer = link.read_line(_SERVED_ANSWER_S if GREETING in before else _ANSWER_S)
+        answer = link.read_line(_SERVED_ANSWER_S if GREETING in before else ANSWER_S)
         if answer.endswith("soft reboot"):  # the board is just starting
-            answer = link.read_line(_ANSWER_S)
+            answer = link.read_line(ANSWER_S)
     except ConnectionLost as e:
         raise NotAMount("it hung up when asked who it is: not a mount") from e
     except NoAnswer as e:
@@ -52,11 +52,19 @@ def identify(link: Link) -> str:
     if ">>>" in answer + rest:
         link.write(b"\r\x03\r")
         link.drain(0.1)
-        link.write(b"import mountfw\r")
-        if "ImportError" in link.drain(0.3).decode("ascii", "replace"):
+        if _fails_to_import(link, b"mountfw"):
             raise FirmwareMissing("Python answers, but mountfw is not on this board: deploy it first")
         raise AtPrompt("the board is at its Python prompt: press Ctrl-D there, or reset it, to start mountfw")
     raise NotAMount(f"this is not a mount; it answered {(answer + rest)[:60]!r}")
+
+
+def _fails_to_import(link: Link, module: bytes) -> bool:
+    """Whether a prompt cannot import it. No answer within ANSWER_S: False. Raises ConnectionLost."""
+    link.write(b"import " + module + b"\r")
+    said, end = b"", link.monotonic() + ANSWER_S
+    while b">>> " not in said.partition(module)[2] and link.monotonic() < end:  # behind the echo of what was sent
+        said += link.drain(0.05)
+    return b"ImportError" in said
 
 
 def _check_served(received: str) -> None:

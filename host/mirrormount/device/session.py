@@ -16,7 +16,7 @@ from mirrormount.common.errors import BadValue, BoardError, ConnectionLost, Moun
 from mirrormount.common.keep_alive import KEEP_ALIVE_MS
 from mirrormount.common.printable import printable
 from mirrormount.device.board import RESET_CAUSES, Board, check_x_axis
-from mirrormount.device.handshake import identify
+from mirrormount.device.handshake import ANSWER_S, identify
 from mirrormount.device.keep_alive import FEED_S, KeepAlive
 from mirrormount.device.status import QueuedError, Status
 from mirrormount.device.stop_gate import StopGate
@@ -24,7 +24,7 @@ from mirrormount.transport.lines import Link
 from mirrormount.transport.open import open_port
 from mirrormount.transport.stop_socket import SENT, STOPPED, Stoppable
 
-_ANSWER_S = 1.0
+_LOCK_S = 1.0  # longest wait of another program's stop for the answers of this one
 _GATE_S = 0.05  # longest wait of another program's stop for a thread that writes a line
 _ECHO_LINES = 5  # of a frame
 _LONGEST_ANSWER = 4096
@@ -132,7 +132,7 @@ class Session:
             self.link.port.write(b"!\n")
         if also:
             also()
-        if not self.link.lock.acquire(timeout=_ANSWER_S):
+        if not self.link.lock.acquire(timeout=_LOCK_S):
             return SENT
         try:
             if self.status().moving:
@@ -186,8 +186,8 @@ class Session:
             line = self._exchange(b"XK%d\n%s\nXS?\n" % (KEEP_ALIVE_MS, frame), self.gate.starting(last_stop))
             if line == frame.decode():
                 for _ in range(_ECHO_LINES - 1):
-                    self.link.read_line(_ANSWER_S)
-                line = self.link.read_line(_ANSWER_S)
+                    self.link.read_line(ANSWER_S)
+                line = self.link.read_line(ANSWER_S)
             return self._receive_status(line)
 
     def status(self) -> Status:
@@ -230,7 +230,7 @@ class Session:
     def _exchange(self, data: bytes, gate: AbstractContextManager[object] | None = None) -> str:
         """Send, and return the board's next line, safe to print."""
         self._check_open()
-        return printable(self.link.ask(data, _ANSWER_S, gate), _LONGEST_ANSWER)
+        return printable(self.link.ask(data, ANSWER_S, gate), _LONGEST_ANSWER)
 
     def _send(self, line: str, gate: AbstractContextManager[object] | None = None) -> str:
         with self.link.lock:
