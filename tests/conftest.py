@@ -18,7 +18,7 @@ KEPT = ("MIRRORMOUNT_CACHE", "MIRRORMOUNT_FUZZ_", "MIRRORMOUNT_IMAGES")
 RECORDED = ("beam", "firmware", "host", "repo", "supervise", "tools")  # folders of tests that --coverage looks at
 # processor time of which a test is recorded, all its cases together: after it come the same lines for other sessions,
 # pictures or mounts, and recording makes them three to five times slower
-RECORDED_S = 0.5
+RECORDED_S = 0.2
 ENDING = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
 

@@ -37,24 +37,24 @@ def browser() -> Iterator[Browser]:
 
 
 @pytest.fixture
-def link(tmp_path: Path) -> Path:
+def board_link(tmp_path: Path) -> Path:
     """Where the board is going to be."""
     return tmp_path / "board" / "mount"
 
 
 @pytest.fixture
-def waiting(link: Path, tmp_path: Path, panel_options: list[str]) -> Iterator[subprocess.Popen[str]]:
+def waiting(board_link: Path, tmp_path: Path, panel_options: list[str]) -> Iterator[subprocess.Popen[str]]:
     """A panel that makes its imports while the board starts: the two take a second each."""
-    with waiting_panel(str(link), tmp_path, *panel_options) as process:
+    with waiting_panel(str(board_link), tmp_path, *panel_options) as process:
         yield process
         process.kill()
 
 
 @pytest.fixture
-def board(link: Path, request: pytest.FixtureRequest) -> Iterator[ServedBoard]:
+def board(board_link: Path, request: pytest.FixtureRequest) -> Iterator[ServedBoard]:
     if "waiting" in request.fixturenames:
         request.getfixturevalue("waiting")
-    with ServedBoard(link.parent) as board:
+    with ServedBoard(board_link.parent) as board:
         yield board
 
 

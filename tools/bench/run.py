@@ -4,7 +4,7 @@
 
 Needs what the rp2040 machine needs (docs/virtual-board.md). A row is named in full, or several are by how they begin:
 `--only stop`. Results repeat exactly: all moments are seeded. --update writes all rows into docs/performance.md.
---check names the rows that miss their must, and exits with 1. --quick takes 20 trials of the rows of stops and
+--check names the rows that miss their must, and exits with 1. --quick takes 10 trials of the rows of stops and
 frames; with both, a row that has a floor (rows.py) has to keep that.
 """
 
@@ -24,7 +24,7 @@ from table import Measurement, as_json, markdown
 from mirrormount.common.errors import MountError
 from mirrormount.virtual import emulator
 
-QUICK_N = 20
+QUICK_N = 10
 DEFAULT_IMAGE = "default: the newest RPI_PICO-*.uf2 in $MIRRORMOUNT_IMAGES, else docs/virtual-board.md's"
 PAGE = Path(__file__).parents[2] / "docs" / "performance.md"
 BEGIN, END = "<!-- measured by tools/bench/run.py --update -->", "<!-- end of what was measured -->"
@@ -33,7 +33,7 @@ BEGIN, END = "<!-- measured by tools/bench/run.py --update -->", "<!-- end of wh
 def parse(arguments: list[str]) -> argparse.Namespace:
     """The command line. Raises SystemExit."""
     parser = argparse.ArgumentParser(description=str(__doc__).partition("\n")[0])
-    parser.add_argument("--n", type=int, metavar="N", help="trials of each row (default 200; with --quick 20)")
+    parser.add_argument("--n", type=int, metavar="N", help="trials of each row (default 200; with --quick 10)")
     parser.add_argument("--only", default="", metavar="ROW[,ROW]", help="rows to measure, or how their names begin")
     parser.add_argument("--list", action="store_true", help="list the rows")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write everything to FILE, too")
