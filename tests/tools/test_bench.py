@@ -86,8 +86,8 @@ def test_the_newest_official_image_is_taken_where_there_are_some(monkeypatch, tm
     assert run.parse(["--image", "other.bin"]).image == Path("other.bin")
 
 
-def test_a_quick_run_has_20_trials_of_the_rows_of_stops_and_frames():
-    assert run.parse(["--quick"]).n == 20 and run.parse([]).n == 200
+def test_a_quick_run_has_ten_trials_of_the_rows_of_stops_and_frames():
+    assert run.parse(["--quick"]).n == 10 and run.parse([]).n == 200
     names = {row.name.split("-")[0] for row in run.chosen("", quick=True)}
     assert names == {"frame", "stop"}
 
