@@ -1,13 +1,12 @@
 """Fixtures: a virtual board, the panel on it, and a real browser in front of it."""
 
 import os
-import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
-from running import CHROMIUM, Panel, waiting_panel
+from running import CHROMIUM, Panel
 from served import ServedBoard
 
 # an emulated graphics card takes a sixth of a page's time, a process for each page a fifth
@@ -37,24 +36,8 @@ def browser() -> Iterator[Browser]:
 
 
 @pytest.fixture
-def board_link(tmp_path: Path) -> Path:
-    """Where the board is going to be."""
-    return tmp_path / "board" / "mount"
-
-
-@pytest.fixture
-def waiting(board_link: Path, tmp_path: Path, panel_options: list[str]) -> Iterator[subprocess.Popen[str]]:
-    """A panel that makes its imports while the board starts: the two take a second each."""
-    with waiting_panel(str(board_link), tmp_path, *panel_options) as process:
-        yield process
-        process.kill()
-
-
-@pytest.fixture
-def board(board_link: Path, request: pytest.FixtureRequest) -> Iterator[ServedBoard]:
-    if "waiting" in request.fixturenames:
-        request.getfixturevalue("waiting")
-    with ServedBoard(board_link.parent) as board:
+def board(tmp_path: Path) -> Iterator[ServedBoard]:
+    with ServedBoard(tmp_path / "board") as board:
         yield board
 
 
@@ -64,8 +47,8 @@ def panel_options() -> list[str]:
 
 
 @pytest.fixture
-def panel(waiting: subprocess.Popen[str], board: ServedBoard, tmp_path: Path) -> Iterator[Panel]:
-    panel = Panel(str(board.link), tmp_path, process=waiting)
+def panel(board: ServedBoard, tmp_path: Path, panel_options: list[str]) -> Iterator[Panel]:
+    panel = Panel(str(board.link), tmp_path, *panel_options)
     yield panel
     panel.kill()
 

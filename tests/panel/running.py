@@ -1,6 +1,8 @@
 """The panel in a process of its own, and a network between it and the browser that can be cut."""
 
+import atexit
 import contextlib
+import functools
 import json
 import os
 import select
@@ -25,44 +27,79 @@ class NotStarted(Exception):
     """The panel has ended instead; what it wrote to stderr."""
 
 
+_NURSERY = str(Path(__file__).with_name("panel_nursery.py"))
 PANEL = ("-m", "mirrormount", "panel")
 PANEL_AND_LOOP = (str(Path(__file__).with_name("panel_and_loop.py")),)
 PANEL_ON_BENCH = (str(Path(__file__).with_name("panel_on_bench.py")),)
-_PANEL_WHEN_TOLD = (str(Path(__file__).with_name("panel_when_told.py")),)
 
 
-def _process(program: tuple[str, ...], address: str, folder: Path, options: tuple[str, ...]) -> subprocess.Popen[str]:
-    names = ("MIRRORMOUNT_PORT", "MIRRORMOUNT_TOKEN")
-    environment = {k: v for k, v in os.environ.items() if k not in names} | {"XDG_STATE_HOME": str(folder)}
-    return subprocess.Popen(
-        [sys.executable, *program, address, "--http", "0", "--no-browser", *options],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env=environment,
-    )
+class Forked:
+    """A process of the nursery, with what the tests need of subprocess.Popen."""
+
+    def __init__(self, words: list[str], environment: dict[str, str]) -> None:
+        to_us = [os.pipe(), os.pipe()]
+        for_it, to_it = os.pipe()
+        theirs = [for_it, *(end for _, end in to_us)]
+        nursery = _nursery()
+        socket.send_fds(nursery, [json.dumps((words, environment)).encode()], theirs)
+        self.pid = int(nursery.recv(64))
+        for end in theirs:
+            os.close(end)
+        self.stdin = os.fdopen(to_it, "w")
+        self.stdout, self.stderr = (os.fdopen(end) for end, _ in to_us)
+
+    def send_signal(self, number: int) -> None:
+        os.kill(self.pid, number)
+
+    def kill(self) -> None:
+        with contextlib.suppress(ProcessLookupError):
+            self.send_signal(signal.SIGKILL)
+
+    def communicate(self, timeout: float | None = None) -> tuple[str, str]:
+        """What it still writes, up to its end; nothing after that."""
+        if self.stdout.closed:
+            return "", ""
+        said = dict.fromkeys((self.stdout, self.stderr), "")
+        readers = [threading.Thread(target=lambda f: said.update({f: f.read()}), args=(file,)) for file in said]
+        for reader in readers:
+            reader.start()
+        for reader in readers:
+            reader.join(timeout)
+            if reader.is_alive():
+                raise subprocess.TimeoutExpired("mirrormount panel", timeout)
+        for file in (self.stdin, *said):
+            file.close()
+        return said[self.stdout], said[self.stderr]
 
 
-def waiting_panel(address: str, folder: Path, *options: str) -> subprocess.Popen[str]:
-    """A panel that makes its imports while the board at the address starts; Panel(process=…) lets it begin."""
-    return _process(_PANEL_WHEN_TOLD, address, folder, options)
+@functools.cache
+def _nursery() -> socket.socket:
+    """The way to the nursery, which ends when this process does."""
+    ours, its = socket.socketpair()
+    with its:
+        process = subprocess.Popen([sys.executable, _NURSERY, str(its.fileno())], pass_fds=[its.fileno()])
+    atexit.register(lambda: (ours.close(), process.wait()))
+    return ours
 
 
 class Panel:
-    """`mirrormount panel` at an address. program: the panel, PANEL_AND_LOOP or PANEL_ON_BENCH."""
+    """A panel at an address, forked from the nursery; or program: PANEL, PANEL_AND_LOOP or PANEL_ON_BENCH, started."""
 
-    def __init__(
-        self,
-        address: str,
-        folder: Path,
-        *options: str,
-        program: tuple[str, ...] = PANEL,
-        process: subprocess.Popen[str] | None = None,
-    ) -> None:
-        self.process = process or _process(program, address, folder, options)
-        if process:
-            self._tell("begin")
+    def __init__(self, address: str, folder: Path, *options: str, program: tuple[str, ...] = ()) -> None:
+        names = ("MIRRORMOUNT_PORT", "MIRRORMOUNT_TOKEN")
+        environment = {k: v for k, v in os.environ.items() if k not in names} | {"XDG_STATE_HOME": str(folder)}
+        words = [address, "--http", "0", "--no-browser", *options]
+        if program:
+            self.process = subprocess.Popen(
+                [sys.executable, *program, *words],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                text=True,
+                env=environment,
+            )
+        else:
+            self.process = Forked(["panel", *words], environment)
         self.said: list[str] = []
         while not (self.said and self.said[-1].startswith("ready ")):
             line = self.process.stdout.readline()
@@ -81,12 +118,9 @@ class Panel:
 
     def loop(self, act: str) -> str:
         """Let the camera loop act; returns the line that it prints next."""
-        self._tell(act)
-        return self.process.stdout.readline().strip()
-
-    def _tell(self, line: str) -> None:
-        self.process.stdin.write(line + "\n")
+        self.process.stdin.write(act + "\n")
         self.process.stdin.flush()
+        return self.process.stdout.readline().strip()
 
     def end(self) -> str:
         """End it as a service manager would. Returns what it has written to stderr."""

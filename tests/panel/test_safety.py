@@ -6,7 +6,7 @@ import signal
 from pathlib import Path
 
 import pytest
-from running import Network, NotStarted, Panel, run_until_driving, status_after, wait_for_motion, wait_for_rest
+from running import PANEL, Network, NotStarted, Panel, run_until_driving, status_after, wait_for_motion, wait_for_rest
 from served import PATIENCE_S, ServedBoard, run_cli, wait_for
 from websockets.sync.client import connect
 
@@ -232,7 +232,7 @@ def test_a_terminal_that_is_closed_ends_the_panel_as_a_service_manager_does(page
 
 
 def test_a_panel_that_cannot_write_its_log_drives(open_page, board):
-    panel = Panel(str(board.link), Path(os.devnull))
+    panel = Panel(str(board.link), Path(os.devnull), program=PANEL)
     try:
         open_page(panel.url).get_by_role("button", name="UP", exact=True).click()
         wait_for_motion(board)

@@ -1,13 +1,13 @@
 """`mirrormount stop` while a panel has the port."""
 
-from running import Panel
+from running import PANEL, Panel
 from served import run_cli
 
 from mirrormount import Mount
 
 
 def test_stop_gets_through_a_panel(board, tmp_path):
-    panel = Panel(str(board.link), tmp_path)
+    panel = Panel(str(board.link), tmp_path, program=PANEL)
     try:
         run = run_cli("stop", "--port", str(board.link))
         assert (run.returncode, run.stderr) == (0, "")
