@@ -112,6 +112,7 @@ def test_a_dead_clients_keep_alive_does_not_cut_the_next_client(board):
     assert abs(board.off_after_us("m1_en") - 1_500_000) < 5_000
 
 
+@pytest.mark.wall_clock
 @pytest.mark.parametrize("how", ["link", "tcp"])
 def test_a_host_that_never_reads_ten_thousand_frames_then_a_stop(board, how):
     if how == "link":

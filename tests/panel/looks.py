@@ -55,7 +55,11 @@ CONTRASTS = """() => {
 
 
 def settled(page) -> None:
-    page.wait_for_function("document.getAnimations().every((a) => a.playState !== 'running')")
+    """Nothing is on its way in or out."""
+    page.wait_for_function(
+        """document.getAnimations().every((a) => a.playState !== 'running')
+            && !document.querySelector("[class*='-enter-active'], [class*='-leave-active']")"""
+    )
 
 
 def assert_readable(page, *texts: str) -> None:
