@@ -79,8 +79,7 @@ class Queries:
         r.add(n // 100)
         part = n % 100
         if part:
-            r.add(b".")
-            r.add(part // 10)
+            r.field(b".", part // 10)
             if part % 10:
                 r.add(part % 10)
 
@@ -88,16 +87,13 @@ class Queries:
         """Was it known where home was, and how many millisteps off was the count there?"""
         r = self._replies
         r.add(1 if axis.position.offset_known else 0)
-        r.add(b",")
-        r.add(axis.position.offset)
+        r.field(b",", axis.position.offset)
 
     def ended(self, axis):
         r = self._replies
         r.add(axis.reason)
-        r.add(b",")
-        r.add(axis.ended_steps)
-        r.add(b",")
-        r.add(axis.ended_on_us)
+        r.field(b",", axis.ended_steps)
+        r.field(b",", axis.ended_on_us)
 
     # ---- the mount
 
@@ -113,10 +109,8 @@ class Queries:
     def status(self, _axis):
         r = self._replies
         r.add(self.about.boot_id)
-        r.add(b",")
-        r.add(self.about.uptime_ms())
-        r.add(b",")
-        r.add(self._controller.errors.waiting)
+        r.field(b",", self.about.uptime_ms())
+        r.field(b",", self._controller.errors.waiting)
         for axis in self._controller.axes:
             self._controller.records.poll_input()
             self._status_of(axis)
@@ -124,16 +118,11 @@ class Queries:
     def _status_of(self, axis):
         """The input is read before, never in the middle: position and `at rest` are of one moment."""
         r = self._replies
-        r.add(b"|")
-        r.add(axis.position_now())
-        r.add(b",1," if axis.moving() else b",0,")
-        r.add(axis.direction())
-        r.add(b",")
-        r.add(axis.limits())
-        r.add(b",")
-        r.add(axis.reason)
-        r.add(b",")
-        r.add(axis.position.certainty)
+        r.field(b"|", axis.position_now())
+        r.field(b",1," if axis.moving() else b",0,", axis.direction())
+        r.field(b",", axis.limits())
+        r.field(b",", axis.reason)
+        r.field(b",", axis.position.certainty)
 
     def error(self, _axis):
         self._replies.add(self._controller.errors.pop())
@@ -144,8 +133,7 @@ class Queries:
         r.add(code)
         r.add(b", ")
         if code >= 100:
-            r.add(b"AXIS ")
-            r.add(code // 100)
+            r.field(b"AXIS ", code // 100)
             r.add(b" ")
         r.add(codes.message(code))
 
@@ -175,12 +163,8 @@ class Queries:
         if not self._controller.driving():  # it walks the heap, 8 ms on a Pico: a pulse and a stop must not wait for it
             self._free = self.about.free_memory()
         r.add(self._free)
-        r.add(b",")
-        r.add(self._longest_us if self._longest_us > 0 else 0)
-        r.add(b",")
-        r.add(self._passes)
-        r.add(b",")
-        r.add(self.about.reset_cause)
-        r.add(b",")
-        r.add(self.about.gate)
+        r.field(b",", self._longest_us if self._longest_us > 0 else 0)
+        r.field(b",", self._passes)
+        r.field(b",", self.about.reset_cause)
+        r.field(b",", self.about.gate)
         self._longest_us = -1

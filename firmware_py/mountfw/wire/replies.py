@@ -10,7 +10,7 @@ _CR_AT = 8  # where in a line of an echo its end stands
 class Replies:
     """The sending side: a bounded queue. A reply that does not fit is dropped whole.
 
-    begin(), then add(), then commit(); or echo(). read() while waiting. A text must not change until it is
+    begin(), then add() or field(), then commit(); or echo(). read() while waiting. A text must not change until it is
     sent.
     """
 
@@ -39,6 +39,20 @@ class Replies:
             self._lost = True
         else:
             self._items[end] = item
+            self._end = after
+
+    def field(self, before, n):
+        """Add bytes and the integer after them: two items in one call, for a line of many fields."""
+        end = self._end
+        mask = self._mask
+        middle = end + 1 & mask
+        after = middle + 1 & mask
+        if middle == self._tail or after == self._tail:
+            self._lost = True
+        else:
+            items = self._items
+            items[end] = before
+            items[middle] = n
             self._end = after
 
     def echo(self, packed):
