@@ -1,8 +1,9 @@
 """With CI=true what is not run is a failure: a skipped test fails, and says what it needs.
 
 Tests that are marked exhaustive take hours; they are left out without --exhaustive.
-Tests that are marked wall_clock are judged by the time of this computer, and need a processor for themselves:
-tools/test.py runs all others in six processes with --wall-clock=without, then these in one with --wall-clock=only.
+Tests that are marked wall_clock are judged by the time of this computer, and need a processor for themselves; in those
+that are marked lockstep no clock of this computer takes part, so they may be given what is left of one. tools/test.py
+says which run of pytest takes which.
 With --coverage the lines and branches that this process executes are recorded; `coverage report` prints them.
 """
 
@@ -24,12 +25,13 @@ ENDING = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if h
 
 def pytest_addoption(parser):
     parser.addoption("--exhaustive", action="store_true", help="also cut the power at every operation of the flash")
-    parser.addoption(
-        "--wall-clock",
-        choices=["with", "without", "only"],
-        default="with",
-        help="tests that need a processor for themselves: with all others, left out, or they alone",
-    )
+    for option, kind in (("--wall-clock", "that need a processor for themselves"), ("--lockstep", "in lockstep")):
+        parser.addoption(
+            option,
+            choices=["with", "without", "only"],
+            default="with",
+            help=f"tests {kind}: with all others, left out, or they alone",
+        )
     parser.addoption("--coverage", action="store_true", help="record executed lines and branches in .cache/coverage")
 
 
@@ -38,15 +40,19 @@ def pytest_configure(config):
         config.pluginmanager.register(Recorder(config), "recorder")
     config.addinivalue_line("markers", "exhaustive: takes hours, left out without --exhaustive")
     config.addinivalue_line("markers", "wall_clock: judged by this computer's clock, so one runs on each processor")
+    config.addinivalue_line("markers", "lockstep: no clock of this computer takes part")
 
 
 def pytest_collection_modifyitems(config, items):
-    wall_clock, exhaustive = config.getoption("--wall-clock"), config.getoption("--exhaustive")
+    wanted = {name: config.getoption("--" + name.replace("_", "-")) for name in ("wall_clock", "lockstep")}
+    exhaustive = config.getoption("--exhaustive")
 
     def runs(item):
-        by_clock = item.get_closest_marker("wall_clock") is not None
-        wanted = wall_clock == "with" or by_clock == (wall_clock == "only")
-        return wanted and (exhaustive or not item.get_closest_marker("exhaustive"))
+        for name, choice in wanted.items():
+            marked = item.get_closest_marker(name) is not None
+            if choice != "with" and marked != (choice == "only"):
+                return False
+        return exhaustive or not item.get_closest_marker("exhaustive")
 
     left_out = [item for item in items if not runs(item)]
     items[:] = [item for item in items if item not in left_out]

@@ -2,7 +2,8 @@
 
 Makes .venv and installs the locked tools of tests/requirements.txt there.  Arguments after `--` go to pytest.
 pytest runs twice: five processes share the tests that the wall clock cannot fail; then one runs the others.
-Without arguments for pytest the first run records the coverage, which is printed at the end.
+Without arguments for pytest the first run records the coverage, which is printed at the end, and a third runs beside
+the second, with what that leaves of the processors: the tests in lockstep, which no clock of this computer judges.
 System packages are installed only with --install-system or with CI=true in the environment; otherwise the
 missing ones are listed, with what is not run without them.  With CI=true, anything not run is a failure.
 """
@@ -71,20 +72,26 @@ WANTED = bootstrap.Wanted(
 # a file stays in one process: its tests share boards; in the order of folders, the longest files come first
 # more processes than the two cores of CI: with four, a fifth of both was idle, for tests wait for boards in real time
 PARALLEL = ("--numprocesses=5", "--dist=loadfile", "--no-loadscope-reorder")
+CLOCK = "tests tied to the wall clock"
 CHECKS = (
     ("lint", ["ruff", "check", "."]),
     ("format", ["ruff", "format", "--check", "."]),
     ("imports", ["lint-imports", "--no-cache", "--no-logo"]),
     ("types", ["basedpyright"]),
     ("tests", ["pytest", "--wall-clock=without", *PARALLEL]),
-    ("tests tied to the wall clock", ["pytest", "--wall-clock=only"]),
+    (CLOCK, ["pytest", "--wall-clock=only"]),
     ("coverage", ["coverage", "report"]),
 )
 # in a whole run, one after the other beside the first run of pytest: what reads the code only
 READ_ONLY = ("lint", "format", "imports", "types")
 # in a whole run beside the first: a firmware that got slower (docs/performance.md) fails. Emulated time does not depend
-# on what it is given, so it takes what is left (POSIX); beside the second, a slow page is stopped.
+# on what it is given, so it takes what is left (POSIX)
 TIMES = ("times", ["tools/bench/run.py", "--check", "--quick", "--jobs", "1"])
+# in a whole run beside the second: tests that have all the time of the world
+LOCKSTEP = (
+    "tests in lockstep",
+    ["pytest", "--lockstep=only", "--numprocesses=2", "--dist=loadfile", "--no-loadscope-reorder", "--color=no"],
+)
 RECORD = "--coverage"  # pytest's argument in the first run: the second is judged by the clock, which recording slows
 NO_TESTS = 5  # pytest's status when it has nothing to run
 COUNTS = ("passed", "failed", "skipped")
@@ -138,35 +145,42 @@ def chosen(for_pytest: List[str], ci: bool) -> List[Tuple[str, List[str]]]:
     """The checks. Of some tests no coverage is recorded; its floor counts with CI=true, where no test is skipped."""
     if for_pytest:
         return [(title, [*words]) for title, words in CHECKS if title != "coverage"]
-    added = {"tests": [RECORD], "coverage": [] if ci else ["--fail-under=0"]}
+    added = {"tests": ["--lockstep=without", RECORD], "coverage": [] if ci else ["--fail-under=0"]}
     return [(title, [*words, *added.get(title, [])]) for title, words in CHECKS]
 
 
 def check(step: str, title: str, words: List[str]) -> Result:
     """Run one check under its title."""
     bootstrap.say(f"\n[{step}] {title}: {' '.join(words)}")
-    python = bootstrap.venv_python(bootstrap.ROOT / ".venv")
-    # import-linter cannot be run as a module: its script lies beside the Python that it is for
-    command = [str(python.parent / words[0]), *words[1:]] if words[0] == "lint-imports" else [str(python), "-m", *words]
     start = time.monotonic()
     if words[0] != "pytest":
-        status, output = bootstrap.run(command)
+        status, output = bootstrap.run(command_of(words))
         if output.strip():
             bootstrap.say(output.rstrip())
         return Result(title, status, time.monotonic() - start)
     with tempfile.TemporaryDirectory() as folder:
         report = os.path.join(folder, "report.xml")
-        status = bootstrap.show_quietly_ended([*command, "--junit-xml", report])
+        status = bootstrap.show_quietly_ended([*command_of(words), "--junit-xml", report])
         return Result(title, status, time.monotonic() - start, counted(report))
 
 
-def check_times() -> Result:
-    """Run the bench's quick check after everything else that wants a processor; its output comes at its end."""
-    title, words = TIMES
+def check_last(title: str, words: List[str]) -> Result:
+    """Run one check after everything else that wants a processor; its output comes at its end."""
     start = time.monotonic()
-    status, output = bootstrap.run([str(bootstrap.venv_python(bootstrap.ROOT / ".venv")), *words], last=True)
-    bootstrap.say(f"\n{title}: {' '.join(words)}\n{output.rstrip()}")
-    return Result(title, status, time.monotonic() - start)
+    with tempfile.TemporaryDirectory() as folder:
+        report = os.path.join(folder, "report.xml")
+        more = ["--junit-xml", report] if words[0] == "pytest" else []
+        status, output = bootstrap.run([*command_of(words), *more], last=True)
+        bootstrap.say(f"\n{title}: {' '.join(words)}\n{output.rstrip()}")
+        return Result(title, status, time.monotonic() - start, counted(report))
+
+
+def command_of(words: List[str]) -> List[str]:
+    """A check's command line: a script, or a module of the .venv."""
+    python = bootstrap.venv_python(bootstrap.ROOT / ".venv")
+    if words[0] == "lint-imports":  # cannot be run as a module: its script lies beside the Python that it is for
+        return [str(python.parent / words[0]), *words[1:]]
+    return [str(python), *([] if words[0].endswith(".py") else ["-m"]), *words]
 
 
 def counted(report: str) -> Optional[Dict[str, int]]:
@@ -181,7 +195,7 @@ def counted(report: str) -> Optional[Dict[str, int]]:
 
 def judged(results: Sequence[Result]) -> List[Result]:
     """The results, where a run of pytest without a test is no failure if another run had one."""
-    if all(r.status == NO_TESTS for r in results if r.title.startswith("tests")):
+    if not any(r.tests and any(r.tests.values()) for r in results):
         return list(results)
     return [r._replace(status=0) if r.status == NO_TESTS and r.title.startswith("tests") else r for r in results]
 
@@ -218,7 +232,9 @@ def main(arguments: List[str]) -> int:
                 beside.append(pool.submit(check, f"{number}/{steps}", title, words))
                 continue
             if title == "tests" and with_times:
-                beside.append(pool.submit(check_times))
+                beside.append(pool.submit(check_last, *TIMES))
+            if title == CLOCK and not for_pytest:
+                beside.append(pool.submit(check_last, LOCKSTEP[0], [*LOCKSTEP[1], *extra]))
             ended = check(f"{number}/{steps}", title, [*words, *extra])
             results += [*(work.result() for work in beside), ended]
             beside.clear()

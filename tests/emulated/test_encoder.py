@@ -2,10 +2,13 @@
 
 from dataclasses import replace
 
+import pytest
 from test_memory import SESSION
 
 from mirrormount.virtual.profile import SMOOTH
 from mirrormount.virtual.simulation import START_US
+
+pytestmark = pytest.mark.lockstep
 
 FAST = 2.03  # times the motors' nominal voltage: 3000 edges a second
 

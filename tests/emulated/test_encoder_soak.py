@@ -6,6 +6,8 @@ import pytest
 from mirrormount.common.errors import EmulatorMissing
 from mirrormount.virtual import emulator
 
+pytestmark = pytest.mark.lockstep
+
 
 @pytest.fixture(autouse=True)
 def _emulator():

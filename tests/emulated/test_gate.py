@@ -7,6 +7,8 @@ from lab import on_times_us
 
 from mirrormount.virtual.emulator import RawPrompt
 
+pytestmark = pytest.mark.lockstep
+
 USB_US = 10  # the emulated controller takes so long for a packet
 CUT_US = USB_US + 10
 LATE_US = 5

@@ -9,6 +9,8 @@ from mirrormount.virtual import emulator
 from mirrormount.virtual.files import THIS
 from mirrormount.virtual.image import mpy_of
 
+pytestmark = pytest.mark.lockstep
+
 ENABLES = ("m1_en", "m2_en")
 LANE_US, PYTHON_US = 900, 1_200  # a frame reaches both motors before the first with the lane, after the second without
 

@@ -7,6 +7,8 @@ from lab import on_times_us
 
 from mirrormount.virtual.drivetrain import SWITCH_REV
 
+pytestmark = pytest.mark.lockstep
+
 STEP_US = 200_000
 LATE_US = 400  # from a deadline to the pin: some calls of Python
 

@@ -2,9 +2,12 @@
 
 import random
 
+import pytest
 from test_memory import SESSION
 
 from mirrormount.virtual.emulator import RawPrompt
+
+pytestmark = pytest.mark.lockstep
 
 TRIALS = 200
 LEAST_FREE = 135_000  # bytes of heap on a Pico; it only rises. docs/decisions/2026-11-23-the-fast-lane.md: why it fell

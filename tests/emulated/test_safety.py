@@ -4,6 +4,8 @@ import pytest
 
 from mirrormount.virtual.emulator import RawPrompt
 
+pytestmark = pytest.mark.lockstep
+
 HUNG_US = 1_000_000  # the watchdog's time (_HUNG_MS of ports/micropython.py)
 BITE_US = 50_000  # within which its reset is seen
 STARTED_US = 3_000_000

@@ -13,6 +13,8 @@ from power import Board, PowerCut, compiled
 from mirrormount.common.errors import EmulatorMissing
 from mirrormount.virtual import emulator
 
+pytestmark = pytest.mark.lockstep
+
 PATIENCE_US = 3_000_000
 RECORDED_US = 10_600_000  # after that much rest the position is on the flash
 NEVER = 1_000_000  # operations

@@ -6,6 +6,8 @@ import soak
 from mirrormount.common.errors import EmulatorMissing
 from mirrormount.virtual import emulator
 
+pytestmark = pytest.mark.lockstep
+
 
 def test_an_episode_is_reported(tmp_path):
     try:

@@ -6,11 +6,14 @@ axis_session.py says how every accepted move is seen to end exactly once.
 
 import os
 
+import pytest
 from axis_commands import STOPS
 from axis_gap import Unclear
 from axis_session import Session
 from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
+
+pytestmark = pytest.mark.lockstep
 
 EXAMPLES = int(os.environ.get("MIRRORMOUNT_FUZZ_EXAMPLES", "30"))
 SEED = os.environ.get("MIRRORMOUNT_FUZZ_SEED")  # not set: the same sessions each time

@@ -7,12 +7,15 @@ the next start claims no more than it may.
 
 import os
 
+import pytest
 from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
 from rig_encoder import encoded, finish
 
 from mountfw import codes
 from mountfw.motion.axis import SEARCH, SETTLE
+
+pytestmark = pytest.mark.lockstep
 
 EXAMPLES = int(os.environ.get("MIRRORMOUNT_FUZZ_EXAMPLES", "30"))
 SEED = os.environ.get("MIRRORMOUNT_FUZZ_SEED")  # not set: the same sessions each time

@@ -6,8 +6,11 @@ Time stands still while either works, so that both see every frame at the very s
 import os
 import random
 
+import pytest
 from lane_rig import LanePort, LaneRig
 from rig import WRAP, Port, Rig
+
+pytestmark = pytest.mark.lockstep
 
 SESSIONS = 100
 LUMPS = 30  # of each session

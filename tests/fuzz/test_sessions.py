@@ -5,11 +5,14 @@ import random
 import re
 from concurrent.futures import ProcessPoolExecutor
 
+import pytest
 from lane_rig import LaneRig
 from model import parse
 from rig import Rig
 
 from mountfw.extras import EACH, FIRST, WAITING
+
+pytestmark = pytest.mark.lockstep
 
 SESSIONS = 100_000
 PIECES = (

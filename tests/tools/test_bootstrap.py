@@ -379,7 +379,8 @@ def test_a_whole_run_ends_with_the_coverage_of_its_first_pytest(shown):
     checks.main([])
     first = next(words for words in shown if words[0] == "pytest")
     last = shown[-1]
-    assert first == ["pytest", "--wall-clock=without", *checks.PARALLEL, "--coverage", "--deselect=tests/clone"]
+    words = ["--lockstep=without", "--coverage", "--deselect=tests/clone"]
+    assert first == ["pytest", "--wall-clock=without", *checks.PARALLEL, *words]
     assert last == ["coverage", "report", "--fail-under=0"]
 
 
@@ -394,6 +395,17 @@ def test_only_a_whole_run_checks_the_times_of_the_firmware(shown, monkeypatch, c
     assert checks.main([]) == 1
     output = capsys.readouterr().out
     assert "missed: stop-run" in output and re.search(r"FAILED +times", output)
+
+
+def test_only_a_whole_run_has_a_run_of_its_own_for_the_tests_in_lockstep(shown):
+    def apart():
+        return [words for words in shown if "--lockstep=only" in words]
+
+    checks.main([])
+    assert len(apart()) == 1 and "--deselect=tests/clone" in apart()[0]
+    shown.clear()
+    checks.main(["--", "-k", "frame"])
+    assert not apart()
 
 
 def test_the_floor_of_the_coverage_counts_on_ci(shown, monkeypatch):
@@ -447,9 +459,14 @@ def test_the_last_line_and_the_status_are_of_both_runs_of_pytest(
     assert capsys.readouterr().out.splitlines()[-1] == last
 
 
-def test_what_comes_last_takes_the_processor_that_nobody_else_wants():
-    ask = [sys.executable, "-c", "import os; print(os.nice(0))"]
-    assert (bootstrap.run(ask), bootstrap.run(ask, last=True)) == ((0, f"{os.nice(0)}\n"), (0, "19\n"))
+@pytest.mark.skipif(sys.platform != "linux", reason="asks for Linux's kinds of scheduling")
+@pytest.mark.parametrize(("program", "idle", "nice"), [("chrt", True, os.nice(0)), ("nice", False, 19)])
+def test_what_comes_last_takes_the_processor_that_nobody_else_wants(monkeypatch, program, idle, nice):
+    which = bootstrap.shutil.which
+    monkeypatch.setattr(bootstrap.shutil, "which", lambda name: which(name) if name == program else None)
+    ask = [sys.executable, "-c", "import os; print(os.sched_getscheduler(0) == os.SCHED_IDLE, os.nice(0))"]
+    assert bootstrap.run(ask) == (0, f"False {os.nice(0)}\n")
+    assert bootstrap.run(ask, last=True) == (0, f"{idle} {nice}\n")
 
 
 def test_a_silent_command_is_followed_by_lines_of_progress(monkeypatch, capsys):
