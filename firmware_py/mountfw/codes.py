@@ -186,7 +186,7 @@ Remedy: `VA?` says how many. A shorter pulse allows more.
 AXIS_MOVING = _axis_error(14, b"MOTION IN PROGRESS")
 """The axis moves, and the command would disturb that.
 
-Remedy: Wait for `MD?` to be 1, or stop it.
+Remedy: Wait until it is at rest (`MD?` is 1), or stop it.
 """
 
 AXIS_NOT_FITTED = _axis_error(35, b"NOT FITTED OR SWITCHED OFF")
@@ -242,8 +242,8 @@ AXIS_STALLED = _axis_error(47, b"MOTOR STALLED")
 """An axis with an encoder had drive and no count for `XG`: the end of the travel, a motor without power, or a wire of
 the encoder. The motor is off.
 
-Remedy: Drive the other way. If no count comes there either (`XC?` before and after): the motor's plug, its supply, the
-encoder's wires. `MM0` on that axis goes on without the encoder.
+Remedy: Drive the other way. If no count comes there either (the position stays, and `XC?`): the motor's plug, its
+supply, the encoder's wires. In the open loop (`MM0` on that axis) it goes on without the encoder.
 """
 
 AXIS_WRONG_WAY = _axis_error(48, b"COUNTS THE WRONG WAY")
@@ -258,8 +258,8 @@ AXIS_ENCODER_LOST = _axis_error(49, b"ENCODER LOST")
 """The encoder does not answer, sees no magnet, or its two signals change in a way that no shaft can turn. The motor is
 off; the position is an estimate from here on.
 
-Remedy: Its plug and its supply; the distance of the magnet; motor wires close to those of the encoder. `MM0` on that
-axis goes on without the encoder.
+Remedy: Its plug and its supply; the distance of the magnet; motor wires close to those of the encoder. In the open loop
+(`MM0` on that axis) it goes on without the encoder.
 """
 
 AXIS_DEAD_BAND = _axis_error(50, b"DEAD BAND NOT REACHED")

@@ -143,6 +143,24 @@ def test_an_encoder_that_is_gone_ends_the_move_and_the_position_is_an_estimate()
         assert status(rig)[1] == codes.ESTIMATED
 
 
+def test_an_encoder_that_does_not_answer_at_rest_is_told_once_and_nothing_is_measured():
+    rig = encoded()
+    rig.ask(b"1DH0\n")
+    assert status(rig)[1] == codes.MEASURED
+    rig.motor1.gone = True
+    rig.run(50_000)
+    assert status(rig)[1] == codes.ESTIMATED
+    assert why(rig)[1] == [149]
+    rig.ask(b"1DH0\n")
+    rig.run(50_000)
+    assert (status(rig)[1], why(rig)[1]) == (codes.ESTIMATED, [])
+    rig.motor1.gone = False
+    rig.run(50_000)
+    assert status(rig)[1] == codes.ESTIMATED  # it may have been turned meanwhile
+    rig.ask(b"1DH0\n")
+    assert (status(rig)[1], why(rig)[1]) == (codes.MEASURED, [])
+
+
 def test_three_corrections_that_do_not_help_end_the_move():
     rig = encoded(settings=b"XN280;MM1;DB0")
     turned = rig.motor1.turn

@@ -53,6 +53,7 @@ class EncodedAxis(Axis):
         self._counts = 0  # of the pulse that is to begin, if it is not by its length
         self._pulses = False  # is the move under way one of the closed loop?
         self._rested_at = 0  # counts of the motor while the position is on the flash
+        self._gone = False  # was it told that the encoder does not answer?
         self.measured = MeasuredPosition(reader)  # its position
         super().__init__(number, bridge, positive_stop, negative_stop, homing, error_queue, ticks_us, self.measured)
         self._stall_homing = StallHoming(self)
@@ -275,6 +276,7 @@ class EncodedAxis(Axis):
     def _failed(self, reason):
         if self.measured.certainty:  # is it the motor that does not turn, or the encoder that does not see it?
             self.measured.certainty = codes.ESTIMATED
+        self._gone = self._gone or self.reader.gone  # which this end tells
         if self.state == SEARCH and self.homing is self._stall_homing and reason == codes.STALLED:
             self.homing.stalled()
         else:
@@ -300,4 +302,8 @@ class EncodedAxis(Axis):
                 drive.drop_record()  # it would tell another number
         if not drive.on_flash:
             self._rested_at = position.motor
+        if position.reader.gone != self._gone:
+            self._gone = position.reader.gone
+            if self._gone and position.closed:
+                self.error(codes.AXIS_ENCODER_LOST)
         return NEVER_US

@@ -85,7 +85,7 @@ class MeasuredPosition(Position):
         """Count what it has turned since. Returns the counts in the axis's own direction."""
         raw = self.reader.counts()
         turned = apart(raw, self.raw) * self.way
-        if self.reader.slips != self._slips:
+        if self.reader.slips != self._slips or self.reader.gone:
             self._slips = self.reader.slips
             if self.certainty:
                 self.certainty = codes.ESTIMATED
@@ -231,7 +231,7 @@ class MeasuredPosition(Position):
         super().define(steps)
         if self.closed:
             self._rebase()
-            self.certainty = codes.MEASURED
+            self._measured()
             self._zero()
 
     def define_counts(self, counts):
@@ -245,4 +245,8 @@ class MeasuredPosition(Position):
     def homed(self):
         super().homed()
         if self.closed:
-            self.certainty = codes.MEASURED
+            self._measured()
+
+    def _measured(self):
+        """It is known where this is, and the encoder counts from here on, if it answers."""
+        self.certainty = codes.ESTIMATED if self.reader.gone else codes.MEASURED

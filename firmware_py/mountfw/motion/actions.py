@@ -42,8 +42,7 @@ class Actions(Settings):
 
         # how the last move ended
         self.reason = codes.NONE_YET
-        self.ended_steps = 0
-        self.ended_on_us = 0
+        self.ended_steps = self.ended_on_us = 0
 
         # the move under way
         self.ends_as = codes.DONE  # its reason if it comes to its own end

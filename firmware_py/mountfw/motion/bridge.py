@@ -24,8 +24,7 @@ class Bridge:
     """
 
     def __init__(self, pos, neg, dead_time_us, pause_us, ticks_us, enable=None):
-        self._pos = pos
-        self._neg = neg
+        self._pos, self._neg = pos, neg
         self._dead_time_us = dead_time_us
         self._pause_us = pause_us
         self._ticks_us = ticks_us

@@ -46,15 +46,13 @@ class Drive:
         self.watched = False  # is there an end-stop to look at?
         self.on_flash = False  # is the position recorded, or about to be? Then drop_record() comes first
         self.drop_record = lambda: None  # store.py sets it
-        self.direction = 0
-        self.duty = 0
+        self.direction = self.duty = 0
         self.on_us = 0  # measured since the move began
         self.on_at = 0  # when it was turned on
         self.ends_at = 0  # its deadline
         self.cut_at = 0
         self.counted_at = 0  # up to when it was measured
-        self.pre_at = 0
-        self._pre_speed = 0
+        self.pre_at = self._pre_speed = 0
         self.reset()
 
     def reset(self):

@@ -50,8 +50,7 @@ class Position:
 
     def worth(self, amount):
         """Millisteps that an amount of drive is worth."""
-        whole = amount // self.step
-        return whole * 1000 + self._thousandths(amount - whole * self.step)
+        return amount // self.step * 1000 + self._thousandths(amount % self.step)
 
     def driven(self, direction, amount, over):
         """A run, or a part of a pulse, has driven by amount. If it is over, the part of a step becomes millisteps."""
@@ -143,8 +142,7 @@ class Position:
         else:
             self.home_known = False
         self.millisteps = steps * 1000
-        self.target = steps
-        self.defined = steps
+        self.target = self.defined = steps
         self.certainty = codes.COUNTED
 
     def homed(self):

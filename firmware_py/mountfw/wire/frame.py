@@ -46,11 +46,8 @@ class Frame:
     def __init__(self, pack=pack):
         self._pack = pack
         self.text = bytearray(LENGTH)
-        self.length = 0
-        self.packed = 0
-        self.m1 = 0
-        self.m2 = 0
-        self._magnitude = 0
+        self.length = self._magnitude = 0
+        self.packed = self.m1 = self.m2 = 0
 
     def start(self):
         """Clear: the next byte is the first of a frame."""

@@ -10,8 +10,7 @@ _CR_AT = 8  # where in a line of an echo its end stands
 class Replies:
     """The sending side: a bounded queue. A reply that does not fit is dropped whole.
 
-    begin(), then add() or field(), then commit(); or echo(). read() while waiting. A text must not change until it is
-    sent.
+    begin(), then add() or field(), then commit(); or echo(). read() while waiting. No text may change until it is sent.
     """
 
     def __init__(self, own, size=256):
@@ -42,24 +41,20 @@ class Replies:
             self._end = after
 
     def field(self, before, n):
-        """Add bytes and the integer after them: two items in one call, for a line of many fields."""
-        end = self._end
-        mask = self._mask
-        middle = end + 1 & mask
-        after = middle + 1 & mask
+        """Add both: bytes, and the integer after them. For an answer of many fields that is faster than twice add()."""
+        middle = self._end + 1 & self._mask
+        after = middle + 1 & self._mask
         if middle == self._tail or after == self._tail:
             self._lost = True
         else:
-            items = self._items
-            items[end] = before
-            items[middle] = n
+            self._items[self._end] = before
+            self._items[middle] = n
             self._end = after
 
     def echo(self, packed):
         """Queue the echo of a packed frame, as the paper's sketch sends it: a whole reply. False if it did not fit."""
         self.begin()
-        self.add(None)  # a frame follows
-        self.add(packed)
+        self.field(None, packed)  # no text: it is a frame
         return self.commit()
 
     def commit(self):
