@@ -93,6 +93,34 @@ def worker(lease):
         yield worker
 
 
+def test_of_an_axis_that_was_aborted_the_cause_stays_whatever_stops_another_one(worker, page):
+    for axis, cause in (("y", "the first stop"), ("x", "the second stop")):
+        worker.request(page, Steps(axis, 1000))
+        wait_for(lambda axis=axis: worker.state.status.by_name[axis].moving, "the steps")
+        worker.stop(cause)
+        wait_for(lambda: not moving(worker), "rest")
+        polled(worker)
+    worker.stop("a stop at rest")
+    polled(worker)
+    assert worker.state.stopped_by == {"x": "the second stop", "y": "the first stop"}
+    worker.request(page, Steps("y", 1))
+    wait_for(lambda: worker.state.status.y.reason == wire.DONE, "the step")
+    assert worker.state.stopped_by == {"x": "the second stop"}
+
+
+def test_a_page_that_leaves_in_mid_motion_is_one_stop_with_one_cause(worker, page, lease):
+    worker.request(page, Steps("x", 1000))
+    wait_for(lambda: moving(worker), "the steps")
+    lease.leave(page, page.connection)
+    polled(worker)  # whoever sees it first, the worker or the page's own end
+    worker.client_left(page)
+    polled(worker)
+    assert not moving(worker)
+    assert [notice.text for notice in worker.notices if notice.text.startswith("stopped")] == [
+        "stopped: page 1 (here), which had asked for the motion, has gone"
+    ]
+
+
 def test_a_request_that_is_refused_while_a_button_is_held_does_not_lose_its_release(worker, page):
     worker.request(page, RIGHT)
     wait_for(lambda: any("MV+" in line for line in sent(worker)), "the run")

@@ -15,15 +15,14 @@ from mirrormount.panel.run_on_mount import warn
 from mirrormount.supervise.notices import Notice
 from mirrormount.supervise.state import Point
 from mirrormount.supervise.worker import Worker
-from mountfw import codes as wire
 
 _TITLES = {"x": "X · right and left", "y": "Y · up and down"}
 _CERTAINTY = {
     "unknown": ("position unknown", "Counted since the board started, from nowhere known. Zero it, or home it."),
     "counted": ("counted", "Counted in steps since it was called zero."),
     "homed": ("homed", "Counted from its home switch."),
-    "estimated": ("estimated", "Part of it was run by time, not by steps; or an encoder has lost counts."),
-    "measured": ("measured", "Counted by the encoder since it was called zero: a hand on the knob shows, too."),
+    "estimated": ("estimated", "Part of it was run by time, not by steps; or an encoder lost counts, or is silent."),
+    "measured": ("measured", "Counted by the encoder since it was zeroed or homed: a hand on the knob shows, too."),
 }
 _SWITCHES = ((1, "+ end-stop"), (2, "− end-stop"), (4, "home"))
 _PLOT_S = 60.0
@@ -84,17 +83,17 @@ def axis(worker: Worker, name: str) -> Refresh:
         certain.show({"unknown": "", "estimated": "warn"}.get(status.certainty, "on"), word, why)
         for bit, lamp in switches:
             lamp.show("warn" if status.limits & bit else "")
-        reason.set_text(_reason(status, worker))
+        reason.set_text(_reason(status, state.stopped_by.get(name, "")))
 
     return refresh
 
 
-def _reason(status: AxisStatus, worker: Worker) -> str:
-    """The end of the last move in words."""
+def _reason(status: AxisStatus, stopped_by: str) -> str:
+    """The end of the last move in words, and what has stopped it."""
     if status.moving:
         return "it moves"
     text = f"last move: {REASONS.get(status.reason, status.reason)}"
-    return f"{text} ({worker.stop_cause})" if status.reason == wire.ABORTED and worker.stop_cause else text
+    return f"{text} ({stopped_by})" if stopped_by else text
 
 
 class _Lamp:

@@ -124,7 +124,9 @@ class Lease:
         return client.connected and self._clock() - client.seen_s <= self.patience_s
 
     def silence_of(self, client: Client) -> str:
-        """What is told of a client that is not alive while it moves something: cause and remedy."""
+        """What is told of a client that is not alive while it moves something: it has left; or cause and remedy."""
+        if not client.connected:
+            return f"{client.name}, which had asked for the motion, has gone"
         return (
             f"{client.name}, which had asked for the motion, is out of touch (silent for more than {self.patience_s:g}"
             " s): end what keeps computer or network busy, or wait longer for it: --patience S"

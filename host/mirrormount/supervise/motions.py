@@ -24,6 +24,7 @@ from mirrormount.supervise.requests import (
     Steps,
     Zero,
 )
+from mirrormount.supervise.state import State
 from mountfw import codes as wire
 
 _WHOLE = (wire.DONE,)
@@ -154,8 +155,9 @@ def _end(asked: Asked, ended: Ended, errors: Sequence[QueuedError] = ()) -> None
         asked.motion.end(ended, errors)
 
 
-def start(mount: Mount, asked: Asked, targets: dict[str, float | None]) -> None:
+def start(mount: Mount, asked: Asked, state: State) -> None:
     """Start a motion, and note its rest and the targets of its axes. Raises MountError."""
+    targets = state.targets
     match asked.request:
         case Steps(axis, n, by_sight):
             targets[axis] = None
@@ -190,6 +192,8 @@ def start(mount: Mount, asked: Asked, targets: dict[str, float | None]) -> None:
             mount.axis(axis).zero()
         case other:
             raise TypeError(f"not started here: {other!r}")
+    if not isinstance(asked.request, Zero):
+        state.began(getattr(asked.request, "axis", None))
 
 
 def _start_parts(mount: Mount, axis: str, n: int, part_us: int) -> Pulse | None:

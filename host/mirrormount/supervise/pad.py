@@ -66,6 +66,7 @@ class Pad:
                 if len(hold.press.steps) > 1:  # one axis of two
                     self._stop("one axis of a diagonal step was refused")
                 raise
+            self._state.began(name)
         self._stepping = True
         hold.begun_s = self._clock()
 

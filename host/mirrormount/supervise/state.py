@@ -7,6 +7,7 @@ from collections.abc import Callable
 from mirrormount.device.mount import Mount
 from mirrormount.device.status import Status
 from mirrormount.supervise import scales
+from mountfw import codes as wire
 
 POLL_S = 0.05  # period of the status polls
 _KNOWN_S = 0.6  # an older status is not the present one
@@ -19,7 +20,7 @@ class State:
     """status: None while it is not known; last: the last that was known; seen_s: when that came, monotonic.
 
     axes: the names of the mount's axes. positions: of the last two minutes. targets: of moves under way.
-    scales: of each axis, None if not measured.
+    scales: of each axis, None if not measured. stopped_by: of each axis whose last motion was aborted, why.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
@@ -31,19 +32,31 @@ class State:
         self.positions: deque[Point] = deque(maxlen=round(_KEPT_S / POLL_S))
         self.targets: dict[str, float | None] = {}
         self.scales: scales.Scales = {}
+        self.stopped_by: dict[str, str] = {}
 
     def connect(self, mount: Mount) -> None:
         """A board has come. Raises MountError."""
         self.read_scales(mount)
         self.axes = tuple(mount.by_name)
         self.targets = {}
+        self.stopped_by = {}
 
     def read_scales(self, mount: Mount) -> None:
         """Look the scales up for the board's present settings. Raises MountError."""
         self.scales = scales.read(mount)
 
-    def update(self, status: Status) -> None:
-        """A status has come."""
+    def began(self, axis: str | None) -> None:
+        """A motion of this axis has begun; None: of all."""
+        for name in [name for name in self.stopped_by if axis in (None, name)]:
+            del self.stopped_by[name]
+
+    def update(self, status: Status, stop_cause: str = "") -> None:
+        """A status has come. stop_cause: of the last stop; a later one says nothing of an axis that is at rest."""
+        for name, axis in status.by_name.items():
+            if axis.moving or axis.reason != wire.ABORTED:
+                self.began(name)
+            else:
+                self.stopped_by.setdefault(name, stop_cause)
         self.seen_s = self._clock()
         self.positions.append((self.seen_s, tuple(axis.position for axis in status.by_name.values())))
         self.status = self.last = status

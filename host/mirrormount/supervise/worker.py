@@ -149,7 +149,8 @@ class Worker:
     def client_left(self, client: Client) -> None:
         """The client's connection has ended: its motion is stopped."""
         if self.driver is client or self.presses.involve(client):
-            self.stop(f"{client.name}, which had asked for the motion, has gone")
+            self.driver = None  # its silence is no second cause
+            self.stop(self.lease.silence_of(client))
 
     def call(self, work: Callable[[Mount], T], *, changes: bool = False) -> "Future[T]":
         """Run work(mount) in the mount's thread. The future raises MountError; no notice is added.
@@ -209,7 +210,7 @@ class Worker:
                 if hold:
                     self._pad.step(mount, hold)
                 else:
-                    start(mount, asked, self.state.targets)
+                    start(mount, asked, self.state)
         except (ConnectionLost, NoAnswer) as e:
             asked.drop(e)
             raise
@@ -237,7 +238,7 @@ class Worker:
             self._confirm(mount)
         self._run_held(mount)
         status = mount.status()
-        self.state.update(status)
+        self.state.update(status, self.stop_cause)
         errors = mount.errors() if status.errors_waiting else []
         for error in errors:
             self.report(f"the board says {error.code}: {error.text.lower()}", str(error.code))
@@ -268,8 +269,7 @@ class Worker:
         stops = self.lease.stops
         mount.stop()
         self._motions.poll(mount, mount.status(), ())  # before another motion of the same axis begins
-        self._confirmed = stops
-        self.driver = None
+        self._confirmed, self.driver = stops, None
         self._pad.reset()
         self.state.targets = {}
         self.lease.end_stopped(f"stopped: {self.stop_cause}")
