@@ -9,6 +9,15 @@ from served import wait_for
 
 from mirrormount.panel.cards_of_state import curves
 
+# pairs of cards of which one lies over the other, and what is wider than the window
+OVERLAPS = """() => {
+  const cards = [...document.querySelectorAll('.cards > .column .card')].map(card => card.getBoundingClientRect());
+  const cut = (a, b) => Math.min(a.right, b.right) - Math.max(a.left, b.left) > 1 &&
+    Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top) > 1;
+  const over = cards.filter((a, i) => cards.some((b, j) => i < j && cut(a, b)));
+  return over.length + (document.documentElement.scrollWidth > window.innerWidth ? 1 : 0);
+}"""
+
 
 @pytest.fixture
 def panel_options() -> list[str]:
@@ -55,6 +64,13 @@ def test_everything_that_can_be_touched_is_at_least_44_px(open_page, panel, view
     page.locator(".toast").wait_for()
     settled(page)
     assert_touchable(page)
+
+
+def test_a_window_that_is_made_narrower_has_no_card_over_another_and_nothing_beside_it(open_page, page, panel):
+    for width in (1400, 1240, 1100, 1000, 844, 390):
+        page.set_viewport_size({"width": width, "height": 900})
+        settled(page)
+        wait_for(lambda: not page.evaluate(OVERLAPS), f"cards beside each other at {width} px")
 
 
 @pytest.mark.parametrize("viewport", [PHONE, {"width": 1600, "height": 600}])
