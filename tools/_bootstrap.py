@@ -13,17 +13,20 @@ Three kinds of file inside .venv say what state it is in:
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import io
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Callable, Dict, Iterable, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, Iterable, List, NamedTuple, Optional, Sequence, Tuple
 
 ROOT = Path(__file__).resolve().parent.parent
 OLDEST = (3, 11)
@@ -118,9 +121,13 @@ def run(command: Command, last: bool = False) -> Tuple[int, str]:
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
+            start_new_session=last,
         )
     except OSError as error:  # no such program, or not one for this machine
         return 127, str(error)
+    if last:
+        leave_behind(child.pid)
+        _behind.append(child)
     start = time.monotonic()
     while True:
         try:
@@ -129,8 +136,42 @@ def run(command: Command, last: bool = False) -> Tuple[int, str]:
         except subprocess.TimeoutExpired:
             say(f"      {' '.join(command[1:4])} … {time.monotonic() - start:.0f} s")
         except KeyboardInterrupt:
+            interrupt_behind()
             end(child)
             raise
+
+
+def leave_behind(session: int) -> None:
+    """Give the processes of a session what those of all other sessions leave.
+
+    Linux shares the processors among sessions first (sched(7), autogroup): within one, no priority counts for another.
+    """
+    with contextlib.suppress(OSError):  # another system, or one that does not share them so
+        Path(f"/proc/{session}/autogroup").write_text("19")
+
+
+_behind: "List[subprocess.Popen[bytes]]" = []  # what run() has started to be last
+
+
+def interrupt_behind() -> None:
+    """End what run() has started to be last: it has a session of its own, which Ctrl-C does not reach."""
+    for child in _behind:
+        if child.poll() is None and hasattr(os, "killpg"):
+            os.killpg(child.pid, signal.SIGINT)
+
+
+class Beside(ThreadPoolExecutor):
+    """A thread for what runs beside something else, one after the other. Ctrl-C ends all of it."""
+
+    def __init__(self) -> None:
+        super().__init__(1)
+
+    def __exit__(self, kind: Any, value: Any, trace: Any) -> Optional[bool]:
+        """Wait for its end; after Ctrl-C begin nothing more."""
+        if kind is KeyboardInterrupt:
+            self.shutdown(wait=False, cancel_futures=True)
+            interrupt_behind()
+        return super().__exit__(kind, value, trace)
 
 
 def as_last() -> Command:

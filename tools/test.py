@@ -16,7 +16,6 @@ import shutil
 import sys
 import tempfile
 import time
-from concurrent.futures import ThreadPoolExecutor
 from typing import Callable, Dict, List, NamedTuple, Optional, Sequence, Tuple, Union
 from xml.etree import ElementTree
 
@@ -224,7 +223,7 @@ def main(arguments: List[str]) -> int:
     deselected = ["--deselect=" + name for need in absent for name in need.not_run]
     with_times = not for_pytest and not any(need.not_run == _EMULATED for need in absent)
     results: List[Result] = []
-    with ThreadPoolExecutor(1) as pool:
+    with bootstrap.Beside() as pool:
         beside = []
         for number, (title, words) in enumerate(to_do, 3):
             extra = [*deselected, *for_pytest] if words[0] == "pytest" else []

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import pytest
 from packaging.requirements import Requirement
+from served import PATIENCE_S, wait_for
 
 ROOT = Path(__file__).resolve().parents[2]
 SCRIPTS = ["_bootstrap.py", "demo.py", "test.py"]
@@ -467,6 +468,47 @@ def test_what_comes_last_takes_the_processor_that_nobody_else_wants(monkeypatch,
     ask = [sys.executable, "-c", "import os; print(os.sched_getscheduler(0) == os.SCHED_IDLE, os.nice(0))"]
     assert bootstrap.run(ask) == (0, f"False {os.nice(0)}\n")
     assert bootstrap.run(ask, last=True) == (0, f"{idle} {nice}\n")
+
+
+AUTOGROUP = """
+import pathlib, time
+group, until = pathlib.Path("/proc/self/autogroup"), time.monotonic() + 60
+while group.exists() and "nice 19" not in group.read_text() and time.monotonic() < until:
+    time.sleep(0.01)
+print(not group.exists() or "nice 19" in group.read_text())
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux shares the processors among sessions")
+def test_what_comes_last_comes_behind_other_sessions_too():
+    assert bootstrap.run([sys.executable, "-c", AUTOGROUP], last=True) == (0, "True\n")
+
+
+WAITS = """
+import pathlib, time
+pathlib.Path("began").touch()
+try:
+    time.sleep(600)
+finally:
+    pathlib.Path("ended").touch()
+"""
+
+
+def test_ctrl_c_ends_what_comes_last_too(tmp_path):
+    child = [sys.executable, "-c", f"import os; os.chdir({str(tmp_path)!r})\n{WAITS}"]
+    tools = str(ROOT / "tools")
+    program = f"""import sys, time
+sys.path.insert(0, {tools!r})
+import _bootstrap
+with _bootstrap.Beside() as beside:
+    beside.submit(_bootstrap.run, {child!r}, last=True)
+    time.sleep(600)
+"""
+    run = subprocess.Popen([sys.executable, "-c", program], stderr=subprocess.DEVNULL, start_new_session=True)
+    wait_for(lambda: (tmp_path / "began").exists(), "the child")
+    run.send_signal(signal.SIGINT)
+    assert run.wait(PATIENCE_S) != 0
+    assert (tmp_path / "ended").exists()
 
 
 def test_a_silent_command_is_followed_by_lines_of_progress(monkeypatch, capsys):
