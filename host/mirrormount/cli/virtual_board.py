@@ -10,6 +10,7 @@ from types import FrameType
 from mirrormount.common.errors import BadAddress, BadValue, MountError
 from mirrormount.common.validation import digits
 from mirrormount.virtual.board import Options, make_simulation
+from mirrormount.virtual.lockstep import Lockstep
 from mirrormount.virtual.ports import Port
 from mirrormount.virtual.profile import SMOOTH
 from mirrormount.virtual.pty_port import PtyPort
@@ -37,6 +38,8 @@ def serve_board(args: argparse.Namespace) -> None:
         mechanics = {"profile": profile, "seed": seed_of(args.seed or "1"), "orders": orders_of(args.fault)}
         simulation = make_simulation(Options(**given, **mechanics))
         try:
+            if args.machine == "cpython":  # who reads `ready` may ask at once: a board must answer within 2 s
+                Lockstep(simulation).boot()
             print("ready " + " ".join(port.address for port in ports), flush=True)
             serve(simulation, ports, lambda: False)
         except BoardGone:
