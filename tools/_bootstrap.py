@@ -131,7 +131,7 @@ def run(command: Command, last: bool = False) -> Tuple[int, str]:
     start = time.monotonic()
     while True:
         try:
-            output = child.communicate(timeout=PROGRESS_S)[0]
+            output = child.communicate(timeout=PROGRESS_S * (6 if last else 1))[0]  # what it is beside prints, too
             return status_of(child.returncode), output.decode("utf-8", "replace")
         except subprocess.TimeoutExpired:
             say(f"      {' '.join(command[1:4])} … {time.monotonic() - start:.0f} s")

@@ -83,13 +83,23 @@ CHECKS = (
 )
 # in a whole run, one after the other beside the first run of pytest: what reads the code only
 READ_ONLY = ("lint", "format", "imports", "types")
-# in a whole run beside the first: a firmware that got slower (docs/performance.md) fails. Emulated time does not depend
-# on what it is given, so it takes what is left (POSIX)
+# in a whole run beside the first, and the second: a firmware that got slower (docs/performance.md) fails. Emulated time
+# does not depend on what it is given, so it takes what is left (POSIX)
 TIMES = ("times", ["tools/bench/run.py", "--check", "--quick", "--jobs", "1"])
-# in a whole run beside the second: tests that have all the time of the world
+# in a whole run beside the second, after the above: tests that have all the time of the world. What the second leaves
+# is about one processor: the power cuts, which need it for five minutes, stay in the first
 LOCKSTEP = (
     "tests in lockstep",
-    ["pytest", "--lockstep=only", "--numprocesses=2", "--dist=loadfile", "--no-loadscope-reorder", "--color=no"],
+    [
+        "pytest",
+        "tests/emulated",
+        "tests/fuzz",
+        "--lockstep=only",
+        "--numprocesses=2",
+        "--dist=loadfile",
+        "--no-loadscope-reorder",
+        "--color=no",
+    ],
 )
 RECORD = "--coverage"  # pytest's argument in the first run: the second is judged by the clock, which recording slows
 NO_TESTS = 5  # pytest's status when it has nothing to run
@@ -234,9 +244,8 @@ def main(arguments: List[str]) -> int:
                 beside.append(pool.submit(check_last, *TIMES))
             if title == CLOCK and not for_pytest:
                 beside.append(pool.submit(check_last, LOCKSTEP[0], [*LOCKSTEP[1], *extra]))
-            ended = check(f"{number}/{steps}", title, [*words, *extra])
-            results += [*(work.result() for work in beside), ended]
-            beside.clear()
+            results.append(check(f"{number}/{steps}", title, [*words, *extra]))
+        results[:0] = [work.result() for work in beside]
     lines, status = summary(judged(results), absent, ci)
     bootstrap.say("\nSummary\n  " + "\n  ".join(lines[:-1]) + "\n" + lines[-1])
     return status

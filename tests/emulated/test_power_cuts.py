@@ -17,8 +17,6 @@ from mirrormount.deploy.fileset import firmware
 from mirrormount.deploy.mpremote import commit_call, script_for
 from mirrormount.virtual import emulator
 
-pytestmark = pytest.mark.lockstep
-
 PAGE = 256  # bytes, the most that one operation programs
 
 
