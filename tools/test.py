@@ -1,7 +1,7 @@
 """Check everything: lint, types and every test, from a fresh clone: python tools/test.py
 
 Makes .venv and installs the locked tools of tests/requirements.txt there.  Arguments after `--` go to pytest.
-pytest runs twice: five processes share the tests that the wall clock cannot fail; then one runs the others.
+pytest runs twice: four processes share the tests that the wall clock cannot fail; then one runs the others.
 Without arguments for pytest the first run records the coverage, which is printed at the end, and a third runs beside
 the second, with what that leaves of the processors: the tests in lockstep, which no clock of this computer judges.
 System packages are installed only with --install-system or with CI=true in the environment; otherwise the
@@ -69,8 +69,8 @@ WANTED = bootstrap.Wanted(
 )
 
 # a file stays in one process: its tests share boards; in the order of folders, the longest files come first
-# more processes than the two cores of CI: with four, a fifth of both was idle, for tests wait for boards in real time
-PARALLEL = ("--numprocesses=5", "--dist=loadfile", "--no-loadscope-reorder")
+# more processes than the two cores of CI, for tests wait for boards in real time; with five, some waited in vain
+PARALLEL = ("--numprocesses=4", "--dist=loadfile", "--no-loadscope-reorder")
 CLOCK = "tests tied to the wall clock"
 CHECKS = (
     ("lint", ["ruff", "check", "."]),

@@ -86,6 +86,11 @@ def test_a_served_board_that_is_still_brought_to_rest_is_waited_for():
     assert identify(Link(LatePort(GREETING, late_s=4.0))) == "mirrormount,a board,1234,0.0.0"
 
 
+def test_the_rest_of_an_answer_to_a_client_that_was_killed_is_not_taken_for_the_boards_name():
+    late = {b"*IDN?\n": b",1,0,0,0\r\n" + IDENTIFIES[b"*IDN?\n"]}
+    assert identify(Link(LatePort(b"", 0.5, late))) == "mirrormount,a board,1234,0.0.0"
+
+
 def test_a_port_that_does_not_greet_is_given_up_sooner():
     with pytest.raises(errors.NotAMount, match="nothing answers"):
         identify(Link(LatePort(b"", late_s=4.0)))

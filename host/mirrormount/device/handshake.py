@@ -1,5 +1,7 @@
 """The first exchange with a board: is it a mount? Imports errors, lines, printable, refusals, telnet."""
 
+import re
+
 from mirrormount.common.errors import (
     AtPrompt,
     ConnectionLost,
@@ -18,6 +20,8 @@ from mirrormount.transport.telnet import GREETING
 ANSWER_S = 2.0  # a board answers in milliseconds, but one that was just plugged in, or is virtual, may be starting
 _SERVED_ANSWER_S = 5.0  # after a greeting: `serve` stops the board first, which takes longer on a busy computer
 
+_STATUS_END = re.compile(r"[0-9,|-]+")  # of an answer to a poll, which a busy computer brings late
+
 
 def identify(link: Link) -> str:
     """Stop all motion, drop old answers, and query the identity. Returns the answer to *IDN?.
@@ -30,7 +34,8 @@ def identify(link: Link) -> str:
         _check_served(before.decode("ascii", "replace"))
         link.write(b"*IDN?\n")
         answer = link.read_line(_SERVED_ANSWER_S if GREETING in before else ANSWER_S)
-        if answer.endswith("soft reboot"):  # the board is just starting
+        # the board is just starting; or that is the rest of an answer to a client that was killed
+        if answer.endswith("soft reboot") or _STATUS_END.fullmatch(answer):
             answer = link.read_line(ANSWER_S)
     except ConnectionLost as e:
         raise NotAMount("it hung up when asked who it is: not a mount") from e
