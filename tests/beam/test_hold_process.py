@@ -172,7 +172,8 @@ class LivingTable:
             stderr=subprocess.STDOUT,
             text=True,
         )
-        threading.Thread(target=self._read, args=(self.loop, self.out)).start()
+        self._reader = threading.Thread(target=self._read, args=(self.loop, self.out))
+        self._reader.start()
 
     @staticmethod
     def _read(loop, out):
@@ -186,7 +187,11 @@ class LivingTable:
             self.loop.wait()
 
     def says(self, words):
-        wait_for(lambda: any(words in line for line in self.out), f"{words!r}")
+        def said():
+            return any(words in line for line in self.out)
+
+        wait_for(lambda: said() or not self._reader.is_alive(), f"{words!r} of the loop")
+        assert said(), f"the loop has ended: {self.out}"
 
     def signal_at(self, drives, what):
         """Send a signal to the loop's process when a motor has been switched on so many times."""
