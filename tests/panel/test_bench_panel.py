@@ -141,7 +141,7 @@ def test_what_an_encoder_measures_is_shown_and_a_stall_is_told_with_its_remedy(p
     page.get_by_label("x: counts of one step").fill("280")
     page.get_by_label("x: 1: closed loop").fill("1")
     page.get_by_role("button", name="Apply").click()
-    page.get_by_text("applied", exact=True).wait_for()
+    expect(page.locator(".q-notifications")).to_contain_text("applied")
     x = page.locator("section", has_text="X · right and left")
     x.get_by_role("button", name="Zero").click()
     expect(x.locator(".lamps")).to_contain_text("measured")

@@ -3,6 +3,7 @@
 import re
 
 import pytest
+from playwright.sync_api import expect
 from running import Panel
 from served import wait_for
 
@@ -25,6 +26,47 @@ def wait_for_value(page, label: str, value: str) -> None:
     page.wait_for_function(
         '([label, value]) => document.querySelector(`[aria-label="${label}"]`)?.value === value', arg=[label, value]
     )
+
+
+class HeldMessages:
+    """Between page and panel: keeps back all that the panel says from the first message with some words on."""
+
+    def __init__(self, words: str) -> None:
+        self._words = words
+        self.held: list[str | bytes] = []
+        self._free = False
+
+    def before(self, page) -> None:
+        page.route_web_socket(re.compile("socket.io"), self._route)
+
+    def _route(self, to_page) -> None:
+        self._to_page = to_page
+        to_page.connect_to_server().on_message(self._pass_on)
+
+    def _pass_on(self, message: str | bytes) -> None:
+        if not self._free and (self.held or self._words in str(message)):
+            self.held.append(message)
+        else:
+            self._to_page.send(message)
+
+    def release(self) -> None:
+        self._free = True
+        for message in self.held:
+            self._to_page.send(message)
+
+
+def test_fields_take_nothing_before_the_boards_settings_are_shown_whole(open_page, panel):
+    wire = HeldMessages("updateValue")
+    page = open_page(panel.url, before=wire.before)
+    page.get_by_text("Wiring, pulse and speed, take-up, limits").click()
+    wait_for_value(page, "x: length of a step's pulse, us", "200000")
+    field = page.get_by_label("x: length of a step's pulse, us")
+    expect(field).to_be_disabled()
+    wire.release()
+    field.fill("50000")
+    page.get_by_role("button", name="Apply").click()
+    expect(page.locator(".q-notifications")).to_contain_text("applied")
+    expect(field).to_have_value("50000")
 
 
 def on_times_us(board, enable: str) -> list[int]:

@@ -1,5 +1,6 @@
 """The settings of all axes: read, apply, save on the board, restore. The board checks each."""
 
+import contextlib
 from collections.abc import Awaitable, Callable
 from typing import Any
 
@@ -13,6 +14,7 @@ from mirrormount.panel.run_on_mount import confirm, run_on_mount, warn
 from mirrormount.supervise.board_settings import BoardSettings
 
 _DONE = "done"
+_SHOWN_S = 5  # as long as a page may take to show what was read
 
 
 def build(settings: BoardSettings, refusal: Callable[[object], str], mount: int) -> Callable[[], None]:
@@ -62,7 +64,7 @@ def build(settings: BoardSettings, refusal: Callable[[object], str], mount: int)
             ui.label("All settings were replaced. The ones before are kept.").classes("grow")
             button("Put them back", form.undo).props("outline")
         ui.label("Applied settings last until the board restarts, unless they are saved.").classes("hint")
-    fold.on_value_change(lambda e: form.read() if e.value else None)
+    fold.on_value_change(lambda e: form.read() if e.value else form.rest())
 
     def refresh() -> None:
         undo.set_visibility(settings.before is not None)
@@ -99,17 +101,27 @@ class _Form:
             for axis in self._axes:
                 field = ui.input(axis.upper()).props(f'dense outlined inputmode=decimal aria-label="{axis}: {what}"')
                 self._fields[axis, name] = field.props("hide-bottom-space")
+                field.set_enabled(False)
+
+    def rest(self) -> None:
+        """Take nothing: the values are old, or not read yet."""
+        for field in self._fields.values():
+            field.set_enabled(False)
 
     async def read(self) -> None:
-        """Show the board's present settings."""
+        """Show the board's present settings. Fields take what is typed once the page has shown them."""
         settings = await run_on_mount(self._settings.read())
         if settings:
             for (axis, name), field in self._fields.items():
                 there = name in settings[axis]
                 self._read[axis, name] = str(settings[axis][name]) if there else ""
                 field.set_value(self._read[axis, name])
-                field.set_enabled(there)
             self._of_encoders.set_visibility(any(name in ENCODER for values in settings.values() for name in values))
+            # a value comes to the page in two messages: the second undid what was typed after the first
+            with contextlib.suppress(TimeoutError):  # a page that is away gets all of them in order
+                await ui.run_javascript("0", timeout=_SHOWN_S)
+            for (axis, name), field in self._fields.items():
+                field.set_enabled(name in settings[axis])
 
     async def apply(self, done: str = "applied") -> bool:
         """Apply all edited settings, or none. True if the board took them.
