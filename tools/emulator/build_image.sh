@@ -31,11 +31,20 @@ suite() {
         -o Dir::State::status=/dev/null -o APT::Sandbox::User="$(id -un)" -qq \
         -o Acquire::Retries=5 -o APT::Update::Error-Mode=any
 }
+# a mirror may refuse for a moment, and apt's own retries follow each other at once; what is fetched stays
+patiently() {
+    for pause_s in 5 15 45; do
+        if "$@" >&2; then return; fi
+        echo "again in $pause_s s" >&2
+        sleep "$pause_s"
+    done
+    "$@" >&2
+}
 echo "fetching sources" >&2
-# without that mode an index that could not be fetched is a warning only, and the sources are missed below
-suite apt-get update || suite apt-get update
-suite apt-get source --download-only micropython mbedtls >&2
-suite apt-get download pico-sdk-source tinyusb-source >&2
+# without Error-Mode an index that could not be fetched is a warning only, and the sources are missed below
+patiently suite apt-get update
+patiently suite apt-get source --download-only micropython mbedtls
+patiently suite apt-get download pico-sdk-source tinyusb-source
 dpkg-source --no-check -x micropython_*.dsc micropython > /dev/null
 dpkg-source --no-check -x mbedtls_*.dsc mbedtls > /dev/null
 for deb in ./*.deb; do dpkg-deb -x "$deb" root; done
