@@ -168,6 +168,17 @@ def test_play_of_gears_is_no_stall_after_moves_that_were_not_watched_and_at_low_
     mount.mount.x.step(-1)
 
 
+@pytest.mark.parametrize("supply", [0.8, 1.2])
+def test_a_run_after_a_reversal_follows_though_the_play_was_over_early(loop, supply):
+    mount = loop("smooth", supply, closed=False, encoder="shaft")
+    mount.mount.apply({"x": mount.mount.x.measure_counts().settings})
+    mount.mount.x.step(3)
+    mount.mount.x.jog(-1)
+    mount.mount.sleep(1.5)
+    assert mount.mount.status().x.moving
+    mount.mount.stop()
+
+
 def test_noise_of_an_angle_in_the_play_of_gears_is_no_stall(loop):
     mount = loop("rough", 0.8, closed=False, encoder="shaft")
     mount.mount.apply({"x": mount.mount.x.measure_counts().settings})

@@ -104,7 +104,10 @@ class Watch:
 
     def follows(self, now_us):
         """False if in the last step's time of drive the counts were wrong."""
-        if diff(now_us, self._step_at) < self._step_us:
+        us = diff(now_us, self._step_at)
+        if us < 0:  # the play may be over before the longest that it may last
+            self._step_counts = self.counts
+        if us < self._step_us:
             return True
         wrong = self.counts - self._step_counts - self._per_step
         self._step_at, self._step_counts = now_us, self.counts
