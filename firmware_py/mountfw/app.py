@@ -4,28 +4,28 @@ A port is the hardware's verbs; tests/firmware/port_protocol.py lists them. The 
 port's or that of extras.py, which returns as soon as a byte waits. docs/architecture.md walks through it.
 """
 
-from mountfw import codes
-from mountfw.motion.axis import REST
+from mountfw import codes, const, own_reply
+from mountfw.extras import poll_nothing
 from mountfw.motion.drive import NEVER_US
 from mountfw.wire import receiver as wire
 from mountfw.wire.ticks import diff
 
-_SPIN_US = 3_000  # a drive that ends within this is waited for: more than a pass takes
-_CLOCK_US = 200  # of that, the last stretch reads the clock only: more than polling the input takes
-_SHOW_US = 32_000  # between two updates of the LED
-_SLEEP_MS = 64  # the longest sleep: half a slot of the LED's patterns
-_RUN_SLEEP_MS = 20  # while a run is to be counted
-_READ = 64  # bytes read between two checks of the deadlines
-_READ_SPINNING = 2  # the same while a drive is about to end
-_STREAM = 32  # so many bytes at once are part of a stream ...
-_MOST_STREAMED = 2048  # ... which is read before it is parsed, up to here
+_SPIN_US = const(3_000)  # a drive that ends within this is waited for: more than a pass takes
+_CLOCK_US = const(200)  # of that, the last stretch reads the clock only: more than polling the input takes
+_SHOW_US = const(32_000)  # between two updates of the LED
+_SLEEP_MS = const(64)  # the longest sleep: half a slot of the LED's patterns
+_READ = const(64)  # bytes read between two checks of the deadlines
+_READ_MEANWHILE = const(16)  # the same in the middle of longer work
+_READ_SPINNING = const(2)  # while a drive is about to end
+_STREAM = const(32)  # so many bytes at once are part of a stream ...
+_MOST_STREAMED = const(2048)  # ... which is read before it is parsed, up to here
 _STOPS = {wire.STOP: codes.ABORTED, wire.ZEROS: codes.STOPPED}  # and their reasons
-_NOTHING, _ALL, _MORE = range(3)  # what was read, of what waited
-_SEND = 4  # bytes sent in one pass
-_BEHIND = 64  # with so many bytes yet to be parsed, frames are executed without an echo
-
-# the LED in eight slots of 128 ms, the lowest bit first
-_DRIVES, _ERROR_WAITS, _READY = 0b01010101, 0b00000101, 0b11111111
+_NOTHING = const(0)  # what was read, of what waited
+_ALL = const(1)
+_MORE = const(2)
+_CLOSED = const(-1)  # no wait, in the middle of other work: the lane (docs/lane.md) may take no frame
+_SEND = const(4)  # bytes sent in one pass
+_BEHIND = const(64)  # with so many bytes yet to be parsed, frames are executed without an echo
 
 
 class App:
@@ -46,14 +46,13 @@ class App:
         self._look = lane.look
         self._lane = lane
         self._ticks_us = port.ticks_us
-        self._any = port.any
-        controller.records.poll_input = self.poll_input
         self.queries = commands.queries
-        self._passed = commands.queries.passed
+        self._about = commands.queries.about
         self._feed = None  # feeds the watchdog, while it runs
         self._tidy = False  # is what the start has left collected?
         self._sleep_ms = self._lit = 0
         self._shown_at = port.ticks_us()
+        self.poll_by(self.poll_input)
 
     def run(self):
         """Run the loop for ever. An internal fault stops the motors, queues an error, and the loop continues."""
@@ -70,7 +69,13 @@ class App:
         finally:  # Ctrl-C: every move ends at once, so that it is counted right
             self.port.uninterrupted(self._leave, codes.ABORTED)
 
+    def poll_by(self, poll_input):
+        """What takes long calls this now and then."""
+        for part in self.controller.axes + (self._records, self._lane):
+            part.poll_input = poll_input
+
     def _leave(self, reason):
+        self.poll_by(poll_nothing)  # what comes now is the prompt's
         self._lane.lose()
         self.controller.shutdown(reason)
         self.gated.leave(self._ticks_us)
@@ -79,78 +84,91 @@ class App:
 
     def run_once(self):
         """Run one pass of the loop."""
-        self._obeyed = False  # does the lane take frames in this pass?
-        received = self._receive(self._sleep_ms)
+        self._obeyed = False  # has the lane taken a frame in this pass?
+        received = self._receive()
         now_us = self._ticks_us()
+        left_us = self.controller.service(now_us)
+        if left_us >= _SPIN_US and not received:
+            self._read(0)
+        while left_us < _SPIN_US:
+            left_us = self._end_drives(now_us)
+            self._woke_at = now_us = self._ticks_us()
         if diff(now_us, self._shown_at) >= _SHOW_US:
             self._shown_at = now_us
             self.show()
             self._own.tick(now_us)
             if self._feed:
                 self._feed()
-            self._take(0)  # a stop does not wait for this and for the axes
-        left_us = self.controller.service(now_us)
-        if left_us < _SPIN_US:
-            left_us = self._end_drives(now_us)
-            self._woke_at = now_us = self._ticks_us()
-        elif not received and self._any(0):
-            self._take(0)
+            self._read(0)  # a stop does not wait for this and for what follows
         self._sleep_ms = 0
-        if self._streams or self._obeyed:
+        if self._streams or self._obeyed or self.controller.halted:
             pass  # a stop may be in the bytes still to come, or the lane take what comes next: everything else can wait
         elif self._commands.busy:
             self._commands.go_on()
-        elif self._receiver.unparsed > self._receiver.ahead:
-            self._dispatch(self._receiver.next())
+        elif self._receiver.waits():
+            self._parse()
         elif not received:  # after a byte the next pass polls at once: silence is measured from its start
             self._sleep_ms = self._idle(now_us, left_us)
-        self._passed(diff(self._ticks_us(), self._woke_at))
+        self._about.passes = self._about.passes + 1 & 0x3FFFFFFF
+        now_us = diff(self._ticks_us(), self._woke_at)
+        if now_us > self._about.longest_us:
+            self._about.longest_us = now_us if self._about.longest_us >= 0 else 0
 
-    def _receive(self, wait_ms):
-        """Wait so long for a byte, and read all that wait, unless a drive must end first. True if there were any."""
+    def _receive(self):
+        """Sleep until a byte comes, and read all that wait, unless a drive must end first. True if there were any."""
         receiver = self._receiver
         before = receiver.unparsed
-        found = received = self._take(wait_ms)
+        left_ms = self._sleep_ms
+        deaf = left_ms and self._replies.waiting  # the host does not read: it is asked again and again
+        found = self._read(1 if deaf else left_ms)
+        while deaf and found == _NOTHING and left_ms > 1 and not self.port.writable():
+            left_ms -= 1
+            found = self._read(1)
+        received = found
         self._woke_at = self._lane.woke_at
         while found == _MORE:
             if self.controller.driving() and self.controller.service(self._ticks_us()) < _SPIN_US:
                 break
-            found = self._read(_READ)
+            found = self._read(0)
         # will more follow at once? This was at least half a packet of USB, and the ring has room
         self._streams = receiver.unparsed - before >= _STREAM and receiver.unparsed < _MOST_STREAMED
         return received
 
-    def _take(self, wait_ms):
-        """As _read(), where nothing is under way: a frame may be obeyed at once."""
-        self._lane.open()
-        return self._read(_READ, wait_ms)
-
-    def _read(self, most=_READ, wait_ms=0):
-        """Wait so long for a byte, and read at most so many; a stop turns off at once. _NOTHING, _ALL or _MORE."""
+    def _read(self, wait_ms):
+        """Wait so long for a byte, and read at most _READ; a stop cuts, a frame may drive. _NOTHING, _ALL or _MORE."""
         receiver = self._receiver
         before = receiver.write
-        stop = self._look(most, wait_ms)
+        stop = self._look(_READ, wait_ms)
         if stop < 0:
             return _NOTHING
-        count = receiver.write - before & receiver.mask
-        if count:  # else a frame was taken that had come before
-            self.controller.received_at = self._ticks_us()
+        if stop:
+            self._halt(stop)
         if self._lane.log[0]:
             self._obeyed = True
-            stop = self._lane.book(stop)
-        if stop:
-            self.gated.received += 1
-            self.controller.stop_all(_STOPS[stop])
-            self.controller.inhibit(_STOPS[stop])
-        return _MORE if stop or count == most else _ALL
+            self._lane.book()
+        return _MORE if stop or receiver.write - before & receiver.mask == _READ else _ALL
 
-    def poll_input(self):
-        """Read the bytes that wait, in the middle of longer work: a stop among them acts at once."""
-        if self._any(0):
-            self._read()
+    def poll_input(self, most=_READ_MEANWHILE):
+        """Read bytes that wait, in the middle of longer work: a stop among them cuts at once. True if any came."""
+        stop = self._look(most, _CLOSED)
+        if stop > 0:
+            self._halt(stop)
+        return stop >= 0
+
+    def _halt(self, stop):
+        self.gated.received += 1
+        self.controller.halt(_STOPS[stop])
+
+    def _parse(self):
+        message = self._receiver.next()
+        self.poll_input()
+        if not message and self._receiver.waits():
+            message = self._receiver.next()
+            self.poll_input()
+        self._dispatch(message)
 
     def _dispatch(self, message):
-        """Execute a message of Receiver.next() or Receiver.gap()."""
+        """Execute a message of WaryReceiver.next() or gap()."""
         controller = self.controller
         if message == wire.FRAME:
             frame = self._frame
@@ -161,13 +179,8 @@ class App:
             self._commands.start()
         elif message in _STOPS:
             controller.stop_all(_STOPS[message])
-        elif message == wire.SUSPECT:
-            controller.suspect(self._frame.m1, self._frame.m2)
-        elif message >= wire.OWN_REPLY:
-            if message == wire.WAS_OWN_REPLY:
-                controller.errors.retract(codes.MALFORMED)
-            controller.malformed(codes.OWN_REPLY)
-            self._own.returned(self._ticks_us())
+        elif message >= own_reply.SUSPECT:
+            self._receiver.obey(message, controller, self._ticks_us())
         elif message:
             controller.malformed(codes.MALFORMED if message == wire.MALFORMED else codes.LINE_TOO_LONG)
             self._own.doubt()
@@ -176,19 +189,21 @@ class App:
 
     def _end_drives(self, now_us):
         """Cut each drive that ends soon, on time; only clock and bytes are read. Returns us to the next deadline."""
-        axis = self.controller.ending(now_us, _SPIN_US)
+        controller = self.controller
+        watching = controller.watching()
+        axis = controller.ending(now_us, _SPIN_US)
         while axis:
-            while axis.state > REST and diff(axis.drive.ends_at, self._ticks_us()) > _CLOCK_US:
-                if self._any(0):
-                    self._read(_READ_SPINNING)
-                else:
-                    self.controller.guard_stops()
-            if axis.driving():
-                axis.drive.cut_on_time()
+            drive = axis.drive
+            while not drive.was_cut and diff(drive.ends_at, self._ticks_us()) > _CLOCK_US:
+                self.poll_input(_READ_SPINNING)
+                if watching:
+                    controller.guard_stops()
+            if not drive.was_cut:
+                drive.cut_on_time()
                 self.poll_input()
-            axis = self.controller.ending(self._ticks_us(), _SPIN_US)
+            axis = controller.ending(self._ticks_us(), _SPIN_US)
         self.poll_input()
-        return self.controller.service(self._ticks_us())
+        return controller.service(self._ticks_us())
 
     def _idle(self, now_us, left_us):
         """Send replies, check timeouts, record positions: no input waits. Returns the next pass's sleep in ms."""
@@ -197,52 +212,52 @@ class App:
             self._send(now_us)
         self.gated.watch(self._receiver)
         left_us = min(left_us, self._time_out(now_us, left_us))
-        self.poll_input()
-        if self._receiver.unparsed > self._receiver.ahead or self._obeyed or self.controller.watching():
+        self._read(0)
+        if self._receiver.waits() or self._obeyed or self.controller.halted or self.controller.watching():
             return 0
         if not (self._tidy or waiting or self.controller.moving()):  # 20 ms, so after the first answer
             self._tidy = True
             self.port.collect()
         if self._records.waiting and not (waiting or self._receiver.gap_us()):
             self._records.record(now_us, self.controller.moving())
-        if waiting:
-            most_ms = 0 if self.port.writable() else 1
-        else:
-            most_ms = _RUN_SLEEP_MS if self.controller.driving() else _SLEEP_MS
-        return max(0, min(most_ms, (left_us - _SPIN_US) // 1000))
+        if waiting and self.port.writable():
+            return 0
+        left_us -= diff(self._ticks_us(), now_us)
+        return max(0, min(_SLEEP_MS, (left_us - _SPIN_US) // 1000))
 
     def _time_out(self, now_us, due_us):
         """Apply the keep-alive, and the gap after an unfinished message. Returns the us to the next such deadline."""
-        left_us = self.controller.silence(now_us) if self.controller.keep_alive_ms else NEVER_US
+        left_us = NEVER_US
+        if self.controller.keep_alive_ms:
+            left_us = self.controller.silence(now_us, self._receiver.received_at)
         gap_us = self._receiver.gap_us()
-        if not gap_us:
-            while left_us < _SPIN_US and left_us < due_us and not self._any(0):  # its end is waited for
-                self.controller.guard_stops()
-                left_us = self.controller.silence(now_us)  # up to then no byte had come
-                now_us = self._ticks_us()
-            return left_us
-        silent_us = diff(now_us, self.controller.received_at)
-        if self._receiver.deciding():  # a frame is held: silence is that of both directions
-            silent_us = min(silent_us, diff(now_us, self._own.sent_at) & 0x3FFFFFFF)  # it may be long ago
-        if silent_us >= gap_us:
+        if gap_us:
+            gap_us -= self._receiver.silent_us(now_us)
+            if gap_us > 0:
+                return min(left_us, gap_us)
             self._dispatch(self._receiver.gap())
             return left_us
-        return min(left_us, gap_us - silent_us)
+        while left_us < _SPIN_US and left_us < due_us and not self.poll_input():  # its end is waited for
+            self.controller.guard_stops()
+            left_us = self.controller.silence(now_us, self._receiver.received_at)  # up to then no byte had come
+            now_us = self._ticks_us()
+        return left_us
 
     def _send(self, now_us):
         """Send some bytes of the replies, if the host reads. Output never blocks."""
         left = _SEND
         while left and self._replies.waiting and self.port.writable():
             self.port.write(self._replies.read())
-            if self._any(0):
-                self._take(0)
+            self._read(0)
             left -= 1
         if left < _SEND:
             self._own.sent(now_us)
 
     def show(self):
         """Update the LED: on = ready, blinking = driving, double blink = an error waits to be read."""
-        slots = _DRIVES if self.controller.driving() else _ERROR_WAITS if self.controller.errors.waiting else _READY
+        slots = 0b00000101 if self.controller.errors.waiting else 0b11111111  # eight of 128 ms, the lowest bit first
+        if self.controller.driving():
+            slots = 0b01010101
         lit = slots >> (self.port.ticks_ms() >> 7 & 7) & 1
         if lit != self._lit:
             self._lit = lit

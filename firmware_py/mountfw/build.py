@@ -8,12 +8,11 @@ from mountfw.dialect.queries import About
 from mountfw.motion.axis import Axis
 from mountfw.motion.controller import Controller
 from mountfw.motion.drive import EndStop
-from mountfw.own_reply import OwnReply
+from mountfw.own_reply import OwnReply, WaryReceiver
 from mountfw.presize import presize
 from mountfw.store import Records
 from mountfw.wire.error_queue import ErrorQueue
 from mountfw.wire.frame import Frame
-from mountfw.wire.receiver import Receiver
 from mountfw.wire.replies import Replies
 
 
@@ -71,7 +70,7 @@ def build(port, board):
     replies = Replies(own)
     frame = Frame(port.pack)
     line = Line()
-    receiver = Receiver(frame, line, port.pack, own)  # its ring needs 4 KB in one piece: before encoders are loaded
+    receiver = WaryReceiver(frame, line, port.pack, own)  # its ring needs 4 KB in one piece: before encoders are loaded
     axes = [make_axis(i + 1, port, board, pins, error_queue) for i, pins in enumerate(boards.axes(board))]
     number = getattr(board, "EMERGENCY_STOP", None)
     emergency_stop = EndStop(port.reader(number))
@@ -90,6 +89,6 @@ def build(port, board):
     presize(receiver, frame, replies, own, controller)
     for axis in axes:
         if hasattr(axis, "reader"):
-            axis.received, axis.poll_input = receiver, app.poll_input  # pyright: ignore[reportAttributeAccessIssue]
+            axis.receiver = receiver  # pyright: ignore[reportAttributeAccessIssue]
         presize(axis, axis.drive, axis.position, axis.drive.bridge)
     return app

@@ -3,22 +3,26 @@
 docs/gate.md: Gated is the loop's side of a port's gate; it enters and leaves, and agrees with the parser.
 
 docs/lane.md: a port may read its input by a look() of its own, which drives at a frame as soon as its last byte is
-there. It does so only after Lane.open(), and only if nothing is to be checked first. It notes what it did in the log,
-and Lane.book() counts that. Other ports have Look.
+there, if nothing else is under way and nothing is to be checked first. It notes what it did in the log, and Lane.book()
+counts that. Other ports have Look.
 """
 
 from array import array
 
-from mountfw import codes
-from mountfw.motion.axis import FRAME, Axis
-from mountfw.wire.receiver import BOUNDARY, IN_FRAME
+from mountfw import codes, const
+from mountfw.motion.axis import FRAME
 from mountfw.wire.ticks import diff
 
-MOST = 32  # frames in the log
-_READ = 64  # bytes read between two frames that are booked
+MOST = const(32)  # frames in the log
 # places in the log: how many frames it has; from FIRST on the packed frames, each with the times at which axis 1 and
 # axis 2 got its speeds
-WAITING, FIRST, EACH = 0, 1, 3
+WAITING = const(0)
+FIRST = const(1)
+EACH = const(3)
+
+
+def poll_nothing(_most=0):
+    """Stands in for App.poll_input()."""
 
 
 def make_lane(port, board, controller, receiver, frame, own, replies, commands):
@@ -44,71 +48,47 @@ class Look:
     def look(self, most, wait_ms):
         """Wait so long for a byte, and read at most so many, no further than to a stop.
 
-        Returns that stop or NEED_BYTES; -1 if no byte came. The lane's woke_at is when the wait was over.
+        Returns that stop or NEED_BYTES; -1 if no byte came. The lane's woke_at is when the wait was over. With -1 ms it
+        does not wait, and a port's own look() takes no frame: something else is under way.
         """
-        came = self._any(wait_ms)
+        came = self._any(max(0, wait_ms))
         self._lane.woke_at = self._ticks_us()
-        return self._drain(self._receiver, most) if came else -1
+        if not came:
+            return -1
+        stop = self._drain(self._receiver, most)
+        self._receiver.received_at = self._ticks_us()
+        return stop
 
 
 class Lane:
-    """Of a controller's first two axes. frame is a Frame, own an OwnReply; replies and commands are those."""
+    """Of a controller's first two axes. own is an OwnReply; receiver, replies and commands are those of the loop."""
 
     def __init__(self, controller, receiver, frame, own, replies, commands):
         self.axes = controller.axes[:2]
         self.own = own
-        self.text = frame.text  # of a frame that is parsed in part,
-        self.begun = -1  # so many bytes; -1: look() may not take a frame
+        self.commands = commands  # look() takes no frame while they are busy
         self.woke_at = 0
         self.log = array("i", [0] * (FIRST + EACH * MOST))
-        axis1, axis2 = self.axes
-        self.plain = type(axis1) is Axis and type(axis2) is Axis  # with an encoder there is more to check
         self._controller = controller
         self._receiver = receiver
         self._frame = frame
         self._replies = replies
-        self._commands = commands
-        self._stop = 0  # has come while frames are booked,
-        self._cut_us = 0  # and when it was obeyed
+        self.poll_input = poll_nothing  # the App's
         self.look = lambda most, wait_ms: -1  # until there is the port's, which may bring a faster sum(), too
 
-    def open(self):
-        """Let the next look() take frames, unless another message is before them. Nothing else is under way."""
-        if not self._commands.busy:
-            state = self._receiver.state
-            self.begun = 0 if state == BOUNDARY else self._frame.length if state == IN_FRAME else -1
-
-    def obeyed(self):
-        """A frame of which some bytes were parsed is taken."""
-        self._receiver.state = BOUNDARY
-
-    def book(self, stop):
-        """Count the frames of the log, as if each had been executed when it came, and echo one that came alone.
-
-        stop: a stop has come after them. Returns that, or one that has come meanwhile.
-        """
-        self._stop = 0
-        if stop:
-            self._stopped(stop)
+    def book(self):
+        """Count the frames of the log, as if each had been executed when it came, and echo one that came alone."""
         log = self.log
         last = FIRST + EACH * (log[WAITING] - 1)
         frame = self._frame
         frame.unpack(log[last])
         axis1, axis2 = self.axes
+        m2 = frame.m2
         self._book(axis1, frame.m1, log[last + 1], 0)
-        self.poll_input()
-        self._book(axis2, frame.m2, log[last + 2], 1)
-        self.poll_input()
+        self._book(axis2, m2, log[last + 2], 1)
         log[WAITING] = 0
-        if self._stop:
-            for axis in self.axes:
-                drive = axis.drive
-                if drive.measuring and not drive.was_cut:
-                    drive.cut()
-                    drive.cut_at = self._cut_us
         if last == FIRST and not self.own.muted:
             self._replies.echo(log[last])  # best effort: one that does not fit is dropped
-        return self._stop
 
     def _book(self, axis, speed, at, which):
         """Count one axis's part. It has had speed since at."""
@@ -120,12 +100,12 @@ class Lane:
         if first < last:
             self._supersede(axis, first, which)
             self.poll_input()
-        elif not speed and drive.measuring and not drive.was_cut:
+        elif not speed and drive.measuring and (not drive.was_cut or diff(drive.cut_at, at) > 0):
             drive.cut()
-            drive.cut_at = at
+            drive.cut_at = at  # and not later, by a stop behind it
         if speed:
-            drive.predriven = True
-            drive.pre_at = at
+            drive.has_begun = True
+            drive.began_at = at
         axis.frame(speed)
 
     def _supersede(self, axis, first, which):
@@ -133,11 +113,12 @@ class Lane:
         drive = axis.drive
         position = axis.position
         place = FIRST + EACH * first
-        now_us = drive.clock()  # the gate may have cut it
-        drive.predriven = True
-        drive.pre_at = self.log[place + 1 + which]
+        # the gate may have cut it, and so may a stop behind the frames
+        now_us = drive.cut_at if self._controller.halted else drive.clock()
+        drive.has_begun = True
+        drive.began_at = self.log[place + 1 + which]
         axis.handle(FRAME, 1)  # what was under way ended then
-        drive.predriven = drive.measuring = False
+        drive.has_begun = drive.measuring = False
         position.made = axis.ended_steps  # the last move that ended is the one to tell of
         drive.on_us = axis.ended_on_us
         self.poll_input()
@@ -158,7 +139,10 @@ class Lane:
 
     def sum(self, axis, first, which, now_us):
         """Count an axis's speeds from frame `first` on, but for the last, up to now_us."""
-        for i in range(first, self.log[WAITING] - 1):
+        last = self.log[WAITING] - 1
+        if axis.position.closed and first < last:
+            first = last - 1  # one look at the encoder sees them all
+        for i in range(first, last):
             speed = self._speed(i, which)
             if speed:
                 place = FIRST + EACH * i + 1 + which
@@ -169,24 +153,12 @@ class Lane:
                 axis.drive.on_us = us
 
     def lose(self):
-        """Ctrl-C, or a fault, has come before the log was booked, or in the middle: where the axes are is not known."""
-        if self.log[WAITING]:
-            self.log[WAITING] = 0
-            for axis in self.axes:
+        """Ctrl-C, or a fault, has come between a frame's drive and its count: where the axes are is not known."""
+        for axis in self.axes:
+            if self.log[WAITING] or axis.drive.has_begun:
+                axis.drive.has_begun = False
                 axis.position.certainty = codes.UNKNOWN
-
-    def poll_input(self):
-        """Read the bytes that wait: the port turns off at a stop, and that is booked last."""
-        if not self._stop:
-            stop = self.look(_READ, 0)
-            if stop > 0:
-                self._stopped(stop)
-
-    def _stopped(self, stop):
-        """This stop has come after the frames of the log."""
-        self._stop = stop
-        self._controller.off_all()
-        self._cut_us = self.axes[0].drive.clock()
+        self.log[WAITING] = 0
 
 
 class Gated:

@@ -8,12 +8,28 @@ board's own one come a line end, the first number alone, and a line end. No host
 A frame that the board sent lately is therefore executed only after that decision. If the port is known not to
 echo, `wary` is 0 and a frame is executed at once. Nothing here allocates.
 
-It stands beside wire/, not in it: the Receiver takes it as an object and knows its three verdicts only.
+OwnReply remembers what was sent, and compares. WaryReceiver is the Receiver of a board: it asks that of each message.
 """
 
-from mountfw import const
-from mountfw.wire.receiver import OTHER, OWN, UNDECIDED
+from mountfw import codes, const
+from mountfw.wire.receiver import BOUNDARY, FRAME, LINE, NEED_BYTES, SKIPPING, Receiver
 from mountfw.wire.ticks import diff
+
+# messages of a WaryReceiver, besides those of a Receiver: obey() acts on them
+SUSPECT = const(7)  # a frame that may be the board's own reply; FRAME or OWN_REPLY follows
+OWN_REPLY = const(8)  # bytes that the board had sent came back
+WAS_OWN_REPLY = const(9)  # the same of bytes that were MALFORMED
+
+# verdicts of OwnReply.feed()
+UNDECIDED = const(0)
+OTHER = const(1)
+OWN = const(2)
+
+DECIDE_US = 20_000  # after this silence, in both directions, a held frame is the host's: an echo comes within 1 ms
+
+_DECIDING = const(4)  # states: a frame is held, and the bytes after it decide
+_RETURNED = const(5)  # the rest of the board's own reply, up to a gap
+_AT_ONCE = const(4)  # bytes that are compared at most in one piece of work
 
 _QUIET_US = const(100_000)  # the port does not echo if bytes sent so long ago have not returned ...
 _QUIET_FOR_US = const(2_000_000)  # ... and that holds so long: another program may open the port in another mode
@@ -194,3 +210,102 @@ class OwnReply:
                 self._number = -1
             self._number_is_new = False
         self.wary = 0 if self._quiet else self._recent | self._older
+
+
+class WaryReceiver(Receiver):
+    """A Receiver on a port that may echo. own is an OwnReply."""
+
+    def __init__(self, frame, line, pack, own, size=4096):
+        super().__init__(frame, line, pack, size)
+        self._own = own
+        self._comparing = False  # are skipped bytes compared with the board's own reply?
+
+    def next(self):
+        return self._decide(_AT_ONCE) if self.state == _DECIDING else super().next()
+
+    def deciding(self):
+        """True while a frame is held."""
+        return self.state == _DECIDING
+
+    def silent_us(self, now_us):
+        """Since the last byte; while a frame is held, in both directions."""
+        silent_us = diff(now_us, self.received_at)
+        if self.state == _DECIDING:
+            silent_us = min(silent_us, diff(now_us, self._own.sent_at) & 0x3FFFFFFF)  # it may be long ago
+        return silent_us
+
+    def obey(self, message, controller, now_us):
+        """Act on SUSPECT, OWN_REPLY or WAS_OWN_REPLY."""
+        if message == SUSPECT:
+            controller.suspect(self._frame.m1, self._frame.m2)
+            return
+        if message == WAS_OWN_REPLY:
+            controller.errors.retract(codes.MALFORMED)
+        controller.malformed(codes.OWN_REPLY)
+        self._own.returned(now_us)
+
+    def gap_us(self):
+        return DECIDE_US if self.state == _DECIDING else super().gap_us()
+
+    def gap(self):
+        """As a Receiver's; the held FRAME, if there is one, and what is behind it stays."""
+        self._comparing = False
+        if self.state == _DECIDING:
+            return self._decided(OTHER)
+        if self.state == _RETURNED:
+            self.state = SKIPPING
+        return super().gap()
+
+    def _whole(self):
+        """The frame is complete. FRAME; or SUSPECT or OWN_REPLY, if the board may have sent it."""
+        own = self._own
+        packed = self._frame.packed
+        if own.suspects(packed):
+            if own.is_number(packed):
+                return self._decided(OWN)
+            own.expect(packed)
+            self.state = _DECIDING
+            return SUSPECT
+        if self.unparsed < 2 or not own.may_end_line(self.ring[self.write - self.unparsed & self.mask]):
+            return FRAME
+        own.expect(packed)
+        return self._decide(self.unparsed) or self._decided(UNDECIDED)  # what is here may decide, however old it is
+
+    def _decide(self, most):
+        """Compare at most so many bytes after the held frame; they stay unparsed. FRAME, OWN_REPLY, or NEED_BYTES."""
+        while most and self.ahead < self.unparsed:
+            verdict = self._own.feed(self.ring[self.write - self.unparsed + self.ahead & self.mask])
+            self.ahead += 1
+            most -= 1
+            if verdict:
+                return self._decided(verdict)
+        return NEED_BYTES
+
+    def _decided(self, verdict):
+        self.ahead = 0
+        self.state = _RETURNED if verdict == OWN else BOUNDARY
+        return OWN_REPLY if verdict == OWN else FRAME
+
+    def _stopped(self):
+        self._comparing = False
+        if self.state != _RETURNED:
+            super()._stopped()
+
+    def _skip(self, c):
+        """Skip byte c. WAS_OWN_REPLY if it proves that the skipped bytes are the board's own reply."""
+        if self._comparing:
+            verdict = self._own.feed(c)
+            self._comparing = verdict == UNDECIDED and c != 10 and c != 13
+            if verdict == OWN:
+                self.state = _RETURNED
+                return WAS_OWN_REPLY
+        return super()._skip(c)
+
+    def _refuse(self, c, message, part):
+        super()._refuse(c, message, part)
+        verdict = self._own.compare_refused(part, c, self._frame.packed)
+        self._comparing = verdict == UNDECIDED
+        return self._decided(OWN) if verdict == OWN else message
+
+    def _ended(self, c):
+        return self._decided(OWN) if self._own.is_reply(self._line, c) == OWN else LINE

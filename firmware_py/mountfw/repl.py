@@ -15,6 +15,7 @@ import sys
 
 from mountfw import codes
 from mountfw.app import App
+from mountfw.extras import poll_nothing
 from mountfw.settings import MAX_STEPS
 
 _SPIN_US = 2_000  # this long before a deadline only the clock is watched: more than one pass takes on an RP2040
@@ -22,10 +23,6 @@ _PAUSE_US = 500  # the longest pause while something moves: Ctrl-C waits for it
 
 _LIMITS = ("-", "positive", "negative", "both")
 _NAMES = ("y", "x", "axis3", "axis4")  # as the host names them
-
-
-def _nothing():
-    pass
 
 
 class MoveEnded(Exception):
@@ -85,7 +82,7 @@ class Mount:
                 a.axis.position.certainty = codes.UNKNOWN
         self.stop()
         self._controller.inhibit(codes.NONE_YET)
-        self._controller.records.poll_input = _nothing  # what is typed is the prompt's
+        firmware.poll_by(poll_nothing)  # what is typed is the prompt's
 
     def drive(self, m1, m2, ms):
         """Drive motor 1 (y) and motor 2 (x) at -255 ... 255 for ms milliseconds. Raises ValueError, MoveEnded."""

@@ -130,12 +130,11 @@ for _ in range(400):
     at = random.randrange(64)
     if console.pack(ring, at, 15) != frame.pack(ring, at, 15):
         print('pack', ring, at)
-fast, slow = [receiver.Receiver(None, None, None, None, 256) for _ in range(2)]
+fast, slow = [receiver.Receiver(None, None, None, 256) for _ in range(2)]
 class Plain: pass
 lane, axis = Plain(), Plain()
-axis.drive = lane.own = lane.log = lane.text = lane.sum = None
+axis.drive = lane.own = lane.log = lane.commands = lane.sum = None
 lane.axes = axis, axis
-lane.begun = -1  # closed
 looks = rp2_lane.Look(lane, fast, (2, 5), False)
 sent = bytes(%r)
 micropython.kbd_intr(-1)
@@ -145,7 +144,7 @@ for start in range(0, len(sent), 200):
     stops = []
     while fast.unparsed < min(200, len(sent) - start):
         if console.any(1000):
-            stops.append(looks.look(7, 0) if start else micropython_drain.drain(fast, 7))
+            stops.append(looks.look(7, -1) if start else micropython_drain.drain(fast, 7))
     if [s for s in stops if s] != [s for s in [slow.receive(c) for c in sent[start : start + 200]] if s]:
         print('stops', start, stops)
     if (fast.ring, fast.write, fast.zeros, fast.stops_ahead) != (slow.ring, slow.write, slow.zeros, slow.stops_ahead):

@@ -30,12 +30,9 @@ class LaneLook:
         lane = self.lane
         port = self.port
         receiver = self.receiver
-        begun = lane.begun
-        lane.begun = -1
-        whole = 8 - begun if begun >= 0 else -1
-        came = waits = port.any(wait_ms)
+        came = waits = port.any(max(0, wait_ms))
         lane.woke_at = port.ticks_us()
-        if not came and begun < 0:
+        if not came and (wait_ms < 0 or receiver.unparsed < 8):
             return -1
         stop = 0
         while True:
@@ -45,32 +42,29 @@ class LaneLook:
                 port.taken += 1
                 most -= 1
                 stop = receiver.receive(c)
+                receiver.received_at = port.ticks_us()
                 if stop:
                     for axis in lane.axes:
                         axis.drive.bridge.cut()
                 waits = port.next_us() <= port.us
-            if stop or not 0 <= whole <= receiver.unparsed:
+            if stop or wait_ms < 0 or receiver.unparsed < 8:
                 break
             at = receiver.write - receiver.unparsed
-            c = receiver.ring[at + whole & receiver.mask] if receiver.unparsed > whole else 0
-            if not self.obeyed(begun, at, c):
+            c = receiver.ring[at + 8 & receiver.mask] if receiver.unparsed > 8 else 0
+            if not self.obeyed(at, c):
                 break
-            receiver.unparsed -= whole
+            receiver.unparsed -= 8
+            receiver.ahead = 0
             came = True
-            begun = 0
-            whole = 8
             waits = port.next_us() <= port.us
         return stop if came else -1
 
-    def obeyed(self, begun, at, c):
+    def obeyed(self, at, c):
         lane = self.lane
         receiver = self.receiver
-        if not lane.plain or (c and c in LINE_ENDS):
+        if (c and c in LINE_ENDS) or receiver.state or lane.commands.busy:
             return False
-        text = lane.text
-        for i in range(begun, 8):
-            text[i] = receiver.ring[at + i - begun & receiver.mask]
-        packed = frame.pack(text, 0, 7)
+        packed = frame.pack(receiver.ring, at, receiver.mask)
         log = lane.log
         n = log[WAITING]
         if packed < 0 or not packed & 0x3FCFF or n == MOST:
@@ -98,8 +92,6 @@ class LaneLook:
             for axis in lane.axes:
                 axis.drive.bridge.cut()
         log[WAITING] = n + 1
-        if begun:
-            lane.obeyed()
         self.taken += 1
         return True
 

@@ -100,7 +100,7 @@ def errors(rig):
 def assert_consistent(rig, where):
     """What the flags may be in each state."""
     axis, drive = rig.axis1, rig.axis1.drive
-    assert not axis.counting and not drive.predriven, where
+    assert not axis.counting and not drive.has_begun, where
     if axis.state > a.REST:
         assert drive.measuring and not axis.resting, where
         assert rig.drives()[0] or drive.was_cut, where

@@ -173,7 +173,7 @@ def test_ctrl_c_before_frames_are_booked_leaves_the_positions_unknown():
     rig.ask(b"1DH0;2DH0\n0100-100!\n")
     rig.run(100_000)
 
-    def interrupted(stop):
+    def interrupted():
         raise KeyboardInterrupt
 
     rig.app._lane.book = interrupted

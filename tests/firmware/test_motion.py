@@ -430,7 +430,7 @@ def test_a_byte_that_comes_just_before_the_end_keeps_a_motion_alive():
     for before_us in range(50, 5000, 50):
         rig = Rig()
         rig.ask(b"XK100;1MV+\n")
-        left_us = rig.controller.silence(rig.port.ticks_us())
+        left_us = rig.controller.silence(rig.port.ticks_us(), rig.app._receiver.received_at)
         rig.send(b"\n", after_us=left_us - before_us)
         rig.run(left_us + 50_000)
         assert rig.drives() == (255, 0), before_us

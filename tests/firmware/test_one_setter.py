@@ -30,7 +30,7 @@ def test_one_function_calls_a_bridge_to_drive():
 
 
 def test_one_class_calls_that_function_and_after_its_gate():
-    assert calls({"_set"}) == {("motion/drive.py", "on", "_set"), ("motion/drive.py", "predrive", "_set")}
+    assert calls({"_set"}) == {("motion/drive.py", "on", "_set"), ("motion/drive.py", "begin", "_set")}
 
 
 def test_the_fast_lane_has_one_function_that_drives_and_two_call_it():

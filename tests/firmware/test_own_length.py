@@ -115,7 +115,9 @@ def test_a_stop_ends_it_and_what_drove_is_counted():
         rig.send(stop, after_us=400_000)
         rig.run(500_000)
         assert rig.drives() == (0, 0)
-        assert abs(rig.axis1.position.millisteps - 2_000) < 3, stop
+        on_us = sum(rig.on_times(2))
+        assert abs(on_us - 400_000) < 1_000
+        assert abs(rig.axis1.position.millisteps - on_us / 200) < 1, stop
         assert rig.axis1.reason == reason
     rig = ready()
     rig.send(b"1XU300000\n")

@@ -185,7 +185,7 @@ def test_a_fault_inside_the_loop_leaves_nothing_running_and_is_told():
     def broken():
         raise ValueError
 
-    passed, rig.app._passed = rig.app._passed, broken
+    received, rig.app._receive = rig.app._receive, broken
     run_once = rig.app.run_once
     calls = [0]
 
@@ -203,7 +203,7 @@ def test_a_fault_inside_the_loop_leaves_nothing_running_and_is_told():
         rig.app.run()
     except Enough:
         pass
-    rig.app.run_once, rig.app._passed = run_once, passed
+    rig.app.run_once, rig.app._receive = run_once, received
     assert rig.drives() == (0, 0)
     assert rig.errors()[0] == 64
     assert rig.ask(b"1XE?\n").split(b",")[0] == b"9"

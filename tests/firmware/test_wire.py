@@ -332,7 +332,7 @@ def test_health_is_memory_longest_pass_passes_and_cause_of_the_reset():
 def test_the_longest_pass_is_of_the_time_since_one_asked_and_does_not_count_waiting():
     rig = Rig()
     health(rig)
-    rig.send(b"1XP1000;1PR1\n")  # its last stretch is spun: that makes a pass long
+    rig.send(b"1XP800;1PR1\n")  # it is waited for where it begins: that makes a pass long
     rig.run(1_000_000)
     with_pulse = health(rig)[1]
     rig.run(1_000_000)
@@ -358,9 +358,9 @@ def test_memory_is_not_counted_while_a_motor_has_drive():
 
 def test_passes_wrap_before_they_would_need_memory():
     rig = Rig()
-    rig.queries._passes = (1 << 30) - 1
+    rig.about.passes = (1 << 30) - 1
     rig.step()
-    assert rig.queries._passes == 0
+    assert rig.about.passes == 0
 
 
 def test_the_text_after_a_long_name_moves_nothing_and_hides_nothing():

@@ -16,7 +16,7 @@ SESSIONS = 100
 LUMPS = 30  # of each session
 POSITION = ("millisteps", "part", "made", "certainty", "gap_known", "inside", "_way", "_one_way")
 AXIS = ("state", "reason", "ended_steps", "ended_on_us", "has_moved")
-DRIVE = ("direction", "duty", "on_us", "on_at", "ends_at", "measuring", "counted_at", "predriven")
+DRIVE = ("direction", "duty", "on_us", "on_at", "ends_at", "measuring", "counted_at", "has_begun")
 RUNS = 6  # the first of the states whose drive is counted as it goes
 
 
@@ -44,7 +44,7 @@ def told(rig: Rig) -> list[tuple]:
         moving = axis.state >= RUNS
         found += [tuple((name, getattr(axis.position, name)) for name in POSITION)]
         found += [tuple((name, getattr(axis, name)) for name in AXIS), moving and axis.ends_as]
-        found += [tuple((name, getattr(axis.drive, name)) for name in DRIVE if moving or name == "predriven")]
+        found += [tuple((name, getattr(axis.drive, name)) for name in DRIVE if moving or name == "has_begun")]
     return found
 
 
@@ -55,7 +55,7 @@ def obey(rig: LaneRig, m1: int, m2: int) -> bool:
     for c in b"%c%03d%c%03d" % (b"0-"[m1 < 0], abs(m1), b"0-"[m2 < 0], abs(m2)):
         receiver.ring[receiver.write] = c
         receiver.write = receiver.write + 1 & receiver.mask
-    return rig.looks.obeyed(0, start, 0)
+    return rig.looks.obeyed(start, 0)
 
 
 def session(seed: int) -> None:
@@ -105,7 +105,7 @@ def session(seed: int) -> None:
             continue
         for rig in rigs:
             rig.port.still_us = now + 500
-        lane.app._lane.book(0)
+        lane.app._lane.book()
         a, b = told(core), told(lane)
         assert a == b, f"seed {seed}:\n core {a}\n lane {b}"
         assert not core.controller.errors.waiting and not lane.controller.errors.waiting

@@ -8,7 +8,7 @@ from concurrent.futures import ProcessPoolExecutor
 import pytest
 from lane_rig import LaneRig
 from model import parse
-from rig import Rig
+from rig import WRAP, Rig
 
 from mountfw.extras import EACH, FIRST, WAITING
 
@@ -59,12 +59,12 @@ def note_events(rig: Rig, events: list[tuple]) -> None:
         if not rig.app._receiver.stops_ahead:
             assert not controller.axes[0].drive.inhibited
 
-    def booked(stop: int) -> int:
+    def booked() -> None:
         log = rig.app._lane.log
         for i in range(log[WAITING]):
             rig.app._frame.unpack(log[FIRST + EACH * i])
             events.append(("frame", rig.app._frame.m1, rig.app._frame.m2))
-        return book(stop)
+        book()
 
     rig.app._dispatch = noted
     rig.app._lane.book = booked
@@ -74,9 +74,11 @@ def play(rig: Rig, data: list[tuple[int, int]]) -> None:
     for c, silence_us in data:
         if silence_us:
             rig.take_in()
-        rig.send(bytes([c]), after_us=silence_us)  # it comes while the loop sleeps, as in life
+        # it comes while the loop sleeps, as in life; the silence began when the byte before it came
+        silent_us = rig.port.ticks_us() - rig.app._receiver.received_at & WRAP - 1
+        rig.send(bytes([c]), after_us=max(0, silence_us - silent_us))
     rig.take_in()
-    while rig.app._receiver.unparsed or rig.app._receiver.deciding():
+    while rig.app._receiver.waits() or rig.app._receiver.deciding():
         rig.step()
 
 
@@ -161,7 +163,7 @@ def outcome(first: bytes, second: bytes, apart_us: int) -> tuple:
         rig.run(apart_us)
     rig.send(second)
     rig.take_in()
-    rig.run(500)
+    rig.run(1_000)
     drives = rig.drives()
     rig.run(700_000)
     positions = tuple(axis.position.millisteps for axis in rig.controller.axes)

@@ -104,6 +104,7 @@ class Commands:
         if self._read or line.more():
             return
         self.busy = False
+        self._records.poll_input()
         if self._answers:
             self._replies.add(b"\r\n")
             if not self._replies.commit():

@@ -22,6 +22,8 @@ class About:
         self._ticks_ms = port.ticks_ms
         self._booted_ms = port.ticks_ms()
         self.gate = 0  # as the port's gate says (docs/gate.md); 0: this port has none
+        self.passes = 0  # of the loop
+        self.longest_us = 0  # of them since XH? was asked; -1: the very pass that answers it does not count
 
     def restarted(self):
         """From here on it is as after another start."""
@@ -43,14 +45,6 @@ class Queries:
         self.hash = None  # of the firmware's files; None: they are not read to the end
         self._hashing = about.firmware_hash()
         self._free = about.free_memory()
-        self._longest_us = 0  # pass of the loop since XH? was asked; -1: that very pass does not count
-        self._passes = 0
-
-    def passed(self, us):
-        """A pass of the loop took us microseconds."""
-        self._passes = self._passes + 1 & 0x3FFFFFFF
-        if us > self._longest_us:
-            self._longest_us = us if self._longest_us >= 0 else 0
 
     # ---- motion
 
@@ -116,11 +110,13 @@ class Queries:
             self._status_of(axis)
 
     def _status_of(self, axis):
-        """The input is read before, never in the middle: position and `at rest` are of one moment."""
+        """A stop that is read in the middle ends no move yet: position and `at rest` are of one moment."""
         r = self._replies
         r.field(b"|", axis.position_now())
+        axis.poll_input()
         r.field(b",1," if axis.moving() else b",0,", axis.direction())
         r.field(b",", axis.limits())
+        axis.poll_input()
         r.field(b",", axis.reason)
         r.field(b",", axis.position.certainty)
 
@@ -163,8 +159,8 @@ class Queries:
         if not self._controller.driving():  # it walks the heap, 8 ms on a Pico: a pulse and a stop must not wait for it
             self._free = self.about.free_memory()
         r.add(self._free)
-        r.field(b",", self._longest_us if self._longest_us > 0 else 0)
-        r.field(b",", self._passes)
+        r.field(b",", max(0, self.about.longest_us))
+        r.field(b",", self.about.passes)
         r.field(b",", self.about.reset_cause)
         r.field(b",", self.about.gate)
-        self._longest_us = -1
+        self.about.longest_us = -1

@@ -42,8 +42,7 @@ class EncodedAxis(Axis):
     def __init__(self, number, bridge, positive_stop, negative_stop, homing, error_queue, ticks_us, reader):
         self.target_counts = self.relative_counts = self.defined_counts = 0  # as they were said in counts
         self.reader = reader
-        self.received = None  # build.py sets it: .unparsed bytes are to be obeyed
-        self.poll_input = None  # and this: a look takes long, and a stop must not wait for all axes'
+        self.receiver = None  # build.py sets it: what waits there is obeyed first
         self.unchecked = False  # is no drive watched for a stall (ZZ)?
         self._looked_at = 0
         self._loop = ClosedLoop()
@@ -211,7 +210,7 @@ class EncodedAxis(Axis):
     def service(self, now_us):
         looks = True
         # a frame or a stop, maybe: it is obeyed first
-        if self.received.unparsed:  # pyright: ignore[reportOptionalMemberAccess, reportAttributeAccessIssue]
+        if self.receiver.waits():  # pyright: ignore[reportOptionalMemberAccess, reportAttributeAccessIssue]
             if not self.state:
                 return NEVER_US
             # a correction of a pulse is over in less
@@ -222,8 +221,9 @@ class EncodedAxis(Axis):
             return super().service(now_us)
         if looks:
             self._looked_at = now_us
-            # before anything is read off the state: a stop ends the move
-            self.poll_input()  # pyright: ignore[reportOptionalCall]
+            self.poll_input()
+            if self.drive.inhibited:  # a stop: it is told first
+                return NEVER_US
             reason = self._look(now_us) if self.state > REST else 0
             if reason:
                 return self._failed(reason)

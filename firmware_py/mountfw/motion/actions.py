@@ -10,10 +10,13 @@ from mountfw import codes, const
 from mountfw.motion.drive import Drive
 from mountfw.motion.position import EDGE, Position
 from mountfw.settings import MAX_STEPS, SETTINGS, Settings
-from mountfw.wire.ticks import add
+from mountfw.wire.ticks import add, diff
 
-_SHORT_US = const(900)  # a drive that may be over before the loop comes round is waited for where it begins
+_SHORT_US = const(1_500)  # a drive that may be over before the loop comes round is waited for where it begins;
+_CLOCK_US = const(200)  # the last stretch reads the clock only: more than polling the input takes
 _REST_US = const(1_000)  # least rest after a pulse
+_COUNT_US = const(1_000_000)  # a run is counted so often, so that its sums stay small, or more often: within
+_COUNT_STEPS = const(100)  # so many steps at duty 1, so that it ends where no more can be counted
 
 
 class Actions(Settings):
@@ -29,6 +32,9 @@ class Actions(Settings):
         self.drive = Drive(bridge, self.stop_towards, ticks_us)
         self.switch_homing = self.homing = homing(self)  # the homing of this axis, and the one under way
         self.has_moved = False  # has a move ended, or was its position defined, since store.py asked last?
+        self.poll_input = lambda most=0: (
+            None
+        )  # build.py sets the App's: a stop in the middle of longer work cuts the drive
         self.inverted = 0
         self.reset()
 
@@ -86,6 +92,7 @@ class Actions(Settings):
     def _measure(self):
         """Compute the amounts of drive that make a step, and the gap."""
         self.position.scale(self.pulse_us * self.step_duty, self.take_up_us * self.step_duty)
+        self.count_us = min(self.position.step, _COUNT_US // _COUNT_STEPS) * _COUNT_STEPS
 
     def possible_velocity(self):
         """Hundredths of a step per second: `velocity`, or less if that leaves no room for pulses and rests.
@@ -174,16 +181,16 @@ class Actions(Settings):
     def turn_on(self, us):
         """Drive for us at most. If the gate forbids it, the move ends."""
         self.resting = False
-        reason = self.drive.on(us)
+        drive = self.drive
+        reason = drive.on(us)
         if reason:
-            self.forbidden(reason)
+            self.forbidden(reason)  # pyright: ignore[reportAttributeAccessIssue] (Axis makes an event of it)
         elif us < _SHORT_US:
-            self.drive.cut_on_time()
+            while not drive.was_cut and diff(drive.ends_at, self._ticks_us()) > _CLOCK_US:
+                self.poll_input(1)
+            if not drive.was_cut:
+                drive.cut_on_time()
         return not reason
-
-    def forbidden(self, reason):
-        """The gate has this reason against the drive: Axis makes an event of it."""
-        raise NotImplementedError
 
     # ---- a drive is over
 

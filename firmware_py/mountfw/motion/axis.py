@@ -81,7 +81,6 @@ TABLE = {
 # fmt: on
 _FINISH_US = const(250_000)  # a soft stop lets a pulse end that has less than this to go
 _SHORTEST_US = const(200)  # no pulse is shorter, so less than that is not taken up
-_COUNT_US = const(20_000)  # a run is counted at least this often while it is served, so that its sums stay small
 
 
 class Axis(Actions):
@@ -93,6 +92,7 @@ class Axis(Actions):
     def handle(self, event, value):
         """Do the action of TABLE for this event. True if it was done, and the state is the next one."""
         cell = TABLE[event][self.state]
+        self.poll_input()  # actions take long
         if cell[1](self, value):
             self.state = cell[0]
             return True
@@ -190,7 +190,7 @@ class Axis(Actions):
         return True
 
     def frame(self, speed, for_ms=0):
-        """Drive at speed, -255 ... 255; 0 is off. It supersedes any move. drive.predrive() may have come before.
+        """Drive at speed, -255 ... 255; 0 is off. It supersedes any move. drive.begin() may have come before.
 
         With for_ms (at most run_limit_ms) it is done after that time; else it runs as jog() does.
         """
@@ -242,11 +242,8 @@ class Axis(Actions):
         if self.counting:  # Ctrl-C, or a fault, came in the middle of that
             self.counting = False
             self.position.certainty = codes.UNKNOWN
-        self.handle(END, reason)
-        if self.drive.predriven:  # for a frame that never began
-            self.drive.off()
-            amount = self.drive.predriven_amount()
-            self.position.driven(1 if amount > 0 else -1, abs(amount), True)
+        if self.state:
+            self.handle(END, reason)
 
     def stop_soon(self):
         """End the move; a pulse that is nearly over is finished first."""
@@ -256,9 +253,9 @@ class Axis(Actions):
             self.abort(codes.STOPPED)
 
     def forbidden(self, reason):
-        """The gate of the drive, or a switch, has this reason against the drive: the move ends, if it has not yet."""
-        if not self.state:  # a stop has ended it while the record was dropped
-            return
+        """The gate of the drive, or a switch, has this reason against the drive: the move ends."""
+        if not self.drive.was_cut:
+            self.drive.cut()
         if reason != codes.END_STOP:
             self.handle(END, reason)
         elif self.stop_towards(-self.drive.direction).active():
@@ -296,10 +293,12 @@ class Axis(Actions):
                     drive.cut()
                 self.handle(LAST_OVER if state == PULSE and self.pulses_left == 1 else OVER, 0)
             else:
-                if state >= RUN and diff(now_us, drive.counted_at) >= _COUNT_US:
-                    self.count(False)
-                if state < RUN or self.position.millisteps * drive.direction < EDGE:
+                if state < RUN:
                     return left_us
+                if diff(now_us, drive.counted_at) >= self.count_us:
+                    self.count(False)
+                if self.position.millisteps * drive.direction < EDGE:
+                    return min(left_us, self.count_us)
                 self.handle(END, codes.RUN_LIMIT)
         if not self.state:
             return NEVER_US

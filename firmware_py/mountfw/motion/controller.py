@@ -25,8 +25,8 @@ class Controller:
         self._offs = tuple([axis.drive.bridge.off for axis in axes])
         self._emergency_stop = emergency_stop
         self.keep_alive_ms = 0
-        self.received_at = 0  # when the last byte came
         self.inhibited = codes.NONE_YET  # the reason of a stop that is received but still unparsed
+        self.halted = codes.NONE_YET  # the same until the axes are told: service() does
         self.reset()
 
     # ---- what the app hands in
@@ -38,9 +38,20 @@ class Controller:
         for off in self._offs:
             off()
 
+    def halt(self, reason):
+        """A stop is received, maybe in the middle of longer work: cut all drives now; service() ends the moves."""
+        for cut in self._cuts:
+            cut()
+        for axis in self.axes:
+            if not axis.drive.was_cut:
+                axis.drive.cut()
+        self.inhibit(reason)
+        self.halted = self.halted or reason
+
     def stop_all(self, reason):
         """All drives off and every move ended."""
         self.off_all()
+        self.halted = codes.NONE_YET
         for axis in self.axes:
             axis.abort(reason)
 
@@ -103,13 +114,11 @@ class Controller:
             return
         self.suspect(m1, m2)  # what goes off goes first
         if m1:
-            self._axis1.drive.predrive(m1)
-            self.records.poll_input()
+            self._axis1.drive.begin(m1)
         if m2:
-            self._axis2.drive.predrive(m2)
+            self._axis2.drive.begin(m2)
         if m1:
             self._axis1.frame(m1)
-            self.records.poll_input()
         if m2:
             self._axis2.frame(m2)
 
@@ -117,14 +126,16 @@ class Controller:
         """Carry the moves on. Returns the microseconds to the next deadline."""
         if self._emergency_stop.fitted:
             self.guard(None)
+        if self.halted:
+            self.stop_all(self.halted)
         least_us = NEVER_US
         axis = self._axis1
-        while axis is not None:
+        while axis is not None and not self.halted:
             if axis.state or axis.resting:
                 least_us = min(least_us, axis.service(now_us))
-                if axis.next and least_us > _FAR_US:
-                    self.records.poll_input()  # a stop does not wait for every axis
             axis = axis.next
+            if axis and least_us > _FAR_US:
+                self.records.poll_input()  # a stop does not wait for every axis
         return least_us
 
     def ending(self, now_us, within_us):
@@ -141,9 +152,9 @@ class Controller:
             axis = axis.next
         return first
 
-    def silence(self, now_us):
-        """Nothing waits to be read: is the keep-alive over? Returns the microseconds it has left."""
-        left_us = self.keep_alive_ms * 1000 - diff(now_us, self.received_at)
+    def silence(self, now_us, received_at):
+        """No byte has come since received_at: is the keep-alive over? Returns the microseconds it has left."""
+        left_us = self.keep_alive_ms * 1000 - diff(now_us, received_at)
         if left_us > 0:
             return left_us
         self.keep_alive_ms = 0  # a dead client's keep-alive does not cut the next one

@@ -52,7 +52,7 @@ class Drive:
         self.ends_at = 0  # its deadline
         self.cut_at = 0
         self.counted_at = 0  # up to when it was measured
-        self.pre_at = self._pre_speed = 0
+        self.began_at = 0
         self.reset()
 
     def reset(self):
@@ -63,7 +63,9 @@ class Drive:
         self.measuring = False  # is it on, or was it since measured_us()?
         self.was_cut = False  # is it off already, since cut_at?
         self.tripped = False  # did guard() cut it?
-        self.predriven = False  # did predrive() turn it on, and no on() follow yet?
+        self.has_begun = (
+            False  # did begin(), or the port (docs/lane.md), turn it on at began_at, and no on() follow yet?
+        )
 
     # ---- the gate
 
@@ -96,15 +98,16 @@ class Drive:
 
         With a reason it may have been on for some microseconds: off() follows.
         """
-        self.was_cut = False
-        if self.predriven:
-            self.predriven = False
-            self.on_at = self.pre_at
+        if self.has_begun:
+            self.has_begun = False
+            self.on_at = self.began_at
+            self.was_cut = self.was_cut and self.inhibited != 0  # by a stop that came after it
         else:
             if self.inhibited or self.emergency or self.watched or self.on_flash:
                 reason = self.forbidden()
                 if reason:
                     return reason
+            self.was_cut = False
             self.on_at = self._set(self.direction * self.duty)
         if not self.measuring:
             self.measuring = True
@@ -116,15 +119,11 @@ class Drive:
             return self.forbidden()
         return 0
 
-    def predrive(self, speed):
-        """Drive at a frame's speed (not 0) now, if nothing is to be checked first; the axis's frame() must follow.
-
-        So both motors have a frame's speeds before the longer work of counting begins.
-        """
+    def begin(self, speed):
+        """Drive at a frame's speed (not 0) before it is counted, if nothing forbids it; Axis.frame() must follow."""
         if not (self.inhibited or self.emergency or self.watched or self.on_flash):
-            self._pre_speed = speed
-            self.pre_at = self._set(speed)
-            self.predriven = True
+            self.began_at = self._set(speed)
+            self.has_begun = True
 
     def _set(self, speed):
         """The one setter: drive at speed, -255 ... 255 but not 0, in the axis's own direction. Returns the time."""
@@ -168,16 +167,11 @@ class Drive:
         if not self.measuring:
             return 0
         at = self.cut_at if self.was_cut else self.clock()
-        if self.predriven and diff(at, self.pre_at) > 0:  # since then it has the next frame's speed
-            at = self.pre_at
+        if self.has_begun and diff(at, self.began_at) > 0:  # since then it has the next frame's speed
+            at = self.began_at
         us = max(0, diff(at, self.counted_at))  # it may have been cut right before it was turned on
         self.counted_at = at
         if over:
             self.measuring = False
         self.on_us = min(self.on_us + us, _MOST_ON_US)
         return us
-
-    def predriven_amount(self):
-        """Signed time x duty of a predrive() that no on() follows; it is over."""
-        self.predriven = False
-        return max(0, diff(self.clock(), self.pre_at)) * self._pre_speed

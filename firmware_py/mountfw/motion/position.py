@@ -18,7 +18,9 @@ def rounded(millisteps):
 
 
 class Position:
-    """Position of one axis in millisteps, and target in steps."""
+    """Position of one axis in millisteps, and target in steps. If it is `closed` an encoder measures it."""
+
+    closed = False
 
     def __init__(self):
         self.step = 1  # what makes a step

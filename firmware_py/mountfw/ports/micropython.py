@@ -15,7 +15,7 @@ import machine
 import micropython
 from machine import PWM, Pin
 
-from mountfw import codes
+from mountfw import codes, const
 from mountfw.ports import shared
 from mountfw.ports.micropython_console import any, pack, writable, write  # noqa: F401 (verbs of this port, too)
 from mountfw.ports.shared import forget_start  # noqa: F401 (a verb of this port, too)
@@ -24,18 +24,18 @@ ticks_us = time.ticks_us  # pyright: ignore[reportAttributeAccessIssue]
 ticks_ms = time.ticks_ms  # pyright: ignore[reportAttributeAccessIssue]
 pause_us = time.sleep_us  # pyright: ignore[reportAttributeAccessIssue]
 
-_CTRL_C = 3
+_CTRL_C = const(3)
 _OUT = Pin.OUT
 _ALT = Pin.ALT
 _ALT_PWM = Pin.ALT_PWM
 
-_HUNG_MS = 1000  # the watchdog waits so long: more than a flash sector's erase at its worst (400 ms, W25Q16JV)
+_HUNG_MS = const(1000)  # the watchdog waits so long: more than a flash sector's erase at its worst (400 ms, W25Q16JV)
 # The watchdog's registers: RP2040 data sheet 4.7.6, RP2350 data sheet 12.9.7. Another chip gets no watchdog.
 _WATCHDOGS = {"RP2040": 0x40058000, "RP2350": 0x400D8000}
 _watchdog_registers = _WATCHDOGS.get(getattr(sys.implementation, "_machine", "")[-6:])
-_CLEAR = 0x3000  # where a write clears bits
+_CLEAR = const(0x3000)  # where a write clears bits
 _ENABLE = 1 << 30
-_SCRATCH4 = 0x1C
+_SCRATCH4 = const(0x1C)
 _TIMED_OUT = 0x6AB73121  # what the SDK leaves there: the watchdog was armed, not used for a wanted reset
 
 _HERE = os.getcwd().rstrip("/") + "/"  # the loop's folder: at the prompt, where a drive removes a file, it may change

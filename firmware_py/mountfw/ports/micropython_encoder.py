@@ -9,6 +9,7 @@ from array import array
 import machine
 from machine import Pin
 
+from mountfw import const
 from mountfw.ports.counted import Phases, Turns
 
 try:
@@ -16,10 +17,10 @@ try:
 except ImportError:
     rp2 = None
 
-_HZ = 4_000_000  # a turn of the program takes at most 14 cycles, 3.5 us: an edge each 4 us is seen
-_FIFO = 4  # old words wait in there
-_ADDRESS = 0x36  # AS5600 data sheet: its only one
-_STATUS = 0x0B  # the register before RAW ANGLE
+_HZ = const(4_000_000)  # a turn of the program takes at most 14 cycles, 3.5 us: an edge each 4 us is seen
+_FIFO = const(4)  # old words wait in there
+_ADDRESS = const(0x36)  # AS5600 data sheet: its only one
+_STATUS = const(0x0B)  # the register before RAW ANGLE
 
 
 def reader(number, pins):

@@ -142,15 +142,15 @@ class Look:
         self._number = len(pins)
         self._axis1, self._axis2 = lane.axes
         self._drive1, self._drive2 = self._axis1.drive, self._axis2.drive
-        self._plain = wanted and lane.plain and isinstance(self._drive1.bridge, EnableBridge)
+        self._plain = wanted and isinstance(self._drive1.bridge, EnableBridge)
         if self._plain:
             self._words1, self._words2 = self._drive1.bridge.words, self._drive2.bridge.words
         self._lane = lane
         self._own = lane.own
+        self._commands = lane.commands
         self._log = lane.log
         self._receiver = receiver
         self._ring = receiver.ring
-        self._text = lane.text
         lane.look = self.look
         self._pure = lane.sum
         lane.sum = self.sum
@@ -159,31 +159,33 @@ class Look:
     def look(self, most: int, wait_ms: int) -> int:
         """As extras.Look.look()."""
         waits = 0
-        if not wait_ms:
-            for _ in ipoll_in(0):
-                waits = 1
+        clock = ptr32(_CLOCK)
         lane = self._lane
         receiver = self._receiver
+        if wait_ms > 0:
+            for _ in ipoll_in(wait_ms):
+                waits = 1
+                break
+            lane.woke_at = clock[0] & _WRAP
+        else:
+            for _ in ipoll_in(0):
+                waits = 1
+                break
+            if wait_ms == 0:
+                lane.woke_at = clock[0] & _WRAP
+        unparsed = int(receiver.unparsed)
+        if not waits and (wait_ms < 0 or unparsed < 8):
+            return -1
+        came = waits
+        if waits:
+            _interrupt()
         ring = ptr8(self._ring)
         mask = int(receiver.mask)
-        unparsed = int(receiver.unparsed)
         at = int(receiver.write)
         zeros = int(receiver.zeros)
         byte = ptr8(byte_in)
-        begun = int(lane.begun)
-        whole = 8 - begun if begun >= 0 else -1  # so many bytes and a frame is there
-        clock = ptr32(_CLOCK)
         stop = 0
         c = 0
-        if wait_ms:
-            for _ in ipoll_in(wait_ms):
-                waits = 1
-        elif not waits and begun < 0:
-            return -1
-        came = waits
-        lane.woke_at = clock[0] & _WRAP
-        if waits and wait_ms:
-            _interrupt()
         while True:
             while waits and most and unparsed <= mask and stop == 0:  # a stop may wait behind any number of frames
                 readinto(byte_in)
@@ -209,23 +211,25 @@ class Look:
                 waits = 0
                 for _ in ipoll_in(0):
                     waits = 1
-            if stop or whole < 0 or unparsed < whole:
+                    break
+            if stop or wait_ms < 0 or unparsed < 8:
                 break
-            c = ring[(at - unparsed + whole) & mask] if unparsed > whole else 0
-            if int(self._obeyed(begun, at - unparsed, c)) == 0:
+            c = ring[(at - unparsed + 8) & mask] if unparsed > 8 else 0
+            if int(self._obeyed(at - unparsed, c)) == 0:
                 break
-            unparsed -= whole
-            came = 1
-            begun = 0
-            whole = 8
+            unparsed -= 8
+            receiver.ahead = 0
+            came |= 2
             for _ in ipoll_in(0):
                 waits = 1
+                break
+        if came == 0:
+            return -1
+        if at != int(receiver.write):
+            receiver.received_at = clock[0] & _WRAP
         receiver.write = at
         receiver.unparsed = unparsed
         receiver.zeros = zeros
-        lane.begun = -1
-        if came == 0:
-            return -1
         if stop:
             receiver.stops_ahead = int(receiver.stops_ahead) + 1
         return stop
@@ -234,7 +238,7 @@ class Look:
     def sum(self, axis, i: int, which: int, now_us: int):
         """As Lane.sum()."""
         position = axis.position
-        if int(position.gap):
+        if int(position.closed) or int(position.gap):
             self._pure(axis, i, which, now_us)
             return
         log = ptr32(self._log)
@@ -295,22 +299,16 @@ class Look:
             flip[0] = (function[0] ^ _SIO) & 31
 
     @micropython.viper
-    def _obeyed(self, begun: int, at: int, c: int) -> int:
-        """Drive at a frame, if nothing is against it. Returns 1 if it did.
+    def _obeyed(self, at: int, c: int) -> int:
+        """Drive at the frame in the ring from place `at` on, if nothing is against it. Returns 1 if it did.
 
-        begun of its bytes are parsed, the others stand in the ring from place `at` on; c comes behind them, or 0.
+        c comes behind it, or 0.
         """
         if not self._plain or c == 10 or c == 13 or c == 0x5E:  # a line end: it may be the board's own reply
             return 0
-        mask = int(self._receiver.mask)
-        if begun:
-            ring = ptr8(self._ring)
-            text = ptr8(self._text)
-            for i in range(begun, 8):
-                text[i] = ring[(at + i - begun) & mask]
-            packed = int(pack(self._text, 0, 7))
-        else:
-            packed = int(pack(self._ring, at, mask))
+        if int(self._receiver.state) or int(self._commands.busy):  # a message before it is not done
+            return 0
+        packed = int(pack(self._ring, at, int(self._receiver.mask)))
         if packed < 0 or packed & 0x3FCFF == 0:
             return 0
         log = ptr32(self._log)
@@ -345,6 +343,4 @@ class Look:
         log[i + 1] = at1
         log[i + 2] = at2
         log[_WAITING] = n + 1
-        if begun:
-            self._lane.obeyed()
         return 1

@@ -5,12 +5,13 @@ Names no platform. Imports boards, and board_file at the start only.
 
 import sys
 
+from mountfw import const
 from mountfw.boards import DRIVES, axes
 
 _ONLY_AT_START = {"mountfw": ("build", "presize", "board_file"), "mountfw.ports": ("rp2_listed",)}
 
-_MOST_BYTES = 4096  # more than any file of ours: another one of that name must not fill the memory
-_NO_SUCH_FILE = 2  # ENOENT
+_MOST_BYTES = const(4096)  # more than any file of ours: another one of that name must not fill the memory
+_NO_SUCH_FILE = const(2)  # ENOENT
 
 # every folder that an import of ours can find; a test holds them to the tree
 FOLDERS = ("mountfw",) + tuple(["mountfw/" + f for f in ("boards", "dialect", "encoder", "motion", "ports", "wire")])

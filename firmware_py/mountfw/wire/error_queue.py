@@ -1,8 +1,9 @@
 """The queue of errors that wait to be read. Pure; imports codes."""
 
+from mountfw import const
 from mountfw.codes import ANSWER_DROPPED
 
-_ROOM = 10
+_ROOM = const(10)
 
 
 class ErrorQueue:

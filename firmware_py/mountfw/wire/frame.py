@@ -7,16 +7,18 @@ A frame is also one integer of 20 bits, "packed": two fields of 10, each with th
 index into SIGNS) and the magnitude (8 bits).
 """
 
-MORE = 0
-DONE = 1
-BAD = -1
+from mountfw import const
 
-LENGTH = 8
+MORE = const(0)
+DONE = const(1)
+BAD = const(-1)
+
+LENGTH = const(8)
 SIGNS = b"0+-"
 
-_ZERO = 0x30
-_PLUS = 0x2B
-_MINUS = 0x2D
+_ZERO = const(0x30)
+_PLUS = const(0x2B)
+_MINUS = const(0x2D)
 
 
 def pack(ring, at, mask):

@@ -1,70 +1,60 @@
-"""Bytes in, messages out. Pure (sans-IO); imports nothing of ours.
+"""Bytes in, messages out. Pure (sans-IO); imports const, frame.
 
 receive() stores a byte and reports at once that it completes a stop, before anything is parsed. next() returns the
 next message, or NEED_BYTES. Two stops that nothing can swallow: `!` anywhere, and eight `0` bytes in a row anywhere.
 """
 
-# messages
-NEED_BYTES = 0
-STOP = 1  # `!`
-ZEROS = 2  # eight `0` in a row, unless they end a frame or make a line MALFORMED
-FRAME = 3
-LINE = 4
-MALFORMED = 5
-TOO_LONG = 6
-SUSPECT = 7  # a frame that may be the board's own reply; FRAME or OWN_REPLY follows
-OWN_REPLY = 8  # bytes that the board had sent came back
-WAS_OWN_REPLY = 9  # the same of bytes that were MALFORMED
+from mountfw import const
+from mountfw.wire.frame import LENGTH
 
-# verdicts of OwnReply.feed()
-UNDECIDED = 0
-OTHER = 1
-OWN = 2
+NEED_BYTES = const(0)  # the messages
+STOP = const(1)  # `!`
+ZEROS = const(2)  # eight `0` in a row, unless they end a frame or make a line MALFORMED
+FRAME = const(3)
+LINE = const(4)
+MALFORMED = const(5)
+TOO_LONG = const(6)
 
-FRAME_GAP_US = 50_000  # an unfinished frame, or a skipped tail, times out after this silence
-LINE_GAP_US = 1_000_000  # an unfinished line
-DECIDE_US = 20_000  # after this silence, in both directions, a held frame is the host's: an echo comes within 1 ms
+FRAME_GAP_US = const(50_000)  # an unfinished frame, or a skipped tail, times out after this silence
+LINE_GAP_US = const(1_000_000)  # an unfinished line
 
-EIGHTH_ZERO = 0xB0  # stands in the ring for a `0` that completes eight; other bytes above 0x7F are stored as 0x7F
+EIGHTH_ZERO = const(0xB0)  # in the ring: a `0` that completes eight; other bytes above 0x7F are stored as 0x7F
 
-BOUNDARY = 0  # states
-IN_FRAME = 1
-_IN_LINE = 2
-_SKIPPING = 3  # the rest of something refused or cut, up to a line end or a gap
-_DECIDING = 4  # a frame is held: the bytes after it decide
-_RETURNED = 5  # the rest of the board's own reply, up to a gap
-_GAPS_US = (0, FRAME_GAP_US, LINE_GAP_US, FRAME_GAP_US, DECIDE_US, FRAME_GAP_US)  # of these
+BOUNDARY = const(0)  # states
+_IN_FRAME = const(1)  # one that is bad, or that a byte for mpremote interrupts: a good one is read whole
+_IN_LINE = const(2)
+SKIPPING = const(3)  # the rest of something refused or cut, up to a line end or a gap
 
-_STOP = 0x21
-_CTRL_C = 0x03  # arrives only on a channel that is not the console
-_ZERO = 0x30
-_FRAME_LENGTH = 8
-_TOO_LONG = -2  # of Line.feed()
-_AT_ONCE = 4  # bytes that one call of next() parses at most: a piece of work must be short
+_STOP = const(0x21)
+_CTRL_C = const(0x03)  # arrives only on a channel that is not the console
+_ZERO = const(0x30)
+_PLUS = const(0x2B)
+_MINUS = const(0x2D)
+_TOO_LONG = const(-2)  # of Line.feed()
+_AT_ONCE = const(2)  # bytes that one call of next() parses at most: a piece of work must be short
 
 
 class Receiver:
-    """The receiving side. frame is a Frame, line a Line (dialect/line.py), own an OwnReply; pack is frame.pack().
+    """The receiving side. frame is a Frame, line a Line (dialect/line.py); pack is frame.pack().
 
     The port fills the ring, by receive() or with faster code of the same effect: ring, mask (size - 1; the size is a
-    power of two), write (index of the next byte), unparsed and zeros are for both. The ring holds more than the buffers
-    below it together (USB and stdin: 0.8 KB on the RP2040), so that no stop waits there for messages to be executed.
+    power of two), write (index of the next byte), unparsed, zeros and received_at are for both. It holds more than the
+    buffers below it together (0.8 KB on the RP2040), so no stop waits there for messages to be executed.
     """
 
-    def __init__(self, frame, line, pack, own, size=4096):
+    def __init__(self, frame, line, pack, size=4096):
         self.stops_ahead = 0  # received, not yet parsed: nothing may start before them
         self.unparsed = 0  # bytes received, not yet parsed
-        self.ahead = 0  # of these: compared with the board's own reply, still undecided
+        self.ahead = 0  # of these: looked at, and still undecided
         self.ring = bytearray(size)
         self.mask = size - 1
         self.write = 0
         self.zeros = 0  # that came last, in a row
+        self.received_at = 0  # when the last byte came (ticks)
+        self.state = BOUNDARY
         self._frame = frame
         self._line = line
         self._pack = pack
-        self._own = own
-        self._comparing = False  # are skipped bytes compared with the board's own reply?
-        self.state = BOUNDARY
 
     def receive(self, c):
         """Store byte c, if unparsed <= mask. STOP or ZEROS if it completes that stop, else NEED_BYTES."""
@@ -88,91 +78,72 @@ class Receiver:
             self.stops_ahead += 1
         return stop
 
+    def waits(self):
+        """True if there are bytes for next(): more than those that it has looked at."""
+        return self.unparsed > self.ahead
+
     def next(self):
-        """The next message; NEED_BYTES if every byte is parsed, or enough of them for one call."""
-        read = self.write - self.unparsed
-        if self.state == BOUNDARY and self.unparsed >= _FRAME_LENGTH:
-            packed = self._pack(self.ring, read, self.mask)  # no frame if there is a stop in it
-            if packed >= 0:
-                self._frame.unpack(packed)
-                self.unparsed -= _FRAME_LENGTH
-                return self._judge() if self._own.wary or self.unparsed > 1 else FRAME
-        if self.state == _DECIDING:
-            return self._decide(_AT_ONCE)
+        """The next message; NEED_BYTES if there is none yet, or enough bytes are parsed for one call."""
+        self.ahead = 0
         for _ in range(_AT_ONCE):
-            if not self.unparsed:
-                break
-            c = self.ring[read & self.mask]
-            read += 1
+            c = self.ring[self.write - self.unparsed & self.mask]
+            if self.state == BOUNDARY and (c == _ZERO or c == _PLUS or c == _MINUS) and self._begins_frame():
+                if self.unparsed < LENGTH:
+                    self.ahead = self.unparsed
+                    return NEED_BYTES
+                self.unparsed -= LENGTH
+                return self._whole()
             self.unparsed -= 1
             # in a line, bytes that are neither a stop nor mpremote's go straight to it
             message = self._in_line(c) if self.state == _IN_LINE and 0x22 <= c < 0x80 else self._parse(c)
-            if message:
+            if message or not self.unparsed:
                 return message
         return NEED_BYTES
 
+    def _begins_frame(self):
+        """True if the bytes that are unparsed are a frame, which is unpacked, or may be the first of one."""
+        read = self.write - self.unparsed
+        for i in range(self.unparsed, LENGTH):  # what has not come yet may be zeros
+            self.ring[read + i & self.mask] = _ZERO
+        packed = self._pack(self.ring, read, self.mask)  # no frame if there is a stop in it
+        if packed >= 0 and self.unparsed >= LENGTH:
+            self._frame.unpack(packed)
+        return packed >= 0
+
     def gap_us(self):
         """The silence after which gap() is due; 0 at a message boundary: never."""
-        return _GAPS_US[self.state]
-
-    def deciding(self):
-        """True while a frame is held: then silence counts from the last byte sent, too."""
-        return self.state == _DECIDING
+        if self.state == BOUNDARY:
+            return FRAME_GAP_US if self.ahead else 0
+        return LINE_GAP_US if self.state == _IN_LINE else FRAME_GAP_US
 
     def gap(self):
-        """Time out (a poll has just found no byte). MALFORMED, NEED_BYTES, or the held FRAME."""
-        state = self.state
+        """Time out (a poll has just found no byte). MALFORMED, or NEED_BYTES where nothing was unfinished."""
+        message = NEED_BYTES if self.state == SKIPPING else MALFORMED
         self.state = BOUNDARY
-        self._comparing = False
+        self.unparsed -= self.ahead
         self.ahead = 0
-        if state == _DECIDING:
-            return FRAME
-        return MALFORMED if state == IN_FRAME or state == _IN_LINE else NEED_BYTES
+        return message
 
-    # ---- the board's own reply
+    # ---- what own_reply.py looks at, too
 
-    def _judge(self):
-        """A frame is complete. FRAME; or SUSPECT or OWN_REPLY, if the board may have sent it."""
-        own = self._own
-        packed = self._frame.packed
-        if own.suspects(packed):
-            if own.is_number(packed):
-                return self._decided(OWN)
-            own.expect(packed)
-            self.state = _DECIDING
-            return SUSPECT
-        if self.unparsed < 2 or not own.may_end_line(self.ring[self.write - self.unparsed & self.mask]):
-            return FRAME
-        own.expect(packed)
-        return self._decide(self.unparsed) or self._decided(UNDECIDED)  # what is here may decide, however old it is
-
-    def _decide(self, most):
-        """Compare at most so many bytes after the held frame; they stay unparsed. FRAME, OWN_REPLY, or NEED_BYTES."""
-        while most and self.ahead < self.unparsed:
-            verdict = self._own.feed(self.ring[self.write - self.unparsed + self.ahead & self.mask])
-            self.ahead += 1
-            most -= 1
-            if verdict:
-                return self._decided(verdict)
-        return NEED_BYTES
-
-    def _decided(self, verdict):
-        self.ahead = 0
-        self.state = _RETURNED if verdict == OWN else BOUNDARY
-        return OWN_REPLY if verdict == OWN else FRAME
+    def _whole(self):
+        """The frame is complete."""
+        return FRAME
 
     def _skip(self, c):
-        """Skip byte c. WAS_OWN_REPLY if it proves that the skipped bytes are the board's own reply."""
-        if self._comparing:
-            verdict = self._own.feed(c)
-            self._comparing = verdict == UNDECIDED
-            if verdict == OWN:
-                self.state = _RETURNED
-                return WAS_OWN_REPLY
+        """Skip byte c."""
         if c == 10 or c == 13:
             self.state = BOUNDARY
-            self._comparing = False
         return NEED_BYTES
+
+    def _refuse(self, c, message, _part):
+        """This part of a message (a Frame or a Line) and c cannot be parsed."""
+        self.state = BOUNDARY if c == 10 or c == 13 else SKIPPING
+        return message
+
+    def _ended(self, _c):
+        """The line is complete with byte c."""
+        return LINE
 
     # ---- parsing
 
@@ -180,9 +151,7 @@ class Receiver:
         state = self.state
         if c == _STOP or c == _CTRL_C:
             self.stops_ahead -= 1
-            self._comparing = False
-            if state != BOUNDARY and state != _RETURNED:
-                self.state = _SKIPPING  # the tail of the cut message is never executed
+            self._stopped()
             return STOP
         if c < 0x20 and (c == 1 or c == 2 or c == 4 or c == 5 or c == 0x18):
             return NEED_BYTES  # mpremote looks for a prompt
@@ -195,21 +164,26 @@ class Receiver:
             message = self._refuse(c, MALFORMED, self._line)
         elif state == _IN_LINE:
             message = self._in_line(c)
-        elif state == IN_FRAME:
+        elif state == _IN_FRAME:
             message = self._in_frame(c)
         elif state == BOUNDARY:
             message = self._first_byte(c)
-        elif state == _SKIPPING:
+        elif state == SKIPPING:
             message = self._skip(c)
         return message or (ZEROS if stopped else NEED_BYTES)
+
+    def _stopped(self):
+        """A stop is parsed: the tail of the message that it has cut is never executed."""
+        if self.state != BOUNDARY:
+            self.state = SKIPPING
 
     def _first_byte(self, c):
         if c == 10 or c == 13 or c == 0x20 or c == 0:
             return NEED_BYTES
-        if c == _ZERO or c == 0x2D or c == 0x2B:
+        if c == _ZERO or c == _MINUS or c == _PLUS:
             self._frame.start()
             self._frame.feed(c)
-            self.state = IN_FRAME
+            self.state = _IN_FRAME
             return NEED_BYTES
         if 0x31 <= c <= 0x39 or 0x41 <= c & 0xDF <= 0x5A or c == 0x2A:
             self.state = _IN_LINE
@@ -230,21 +204,14 @@ class Receiver:
         if result == 0:
             return NEED_BYTES
         self.state = BOUNDARY
-        return self._judge() if self._own.wary or self.unparsed > 1 else FRAME
+        return self._whole()
 
     def _in_line(self, c):
         line = self._line
         result = line.feed(c)
         if result > 0:
             self.state = BOUNDARY
-            return self._decided(OWN) if self._own.is_reply(line, c) == OWN else LINE
+            return self._ended(c)
         if result < 0:
             return self._refuse(c, TOO_LONG if result == _TOO_LONG else MALFORMED, line)
         return NEED_BYTES
-
-    def _refuse(self, c, message, part):
-        """This part of a message (a Frame or a Line) and c cannot be parsed."""
-        self.state = BOUNDARY if c == 10 or c == 13 else _SKIPPING
-        verdict = self._own.compare_refused(part, c, self._frame.packed)
-        self._comparing = verdict == UNDECIDED
-        return self._decided(OWN) if verdict == OWN else message

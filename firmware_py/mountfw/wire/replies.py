@@ -1,10 +1,11 @@
 """Replies out: texts, numbers and echoes are queued whole and made into bytes as they are sent. Pure; imports frame."""
 
+from mountfw import const
 from mountfw.wire.frame import SIGNS
 
-_ZERO = 0x30
+_ZERO = const(0x30)
 _POWERS = (0, 100, 10, 1)  # of the digits of a field
-_CR_AT = 8  # where in a line of an echo its end stands
+_CR_AT = const(8)  # where in a line of an echo its end stands
 
 
 class Replies:

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from mountfw.dialect.line import COMMAND, QUERY, Line, key
-from mountfw.own_reply import OwnReply
 from mountfw.wire.frame import Frame, pack
 from mountfw.wire.receiver import FRAME, LINE, NEED_BYTES, Receiver
 
@@ -32,14 +31,13 @@ class Messages:
 
     def __init__(self) -> None:
         self._frame, self._line = Frame(pack), Line()
-        own = OwnReply(pack)  # without any reply sent, it accepts every frame
-        self._receiver = Receiver(self._frame, self._line, pack, own, 64)
+        self._receiver = Receiver(self._frame, self._line, pack, 64)
 
     def feed(self, c: int) -> int:
         """Parse a byte. Returns the kind of the message that it ends, or NEED_BYTES."""
         self._receiver.receive(c)
         message = NEED_BYTES
-        while self._receiver.unparsed:
+        while self._receiver.waits():
             message = self._receiver.next() or message
         return message
 
