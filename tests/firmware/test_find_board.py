@@ -66,3 +66,15 @@ def test_a_good_this_goes_before_the_boards_own(machine, tmp_path):
         assert b"mirrormount,mine," in board.received
     finally:
         board.simulation.close()
+
+
+@pytest.mark.parametrize("machine", ["cpython", "micropython", "circuitpython"])
+def test_an_led_that_the_board_lacks_is_left_out(machine, tmp_path):
+    """As with --board pico on another board with that chip."""
+    board = switched_on(machine, tmp_path, PICO_BUT + 'LED = "NO_SUCH_LED"\n', "this")
+    try:
+        board.send(b"*IDN?\n")
+        board.run(200_000, lambda: b"\n" in board.received)
+        assert b"mirrormount,Raspberry Pi Pico," in board.received
+    finally:
+        board.simulation.close()
