@@ -151,9 +151,9 @@ class Board:
         self.simulation.close()
 
 
-def test_micropython_without_the_firmware_says_so(tmp_path: Path):
+def test_a_python_without_the_firmware_says_so(tmp_path: Path):
     link = Link(Board(firmware=tmp_path))
-    with pytest.raises(errors.FirmwareMissing, match="deploy"):
+    with pytest.raises(errors.FirmwareMissing, match=r"^Python answers.*deploy"):  # which Python is not known
         Mount(link)
     link.close()
 
