@@ -6,6 +6,7 @@ import pytest
 from served import PATIENCE_S, wait_for
 
 from mirrormount.common import errors
+from mirrormount.common.tokens import Guesses
 from mirrormount.network import listener
 from mirrormount.network.client_session import ClientSession
 from mirrormount.network.listener import Listener
@@ -137,14 +138,23 @@ def test_who_opens_many_connections_closes_his_own():
         session.socket.close()
 
 
-def test_guesses_are_slowed_down(at_door, monkeypatch):
+def test_guesses_are_slowed_down_and_the_right_one_waits_too(at_door):
     here, come = at_door
-    waits = []
-    monkeypatch.setattr(here._guesses, "wait_s", lambda _who: waits.append(1) or (len(waits) < 3))
+    now = [0.0]
+    here._guesses = Guesses(lambda: now[0])
+    for n in range(5):
+        guess = come()
+        guess.sendall(b"guess %d\n" % n)
+        wait_for(lambda: here.poll() or here._rejected, "the guess to be compared")
+        guess.close()
+        wait_for(lambda: here.poll() or not here._rejected, "it to leave")
     client = come()
     client.sendall(b"secret\n")
+    wait_for(lambda: here.poll() or any(session.pending for session in here._unauthenticated), "the token")
+    here.poll()
+    assert here.next() is None
+    now[0] += 1.1
     session = wait_for(lambda: here.poll() or here.next(), "the client to be let in")
-    assert len(waits) == 3
     session.socket.close()
 
 
