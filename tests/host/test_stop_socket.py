@@ -159,6 +159,18 @@ def test_looking_for_owners_stops_nothing_and_neither_does_silence(runtime):
         owner.close()
 
 
+def test_another_user_at_the_socket_stops_nothing(runtime, monkeypatch):
+    stops = []
+    owner = Stoppable(["/dev/ttyTEST"], lambda: stops.append(1) or SENT)
+    try:
+        monkeypatch.setattr(stop_socket, "_user", lambda _connection: os.getuid() + 1)
+        with pytest.raises(errors.NoAnswer, match="has the port"):
+            ask(owners()[0])
+        assert stops == []
+    finally:
+        owner.close()
+
+
 def test_an_owner_that_cannot_stop_says_why():
     def fail() -> str:
         raise errors.ConnectionLost("the port has gone")
