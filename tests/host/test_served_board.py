@@ -84,6 +84,8 @@ def test_a_frozen_client_stops_the_mount_within_the_keep_alive(board):
     process.send_signal(signal.SIGSTOP)
     wait_for(lambda: not board.driving(), "the keep-alive to stop it")
     finish(process)
+    with Mount.open(board.tcp) as mount:
+        assert mount.status().x.reason == 7
 
 
 def test_the_keep_alive_counts_from_the_last_byte_of_the_dead_client(board):
@@ -131,7 +133,8 @@ def test_a_host_that_never_reads_ten_thousand_frames_then_a_stop(board, how):
     with_stop = board.edges()
     close()
     with Mount.open(str(getattr(board, how))) as mount:
-        assert not mount.status().moving
+        status = mount.status()
+        assert not status.moving and (status.x.reason, status.y.reason) == (3, 3)  # not by the run limit
     assert board.edges() == with_stop
 
 
