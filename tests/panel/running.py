@@ -21,6 +21,7 @@ from mirrormount import Mount
 from mirrormount.device.status import Status
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+RUN_LIMIT_US = 10_000_000  # XM, as made
 
 
 class NotStarted(Exception):
@@ -157,7 +158,9 @@ def wait_for_motion(board: ServedBoard) -> None:
 
 
 def wait_for_rest(board: ServedBoard) -> None:
+    """Wait until no motor is driven. Fails if it was the run limit that ended a run: then nothing has stopped it."""
     wait_for(lambda: not board.driving(), "the motors to rest")
+    assert board.longest_drive_us() < RUN_LIMIT_US - 1_000_000
 
 
 class Network:
