@@ -422,6 +422,23 @@ def test_mirrormount_repl_opens_the_prompt_with_m_and_starts_the_firmware_again(
         mount.x.step(1)
 
 
+def test_a_stop_ends_a_move_at_the_prompt_while_repl_has_the_port(serve_vm):
+    served = serve_vm()
+    terminal = Terminal(str(served.link))
+    terminal.until(b"to exit this shell")
+    terminal.until(b">>> ")
+    terminal.type(b"m.y.jog(1, ms=9000)\r")
+    wait_for(served.driving, "a jog")
+    run = run_cli("stop", "--port", str(served.link))
+    assert run.returncode == 0 and run.stdout.startswith("stop sent"), run.stderr
+    terminal.until(b"KeyboardInterrupt")
+    assert not served.driving()
+    terminal.until(b">>> ")
+    terminal.type(b"\x1d")
+    terminal.until(b"started again")
+    assert terminal.end() == 0
+
+
 def test_no_python_of_the_current_folder_is_run_by_repl(serve_vm, tmp_path):
     folder = set_traps(tmp_path / "traps")
     terminal = Terminal(str(serve_vm().link), folder=folder)

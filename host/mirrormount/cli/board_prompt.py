@@ -3,9 +3,12 @@
 What `m` is there is mountfw/repl.py. The firmware is interrupted meanwhile and started again after.
 """
 
+import contextlib
+import os
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 
 from mirrormount.common.child_python import python_module
 from mirrormount.common.errors import AtPrompt, BadAddress, FirmwareMissing, MountError, NoAnswer, NotAMount, PortBusy
@@ -15,6 +18,7 @@ from mirrormount.transport.find import find_one
 from mirrormount.transport.lines import Link
 from mirrormount.transport.open import open_port
 from mirrormount.transport.refusals import TAKEN
+from mirrormount.transport.stop_socket import SENT, Stoppable, supported
 
 _GET_M = "from mountfw.repl import m"
 _HELP = """\
@@ -37,7 +41,8 @@ def open_prompt(address: str | None) -> None:
             _check(link)
             link.close()  # mpremote opens it now
             print(_HELP, flush=True)
-            status = subprocess.call(python_module("mpremote", "connect", port, "resume", "exec", _GET_M, "repl"))
+            with _stoppable(port):
+                status = subprocess.call(python_module("mpremote", "connect", port, "resume", "exec", _GET_M, "repl"))
         finally:
             link.close()
             link = Link(open_port(port))
@@ -46,6 +51,26 @@ def open_prompt(address: str | None) -> None:
             raise MountError(f"mpremote has failed (exit status {status})")
     finally:
         link.close()
+
+
+@contextlib.contextmanager
+def _stoppable(port: str) -> Iterator[None]:
+    """While mpremote has the port: `mirrormount stop` types Ctrl-C, which ends a move at the prompt, motors off."""
+    if not supported():  # nor could a port be opened twice there
+        yield
+        return
+    beside = os.open(port, os.O_WRONLY | os.O_NOCTTY | os.O_NONBLOCK)  # mpremote locks the port, and reads it alone
+
+    def interrupt() -> str:
+        os.write(beside, b"\x03")
+        return SENT
+
+    stoppable = Stoppable([port], interrupt)
+    try:
+        yield
+    finally:
+        stoppable.close()
+        os.close(beside)
 
 
 def _interrupt(link: Link) -> None:

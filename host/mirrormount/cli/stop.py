@@ -38,7 +38,7 @@ def stop(address: str | None) -> None:
         if isinstance(answer, MountError):
             problems.append(answer)
         else:
-            how = "stopped" if answer == stop_socket.STOPPED else "stop sent; the board was too busy to confirm it"
+            how = "stopped" if answer == stop_socket.STOPPED else "stop sent, and not confirmed by the board"
             print(f"{how} (by {owner}, which has the port)")
     if not owners or address is None:
         problems += _stop_by_opening(address, bool(owners))
