@@ -196,6 +196,13 @@ def test_an_axis_that_is_not_there_is_one_line_in_the_shell(name):
     assert f"'{name}'" in run.stderr.splitlines()[-1] and "Traceback" not in run.stderr
 
 
+@pytest.mark.parametrize("verb", [("get",), ("set", "1000")])
+def test_a_setting_of_an_axis_that_is_not_there_is_one_line_in_the_shell(verb):
+    run = run_cli("config", verb[0], "axis3.pulse_us", *verb[1:], "--port", "virtual://?speed=max")
+    assert run.returncode == 1 and run.stderr.startswith("mirrormount: ") and run.stderr.count("\n") == 1
+    assert "'axis3'" in run.stderr and "fault" not in run.stderr
+
+
 def test_an_angle_of_the_third_axis_is_by_its_own_scale(mount):
     calibration.write(mount.board_id, {3: Scale(0.1, None, Step(200_000, 255)), 2: Scale(0.2, 0.2, Step(200_000, 255))})
     assert mount.axes[2].move_by(0.3, "mrad") == pytest.approx(0.3)

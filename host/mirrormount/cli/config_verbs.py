@@ -58,6 +58,7 @@ def get(mount: Mount, name: str | None) -> None:
     values = mount.settings()
     if name is not None:
         axis, _, rest = name.partition(".")
+        mount.axis(axis)  # raises BadValue for one that this board has not
         if rest not in values[axis]:
             raise NotSupported(f"{name}: the board says that {axis} has no encoder")
         print(values[axis][rest])
