@@ -183,6 +183,21 @@ def test_an_owner_that_cannot_stop_says_why():
         owner.close()
 
 
+def test_a_program_that_closes_the_port_as_it_is_asked_is_no_obstacle(board):
+    with open(board.link, "wb", buffering=0) as raw:
+        raw.write(b"1XM60000;1MV+\n")
+    wait_for(board.driving, "the motor to run")
+
+    def leave() -> str:
+        owner.close()
+        raise errors.ConnectionLost("this Mount was closed: open it again")
+
+    owner = Stoppable([str(board.link)], leave)
+    run = run_cli("stop", "--port", str(board.link))
+    assert (run.returncode, run.stdout, run.stderr) == (0, "stopped\n", "")
+    assert not board.driving()
+
+
 def test_a_port_works_where_no_socket_can_be_made(board, runtime):
     runtime.symlink_to("/nowhere/at/all")
     with Mount.open(str(board.link)) as mount:

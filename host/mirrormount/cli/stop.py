@@ -1,10 +1,13 @@
 """`mirrormount stop`: both motors off, also when another program has the port."""
 
 import argparse
+import time
 
 from mirrormount.cli.command import Command, open_any, port_options
 from mirrormount.common.errors import BadFile, MountError, NoAnswer, NoBoardFound, PortBusy
 from mirrormount.common.names import is_name
+
+_LEAVES_S, _LOOK_S = 0.5, 0.02  # how long a program that could not stop may take to close the port
 
 
 def run(args: argparse.Namespace) -> None:
@@ -40,12 +43,26 @@ def stop(address: str | None) -> None:
         else:
             how = "stopped" if answer == stop_socket.STOPPED else "stop sent, and not confirmed by the board"
             print(f"{how} (by {owner}, which has the port)")
+    if address and problems and _have_left(address):
+        owners, problems = [], []  # as they were asked they closed the port, which does not stop
     if not owners or address is None:
         problems += _stop_by_opening(address, bool(owners))
     if len(problems) > 1:
         raise MountError("; ".join(str(problem) for problem in problems))
     if problems:
         raise problems[0]
+
+
+def _have_left(address: str) -> bool:
+    """True if no program has the port any more, or all leave it within a moment."""
+    from mirrormount.transport.stop_socket import owners
+
+    end = time.monotonic() + _LEAVES_S
+    while owners(address):
+        if time.monotonic() > end:
+            return False
+        time.sleep(_LOOK_S)
+    return True
 
 
 def _stop_by_opening(address: str | None, others_were_asked: bool) -> list[MountError]:
