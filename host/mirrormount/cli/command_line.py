@@ -98,6 +98,7 @@ def _bounds(mount: Mount, keep_alives: list[int]) -> str:
         return f"the board stops it {keep_alives[-1]} ms after the last byte of this program (keep-alive)"
     run_s, search_s = (max(axis.ask_whole(query)[0] for axis in mount.axes) / 1000 for query in ("XM?", "XT?"))
     return (
-        f"it goes on without this program: a run for {run_s:g} s at most, a search for a switch for {search_s:g} s"
-        " under drive at most, a move until its steps are made; mirrormount stop ends it"
+        "it goes on without this program, except on CircuitPython boards, which see the port close, and behind"
+        f" mirrormount serve without --on-leave finish: a run for {run_s:g} s at most, a search for a switch for"
+        f" {search_s:g} s under drive at most, a move until its steps are made; mirrormount stop ends it"
     )
