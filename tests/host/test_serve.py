@@ -353,6 +353,26 @@ def test_tls_and_http2_reach_no_board(served, board, begins):
     assert board.edges() == []
 
 
+def test_a_reply_that_comes_back_from_a_client_drives_nothing(served, board):
+    """As from a terminal in its default mode between the client and the server, across a slow network."""
+    serve = served("--no-telnet")
+    client = serve.connect(b"02550000")
+    reply = hear(client, len(b"02550000\r\n255\r\n0\r\n255\r\n0\r\n"))
+    client.sendall(b"!\n")
+    rests(board)
+    stopped_ms = uptime_ms(client)
+    wait_for(lambda: uptime_ms(client) - stopped_ms > 200, "200 ms of the board's time")
+    client.sendall(reply)
+    client.close()
+    serve.says("has gone")
+    assert ask(serve.connect(), b"TB?").startswith(b"68, ")
+    assert [e["duty"] for e in board.edges() if e["pin"] == "m1_en"] == [65535, 0]
+
+
+def uptime_ms(client: socket.socket) -> int:
+    return int(ask(client, b"XS?").split(b",")[1])
+
+
 def test_another_program_stops_what_a_client_of_the_server_drives(served, board):
     serve = served()
     serve.connect(RUN + b"2PR3\n")

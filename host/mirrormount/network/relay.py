@@ -25,10 +25,10 @@ _ADDRESS = b"01>"  # the board's own address, written as nobody else does
 _FEED_S = 0.1
 _ANSWER_S = 0.5  # a later reply was dropped by the board
 _HOLD_LINE_S, _HOLD_FRAME_S = 0.5, 0.05  # then an unfinished message goes to the board as it is
-_MARGIN_S = 0.3  # added to the board's gap before it counts as over here
-_LAPSE_S = 0.05
+_MARGIN_S, _LAPSE_S = 0.3, 0.05  # added to the board's gap, and to the client's keep-alive, before they count as over
 _DAMAGE = 0x7F  # malformed wherever it stands: the board stops, and skips up to a line end or a silence
 _SKIP_S = 0.02  # in which a board skips AHEAD bytes
+_DECIDE_S = 0.03  # in which the bytes behind a frame show the board if it is its own reply: nothing of ours between
 
 
 class _Question(NamedTuple):
@@ -56,7 +56,7 @@ class Relay:
         self._line = b""
         self._mute = False
         self.client_ms = 0  # the keep-alive that the client has set
-        self._kept_s = 0.0  # when the board's was last set
+        self._kept_s, self._frame_s = 0.0, -math.inf  # when the board's was last set; when a frame that drives was sent
         self._motions = 0
         self._axes: dict[int, str] = {}  # what was started there: "move" is of known length, "run" is not
         self.moving = False  # as far as is known
@@ -80,7 +80,7 @@ class Relay:
         if stop >= 0:
             self._urgent = max(self._urgent, stop + 8)
         self.pump()
-        if 0 < self.client_ms <= KEEP_ALIVE_MS and data and not self._raw:
+        if 0 < self.client_ms <= KEEP_ALIVE_MS and data and not self._raw and now_s - self._frame_s > _DECIDE_S:
             self._write(b"\0")  # what is held here must not look like silence to the board
 
     @property
@@ -157,7 +157,8 @@ class Relay:
         if not self._raw:
             if self._unasked >= _ASK_AFTER:
                 self._ask(b"XK?")
-            self._feed(now_s)
+            if now_s - self._frame_s > _DECIDE_S:
+                self._feed(now_s)
 
     def due_s(self) -> float:
         """Seconds until pump() must be called, with or without events."""
@@ -168,17 +169,17 @@ class Relay:
         return 0.5
 
     def _complete(self, message: int) -> bytes:
-        """The held bytes, with the keep-alive for the motion that they start."""
-        data = bytes(self._held)
-        self._held.clear()
+        """The held bytes, with the keep-alive for the motion that they start. A frame's is before it: see _DECIDE_S."""
+        data, self._held = bytes(self._held), bytearray()
         self._raw = bool(self._messages.gap_s)
         before = after = b""
         if message == FRAME and self._messages.frame_drives():
             self._axes |= {1: "run", 2: "run"}  # a move of a third axis goes on
             self._motions += 1
             self.moving = True
-            if self._clock() - self._kept_s > _FEED_S:
-                after = self._keep_alive()
+            self._frame_s = self._clock()
+            if self._frame_s - self._kept_s > _FEED_S:
+                before = self._keep_alive()
         elif message == LINE:
             before, after = self._line_complete()
         return before + data + after
@@ -294,7 +295,6 @@ class Relay:
         except NotAMount:  # damaged on its way: the next one is not
             return
         if question.motions == self._motions:
-            for axis, is_moving in enumerate((axis.moving for axis in seen.axes), 1):
-                if not is_moving:
-                    self._axes.pop(axis, None)
+            moving = {number for number, axis in enumerate(seen.axes, 1) if axis.moving}
+            self._axes = {axis: kind for axis, kind in self._axes.items() if axis in moving}
             self.moving = seen.moving
