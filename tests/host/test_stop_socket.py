@@ -13,6 +13,7 @@ import pytest
 from served import PATIENCE_S, run_cli, wait_for
 
 from mirrormount import Mount
+from mirrormount.cli import main
 from mirrormount.common import errors
 from mirrormount.transport import stop_socket
 from mirrormount.transport.stop_socket import SENT, STOPPED, Stoppable, ask, ask_all, held_here, owners
@@ -167,6 +168,16 @@ def test_another_user_at_the_socket_stops_nothing(runtime, monkeypatch):
         with pytest.raises(errors.NoAnswer, match="has the port"):
             ask(owners()[0])
         assert stops == []
+    finally:
+        owner.close()
+
+
+@pytest.mark.parametrize("words", [(), ("--sketch",)])
+def test_a_stop_of_a_sketch_goes_through_the_program_that_has_its_port(words, capsys):
+    owner = Stoppable(["/dev/ttyTEST"], lambda: STOPPED)
+    try:
+        assert main.main(["stop", "--port", "/dev/ttyTEST", *words]) == 0
+        assert capsys.readouterr().out.startswith("stopped (by process ")
     finally:
         owner.close()
 

@@ -16,6 +16,7 @@ from served import PATIENCE_S
 
 from mirrormount import Mount
 from mirrormount.common import errors
+from mirrormount.device import arduino_sketch
 from mirrormount.device.arduino_sketch import SketchMount
 from mirrormount.device.handshake import identify
 from mirrormount.transport.lines import Link
@@ -258,6 +259,46 @@ def test_a_stop_reaches_the_sketch_even_right_after_another_frame():
     mount.link.write(b"02550000")  # another client's frame, unconfirmed
     mount.stop()
     assert sketch.obeyed[-1][1] == b"00000000"
+
+
+class StoppedSketch(Sketch):
+    """Calls `stop` at a time, or as soon as nobody holds the lock: a thread of the stop socket waits for it, too."""
+
+    at_us = 1 << 62
+
+    def sleep(self, seconds: float) -> None:
+        super().sleep(seconds)
+        if self.us >= self.at_us and not self.lock._is_owned():
+            self.at_us = 1 << 62
+            self.stop()
+
+
+@pytest.mark.parametrize(
+    "motion",
+    [
+        lambda mount: mount.x.step(50),
+        lambda mount: (mount.x.jog(1), mount.sleep(3600)),
+        lambda mount: (mount.drive(255, -255), mount.sleep(3600)),
+    ],
+    ids=["step", "jog", "drive"],
+)
+@pytest.mark.parametrize("after_us", [1_000, 40_000, 100_000, 250_000, 300_000, 430_000, 777_000])
+def test_a_stop_of_another_program_ends_a_motion_of_the_sketch(monkeypatch, motion, after_us):
+    sketch, asked = StoppedSketch(), []
+    monkeypatch.setattr(arduino_sketch, "open_port", lambda _address, baud: sketch)
+    monkeypatch.setattr(arduino_sketch, "Stoppable", lambda names, stop: asked.append((names, stop)) or None)
+    mount = SketchMount.open("/dev/ttyTEST")
+    ((names, sketch.stop),) = asked
+    sketch.lock = mount.link.lock
+    assert names == ["/dev/ttyTEST"]
+    sketch.at_us = sketch.us + after_us
+    with pytest.raises(errors.MountError, match="another program has stopped"):
+        motion(mount)
+    sketch.sleep(1)
+    stopped = sketch.us - 1_000_000
+    assert sketch.obeyed[-1][1] == b"00000000"
+    assert [frame for us, frame in sketch.obeyed if us > stopped and frame != b"00000000"] == []
+    mount.x.step(1)  # what is asked for after the stop is done
 
 
 def test_what_the_sketch_cannot_do_is_told_and_not_invented():

@@ -12,7 +12,9 @@ _LEAVES_S, _LOOK_S = 0.5, 0.02  # how long a program that could not stop may tak
 
 def run(args: argparse.Namespace) -> None:
     """Stop the mount at --port, or all. Raises MountError."""
-    if args.sketch:
+    from mirrormount.transport.stop_socket import owners
+
+    if args.sketch and not (args.port and owners(args.port)):
         with open_any(args):  # opening already stops, and says so if it could not
             pass
         print("stopped")

@@ -12,6 +12,7 @@ from mirrormount.common.validation import whole_number
 from mirrormount.device.frame import encode
 from mirrormount.transport.lines import Link
 from mirrormount.transport.open import open_port
+from mirrormount.transport.stop_socket import STOPPED, Stoppable
 
 LIMITS = (
     "the paper's sketch: a step is timed by this computer (about 0.2 s, +-2 ms), positions are unknown,"
@@ -23,6 +24,7 @@ _RESET_S = 2.0  # opening the port resets an Arduino; its boot loader waits this
 _SPACING_S = 0.2  # the sketch needs 143 ms for a frame
 _PULSE_S = 0.2
 _ECHO_S = 0.5
+_LOOK_S = 0.1  # between two looks at whether another program has stopped the motors
 
 
 class SketchMount:
@@ -30,6 +32,9 @@ class SketchMount:
 
     def __init__(self, link: Link) -> None:
         self.link = link
+        self.stoppable: Stoppable | None = None
+        self._stops = 0  # by other programs,
+        self._since = 0  # and as many of them were before the present motion
         self._free_at = 0.0  # when the sketch reads again
         link.sleep(_RESET_S)
         link.drain(0.1)
@@ -46,7 +51,9 @@ class SketchMount:
         """Open the port of an Arduino; it must be named. Raises CannotOpen, NotAMount."""
         link = Link(open_port(address, baud=_BAUD))
         try:
-            return cls(link)
+            mount = cls(link)
+            mount.stoppable = Stoppable([address], mount.stop_for_another_program)
+            return mount
         except BaseException:
             link.close()
             raise
@@ -58,10 +65,12 @@ class SketchMount:
         try:
             self.stop()
         finally:
-            self.link.close()
+            self.close()
 
     def close(self) -> None:
         """Close the port. A running motor runs on: stop() first."""
+        if self.stoppable:
+            self.stoppable.close()
         self.link.close()
 
     def axis(self, name: str) -> "SketchAxis":
@@ -72,9 +81,18 @@ class SketchMount:
 
     def drive(self, m1: int, m2: int) -> None:
         """Drive both motors at -255 ... 255. Raises BadValue, NoAnswer if the sketch did not echo it."""
+        self.begin()
+        self._drive(m1, m2)
+
+    def begin(self) -> None:
+        """A motion is asked for now: stops of other programs from now on end it."""
+        self._since = self._stops
+
+    def _drive(self, m1: int, m2: int) -> None:
         frame = encode(whole_number(m1, 255, "m1"), whole_number(m2, 255, "m2"))
         with self.link.lock:
             self._wait_until_free()
+            self._check_stops()
             if not self._send(frame):
                 self.stop()
                 raise NoAnswer("the sketch did not confirm a frame; stopped")
@@ -96,24 +114,40 @@ class SketchMount:
                     return
         raise NotAMount("the paper's sketch does not answer here")
 
+    def stop_for_another_program(self) -> str:
+        """Stop both motors, and end the motion that is under way. Returns STOPPED; raises as stop()."""
+        self._stops += 1
+        self.link.port.write(encode(0, 0))  # for no lock is waited
+        self.stop()
+        return STOPPED
+
+    def _check_stops(self) -> None:
+        if self._stops != self._since:
+            raise MountError("another program has stopped the motors (mirrormount stop)")
+
     def status(self) -> None:
         """Raises NotSupported."""
         raise NotSupported(f"no status or position: {LIMITS}")
 
     def sleep(self, seconds: float) -> None:
-        """Let time pass."""
-        self.link.sleep(seconds)
+        """Let time pass. Raises MountError if another program stops the motors meanwhile."""
+        end = self.link.monotonic() + seconds
+        while (left := end - self.link.monotonic()) > 0:
+            self._check_stops()
+            self.link.sleep(min(left, _LOOK_S))
+        self._check_stops()
 
     def pulse(self, m1: int, m2: int) -> None:
-        """One step: on, 0.2 s by this computer's clock, off. The off is always sent."""
+        """One step of a motion: on, 0.2 s by this computer's clock, off. The off is always sent."""
         try:
-            self.drive(m1, m2)
+            self._drive(m1, m2)
             # the sketch reads the next frame only after this one
             self.link.sleep(max(0.0, self._free_at - _SPACING_S + _PULSE_S - self.link.monotonic()))
         finally:
-            self._free_at = 0.0
-            if not self._send(encode(0, 0)):
-                self.stop()
+            with self.link.lock:
+                self._free_at = 0.0
+                if not self._send(encode(0, 0)):
+                    self.stop()
 
     def _wait_until_free(self) -> None:
         wait = self._free_at - self.link.monotonic()
@@ -146,6 +180,7 @@ class SketchAxis:
         """n steps of about 0.2 s, one after the other, timed by this computer."""
         n = whole_number(n, MOST_STEPS, "steps")
         speed = 255 if n > 0 else -255
+        self._mount.begin()
         for _ in range(abs(n)):
             self._mount.pulse(*((speed, 0) if self.number == 1 else (0, speed)))
 
