@@ -41,6 +41,20 @@ def test_a_hostile_file_of_settings_is_one_line_that_controls_no_terminal(tmp_pa
     assert says in one_line(run_cli("config", "import", str(file), *MAX))
 
 
+@pytest.mark.parametrize("content", [b"[" * 100_000, b"9" * 5000, b"[1,\xff]", b" " * (1 << 20) + b"{}"])
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("about.json", ("report", "FOLDER")),
+        ("camera.json", ("camera", "show", "--camera", "FOLDER", "--frames", "1")),
+        ("calibration.json", ("hold", "--virtual", "--duration", "1", "--calibration", "FOLDER/calibration.json")),
+    ],
+)
+def test_a_hostile_file_of_a_camera_or_a_loop_is_one_line(tmp_path, name, words, content):
+    (tmp_path / name).write_bytes(content)
+    assert f"{tmp_path}" in one_line(run_cli(*(word.replace("FOLDER", str(tmp_path)) for word in words)))
+
+
 def test_an_export_follows_no_link_and_overwrites_no_file_beside_it(tmp_path):
     secret = tmp_path / "secret"
     secret.write_text("mine")

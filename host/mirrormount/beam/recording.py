@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from mirrormount.beam.camera import Camera, Controls, Frame, Size
 from mirrormount.beam.checked import Limits, Picture, as_bytes, checked
 from mirrormount.beam.picture import to_grey
+from mirrormount.common import json_text
 from mirrormount.common.beam_errors import CameraAbsent, CameraError, CameraSizeChanged
 from mirrormount.common.errors import CannotWrite
 
@@ -70,7 +71,7 @@ class Recording(Folder):
         self._folder = folder
         self._now_s = 0.0
         try:
-            about = json.loads((folder / _ABOUT).read_text("utf-8"))
+            about = json_text.read(folder / _ABOUT)
             self.name = str(about["name"])
             self.size = Size(int(about["width"]), int(about["height"]))
             fixed = about.get("exposure_fixed"), about.get("gain_fixed")
@@ -83,7 +84,7 @@ class Recording(Folder):
         with (self._folder / _LIST).open(encoding="utf-8") as lines:
             for number, line in enumerate(lines, 1):
                 try:
-                    one = json.loads(line)
+                    one = json_text.loads(line)
                     name, time_s = str(one["file"]), float(one["time_s"])
                     count, repeated, late = int(one["number"]), bool(one["repeated"]), bool(one["late"])
                 except (ValueError, KeyError, TypeError) as e:

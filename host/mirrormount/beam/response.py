@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from mirrormount.beam.gap import Width
 from mirrormount.beam.loop_table import LoopTable
+from mirrormount.common import json_text
 from mirrormount.common.beam_errors import ResponseOfOther
 from mirrormount.common.errors import BadFile, CannotWrite
 
@@ -209,7 +210,7 @@ def save(response: Response, path: Path) -> None:
 def load(path: Path, table: LoopTable) -> Response | None:
     """The calibration in a file, None if there is no file. Raises BadFile, ResponseOfOther."""
     try:
-        response = Response.from_json(json.loads(path.read_text(encoding="utf-8")))
+        response = Response.from_json(json_text.read(path))
     except FileNotFoundError:
         return None
     except OSError as e:

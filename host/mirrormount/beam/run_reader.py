@@ -1,6 +1,5 @@
 """Reads the log of a run, one that goes on or was cut by a power cut as well."""
 
-import json
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 from mirrormount.beam.events import Estimated, Event, Looked, SpotSeen, StateChanged, from_json
 from mirrormount.beam.run_log import ABOUT, EVENTS, MINUTES
 from mirrormount.beam.run_minutes import HELD, MINUTE_S, Minute, minute_from_json
+from mirrormount.common import json_text
 from mirrormount.common.errors import BadFile
 
 _LONGEST = 1 << 16  # bytes of a line
@@ -37,7 +37,7 @@ class Run:
 def read_run(folder: Path) -> Run:
     """Read a log, of a run that goes on as well. Raises BadFile if it is none."""
     try:
-        about = json.loads((folder / ABOUT).read_text(encoding="utf-8"))
+        about = json_text.read(folder / ABOUT)
         if not isinstance(about, dict):
             raise ValueError("no object")
     except (OSError, ValueError) as e:
@@ -61,7 +61,7 @@ def _lines(path: Path, run: Run) -> Iterator[dict[str, Any]]:
         with path.open("rb") as file:
             while line := file.readline(_LONGEST):
                 try:
-                    data = json.loads(line)
+                    data = json_text.loads(line)
                     if not isinstance(data, dict):
                         raise ValueError("no object")
                     yield data
