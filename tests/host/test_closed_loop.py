@@ -126,6 +126,16 @@ def test_a_host_finds_out_how_the_encoder_counts(loop, encoder):
     assert mount.mount.x.counts_per_step == 0  # it only measures
 
 
+@pytest.mark.parametrize("steps", [1, 2, 3])
+def test_a_loop_is_closed_again_where_the_encoder_fails_while_it_is_measured(steps):
+    with Mount.open("virtual://?speed=max&encoder=shaft&fault=m2:broken@4") as mount:
+        mount.apply({"x": {"counts_per_step": 97, "closed_loop": 1}})
+        mount.sleep(steps * 0.5)  # the sensor fails in the approach, among the counted steps, after a look
+        with pytest.raises(errors.EncoderFault, match="does not answer"):
+            mount.x.measure_counts(3)
+        assert mount.x.closed_loop == 1
+
+
 @pytest.mark.parametrize("supply", [0.8, 1.2])
 def test_an_encoder_behind_the_gears_is_told_by_its_play_and_closes_the_loop(loop, supply):
     mount = loop("rough", supply, closed=False, encoder="shaft")
@@ -311,6 +321,21 @@ def test_setup_goes_on_without_an_encoder_that_does_not_count(loop):
     answers = ["again", "without"]
     set_up(mount.mount, mount.mount.x, Dialogue(lambda _question: answers.pop(0), lambda _text: None))
     assert mount.mount.x.closed_loop == 0 and not answers
+
+
+def test_setup_puts_the_closed_loop_back_where_the_encoders_fail_meanwhile(loop):
+    mount = loop(encoder="shaft")
+
+    def ask(question):
+        if "Which way" in question:
+            mount.bench.disturb("m1", "broken")
+            mount.bench.disturb("m2", "broken")
+            raise EOFError
+        return "yes"
+
+    with pytest.raises(errors.SetupEnded, match="the settings are as they were"):
+        run_course(mount.mount, ask, lambda text: None)
+    assert [axis.closed_loop for axis in mount.mount.axes] == [1, 1]
 
 
 def test_setup_measures_anew_what_would_end_every_move_in_the_closed_loop(loop, monkeypatch, tmp_path):

@@ -10,7 +10,7 @@ from mirrormount.cli.dialogue import Dialogue
 from mirrormount.cli.setup_encoder import encoder, measured, open_loops
 from mirrormount.cli.setup_steps import Ways, direction, scale, switches, ways
 from mirrormount.common.errors import MountError, SetupEnded
-from mirrormount.device import calibration
+from mirrormount.device import calibration, settings
 from mirrormount.device.calibration import Scale
 from mirrormount.device.mount import Axis, Mount
 
@@ -97,7 +97,7 @@ def _put_back(mount: Mount, before: dict[str, dict[str, int | float]]) -> str:
     """Motors off, old settings restored. Returns the line for the user."""
     try:
         mount.stop()
-        mount.apply(before)
+        settings.put_back(mount.session, before)
     except MountError as e:
         return f"nothing was saved; the settings could not be put back ({e}): a restart of the board does that"
     return _NOTHING

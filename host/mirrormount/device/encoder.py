@@ -86,7 +86,7 @@ class Encoded(Moves):
             forward, _ = self._counts_of(n)
             back, first = self._counts_of(-n)
         finally:
-            settings.write(self._session, {self.name: was})
+            settings.put_back(self._session, {self.name: was})
         found = judged(self.name, way * forward / n, -way * back / n)
         return replace(found, lost=max(0.0, abs(back / n) - abs(first)))
 

@@ -160,6 +160,19 @@ def write(session: Session, wanted: Mapping[str, Mapping[str, int | float]]) -> 
         raise SettingRefused(f"{e}; the settings are as they were") from e
 
 
+def put_back(session: Session, before: Mapping[str, Mapping[str, int | float]]) -> None:
+    """Write settings that the board had before.
+
+    Where an encoder has failed meanwhile, the board says so when its loop is closed again, once for each axis: that
+    refuses nothing. Raises SettingRefused.
+    """
+    for _ in before:
+        with contextlib.suppress(SettingRefused):
+            write(session, before)
+            return
+    write(session, before)
+
+
 def _apply(session: Session, wanted: Mapping[str, Mapping[str, int | float]]) -> None:
     """Set those that differ. Inverting an axis swaps its limits: it comes first, and the rest is compared after it."""
     for names in (["inverted"], [name for name in SETTINGS if name != "inverted"]):
