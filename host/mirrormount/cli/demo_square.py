@@ -9,11 +9,13 @@ square does not close, the demo fails.
 import importlib.util
 import math
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from mirrormount.cli.demo_picture import VIEW, draw
 from mirrormount.common.errors import BadValue, CannotWrite, DemoFailed, ExtraMissing
 from mirrormount.common.extras import install
 from mirrormount.device.encoder import Counted
@@ -25,7 +27,6 @@ from mirrormount.virtual.bench import (
     STEP_X_MRAD,
     STEP_Y_MRAD,
 )
-from mirrormount.virtual.optics import View
 
 STEPS = 20  # the paper, Fig. 5
 _APPROACH = 3  # steps that take up the backlash before the square begins, right and down
@@ -35,8 +36,6 @@ _PULSE_US = 200_000  # of a step, as the firmware comes
 CLOSES_MRAD = 0.03  # what may be left of the backlash: 20 steps of 0.5 % spread from pulse to pulse allow that
 MEASURED_MRAD = 0.01  # the same with encoders: steps that are counted have no spread
 _LEGS = (("x", STEPS, "right"), ("y", -STEPS, "down"), ("x", -STEPS, "left"), ("y", STEPS, "up"))
-
-VIEW = View(-100, 100, -100, 100, pixel=0.4)  # mm: the square fits whichever way a swapped wire turns it
 
 
 @dataclass(frozen=True)
@@ -94,7 +93,9 @@ def demonstrate(address: str, output: Path) -> None:
         seconds = mount.link.port.simulation.us * 1e-6  # type: ignore[attr-defined]
     closures = closure(closed[0], MEASURED_MRAD if encoders else CLOSES_MRAD)
     print_closures(closures)
-    draw(corners, trail, pictures, rows, closed, closures, output)
+    title = f"{STEPS} steps right, down, left, up: {rows[0].measured:.2f} and {rows[1].measured:.2f} mrad a step"
+    gaps = [_across_and_up(rows[2:4], ".2f"), _across_and_up(closures, "+.3f")]
+    draw(title, (corners, trail, pictures), closed, gaps, output)
     print(f"{seconds:.0f} s of the mount's time. The picture is in {output.resolve()}")
     if any(found.sees_play for found in encoders):
         print("The encoders see the gears' play, so the backlash above is that of the couplers alone.")
@@ -202,75 +203,9 @@ def print_closures(closures: list[Closure]) -> None:
         print(f"{row.what:24}{row.measured:+7.3f} mrad{'':12}{row.most:8.2f}  {'ok' if row.good else 'NOT OK'}")
 
 
-def draw(corners, trail, pictures, rows: list[Row], closed, closures: list[Closure], output: Path) -> None:
-    """Like the paper's Fig. 5: the pictures of the corners laid over each other, centroids in red.
-
-    corners, trail and pictures are the first square's; closed has the same of the second one.
-    """
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot as plt
-
-    figure, (ax, zoom, after) = plt.subplots(
-        1, 3, figsize=(15, 5.4), layout="constrained", gridspec_kw={"width_ratios": (1.25, 1, 1)}
-    )
-    _draw_square(ax, corners, trail, pictures)
-    ax.set_title(f"{STEPS} steps right, down, left, up: {rows[0].measured:.2f} and {rows[1].measured:.2f} mrad a step")
-    _draw_gap(zoom, corners, pictures, f"{rows[2].measured:.2f} mrad", f"{rows[3].measured:.2f} mrad")
-    zoom.set_title("the gap that backlash leaves")
-    _draw_gap(after, closed[0], closed[2], f"{closures[0].measured:+.3f} mrad", f"{closures[1].measured:+.3f} mrad")
-    after.set_title("the same corner with the backlash taken up")
-    for a in (ax, zoom, after):
-        a.set_xlabel("right on the screen (mm)")
-        a.set_ylabel("up on the screen (mm)")
-    figure.savefig(output, dpi=120)
-    plt.close(figure)
-
-
-def _show(ax, pictures) -> None:
-    overlay = np.max(np.stack(pictures), axis=0)
-    extent = (VIEW.left, VIEW.right, VIEW.bottom, VIEW.top)
-    ax.imshow(overlay, cmap="gray", extent=extent, vmin=0, vmax=255)
-
-
-def _draw_square(ax, corners, trail, pictures) -> None:
-    """The whole way, its corners numbered."""
-    _show(ax, pictures)
-    x, y = np.array(trail).T
-    ax.plot(x, y, color="tab:orange", lw=0.8, alpha=0.8)
-    places = {0: (14, 12), 1: (-12, 12), 2: (-12, -14), 3: (12, -14), 4: (14, -12)}
-    for number, corner in enumerate(corners):
-        ax.plot(*corner, "+", color="red", ms=12, mew=1.6)
-        label = {"textcoords": "offset points", "color": "white", "ha": "center", "va": "center"}
-        ax.annotate(f"{number + 1}", corner, places[number], **label)
-    x, y = np.array(corners).T
-    ax.set_xlim(x.min() - 12, x.max() + 12)
-    ax.set_ylim(y.min() - 12, y.max() + 12)
-
-
-def _draw_gap(ax, corners, pictures, across: str, up: str) -> None:
-    """The place where the way begins and ends, and how far apart the two are."""
-    _show(ax, pictures)
-    (x1, y1), (x5, y5) = corners[0], corners[4]
-    for corner in corners:
-        ax.plot(*corner, "+", color="red", ms=12, mew=1.6)
-    side = 12
-    ax.set_xlim((x1 + x5) / 2 - side, (x1 + x5) / 2 + side)
-    ax.set_ylim((y1 + y5) / 2 - side, (y1 + y5) / 2 + side)
-    style = {"color": "cyan", "textcoords": "offset points", "fontsize": 10}
-    style["bbox"] = {"boxstyle": "round,pad=0.2", "fc": "black", "ec": "none", "alpha": 0.6}
-    if math.dist((x1, y1), (x5, y5)) < 1:  # too near for arrows between them
-        ax.annotate(f"{across} across, {up} up", (x1, y1), (0, -72), ha="center", **style)
-        ax.annotate("1: start, 5: end", (x1, y1), (0, 62), textcoords="offset points", color="white", ha="center")
-        return
-    arrow = {"arrowstyle": "<->", "color": "cyan", "lw": 1.4}
-    ax.annotate("", (x1, y5), (x5, y5), arrowprops=arrow)
-    ax.annotate("", (x1, y5), (x1, y1), arrowprops=arrow)
-    ax.annotate(across, ((x1 + x5) / 2, y5), (0, -16), ha="center", **style)
-    ax.annotate(up, (x1, (y1 + y5) / 2), (-6, 0), ha="right", va="center", **style)
-    ax.annotate("1: start", (x1, y1), (0, 62), textcoords="offset points", color="white", ha="center")
-    ax.annotate("5: end", (x5, y5), (0, -72), textcoords="offset points", color="white", ha="center")
+def _across_and_up(rows: Sequence[Row | Closure], form: str) -> tuple[str, str]:
+    across, up = (f"{row.measured:{form}} mrad" for row in rows)
+    return across, up
 
 
 def _check_writable(output: Path) -> None:
