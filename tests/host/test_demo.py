@@ -1,6 +1,9 @@
 """The demo measures, and can be wrong: each of four faults changes its table and fails it."""
 
+from dataclasses import replace
+
 import pytest
+from closed_loop import ClosedLoop
 
 from mirrormount.cli import demo_square as demo
 from mirrormount.common.errors import BadValue, DemoFailed
@@ -73,6 +76,30 @@ def test_the_square_closes_with_the_backlash_taken_up():
 def test_a_wrong_take_up_leaves_it_open():
     # 30 ms is 0.06 mrad
     assert not any(row.good for row in closures(spoil_us=30_000))
+
+
+def rough_loop(seed: int, **without: float) -> ClosedLoop:
+    """A rough mount with encoders, without some of what no encoder sees."""
+    loop = ClosedLoop("rough", seed=seed)
+    for train in loop.bench.trains.values():
+        train.profile = replace(train.profile, **without)
+    return loop
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_with_encoders_neither_creep_nor_a_crooked_screw_leaves_the_square_open(seed):
+    loop = rough_loop(seed, gap_spread=0.0)
+    with loop.mount as mount:
+        corners = demo.square(mount, waits=True)[0]
+        demo.take_up_by_steps(mount, corners)
+        closed = demo.closure(demo.square(mount, waits=True)[0], demo.MEASURED_MRAD)
+    assert all(row.good for row in closed), closed
+
+
+def test_steps_that_do_not_close_the_square_end_the_demo():
+    loop = rough_loop(1)
+    with loop.mount as mount, pytest.raises(DemoFailed, match="12 steps more"):
+        demo.take_up_by_steps(mount, [(-200.0, 0.0), (0.0, 0.0)])
 
 
 def test_a_take_up_that_fails_is_an_error_after_the_picture_was_drawn(tmp_path, monkeypatch):

@@ -1,6 +1,8 @@
 """`mirrormount demo`: the paper's test on a virtual board. A square of 20 steps, seen on the screen.
 
-It is driven twice: as the paper did, and with the backlash that this has shown taken up by the board.
+It is driven twice: as the paper did, and with the backlash that this has shown taken up by the board. With encoders,
+whose steps do not scatter, both begin and end when the spot creeps no more, and the steps that would have closed the
+first one tell the take-up.
 Everything in the tables is measured from centroids of pictures of the spot, and the spot is where
 the pins that the firmware drove have put it. If the figures are not the paper's, or the second
 square does not close, the demo fails.
@@ -9,7 +11,7 @@ square does not close, the demo fails.
 import importlib.util
 import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -35,6 +37,10 @@ _BACKLASH_TOLERANCE = 0.15
 _PULSE_US = 200_000  # of a step, as the firmware comes
 CLOSES_MRAD = 0.03  # what may be left of the backlash: 20 steps of 0.5 % spread from pulse to pulse allow that
 MEASURED_MRAD = 0.01  # the same with encoders: steps that are counted have no spread
+_FURTHER = 12  # steps that close a square, at most: the gap of a motor with little supply has six
+_CREEP_LOOK_S = 15.0  # between two looks at a spot that may creep ...
+_CREEP_LOOKS = 10
+_STANDS_MM = 0.02  # ... which it does no more if they are so near: three times the scatter of a centroid
 _LEGS = (("x", STEPS, "right"), ("y", -STEPS, "down"), ("x", -STEPS, "left"), ("y", STEPS, "up"))
 
 
@@ -68,6 +74,8 @@ class Closure:
 
 
 Corners = list[tuple[float, float]]
+Seen = tuple[tuple[float, float], np.ndarray]  # a centroid in mm, and its picture
+Look = Callable[[], Seen]
 
 
 def demonstrate(address: str, output: Path) -> None:
@@ -82,14 +90,14 @@ def demonstrate(address: str, output: Path) -> None:
     print(f"A virtual board runs the firmware; the square is {STEPS} steps right, down, left, up.")
     with Mount.open(address) as mount:
         encoders = close_loop(mount)
-        corners, trail, pictures = square(mount, progress=_progress)
+        corners, trail, pictures = square(mount, progress=_progress, waits=bool(encoders))
         rows = table(corners)
         print_table(rows)
-        x_us, y_us = take_up(mount, rows)
+        x_us, y_us = take_up_by_steps(mount, corners) if encoders else take_up(mount, rows)
         print(
             f"\nThe same, and the board takes up the backlash: XB {x_us / 1000:.0f} and {y_us / 1000:.0f} ms of drive."
         )
-        closed = square(mount, progress=_progress)
+        closed = square(mount, progress=_progress, waits=bool(encoders))
         seconds = mount.link.port.simulation.us * 1e-6  # type: ignore[attr-defined]
     closures = closure(closed[0], MEASURED_MRAD if encoders else CLOSES_MRAD)
     print_closures(closures)
@@ -125,33 +133,82 @@ def take_up(mount: Mount, rows: list[Row]) -> tuple[int, int]:
     A reversal loses as many steps as the backlash is long.
     """
     step_x, step_y, lost_x, lost_y, _ = (row.measured for row in rows)
-    times_us = round(_PULSE_US * lost_x / step_x), round(_PULSE_US * lost_y / step_y)
+    return _set_take_up(mount, lost_x / step_x, lost_y / step_y)
+
+
+def take_up_by_steps(mount: Mount, corners: Corners) -> tuple[int, int]:
+    """The same by the steps, left and up, that bring the spot from the square's end to its begin: it drives them.
+
+    They are at the place of the turn, where a screw's periodic error makes steps larger or smaller than the mean of 20.
+    Steps that scatter would tell it worse: this is for counted ones. Raises DemoFailed.
+    """
+    look = camera(mount)
+    (x1, y1), *_, (x5, y5) = corners
+    lost_x = _steps_until(lambda: mount.x.step(-1), lambda: x1 - at_rest(mount, look)[0][0], x1 - x5)
+    lost_y = _steps_until(lambda: mount.y.step(1), lambda: at_rest(mount, look)[0][1] - y1, y5 - y1)
+    return _set_take_up(mount, lost_x, lost_y)
+
+
+def _steps_until(step: Callable[[], object], beyond: Callable[[], float], now: float) -> float:
+    """How many steps, and which part of the last one, bring a spot to its goal. beyond: by how much it is past it."""
+    for n in range(_FURTHER):
+        if now >= 0:
+            return float(n)
+        step()
+        before, now = now, beyond()
+        if now >= 0:
+            return n - before / (now - before)
+    raise DemoFailed(f"{_FURTHER} steps more do not close the square")
+
+
+def _set_take_up(mount: Mount, x_steps: float, y_steps: float) -> tuple[int, int]:
+    times_us = round(_PULSE_US * x_steps), round(_PULSE_US * y_steps)
     mount.x.take_up_us, mount.y.take_up_us = times_us
     return times_us
 
 
-def square(mount: Mount, progress=lambda text: None):
-    """Drive the square. Returns the five corners and the trail as centroids in mm, and the five pictures."""
+def camera(mount: Mount) -> Look:
+    """A camera that sees the screen of a virtual mount: each call is a picture. It raises DemoFailed without a spot."""
     simulation = mount.link.port.simulation  # type: ignore[attr-defined]
     noise = np.random.default_rng(7)
 
-    def look() -> tuple[tuple[float, float], np.ndarray]:
+    def look() -> Seen:
         picture = VIEW.picture(simulation.bench.spot_mm(), noise)
         spot = VIEW.centroid(picture)
         if spot is None:
             raise DemoFailed("no spot on the screen")
         return spot, picture
 
+    return look
+
+
+def at_rest(mount: Mount, look: Look) -> Seen:
+    """What is seen once the spot does not creep any more."""
+    seen = look()
+    for _ in range(_CREEP_LOOKS):
+        mount.sleep(_CREEP_LOOK_S)
+        before, seen = seen, look()
+        if math.dist(before[0], seen[0]) < _STANDS_MM:
+            break
+    return seen
+
+
+def square(mount: Mount, progress=lambda text: None, *, waits: bool = False):
+    """Drive the square. Returns the five corners and the trail as centroids in mm, and the five pictures.
+
+    waits: it begins when the spot does not creep, and its end is looked at when the spot creeps no more.
+    """
+    look = camera(mount)
     mount.x.step(_APPROACH)
     mount.y.step(-_APPROACH)
-    spot, picture = look()
+    spot, picture = at_rest(mount, look) if waits else look()
     corners, trail, pictures = [spot], [spot], [picture]
     for axis, steps, way in _LEGS:
         for i in range(abs(steps)):
             mount.axis(axis).step(1 if steps > 0 else -1)
             trail.append(look()[0])
             progress(f"{way}: {i + 1}/{abs(steps)} steps")
-        spot, picture = look()
+        spot, picture = at_rest(mount, look) if waits and way == _LEGS[-1][2] else look()
         corners.append(spot)
         pictures.append(picture)
     progress("")
