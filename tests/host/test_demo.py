@@ -108,6 +108,12 @@ def test_a_take_up_that_fails_is_an_error_after_the_picture_was_drawn(tmp_path, 
         demo.demonstrate("virtual://?speed=max", tmp_path / "square.png")
 
 
+def test_encoders_behind_the_gears_are_not_blamed_for_the_backlash_that_they_see(tmp_path, capsys):
+    demo.demonstrate("virtual://?speed=max&encoder=shaft", tmp_path / "square.png")
+    said = capsys.readouterr().out
+    assert "NOT OK" not in said and said.count("of the couplers") == 3
+
+
 def test_a_bad_table_is_an_error_after_the_picture_was_drawn(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(demo, "STEP_X_MRAD", 0.5)
     output = tmp_path / "square.png"
