@@ -35,6 +35,14 @@ def test_the_square_has_the_papers_figures():
     assert rows["backlash, vertical"].measured == pytest.approx(0.70, rel=0.15)
 
 
+@pytest.mark.parametrize("profile", ["smooth", "rough"])
+def test_the_square_of_a_mount_with_much_supply_is_in_the_picture(profile):
+    with ClosedLoop(profile, 1.3, closed=False).mount as mount:
+        demo.close_loop(mount)
+        corners, _, _ = demo.square(mount)
+    assert max(x for x, _ in corners) - min(x for x, _ in corners) > 50
+
+
 def test_a_pulse_ten_percent_long_fails_it():
     rows = measure(lambda mount: mount.ask("1XP220000;2XP220000;XK?"))
     assert {"step, horizontal", "step, vertical"} <= bad(rows)

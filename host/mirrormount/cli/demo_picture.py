@@ -9,6 +9,7 @@ import numpy as np
 from mirrormount.virtual.optics import View
 
 VIEW = View(-100, 100, -100, 100, pixel=0.4)  # mm: the square fits whichever way a swapped wire turns it
+WIDE = View(-130, 130, -130, 130, VIEW.pixel)  # the same at up to 130 % of the motors' supply
 
 
 def draw(title: str, first, second, gaps: Sequence[tuple[str, str]], output: Path) -> None:
@@ -40,7 +41,7 @@ def draw(title: str, first, second, gaps: Sequence[tuple[str, str]], output: Pat
 
 def _show(ax, pictures) -> None:
     overlay = np.max(np.stack(pictures), axis=0)
-    extent = (VIEW.left, VIEW.right, VIEW.bottom, VIEW.top)
+    extent = next((v.left, v.right, v.bottom, v.top) for v in (VIEW, WIDE) if v.shape == overlay.shape)
     ax.imshow(overlay, cmap="gray", extent=extent, vmin=0, vmax=255)
 
 

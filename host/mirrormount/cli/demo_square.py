@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mirrormount.cli.demo_picture import VIEW, draw
+from mirrormount.cli.demo_picture import VIEW, WIDE, draw
 from mirrormount.common.errors import BadValue, CannotWrite, DemoFailed, ExtraMissing
 from mirrormount.common.extras import install
 from mirrormount.device.encoder import Counted
@@ -168,10 +168,11 @@ def camera(mount: Mount) -> Look:
     """A camera that sees the screen of a virtual mount: each call is a picture. It raises DemoFailed without a spot."""
     simulation = mount.link.port.simulation  # type: ignore[attr-defined]
     noise = np.random.default_rng(7)
+    view = WIDE if simulation.bench.profile.supply > 1 else VIEW
 
     def look() -> Seen:
-        picture = VIEW.picture(simulation.bench.spot_mm(), noise)
-        spot = VIEW.centroid(picture)
+        picture = view.picture(simulation.bench.spot_mm(), noise)
+        spot = view.centroid(picture)
         if spot is None:
             raise DemoFailed("no spot on the screen")
         return spot, picture
