@@ -31,6 +31,7 @@ MOST_OPEN = 3  # counts, of a square: a step's, and the rounding of the gap
 _MOST_AWAY = 200  # steps from the middle: the screw has ends
 _SETTLED_S = 0.15
 _BEYOND_PLAY = 3
+_STEP_US = 200_000
 
 
 @dataclass
@@ -83,20 +84,27 @@ def squares(profile: str, supply: float, seed: int) -> tuple[tuple[float, float]
     mount, bench = mount_of(profile, supply, True, seed)
     with mount:
         corners, *_ = square(mount, waits=True)
-        take_up_by_steps(mount, corners)
+        times_us = take_up_by_steps(mount, corners)
         for way in (1, -1):  # so both motors stand on that side of the gap on which the square ends
             mount.x.step(way * _BEYOND_PLAY)
             mount.y.step(-way * _BEYOND_PLAY)
         mount.sleep(_SETTLED_S)
-        before = [bench.encoders[motor].count(bench.trains[motor]) for motor in ("m2", "m1")]
+        gaps = [us * PER_STEP // _STEP_US for us in times_us]
+        before = [_place(bench, motor, gap) for motor, gap in zip(("m2", "m1"), gaps, strict=True)]
         corners, *_ = square(mount, waits=True)
-        after = [bench.encoders[motor].count(bench.trains[motor]) for motor in ("m2", "m1")]
+        after = [_place(bench, motor, gap) for motor, gap in zip(("m2", "m1"), gaps, strict=True)]
     spot = closure(corners)
     # the square begins after an approach, and returns to there
     motors = [
         end - begin - way * _BEYOND_PLAY * PER_STEP for begin, end, way in zip(before, after, (1, -1), strict=True)
     ]
     return (spot[0].measured, spot[1].measured), (motors[0], motors[1])
+
+
+def _place(bench: Bench, motor: str, gap: int) -> int:
+    """Counts of a motor as on the gap's negative side. A last correction may have brought it to either one."""
+    train = bench.trains[motor]
+    return bench.encoders[motor].count(train) - (gap if train.shaft_rev > train.screw_rev else 0)
 
 
 def print_steps(steps: int, seed: int) -> bool:
