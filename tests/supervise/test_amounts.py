@@ -5,7 +5,7 @@ from served import wait_for
 from supervised import at_work, moving, polled, sent
 
 from mirrormount.device import calibration
-from mirrormount.supervise.requests import MoveBy, MoveTo
+from mirrormount.supervise.requests import GoTo, MoveBy, MoveTo
 
 STEP = calibration.Step(200_000, 255, 0)
 
@@ -34,6 +34,14 @@ def test_an_amount_is_whole_steps_and_then_one_pulse(worker, page, request_, ste
     wait_for(lambda: worker.state.status.x.position == pytest.approx(steps, abs=2e-3) and not moving(worker), "the end")
     made = [line for line in sent(worker) if "PR" in line or "XU" in line]
     assert ["XU" in line for line in made] == [False] * (abs(steps) >= 1) + [True] * (steps % 1 != 0)
+
+
+def test_a_whole_position_is_reached_from_between_two_steps(worker, page):
+    for request, position in ((MoveBy("x", 1.5, "steps"), 1.5), (GoTo("x", -1), -1), (GoTo("x", 1), 1)):
+        worker.request(page, request)
+        wait_for(lambda position=position: worker.state.status.x.position == pytest.approx(position, abs=2e-3), "it")
+        wait_for(lambda: not moving(worker), "rest")
+    assert sum("PA" in line for line in sent(worker)) == 1  # of whole steps
 
 
 def test_after_a_stop_the_rest_of_a_step_is_not_made(worker, page):

@@ -166,7 +166,12 @@ def start(mount: Mount, asked: Asked, state: State) -> None:
             targets[axis] = None
             mount.axis(axis).pulse(us, wait=False, feed=False, by_sight=by_sight)
         case GoTo(axis, position):
-            mount.axis(axis).move_to(position, wait=False, feed=False)
+            motor = mount.axis(axis)
+            n, part_us = (0, 0) if asked.motion else motor.parts_to(position)  # a program's ends as whole steps do
+            if part_us:
+                asked.rest = _start_parts(mount, axis, n, part_us)
+            else:
+                motor.move_to(position, wait=False, feed=False)
             targets[axis] = position
         case MoveBy(axis, amount, unit):
             targets[axis] = None
