@@ -254,6 +254,15 @@ def test_without_a_terminal_nothing_is_asked_and_nothing_is_saved(found, tables,
     assert "to use it: mirrormount config set x.take_up_us 251000 --save" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("encoder", ["motor", "shaft"])
+def test_the_loop_of_a_virtual_mount_with_encoders_is_closed_before_it_is_measured(encoder, found, tables, tmp_path):
+    assert main.main(["measure", "backlash", *SEED, "--axes", "x", "--encoder", encoder]) == 0
+    settings = json.loads((tmp_path / "measure-backlash.json").read_text())["settings"]
+    assert [settings[axis]["closed_loop"] for axis in "xy"] == [1, 1]
+    counts = {"motor": 277, "shaft": 96}[encoder]
+    assert [settings[axis]["counts_per_step"] for axis in "xy"] == pytest.approx([counts] * 2, rel=0.02)
+
+
 @pytest.mark.parametrize(("sure_ms", "says"), [(300, "x.pulse_us: 200000 → 300000"), (100, "it stays")])
 def test_a_step_that_is_shorter_than_a_sure_pulse_is_offered_to_be_longer(sure_ms, says, tables, monkeypatch, capsys):
     def at_once(rig, result, _tell):

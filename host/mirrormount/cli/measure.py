@@ -12,6 +12,9 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     """The experiment, mount, camera and scale; where the report goes."""
     parser.add_argument("experiment", choices=EXPERIMENTS, help="docs/measure.md says what each of them does")
     mount_and_camera(parser)
+    parser.add_argument(
+        "--encoder", choices=("motor", "shaft"), help="virtual: an encoder on each motor, or behind it; closed loop"
+    )
     parser.add_argument("--axes", default="x,y", metavar="LIST", help="axes to measure, such as x or x,y")
     parser.add_argument("--mm-per-px", metavar="MM", help="mm at the camera for one pixel")
     parser.add_argument("--mm-per-px-error", metavar="MM", help="its standard error (0)")

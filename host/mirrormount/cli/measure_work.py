@@ -148,6 +148,8 @@ def _opened(args: argparse.Namespace) -> Iterator[tuple[Mount, Camera, Optics]]:
         camera = table.cameras[which - 1]
         optics = _optics(args, camera, virtual_scale(camera, which))
         with Mount(Link(table.ports[0])) as mount:
+            for axis in mount.axes if args.encoder else ():
+                mount.apply({axis.name: axis.measure_counts().settings})
             yield mount, camera, optics
 
 
