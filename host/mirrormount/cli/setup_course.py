@@ -16,7 +16,7 @@ from mirrormount.device.mount import Axis, Mount
 
 _NOTHING = "nothing was saved, and the settings are as they were"
 _WELCOME = """Setup of {identity}
-The mirror will move by some ten steps. Block the beam where it could meet an eye; a screen in its way,
+The mirror will move by some tens of steps. Block the beam where it could meet an eye; a screen in its way,
 with a ruler on it, is needed for the scale. Both screws should be in mid travel.
 Ctrl-C ends it at any time: motors off, nothing saved."""
 
