@@ -110,6 +110,11 @@ def test_steps_that_do_not_close_the_square_end_the_demo():
         demo.take_up_by_steps(mount, [(-200.0, 0.0), (0.0, 0.0)])
 
 
+def test_steps_that_differ_by_more_than_the_backlash_end_the_demo_in_one_line():
+    with Mount.open("virtual://?speed=max") as mount, pytest.raises(DemoFailed, match="no backlash"):
+        demo.take_up(mount, demo.table([(0, 0), (66, 0), (66, -72), (5, -72), (5, 4)]))
+
+
 def test_a_take_up_that_fails_is_an_error_after_the_picture_was_drawn(tmp_path, monkeypatch):
     monkeypatch.setattr(demo, "take_up", lambda mount, rows: (0, 0))
     with pytest.raises(DemoFailed, match="the backlash was not taken up: left open, horizontal, left open, vertical"):

@@ -160,6 +160,8 @@ def _steps_until(step: Callable[[], object], beyond: Callable[[], float], now: f
 
 def _set_take_up(mount: Mount, x_steps: float, y_steps: float) -> tuple[int, int]:
     times_us = round(_PULSE_US * x_steps), round(_PULSE_US * y_steps)
+    if min(times_us) < 0:
+        raise DemoFailed("this square shows no backlash: what the steps back and there differ by is more than that")
     mount.x.take_up_us, mount.y.take_up_us = times_us
     return times_us
 
