@@ -66,3 +66,14 @@ def test_a_stalled_motor_is_off_within_80_ms_on_the_real_image(make_board):
     assert board.off()
     assert [us for us, wire, level in board.edges_after(at) if wire == "m1_en" and not level][-1] - at < 80_000
     assert board.ask(b"TB?;1XE?\n").startswith(b"147, AXIS 1 MOTOR STALLED; 13,")
+
+
+def test_a_sensor_that_does_not_answer_holds_the_loop_up_by_no_time_out(make_board):
+    board = make_board(encoder="shaft")
+    assert board.ask(b"1XN97;1MM1;1DH0;TB?\n", 1_000_000) == b"0, NO ERROR DETECTED\r\n"
+    board.simulation.bench.disturb("m1", "broken")
+    board.run(1_000_000)
+    begun_us = board.simulation.us
+    assert board.ask(b"XS?\n", 2_000_000)
+    # 50 ms a look are the time-out of the bus, which a chip that hears no acknowledge does not wait for: 800 ms in all
+    assert board.simulation.us - begun_us < 200_000

@@ -6,6 +6,7 @@ const NO_ANSWER = 0xffff;
 const [STATUS, RAW_HIGH, RAW_LOW, HIGH, LOW] = [0x0b, 0x0c, 0x0d, 0x0e, 0x0f];
 const MAGNET = 1 << 5;
 const BITS = 9; // a byte and its acknowledge
+const TX_EMPTY = 1 << 4; // of IC_RAW_INTR_STAT
 
 // angle() returns 0 ... 4095, or NO_ANSWER.
 export function attachAs5600(i2c, mcu, angle) {
@@ -19,6 +20,9 @@ export function attachAs5600(i2c, mcu, angle) {
     if (register === RAW_HIGH || register === HIGH) { latched = angle(); return latched >> 8; }
     return register === RAW_LOW || register === LOW ? latched & 255 : 0;
   };
+  // the chip's FIFO is empty after an abort, and says so: without it the SDK waits for its whole timeout
+  const abort = i2c.abort.bind(i2c);
+  i2c.abort = reason => { abort(reason); i2c.setInterrupts(TX_EMPTY); };
   i2c.onStart = () => i2c.completeStart();
   i2c.onConnect = (address, mode) => {
     pointed = mode === I2CMode.Read;
