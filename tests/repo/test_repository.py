@@ -75,12 +75,7 @@ def test_the_host_takes_only_the_wire_from_the_firmware():
     allowed = {"mountfw", "mountfw.__version__", "mountfw.codes", "mountfw.settings"}
     allowed |= {"mountfw.encoder.settings", "mountfw.encoder.settings.ENCODER_SETTINGS"}
     allowed |= {"mountfw.board_file"}
-    wire = (
-        "mountfw.wire.frame",
-        "mountfw.dialect.line",
-        "mountfw.wire.receiver",
-        "mountfw.own_reply",
-    )  # the grammar
+    wire = ("mountfw.wire.frame", "mountfw.dialect.line", "mountfw.wire.receiver")  # the grammar
     for path in HOST.rglob("*.py"):
         if "fakes" not in path.parts and "fakes_circuitpython" not in path.parts:
             taken = {n for n in imported(path) if n.split(".")[0] == "mountfw" and not n.startswith(wire)}

@@ -13,7 +13,7 @@ FIRMWARE = ROOT / "firmware_py" / "mountfw"
 TOOLS = ROOT / "tools"
 
 MOST_LINES = {HOST: 300, FIRMWARE: 350}
-EVENING = 2074  # lines of app, build, wire/ and motion/, which somebody reads in an evening; it only falls, to 1800
+EVENING = 2073  # lines of app, build, wire/ and motion/, which somebody reads in an evening; it only falls, to 1800
 
 # the one import by a name in a string: a scheme of addresses that is opened by a floor above (virtual://)
 DYNAMIC = {"transport/open.py": 1}
@@ -137,7 +137,7 @@ def contracts() -> dict[str, dict]:
 
 
 def test_the_contracts_forbid_the_host_all_of_the_firmware_but_what_is_named():
-    shared = {"wire", "codes", "settings", "board_file", "boards", "own_reply", "dialect.line", "encoder.settings"}
+    shared = {"wire", "codes", "settings", "board_file", "boards", "dialect.line", "encoder.settings"}
     forbidden = {name.removeprefix("mountfw.") for name in contracts()["host-takes-the-wire"]["forbidden_modules"]}
     files = [p for p in modules(FIRMWARE) if p.name != "__init__.py" and p.parent.name != "entry"]
     for path in files:

@@ -197,10 +197,15 @@ class Axis(Actions):
         if speed == 0:
             self.abort(codes.SUPERSEDED)
             return True
-        if self.drive.emergency:
+        drive = self.drive
+        if drive.emergency:
             if not self.state:
                 self.error(codes.AXIS_EMERGENCY_STOP)
             self.abort(codes.EMERGENCY_STOP)
+            if drive.has_begun:  # it has opened since
+                drive.has_begun = False
+                drive.off()
+                self.position.driven(1 if speed > 0 else -1, abs(speed) * diff(self._ticks_us(), drive.began_at), True)
             return False
         self.handle(FRAME, speed)
         self.ends_as = codes.DONE if for_ms else codes.RUN_LIMIT

@@ -29,8 +29,6 @@ class Controller:
         self.halted = codes.NONE_YET  # the same until the axes are told: service() does
         self.reset()
 
-    # ---- what the app hands in
-
     def off_all(self):
         """All drives off: nothing but pin writes before the last enable is low."""
         for cut in self._cuts:

@@ -162,17 +162,11 @@ class Look:
         clock = ptr32(_CLOCK)
         lane = self._lane
         receiver = self._receiver
-        if wait_ms > 0:
-            for _ in ipoll_in(wait_ms):
-                waits = 1
-                break
+        for _ in ipoll_in(0 if wait_ms < 0 else wait_ms):
+            waits = 1
+            break
+        if wait_ms >= 0:
             lane.woke_at = clock[0] & _WRAP
-        else:
-            for _ in ipoll_in(0):
-                waits = 1
-                break
-            if wait_ms == 0:
-                lane.woke_at = clock[0] & _WRAP
         unparsed = int(receiver.unparsed)
         if not waits and (wait_ms < 0 or unparsed < 8):
             return -1
@@ -187,7 +181,14 @@ class Look:
         stop = 0
         c = 0
         while True:
-            while waits and most and unparsed <= mask and stop == 0:  # a stop may wait behind any number of frames
+            while most and unparsed <= mask and stop == 0:  # a stop may wait behind any number of frames
+                if not waits:
+                    for _ in ipoll_in(0):
+                        waits = 1
+                        break
+                    if not waits:
+                        break
+                waits = 0
                 readinto(byte_in)
                 c = byte[0]
                 most -= 1
@@ -208,10 +209,6 @@ class Look:
                 ring[at] = c
                 at = (at + 1) & mask
                 unparsed += 1
-                waits = 0
-                for _ in ipoll_in(0):
-                    waits = 1
-                    break
             if stop or wait_ms < 0 or unparsed < 8:
                 break
             c = ring[(at - unparsed + 8) & mask] if unparsed > 8 else 0
@@ -219,10 +216,7 @@ class Look:
                 break
             unparsed -= 8
             receiver.ahead = 0
-            came |= 2
-            for _ in ipoll_in(0):
-                waits = 1
-                break
+            came = 1
         if came == 0:
             return -1
         if at != int(receiver.write):

@@ -145,8 +145,6 @@ class Receiver:
         """The line is complete with byte c."""
         return LINE
 
-    # ---- parsing
-
     def _parse(self, c):
         state = self.state
         if c == _STOP or c == _CTRL_C:
