@@ -1,5 +1,6 @@
 """What a long task says of itself on stderr: a bar on a terminal, else a line for each phase. Imports nothing."""
 
+import os
 import sys
 
 _WIDTH = 24
@@ -8,7 +9,8 @@ _WIDTH = 24
 class StatusLine:
     """One line on a terminal that is written over and over: show() and, when the task is over, end().
 
-    Where stderr is no terminal nothing is shown.
+    A text that is wider than the terminal is cut: the end of a wrapped line alone would be written over. Where stderr
+    is no terminal nothing is shown.
     """
 
     def __init__(self) -> None:
@@ -19,8 +21,15 @@ class StatusLine:
     def show(self, text: str) -> None:
         """Show this instead of what was shown."""
         if self._terminal and text != self._shown:
-            print(f"\r{text}\x1b[K", end="", file=self._out, flush=True)
+            print(f"\r{self._cut(text)}\x1b[K", end="", file=self._out, flush=True)
             self._shown = text
+
+    def _cut(self, text: str) -> str:
+        try:
+            columns = os.get_terminal_size(self._out.fileno()).columns
+        except (OSError, ValueError):  # a terminal without a size, or no file
+            columns = 0
+        return f"{text[: columns - 2]}…" if 2 < columns <= len(text) else text
 
     def end(self) -> None:
         """Clear the line."""

@@ -1,0 +1,43 @@
+"""The line that a long task shows on a terminal."""
+
+import os
+import struct
+
+import pytest
+
+from mirrormount.common.progress import StatusLine
+
+termios = pytest.importorskip("termios")
+fcntl = pytest.importorskip("fcntl")
+
+
+@pytest.fixture
+def terminal(monkeypatch):
+    """A terminal of so many columns as stderr; returns what was written to it."""
+    ends = []
+
+    def of_columns(columns):
+        leader, follower = os.openpty()
+        fcntl.ioctl(follower, termios.TIOCSWINSZ, struct.pack("HHHH", 24, columns, 0, 0))
+        ends.append(os.fdopen(follower, "w", encoding="utf-8"))
+        monkeypatch.setattr("sys.stderr", ends[-1])
+        return lambda: os.read(leader, 10_000).decode()
+
+    yield of_columns
+    for end in ends:
+        end.close()
+
+
+def test_a_status_line_never_wraps_since_only_its_last_row_would_be_written_over(terminal):
+    shown = terminal(40)
+    line = StatusLine()
+    line.show("  5%, 8.4 min left  x: 60 steps, positive  (Ctrl-C stops and keeps what was measured)")
+    assert shown() == "\r  5%, 8.4 min left  x: 60 steps, posit…\x1b[K"
+    line.show("x" * 39)
+    assert shown() == "\r" + "x" * 39 + "\x1b[K"
+
+
+def test_a_terminal_that_does_not_tell_its_size_gets_the_whole_line(terminal):
+    shown = terminal(0)
+    StatusLine().show("y" * 100)
+    assert shown() == "\r" + "y" * 100 + "\x1b[K"
