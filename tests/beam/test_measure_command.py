@@ -190,6 +190,7 @@ def test_no_setting_of_the_board_is_ever_changed_so_a_killed_measurement_leaves_
         (("steps", *SEED, "--report", "none/here.html"), "no such folder"),
         (("steps", *SEED, "--report", ""), "cannot write ."),
         (("steps", *SEED, "--report", "/proc/here.html"), "cannot write /proc/here.html"),
+        (("steps", *SEED, "--report", "/dev/null"), "cannot write /dev/null: it is a link, or not a file"),
         (("steps", "--seed", "5"), "add --virtual"),
     ],
 )
@@ -198,6 +199,23 @@ def test_wrong_input_is_one_line_and_nothing_is_opened(words, says, capsys):
     out, err = capsys.readouterr()
     assert says in err and err.count("\n") == 1
     assert "report" not in out
+
+
+@pytest.mark.parametrize("option", ["--report", "--json"])
+def test_a_file_that_is_no_report_is_not_replaced_and_nothing_is_measured(option, tmp_path, capsys):
+    rows = tmp_path / "map.csv"
+    rows.write_text("number,time_s")
+    assert main.main(["measure", "drift", *SEED, "--minutes", "0.5", option, str(rows)]) == 1
+    out, err = capsys.readouterr()
+    assert "map.csv: a file of that name exists, and is no report; name another one" in err and "report" not in out
+    assert rows.read_text() == "number,time_s"
+
+
+def test_a_report_is_replaced_by_the_next_one(tmp_path, capsys):
+    for _ in range(2):
+        assert main.main(["measure", "drift", *SEED, "--minutes", "0.5"]) == 0
+    assert {path.name for path in tmp_path.iterdir()} == {"measure-drift.html", "measure-drift.json"}
+    capsys.readouterr()
 
 
 def test_ctrl_c_keeps_what_was_measured(tmp_path, capsys, monkeypatch, tables):

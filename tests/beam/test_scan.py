@@ -323,6 +323,28 @@ def test_the_command_makes_a_live_picture_also_of_a_scan_that_is_cut(opened, tmp
     capsys.readouterr()
 
 
+def test_a_live_picture_replaces_a_page_and_no_other_file(tmp_path, capsys):
+    page, rows = tmp_path / "scan.html", tmp_path / "map.csv"
+    for places in (2, 3):
+        assert main(["scan", "line", "1", "0", str(places), "--virtual", "--page", str(page)]) == 0
+        assert f"{places} of {places} places" in page.read_text("utf-8")
+    rows.write_text("number,time_s")
+    assert main(["scan", "line", "1", "0", "2", "--virtual", "--page", str(rows)]) == 1
+    assert capsys.readouterr().err == (
+        f"mirrormount: cannot write {rows}: a file of that name exists, and is no report; name another one\n"
+    )
+    assert rows.read_text() == "number,time_s"
+
+
+def test_a_scan_that_does_not_begin_leaves_the_page_of_before(tmp_path, capsys):
+    page, rows = tmp_path / "scan.html", tmp_path / "map.csv"
+    words = ["scan", "line", "1", "0", "2", "--virtual", "--csv", str(rows), "--page", str(page)]
+    assert main(words) == 0
+    assert main(words) == 1
+    assert "exists; a scan is a new file" in capsys.readouterr().err
+    assert "2 of 2 places. Ended: complete" in page.read_text("utf-8")
+
+
 def test_a_scan_without_a_file_says_first_that_nothing_is_kept(opened, capsys):
     assert main(["scan", "line", "1", "0", "2", "--virtual"]) == 0
     said = capsys.readouterr().out.splitlines()

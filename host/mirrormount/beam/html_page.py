@@ -29,6 +29,7 @@ white-space:normal;text-align:right}.many td:first-child{font-weight:600;padding
 .many td.n::before{content:attr(data-of);color:var(--soft);padding-right:1rem;text-align:left}}
 """
 _FEW = 3  # columns of a table that fit a phone
+BEGINS = '<!doctype html><html lang="en"><head><meta charset="utf-8"><meta name="viewport" '
 
 
 def text(value: object) -> str:
@@ -40,8 +41,7 @@ def page(title: str, parts: Sequence[str], reload_s: int | None = None) -> str:
     """A whole page. title is text, parts are HTML. reload_s: a browser loads it again after so many seconds."""
     again = f'<meta http-equiv="refresh" content="{reload_s}">' if reload_s else ""
     return (
-        '<!doctype html><html lang="en"><head><meta charset="utf-8">'
-        f'<meta name="viewport" content="width=device-width, initial-scale=1">{again}'
+        f'{BEGINS}content="width=device-width, initial-scale=1">{again}'
         f"<title>{text(title)}</title><style>{_STYLE}</style></head><body>\n" + "\n".join(parts) + "\n</body></html>\n"
     )
 

@@ -21,6 +21,7 @@ from mirrormount.beam.optics import Optics
 from mirrormount.beam.result import Result, Series
 from mirrormount.common import toml_file
 
+NUMBERS_BEGIN = '{\n "began": "'  # the file of write_json()
 _SYMBOLS = {"urad": "µrad", "us": "µs", "px/sqrt(s)": "px/√s"}
 
 

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 
-from mirrormount.beam.html_page import page, text
+from mirrormount.beam.html_page import BEGINS, page, text
 from mirrormount.beam.patterns import Pattern
 from mirrormount.beam.scan import Sample, Signal
 from mirrormount.common import toml_file
@@ -26,7 +26,8 @@ class ScanPage:
     """The page of one scan. columns of errors are not shown."""
 
     def __init__(self, path: Path, pattern: Pattern, signal: Signal) -> None:
-        """Write the empty page. Raises CannotWrite."""
+        """Write the empty page. Raises CannotWrite, also if a file is there that is no page."""
+        toml_file.check_replaceable(path, BEGINS)
         self._path, self._pattern, self._signal = path, pattern, signal
         self._samples: list[Sample] = []
         measured = [place for place in pattern.places if place.measured]

@@ -13,19 +13,21 @@ from datetime import datetime
 from functools import partial
 from pathlib import Path
 
+from mirrormount.beam import html_page
 from mirrormount.beam import scale as camera_scale
 from mirrormount.beam.camera import Camera
 from mirrormount.beam.experiments import backlash, pulses, square, step_size, steps, waiting
 from mirrormount.beam.observer import Observer
 from mirrormount.beam.open_camera import open_camera
 from mirrormount.beam.optics import OF_PX, Optics
-from mirrormount.beam.report import Origin, write_json, write_page
+from mirrormount.beam.report import NUMBERS_BEGIN, Origin, write_json, write_page
 from mirrormount.beam.result import Result, Tell
 from mirrormount.beam.rig import MountRig, Rig
 from mirrormount.beam.scale import Scale
 from mirrormount.cli.command import number, positive, virtual_address, whole
 from mirrormount.cli.measure_use import OF_USE, use
 from mirrormount.cli.virtual_scale import INCIDENCE_DEG, virtual_scale
+from mirrormount.common import toml_file
 from mirrormount.common.errors import BadValue, CannotWrite, MountError, NotCalibrated
 from mirrormount.common.progress import StatusLine
 from mirrormount.common.signals import ended_in_order
@@ -43,8 +45,8 @@ def measure(args: argparse.Namespace) -> None:
     numbers: Path = args.json or page.parent / f"{page.stem}.json"
     if numbers == page:
         raise BadValue(f"the page and the numbers cannot both be {page}")
-    for path in (page, numbers):
-        _check_writable(path)
+    for path, begins in ((page, html_page.BEGINS), (numbers, NUMBERS_BEGIN)):
+        _check_writable(path, begins)
     if args.apply and args.experiment not in OF_USE:
         raise BadValue(f"--apply is of the experiments {', '.join(OF_USE)}")
     with ended_in_order(), _opened(args) as (mount, camera, optics):
@@ -68,10 +70,11 @@ def measure(args: argparse.Namespace) -> None:
         use(args.apply, mount, axes, result, optics)
 
 
-def _check_writable(path: Path) -> None:
-    """Raises CannotWrite now, and not after the measurement."""
+def _check_writable(path: Path, begins: str) -> None:
+    """Raises CannotWrite now, and not after the measurement. begins: a file that does is replaced, another one kept."""
     if not path.name or not os.access(path.parent, os.W_OK) or path.is_dir() or path.is_symlink():
         raise CannotWrite(f"cannot write {path}: no such folder, no right to, or a link or folder of that name")
+    toml_file.check_replaceable(path, begins)
     try:
         handle, trial = tempfile.mkstemp(dir=path.parent)  # beside it, as the file itself comes: /proc lets nobody
         os.close(handle)

@@ -17,7 +17,7 @@ from mirrormount.beam.scan_files import COMPLETE, CsvFile, Metadata, check_hdf5,
 from mirrormount.beam.scan_page import ScanPage
 from mirrormount.cli.command import virtual_address, whole
 from mirrormount.cli.virtual_scale import virtual_scale
-from mirrormount.common.errors import BadValue
+from mirrormount.common.errors import BadValue, CannotWrite
 from mirrormount.common.progress import StatusLine
 from mirrormount.common.signals import ended_in_order
 from mirrormount.device.mount import Mount
@@ -40,8 +40,7 @@ def work(args: argparse.Namespace) -> int:
         name = "spot" if searches else args.signal
         signal = spot_signal(camera) if name == "spot" else grey_signal(camera)
         about = metadata(mount, pattern, signal, read=name, **of_camera(camera, scale))
-        live = ScanPage(args.page, pattern, signal) if args.page else None
-        with _kept(args.csv, args.hdf5, live, about, signal) as kept:
+        with _kept(args, about, pattern, signal) as kept:
             keeps = bool(args.csv or args.hdf5)
             if not (keeps or searches):
                 print("nothing is kept: --csv FILE or --hdf5 FILE writes place and value of each", flush=True)
@@ -80,12 +79,22 @@ class _Kept:
             self._live.end(self.ended)
 
 
+def _begun(csv: Path | None, page: Path | None, about: Metadata, pattern: Pattern, signal: Signal) -> _Kept:
+    """The files are begun. The page last: one of before stays if the scan does not begin. Raises CannotWrite."""
+    file = CsvFile(csv, about, signal) if csv else None
+    try:
+        return _Kept(file, ScanPage(page, pattern, signal) if page else None)
+    except CannotWrite as e:
+        if file:
+            file.end(str(e))
+        raise
+
+
 @contextlib.contextmanager
-def _kept(
-    csv: Path | None, hdf5: Path | None, live: ScanPage | None, about: Metadata, signal: Signal
-) -> Iterator[_Kept]:
+def _kept(args: argparse.Namespace, about: Metadata, pattern: Pattern, signal: Signal) -> Iterator[_Kept]:
     """The files, which are ended with the reason whatever happens."""
-    kept = _Kept(CsvFile(csv, about, signal) if csv else None, live)
+    csv, hdf5 = args.csv, args.hdf5
+    kept = _begun(csv, args.page, about, pattern, signal)
     try:
         try:
             yield kept

@@ -127,6 +127,21 @@ def write(path: Path, content: str, *, make_folder: bool = False) -> None:
         raise CannotWrite(f"cannot write {path}: {e.strerror}") from e
 
 
+def check_replaceable(path: Path, begins: str) -> None:
+    """Raise CannotWrite if what is at path would be lost: a file that does not begin like its own kind, or no file."""
+    try:
+        if path.is_symlink() or (path.exists() and not path.is_file()):
+            raise CannotWrite(f"cannot write {path}: it is a link, or not a file")
+        if not path.exists():
+            return
+        with path.open("rb") as file:
+            begun = file.read(len(begins))
+    except OSError as e:
+        raise CannotWrite(f"cannot write {path}: {e.strerror}") from e
+    if begun and begun != begins.encode():
+        raise CannotWrite(f"cannot write {path}: a file of that name exists, and is no report; name another one")
+
+
 def _umask() -> int:
     mask = os.umask(0o077)
     os.umask(mask)
