@@ -192,6 +192,10 @@ def test_no_setting_of_the_board_is_ever_changed_so_a_killed_measurement_leaves_
         (("steps", *SEED, "--report", "/proc/here.html"), "cannot write /proc/here.html"),
         (("steps", *SEED, "--report", "/dev/null"), "cannot write /dev/null: it is a link, or not a file"),
         (("steps", "--seed", "5"), "add --virtual"),
+        (
+            ("steps", "--port", "virtual://", "--camera", "virtual-table://#2"),
+            "virtual-table://#2 sees the mounts of its",
+        ),
     ],
 )
 def test_wrong_input_is_one_line_and_nothing_is_opened(words, says, capsys):

@@ -10,6 +10,7 @@ from mirrormount.beam.webcam import open_webcam
 from mirrormount.common.beam_errors import CameraAbsent
 from mirrormount.common.errors import BadAddress
 from mirrormount.common.names import is_name
+from mirrormount.common.printable import printable
 from mirrormount.device import table_file
 from mirrormount.transport.open import TABLE_SCHEMES, open_table
 
@@ -21,15 +22,33 @@ def open_camera(address: str, *, limits: Limits = Limits()) -> Camera:  # noqa: 
     for the second camera of the table; or a camera's name in table.toml. limits: of a webcam. Raises BadAddress,
     BadFile, CameraError, CannotOpen.
     """
-    if not address.strip():
-        raise BadAddress("the camera's name is empty: leave it out, or give one (see: mirrormount camera list)")
-    if is_name(address) and (entry := table_file.read().cameras.get(address)):
-        address = entry.camera
-    if address.partition("://")[0] in TABLE_SCHEMES:
+    address = _known(address)
+    if _is_of_table(address):
         return _of_table(address)
     if os.path.isdir(address):
         return open_folder(address)
     return open_webcam(address, limits=limits)
+
+
+def open_beside_mount(address: str) -> Camera:
+    """As open_camera(), for a mount opened by itself. Raises BadAddress for a camera of a virtual table, too."""
+    if _is_of_table(_known(address)):
+        raise BadAddress(
+            f"{printable(address)} sees the mounts of its own table only: give --virtual, and 1 or 2 as the camera"
+        )
+    return open_camera(address)
+
+
+def _known(address: str) -> str:
+    """The address that a name in table.toml stands for. Raises BadAddress, BadFile."""
+    if not address.strip():
+        raise BadAddress("the camera's name is empty: leave it out, or give one (see: mirrormount camera list)")
+    entry = table_file.read().cameras.get(address) if is_name(address) else None
+    return entry.camera if entry else address
+
+
+def _is_of_table(address: str) -> bool:
+    return address.partition("://")[0] in TABLE_SCHEMES
 
 
 def _of_table(address: str) -> Camera:

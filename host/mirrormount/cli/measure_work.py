@@ -18,7 +18,7 @@ from mirrormount.beam import scale as camera_scale
 from mirrormount.beam.camera import Camera
 from mirrormount.beam.experiments import backlash, pulses, square, step_size, steps, waiting
 from mirrormount.beam.observer import Observer
-from mirrormount.beam.open_camera import open_camera
+from mirrormount.beam.open_camera import open_beside_mount
 from mirrormount.beam.optics import OF_PX, Optics
 from mirrormount.beam.report import NUMBERS_BEGIN, Origin, write_json, write_page
 from mirrormount.beam.result import Result, Tell
@@ -137,7 +137,7 @@ def _opened(args: argparse.Namespace) -> Iterator[tuple[Mount, Camera, Optics]]:
     """The mount, the camera and its scale that the arguments name; closed at the end."""
     address = virtual_address(args, "virtual-table", mounts="1", cameras="2")
     if address is None:
-        camera = open_camera(args.camera or os.environ.get("MIRRORMOUNT_CAMERA", "0"))
+        camera = open_beside_mount(args.camera or os.environ.get("MIRRORMOUNT_CAMERA", "0"))
         with contextlib.closing(camera):
             optics = _optics(args, camera, None)
             with Mount.open(args.port) as mount:

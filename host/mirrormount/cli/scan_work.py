@@ -9,7 +9,7 @@ from pathlib import Path
 from mirrormount.beam import patterns
 from mirrormount.beam import scale as scales
 from mirrormount.beam.camera import Camera
-from mirrormount.beam.open_camera import open_camera
+from mirrormount.beam.open_camera import open_beside_mount
 from mirrormount.beam.patterns import Pattern
 from mirrormount.beam.scale import Scale
 from mirrormount.beam.scan import Sample, Signal, grey_signal, scan, spot_signal
@@ -131,7 +131,7 @@ def _opened(args: argparse.Namespace) -> Iterator[tuple[Mount, Camera, Scale | N
     """The mount, the camera that the arguments name and its scale; closed at the end."""
     address = virtual_address(args, "virtual-table", mounts="1", cameras="2")
     if address is None:
-        camera = open_camera(args.camera or os.environ.get("MIRRORMOUNT_CAMERA", "0"))
+        camera = open_beside_mount(args.camera or os.environ.get("MIRRORMOUNT_CAMERA", "0"))
         with contextlib.closing(camera), Mount.open(args.port) as mount:
             yield mount, camera, scales.read_if_any(camera)
         return
