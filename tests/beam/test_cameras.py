@@ -244,6 +244,31 @@ def test_show_prints_a_line_for_each_frame(capsys):
     assert all(" ± " in line and "threshold" in line for line in lines)
 
 
+def test_the_virtual_camera_is_that_of_measure_and_scan_with_the_same_profile_and_seed(capsys):
+    lines = []
+    for camera in (
+        ["--camera", "virtual-table://?profile=rough&seed=5&mounts=1&cameras=2#2"],
+        ["--virtual", "--profile", "rough", "--seed", "5", "--camera", "2"],
+    ):
+        assert main(["camera", "show", *camera, "--frames", "2"]) == 0
+        lines.append(capsys.readouterr().out)
+    assert lines[0] == lines[1]
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["show", "--virtual", "--camera", "3"], "the virtual table has the cameras 1 and 2, not 3"),
+        (["record", "run", "--virtual", "--camera", "far"], "--camera with --virtual is a whole number"),
+        (["show", "--seed", "4"], "add --virtual"),
+    ],
+)
+def test_a_virtual_camera_that_is_not_there_is_refused_in_one_line(words, says, capsys):
+    assert main(["camera", *words]) == 1
+    err = capsys.readouterr().err
+    assert says in err and err.count("\n") == 1
+
+
 def test_record_writes_a_recording(tmp_path, capsys):
     folder = tmp_path / "run"
     address = "virtual-table://?mounts=1&cameras=1"

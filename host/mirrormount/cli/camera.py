@@ -4,7 +4,7 @@ import argparse
 import os
 from pathlib import Path
 
-from mirrormount.cli.command import Command, from_extra, web_options
+from mirrormount.cli.command import Command, from_extra, virtual_address, virtual_camera, virtual_options, web_options
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -52,17 +52,28 @@ def _scale(parser: argparse.ArgumentParser) -> None:
 def _camera(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--camera",
-        default=os.environ.get("MIRRORMOUNT_CAMERA", "0"),
-        help="index, device, part of a name, folder, or virtual-table:// (default: $MIRRORMOUNT_CAMERA, else 0)",
+        help="index, device, part of a name, folder, or virtual-table:// (default: $MIRRORMOUNT_CAMERA, else 0);"
+        " with --virtual: 1 or 2",
     )
+    virtual_options(parser, "a camera of the virtual table of `measure` and `scan`; no hardware needed")
 
 
 def run(args: argparse.Namespace) -> None:
     """List, show, record, or save a scale. Raises MountError."""
     with from_extra("camera", "cameras need"):
         from mirrormount.cli import camera_scale, camera_work
+    if args.verb != "list":
+        args.camera = _address(args)
     work = camera_scale.scale if args.verb == "scale" else getattr(camera_work, args.verb)
     work(args)
+
+
+def _address(args: argparse.Namespace) -> str:
+    """The address of the camera. Raises BadValue."""
+    table = virtual_address(args, "virtual-table", mounts="1", cameras="2")
+    if table is None:
+        return os.environ.get("MIRRORMOUNT_CAMERA", "0") if args.camera is None else args.camera
+    return f"{table}#{virtual_camera(args.camera)}"
 
 
 COMMAND = Command("camera", "list cameras, show the spot, record frames, save a scale", run, arguments)

@@ -119,6 +119,14 @@ def virtual_address(args: argparse.Namespace, scheme: str = "virtual", **options
     return f"{scheme}://" + ("?" + urlencode(options) if options else "")
 
 
+def virtual_camera(given: str | None) -> int:
+    """Which camera --camera with --virtual names: 1 or 2. Raises BadValue."""
+    which = whole("1" if given is None else given, "--camera with --virtual")
+    if which not in (1, 2):
+        raise BadValue(f"the virtual table has the cameras 1 and 2, not {which}")
+    return which
+
+
 def board_port(parser: argparse.ArgumentParser) -> None:
     """The port of a board that the command needs for itself: PORT, or --port, and --table. See port_of."""
     table_option(parser)

@@ -24,7 +24,7 @@ from mirrormount.beam.report import NUMBERS_BEGIN, Origin, write_json, write_pag
 from mirrormount.beam.result import Result, Tell
 from mirrormount.beam.rig import MountRig, Rig
 from mirrormount.beam.scale import Scale
-from mirrormount.cli.command import number, positive, virtual_address, whole
+from mirrormount.cli.command import number, positive, virtual_address, virtual_camera
 from mirrormount.cli.measure_use import OF_USE, use
 from mirrormount.cli.virtual_scale import INCIDENCE_DEG, virtual_scale
 from mirrormount.common import toml_file
@@ -143,9 +143,7 @@ def _opened(args: argparse.Namespace) -> Iterator[tuple[Mount, Camera, Optics]]:
             with Mount.open(args.port) as mount:
                 yield mount, camera, optics
         return
-    which = whole(args.camera or "1", "--camera with --virtual")
-    if which not in (1, 2):
-        raise BadValue(f"the virtual table has the cameras 1 and 2, not {which}")
+    which = virtual_camera(args.camera)
     table = open_table(address)
     with contextlib.closing(table):
         camera = table.cameras[which - 1]

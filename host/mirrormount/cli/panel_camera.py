@@ -5,8 +5,7 @@ import contextlib
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from mirrormount.cli.command import from_extra, virtual_address, whole
-from mirrormount.common.errors import BadValue
+from mirrormount.cli.command import from_extra, virtual_address, virtual_camera
 from mirrormount.transport.open import TABLE_SCHEMES
 
 if TYPE_CHECKING:
@@ -54,9 +53,7 @@ def _on_table(args: argparse.Namespace) -> "Iterator[tuple[Address, CameraView[L
     from mirrormount.panel.camera_view import CameraView
     from mirrormount.virtual.virtual_table import open_table
 
-    which = whole(args.camera, "--camera with --virtual")
-    if which not in (1, 2):
-        raise BadValue(f"the virtual table has the cameras 1 and 2, not {which}")
+    which = virtual_camera(args.camera)
     table = open_table(virtual_address(args, "virtual-table", mounts="1", speed="1") or "")
     with contextlib.closing(table):
         camera = table.cameras[which - 1]
