@@ -222,6 +222,18 @@ def test_a_report_is_replaced_by_the_next_one(tmp_path, capsys):
     capsys.readouterr()
 
 
+def test_a_drift_is_told_in_angles_of_the_beam_where_there_is_a_scale(tmp_path, capsys):
+    words = ["measure", "drift", *SEED, "--minutes", "0.5"]
+    assert main.main(words) == 0
+    (walk,) = (line for line in capsys.readouterr().out.splitlines() if "x.walk" in line)
+    px, urad = (float(part.split()[0]) for part in walk.split("x.walk")[1].split("= "))
+    assert walk.endswith("urad/sqrt(s) of the beam")
+    assert urad == pytest.approx(px * 125, rel=0.05), "0.05 mm a pixel at 400 mm"
+    assert "µrad/√s" in (tmp_path / "measure-drift.html").read_text()
+    assert main.main([*words, "--mm-per-px", "0.1"]) == 0
+    assert "mm/sqrt(s)" in capsys.readouterr().out
+
+
 def test_ctrl_c_keeps_what_was_measured(tmp_path, capsys, monkeypatch, tables):
     class Interrupted(measure_work.Observer):
         count = 0

@@ -65,4 +65,5 @@ def _measured(px: Estimate) -> Measured:
 
 
 def _estimate(measured: Measured, factor: float, unit: str, px: Estimate) -> Estimate:
-    return Estimate(measured.value * factor, measured.sigma * factor, unit, px.count)
+    """px: what was converted; of px/sqrt(s) the unit is such a rate, too."""
+    return Estimate(measured.value * factor, measured.sigma * factor, unit + px.unit.removeprefix("px"), px.count)

@@ -22,7 +22,7 @@ from mirrormount.beam.result import Result, Series
 from mirrormount.common import toml_file
 
 NUMBERS_BEGIN = '{\n "began": "'  # the file of write_json()
-_SYMBOLS = {"urad": "µrad", "us": "µs", "px/sqrt(s)": "px/√s"}
+_SYMBOLS = {"us": "µs", "urad": "µrad", "sqrt(s)": "√s"}
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ def _finite(value: object) -> object:
 def _table(result: Result, optics: Optics) -> str:
     estimates = result.estimates
     columns: dict[str, list[Estimate | None]] = {"measured": list(estimates.values())}
-    in_px = {name: estimate if estimate.unit == "px" else None for name, estimate in estimates.items()}
+    in_px = {name: estimate if estimate.unit.startswith("px") else None for name, estimate in estimates.items()}
     columns["at the camera"] = [each and optics.mm(each) for each in in_px.values()]
     columns["of the beam"] = [each and optics.beam_urad(each) for each in in_px.values()]
     columns["of the mirror"] = [
@@ -102,7 +102,8 @@ def _table(result: Result, optics: Optics) -> str:
 
 def _in_words(estimate: Estimate) -> str:
     """As on the command line, where a unit is a word that can be typed; a page has its symbol."""
-    return str(replace(estimate, unit=_SYMBOLS.get(estimate.unit, estimate.unit)))
+    unit = "/".join(_SYMBOLS.get(part, part) for part in estimate.unit.split("/"))
+    return str(replace(estimate, unit=unit))
 
 
 def _settings(settings: Mapping[str, Mapping[str, int | float]]) -> str:

@@ -230,10 +230,10 @@ def _write(page: Path, numbers: Path, result: Result, origin: Origin, observer: 
 
 def _summarise(result: Result, optics: Optics) -> None:
     for name, estimate in result.estimates.items():
-        other = optics.shown(estimate) if estimate.unit == "px" else estimate
+        other = optics.shown(estimate) if estimate.unit.startswith("px") else estimate
         print(
             f"  {name:28} {estimate}"
-            + (f"  = {other}{' of the beam' * (other.unit == 'urad')}" * (other is not estimate))
+            + (f"  = {other}{' of the beam' * other.unit.startswith('urad')}" * (other is not estimate))
         )
     for remark in result.remarks:
         print(f"  {remark}")
