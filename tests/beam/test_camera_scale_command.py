@@ -46,6 +46,15 @@ def test_what_is_not_given_stays_as_it_was(folder, capsys):
     assert (saved(folder).mm_per_px, saved(folder).distance_mm, saved(folder).incidence_deg) == (0.003, 1500, 45)
 
 
+@pytest.mark.parametrize("command", ["camera scale pitch 3", "scan line 1 0 1", "measure steps"])
+def test_a_saved_scale_of_another_size_is_not_left_out_in_silence(command, folder, capsys):
+    assert main(["camera", "scale", "pitch", "5", "--distance", "1500"]) == 0
+    cv2.imwrite(str(folder / "1.png"), np.indices((240, 320)).sum(axis=0).astype(np.uint8))
+    main([*command.split(), *(["--port", "virtual://"] * ("camera" not in command))])
+    err = capsys.readouterr().err
+    assert "note: the scale of pictures is of 480 x 360 pixels, and the camera has 320 x 240: run" in err
+
+
 @pytest.mark.parametrize(
     ("words", "says"),
     [

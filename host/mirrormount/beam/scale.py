@@ -7,9 +7,8 @@ turned by a: the change of r is -2 ((d·dn) n + (d·n) dn).
 The scales of cameras are in cameras.toml in the user's folder for settings, a table for each camera's name.
 """
 
-import contextlib
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -191,11 +190,14 @@ def read(camera: Camera) -> Scale:
     return scale
 
 
-def read_if_any(camera: Camera) -> Scale | None:
-    """As read(); None where that raises NotCalibrated."""
-    with contextlib.suppress(NotCalibrated):
+def read_if_any(camera: Camera, tell: Callable[[str], object]) -> Scale | None:
+    """As read(); None where that raises NotCalibrated. tell() gets the reason where a scale is saved all the same."""
+    try:
         return read(camera)
-    return None
+    except NotCalibrated as e:
+        if camera.name in toml_file.read(path()):
+            tell(str(e))
+        return None
 
 
 def _parsed(table: object, where: str) -> Scale:

@@ -11,7 +11,7 @@ from mirrormount.beam.camera import Camera
 from mirrormount.beam.estimate import Estimate
 from mirrormount.beam.open_camera import open_camera
 from mirrormount.beam.scale import Measured, Scale
-from mirrormount.cli.command import number, positive, whole
+from mirrormount.cli.command import note, number, positive, whole
 from mirrormount.common.errors import BadValue
 from mirrormount.common.printable import printable
 
@@ -31,7 +31,7 @@ def scale(args: argparse.Namespace) -> None:
     geometry, find = _geometry(args), _SOURCES[args.source](args)  # wrong input is told before a camera is opened
     with contextlib.closing(open_camera(args.camera)) as camera:
         found = find(camera)
-        saved = scales.read_if_any(camera)
+        saved = scales.read_if_any(camera, note)
         kept = saved or Scale(*camera.size, found.value, found.sigma)
         after = replace(kept, mm_per_px=found.value, sigma_mm_per_px=found.sigma, **geometry)
         path = scales.write(camera, after)

@@ -14,7 +14,7 @@ from mirrormount.beam.recording import read_picture
 from mirrormount.beam.recording import record as write_recording
 from mirrormount.beam.spot import NoSpot, Spot
 from mirrormount.beam.webcam import listed, tried
-from mirrormount.cli.command import from_extra, whole
+from mirrormount.cli.command import from_extra, note, whole
 from mirrormount.common.errors import BadValue
 from mirrormount.common.printable import printable
 from mirrormount.common.progress import StatusLine
@@ -93,7 +93,7 @@ def _tell_controls(camera: Camera) -> None:
     for what, fixed in (("exposure", camera.controls.exposure_fixed), ("gain", camera.controls.gain_fixed)):
         if not fixed:
             state = "is automatic" if fixed is False else "may be automatic: the camera does not say"
-            print(f"note: {what} {state}; fix it in the camera's own program", file=sys.stderr)
+            note(f"{what} {state}; fix it in the camera's own program")
 
 
 def _counted(frames: Iterator[Frame], shown: StatusLine) -> Iterator[Frame]:

@@ -7,6 +7,7 @@ run() the modules that do its work.
 import argparse
 import contextlib
 import os
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -125,6 +126,11 @@ def virtual_camera(given: str | None) -> int:
     if which not in (1, 2):
         raise BadValue(f"the virtual table has the cameras 1 and 2, not {which}")
     return which
+
+
+def note(text: str) -> None:
+    """Tell on stderr what is no error."""
+    print(f"note: {text}", file=sys.stderr)
 
 
 def board_port(parser: argparse.ArgumentParser) -> None:

@@ -24,7 +24,7 @@ from mirrormount.beam.report import NUMBERS_BEGIN, Origin, write_json, write_pag
 from mirrormount.beam.result import Result, Tell
 from mirrormount.beam.rig import MountRig, Rig
 from mirrormount.beam.scale import Scale
-from mirrormount.cli.command import number, positive, virtual_address, virtual_camera
+from mirrormount.cli.command import note, number, positive, virtual_address, virtual_camera
 from mirrormount.cli.measure_use import OF_USE, use
 from mirrormount.cli.virtual_scale import INCIDENCE_DEG, virtual_scale
 from mirrormount.common import toml_file
@@ -160,7 +160,7 @@ def _optics(args: argparse.Namespace, camera: Camera, otherwise: Scale | None) -
         for name in ("mm_per_px_error", "distance", "distance_error", "incidence"):
             if getattr(args, name) is not None:
                 raise BadValue(f"--{name.replace('_', '-')} needs --mm-per-px")
-        return Optics(otherwise or camera_scale.read_if_any(camera))
+        return Optics(otherwise or camera_scale.read_if_any(camera, note))
     mm_per_px, mm_error = _length(args.mm_per_px, args.mm_per_px_error, "--mm-per-px")
     distance, distance_error = (None, 0.0)
     if args.distance is not None:

@@ -15,7 +15,7 @@ from mirrormount.beam.scale import Scale
 from mirrormount.beam.scan import Sample, Signal, grey_signal, scan, spot_signal
 from mirrormount.beam.scan_files import COMPLETE, CsvFile, Metadata, check_hdf5, metadata, of_camera, write_hdf5
 from mirrormount.beam.scan_page import ScanPage
-from mirrormount.cli.command import virtual_address, virtual_camera, whole
+from mirrormount.cli.command import note, virtual_address, virtual_camera, whole
 from mirrormount.cli.virtual_scale import virtual_scale
 from mirrormount.common.errors import BadValue, CannotWrite
 from mirrormount.common.progress import StatusLine
@@ -133,7 +133,7 @@ def _opened(args: argparse.Namespace) -> Iterator[tuple[Mount, Camera, Scale | N
     if address is None:
         camera = open_beside_mount(args.camera or os.environ.get("MIRRORMOUNT_CAMERA", "0"))
         with contextlib.closing(camera), Mount.open(args.port) as mount:
-            yield mount, camera, scales.read_if_any(camera)
+            yield mount, camera, scales.read_if_any(camera, note)
         return
     which = virtual_camera(args.camera)
     with contextlib.closing(open_table(address)) as table, Mount(Link(table.ports[0])) as mount:
