@@ -98,7 +98,7 @@ def test_a_camera_that_is_silent_is_gone():
 
 def test_a_camera_that_does_not_open_is_absent_and_released():
     capture = FakeCapture([], opened=False)
-    with pytest.raises(CameraAbsent, match="cannot be opened"):
+    with pytest.raises(CameraAbsent, match="cannot be opened: `mirrormount camera list`"):
         Webcam(capture, "cam")
     assert capture.released == 1
 

@@ -107,7 +107,9 @@ class Webcam:
     def __init__(self, capture: Capture, name: str, limits: Limits = Limits(), *, silent_s: float = _SILENT_S) -> None:  # noqa: B008
         if not capture.isOpened():
             capture.release()
-            raise CameraAbsent(f"{name}: cannot be opened")
+            raise CameraAbsent(
+                f"{name}: cannot be opened: `mirrormount camera list` lists cameras; with --virtual none is needed"
+            )
         self.name = name
         self._capture = capture
         self._limits = limits

@@ -29,7 +29,7 @@ def list(_args: argparse.Namespace) -> None:
     for device in devices:
         print(f"{device.number}  {printable(device.name)}")
     if not devices:
-        print("no camera found; a virtual one is always there: --camera virtual-table://")
+        print("no camera found; with --virtual none is needed")
     print("not looked for: cameras on the network, and those that need their maker's driver", file=sys.stderr)
 
 
