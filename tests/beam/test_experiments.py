@@ -299,3 +299,4 @@ def test_an_estimate_is_written_with_two_digits_of_its_error():
     assert str(Estimate(318_519.0, 28_836.0, "us")) == "319000 ± 29000 us"
     assert str(Estimate(-0.00002, 0.0011, "mm")) == "0.0000 ± 0.0011 mm"
     assert str(mean([1.0, 1.0], "px")) == "1 px"
+    assert str(Estimate(0.12500000000000008, 1.4e-16, "mm")) == "0.125 mm"  # of the arithmetic

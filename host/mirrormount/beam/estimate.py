@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+_ROUNDING = 1e-12  # relative error of a chain of floating-point operations
 _TWO_SIDED = 2.0  # standard deviations that the quantile is taken at
 
 
@@ -24,8 +25,11 @@ class Estimate:
     count: int = 1
 
     def __str__(self) -> str:
-        """Two digits of the error, and the value to the same place: "431.2 ± 1.3 urad"."""
-        if not math.isfinite(self.error) or self.error <= 0:
+        """Two digits of the error, and the value to the same place: "431.2 ± 1.3 urad".
+
+        No error is shown where it is not known, or is that of the arithmetic.
+        """
+        if not math.isfinite(self.error) or self.error <= _ROUNDING * abs(self.value):
             return f"{self.value:.4g} {self.unit}".strip()
         digits = 1 - math.floor(math.log10(self.error))
         value, error = (round(number, digits) + 0.0 for number in (self.value, self.error))  # + 0.0: no "-0"
