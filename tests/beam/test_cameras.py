@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 import scenes
 
-from mirrormount.beam import find_spot, webcam
-from mirrormount.beam.camera import OF_DRIVER, Controls, Size
+from mirrormount.beam import Spot, find_spot, webcam
+from mirrormount.beam.camera import OF_DRIVER, Controls, Frame, Size
 from mirrormount.beam.checked import Limits, Picture, checked
 from mirrormount.beam.open_camera import open_camera
 from mirrormount.beam.recording import record
 from mirrormount.beam.webcam import Webcam
+from mirrormount.cli.camera_work import line
 from mirrormount.cli.main import main
 from mirrormount.common.beam_errors import (
     CameraAbsent,
@@ -242,6 +243,11 @@ def test_show_prints_a_line_for_each_frame(capsys):
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == 2
     assert all(" ± " in line and "threshold" in line for line in lines)
+
+
+def test_a_weak_ghost_is_not_told_as_one_of_0_percent():
+    spot = Spot(320.0, 240.0, 0.1, 0.1, 12.0, 12.0, 178.0, 8.0, 0, 600.0, ghost=0.004)
+    assert "ghost 0.4%" in line(Frame(np.zeros((480, 640), np.uint8), 0.0, 0), spot)
 
 
 def test_the_virtual_camera_is_that_of_measure_and_scan_with_the_same_profile_and_seed(capsys):

@@ -67,7 +67,7 @@ def line(frame: Frame, found: Spot | NoSpot) -> str:
     if isinstance(found, NoSpot):
         return f"{frame.number:6d}  {found}  (threshold {seen}){marks}"
     also = f" saturated {found.saturated}" if found.saturated else ""
-    also += f" ghost {found.ghost:.0%}" if found.ghost else ""
+    also += f" ghost {found.ghost:.1%}" if found.ghost else ""
     return (
         f"{frame.number:6d}  x {found.x:8.3f} ± {found.sigma_x:.3f}  y {found.y:8.3f} ± {found.sigma_y:.3f} px"
         f"  width {found.width:.1f} x {found.height:.1f}  peak {found.peak:.0f}  threshold {seen}{also}{marks}"

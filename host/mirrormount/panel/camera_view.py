@@ -133,7 +133,7 @@ def _also(seen: Seen) -> str:
     if isinstance(found, Spot):
         parts.append(f"size {found.width:.1f} x {found.height:.1f} px, peak {found.peak:.0f}")
         parts += [f"{found.saturated} pixels saturated"] if found.saturated else []
-        parts += [f"a ghost of {found.ghost:.0%}"] if found.ghost else []
+        parts += [f"a ghost of {found.ghost:.1%}"] if found.ghost else []
     if found.detection:
         brightest = max((blob.peak for blob in found.detection.blobs), default=None)
         parts.append(f"threshold {found.detection.threshold:.1f} above the background")
