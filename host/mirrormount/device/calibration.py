@@ -32,7 +32,7 @@ _LEAST, _MOST = 1e-9, 1e9  # of each number: far beyond any mirror mount, and sa
 _HEADING = """mirrormount: how far the mirror turns with a step (docs/calibration.md).
 positive, negative: mrad of the mirror a step. pulse_us, step_duty, inverted: the step that was measured.
 beam_per_mirror: beam angle for a mirror angle of 1. screen_mm: from the mirror to the screen.
-Written by `mirrormount setup`, which keeps the numbers of other boards but no remarks."""
+Written by `mirrormount setup` and `measure`, which keep the numbers of other boards but no remarks."""
 
 
 @dataclass(frozen=True)
