@@ -34,6 +34,14 @@ def test_of_ten_thousand_nasty_scenes_none_has_a_wrong_answer():
     assert 0.92 <= (np.abs(pulls) < 2).mean() <= 0.98
 
 
+def test_a_second_spot_of_which_only_the_tip_is_above_the_threshold_is_a_second_spot():
+    scene = scenes.nasty(rng(600_844))
+    assert "two" in scene.parts and scene.truth is None
+    found = find_spot(scene.image, scene.dark)
+    assert not found
+    assert found.reason is Reason.SPLIT
+
+
 def judge(seeds):
     """(n, 2) errors in standard errors; none is above 5, or where no one spot is."""
     pulls, failed = [], []

@@ -24,7 +24,8 @@ if TYPE_CHECKING:
 _SMALLEST = 1.0  # standard deviation of a spot at least, px: a hot pixel is narrower
 _LONGISH = 3.0  # ratio of the axes at most
 _ALONE = 2.5  # peak at least, in thresholds: a second spot of 40 % would be seen
-_FAINT = 0.1  # a blob with less of the first one's light is none: only its tip is above the threshold
+_FAINT = 0.1  # a blob with less of the first one's light is none: some hot pixels
+_TIP = 0.05  # part of a blob's light above the threshold, at least: a peak there has noise
 _MARGIN = 2.0  # standard deviations between the centre and the picture's edge
 _SATURATED = 0.25  # saturated area at most, in parts of 2 pi sigma_x sigma_y
 _SIGNIFICANT = 8.0  # peak at least, in its own standard errors
@@ -95,7 +96,8 @@ def find_spot(
     if not seen.blobs:
         return NoSpot(Reason.NOTHING, seen)
     first, *others = seen.blobs
-    if any(other.peak > GHOST * first.peak and other.flux > _FAINT * first.flux for other in others):
+    least = _FAINT * _light(first, seen)
+    if any(other.peak > GHOST * first.peak and _light(other, seen) > least for other in others):
         return NoSpot(Reason.SPLIT, seen)
     if first.peak < _ALONE * blobs.ABOVE * seen.noise:
         return NoSpot(Reason.DIM, seen)
@@ -103,6 +105,11 @@ def find_spot(
     if isinstance(found, Reason):
         return NoSpot(found, seen)
     return _judge(found, picture, seen)
+
+
+def _light(blob: blobs.Blob, seen: blobs.Detection) -> float:
+    """All light of a blob: that of a Gaussian above a level q of its peak is the part 1 - q of it."""
+    return blob.flux / max(1 - seen.threshold / blob.peak, _TIP)
 
 
 def _judge(found: Located, picture: Grey, seen: blobs.Detection) -> Spot | NoSpot:
