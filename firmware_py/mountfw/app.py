@@ -88,11 +88,13 @@ class App:
         received = self._receive()
         now_us = self._ticks_us()
         left_us = self.controller.service(now_us)
-        if left_us >= _SPIN_US and not received:
-            self._read(0)
-        while left_us < _SPIN_US:
+        if left_us < _SPIN_US:
             left_us = self._end_drives(now_us)
+            if left_us < _SPIN_US:  # counting took long; no more often, for in a train of pulses this is always so
+                left_us = self._end_drives(self._ticks_us())
             self._woke_at = now_us = self._ticks_us()
+        elif not received:
+            self._read(0)
         if diff(now_us, self._shown_at) >= _SHOW_US:
             self._shown_at = now_us
             self.show()

@@ -426,6 +426,23 @@ def test_any_byte_keeps_a_motion_alive():
     assert rig.drives() == (255, 0)
 
 
+def test_a_train_of_short_pulses_leaves_time_for_all_else():
+    rig = Rig()
+    rig.port.start_watchdog()
+    rig.ask(b"1XP1000;2XP1000;1VA450;2VA450\n")
+    rig.app._feed = rig.port.feed
+    rig.send(b"1PR2000;2PR-2000\n")
+    for _ in range(20):
+        for _pass in range(100):
+            before = rig.port.us
+            rig.step()
+            assert rig.port.us - before < 20_000  # a pass ends, though the next pulse is always near
+        assert rig.port.us - rig.port.fed_at < 100_000
+    assert rig.ask(b"1MD?;2MD?\n") == b"0; 0\r\n"
+    rig.ask(b"ST\n")
+    assert not rig.controller.moving()
+
+
 def test_a_byte_that_comes_just_before_the_end_keeps_a_motion_alive():
     for before_us in range(50, 5000, 50):
         rig = Rig()

@@ -124,8 +124,6 @@ class Receiver:
         self.ahead = 0
         return message
 
-    # ---- what own_reply.py looks at, too
-
     def _whole(self):
         """The frame is complete."""
         return FRAME
