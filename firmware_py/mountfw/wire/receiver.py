@@ -82,7 +82,7 @@ class Receiver:
         """True if there are bytes for next(): more than those that it has looked at."""
         return self.unparsed > self.ahead
 
-    def next(self):
+    def next(self) -> int:
         """The next message; NEED_BYTES if there is none yet, or enough bytes are parsed for one call."""
         self.ahead = 0
         for _ in range(_AT_ONCE):
@@ -110,13 +110,13 @@ class Receiver:
             self._frame.unpack(packed)
         return packed >= 0
 
-    def gap_us(self):
+    def gap_us(self) -> int:
         """The silence after which gap() is due; 0 at a message boundary: never."""
         if self.state == BOUNDARY:
             return FRAME_GAP_US if self.ahead else 0
         return LINE_GAP_US if self.state == _IN_LINE else FRAME_GAP_US
 
-    def gap(self):
+    def gap(self) -> int:
         """Time out (a poll has just found no byte). MALFORMED, or NEED_BYTES where nothing was unfinished."""
         message = NEED_BYTES if self.state == SKIPPING else MALFORMED
         self.state = BOUNDARY
@@ -124,11 +124,11 @@ class Receiver:
         self.ahead = 0
         return message
 
-    def _whole(self):
+    def _whole(self) -> int:
         """The frame is complete."""
         return FRAME
 
-    def _skip(self, c):
+    def _skip(self, c) -> int:
         """Skip byte c."""
         if c == 10 or c == 13:
             self.state = BOUNDARY
@@ -139,7 +139,7 @@ class Receiver:
         self.state = BOUNDARY if c == 10 or c == 13 else SKIPPING
         return message
 
-    def _ended(self, _c):
+    def _ended(self, _c) -> int:
         """The line is complete with byte c."""
         return LINE
 
