@@ -14,7 +14,7 @@ STREAM_US = 1_000  # a frame each millisecond
 RECORDED_US = 10_500_000  # the position is recorded after 10 s of rest
 LATE_US = 10_000  # a frame that shows later than this did not keep up
 FRAMES = 500
-QUIET_US = 200_000  # by then the board knows that the port does not echo (docs/protocol.md), so it holds no frame
+QUIET_US = 200_000  # after an answer; by then the board knows that the port does not echo, so it holds no frame
 KEEP_ALIVE_US = 500_000
 
 # us of a pulse, and how many of 200 pulses are that long
@@ -91,6 +91,7 @@ def _keeps_up(board: Board, lab: Lab, frames: int, rate: float) -> bool:
     """Motor 1 reverses with each frame, motor 2 does one of three things: on its enables, was every frame there?"""
     speeds = [(255 if i % 2 else -255, lab.random.choice((-255, 0, 255))) for i in range(frames)]
     board.fresh()
+    board.give(b"XS?\n")
     board.run(QUIET_US)
     start_us, landed = board.us + 1_000, []
     for i, (m1, m2) in enumerate(speeds):
