@@ -174,7 +174,7 @@ def _keep(name: str, what: str, start: bytes) -> Row:
     return Row(name, _KEEP + what, KEEP, paper.NEVER_STOPS, partial(keep_alive, start=start))
 
 
-# Floors: measured of firmware 497a0691940d on Debian's MicroPython 1.25.0, n = 20, plus 25 %; where that is more, older ones
+# Floors: measured of firmware 497a0691940d on Debian's MicroPython 1.25.0, n = 20, plus 25 %
 _OPEN = (
     *_frame(together=True, full=True, floor=1.55),
     *_frame(together=True, full=False, floor=1.55),
