@@ -38,8 +38,7 @@ class Controller:
 
     def halt(self, reason):
         """A stop is received, maybe in the middle of longer work: cut all drives now; service() ends the moves."""
-        for cut in self._cuts:
-            cut()
+        self.off_all()
         for axis in self.axes:
             if not axis.drive.was_cut:
                 axis.drive.cut()
