@@ -105,6 +105,8 @@ def _port_class(_seam):
     class Port(rig.Port):
         """Verbs of ports/circuitpython.py; notes as rig.Port keeps them."""
 
+        ENABLE_IS_LATE = True
+
         def __init__(self, files=None):
             self.seam = Seam(self)
             super().__init__(files)
