@@ -14,6 +14,7 @@
   const AGAIN_MS = 500; // between two attempts to reach the panel
   const BEAT_MS = 20; // the least between two beats: ticks that were held back come all at once
   const SILENT_MS = 1000; // a panel that is not heard of for so long is not reached
+  const SHOW_MS = 1000; // more than a fold takes to open
 
   let mounts = []; // the Mount of each element with data-page
   let held = null; // {element, by, mount}: what is down, and which pointer or key holds it
@@ -215,11 +216,21 @@
   // ---- keys
 
   document.addEventListener("focusin", (event) => choose(mountOf(event.target)));
-  // Chromium leaves a field with a list of proposals under STOP now and then: what a key has reached is brought into sight
-  document.addEventListener("focusin", ({ target }) => {
-    if (!target.matches(":focus-visible") || target.closest("header, footer")) return;
-    requestAnimationFrame(() => target.scrollIntoView({ block: "nearest", inline: "nearest" }));
+  // What a key has reached is brought into sight, for a second or until somebody scrolls: a fold that opens scrolls inside
+  // and takes that back, and Chromium leaves a field with a list of proposals under STOP now and then.
+  let reached = null;
+  const keepInSight = (until) =>
+    requestAnimationFrame((now) => {
+      reached?.scrollIntoView({ block: "nearest", inline: "nearest" });
+      if (reached && now < until) keepInSight(until);
+    });
+  document.addEventListener("focusin", ({ target, timeStamp }) => {
+    reached = target.matches(":focus-visible") && !target.closest("header, footer") ? target : null;
+    keepInSight(timeStamp + SHOW_MS);
   });
+  for (const kind of ["wheel", "touchmove", "pointerdown"]) {
+    document.addEventListener(kind, () => (reached = null), { passive: true });
+  }
 
   const typing = (target) => target.closest?.("input, textarea, select, [contenteditable], [role=slider], [role=tab]");
 
