@@ -12,6 +12,7 @@ from mountfw.wire.ticks import diff
 
 _SPIN_US = const(3_000)  # a drive that ends within this is waited for: more than a pass takes
 _CLOCK_US = const(200)  # of that, the last stretch reads the clock only: more than polling the input takes
+_FREE_US = const(10_000)  # no drive ends for so long: a pass may take twice as long as others
 _SHOW_US = const(32_000)  # between two updates of the LED
 _SLEEP_MS = const(64)  # the longest sleep: half a slot of the LED's patterns
 _READ = const(64)  # bytes read between two checks of the deadlines
@@ -94,14 +95,14 @@ class App:
                 left_us = self._end_drives(self._ticks_us())
             self._woke_at = now_us = self._ticks_us()
         elif not received:
-            self._read(0)
+            self._read(0, _READ_MEANWHILE)
         if diff(now_us, self._shown_at) >= _SHOW_US:
             self._shown_at = now_us
             self.show()
             self._own.tick(now_us)
             if self._feed:
                 self._feed()
-            self._read(0)  # a stop does not wait for this and for what follows
+            self._read(0, _READ_MEANWHILE)  # a stop does not wait for this and for what follows
         self._sleep_ms = 0
         if self._streams or self._obeyed or self.controller.halted:
             pass  # a stop may be in the bytes still to come, or the lane take what comes next: everything else can wait
@@ -109,6 +110,8 @@ class App:
             self._commands.go_on()
         elif self._receiver.waits():
             self._parse()
+            if self._commands.busy and left_us > _FREE_US and not (self.controller.halted or self.controller.watching()):
+                self._commands.go_on()  # many short lines: half of their time is the pass around them
         elif not received:  # after a byte the next pass polls at once: silence is measured from its start
             self._sleep_ms = self._idle(now_us, left_us)
         self._about.passes = self._about.passes + 1 & 0x3FFFFFFF
@@ -136,11 +139,11 @@ class App:
         self._streams = receiver.unparsed - before >= _STREAM and receiver.unparsed < _MOST_STREAMED
         return received
 
-    def _read(self, wait_ms):
-        """Wait so long for a byte, and read at most _READ; a stop cuts, a frame may drive. _NOTHING, _ALL or _MORE."""
+    def _read(self, wait_ms, most=_READ):
+        """Wait so long for a byte, and read so many; a stop cuts, a frame may drive. _NOTHING, _ALL or _MORE."""
         receiver = self._receiver
         before = receiver.write
-        stop = self._look(_READ, wait_ms)
+        stop = self._look(most, wait_ms)
         if stop < 0:
             return _NOTHING
         if stop:
@@ -148,7 +151,7 @@ class App:
         if self._lane.log[0]:
             self._obeyed = True
             self._lane.book()
-        return _MORE if stop or receiver.write - before & receiver.mask == _READ else _ALL
+        return _MORE if stop or receiver.write - before & receiver.mask == most else _ALL
 
     def poll_input(self, most=_READ_MEANWHILE):
         """Read bytes that wait, in the middle of longer work: a stop among them cuts at once. True if any came."""
