@@ -112,6 +112,8 @@ class Actions(Settings):
 
     def limits(self):
         """Bit 0: positive end-stop active, bit 1: negative, bit 2: home. Switches not fitted read 0."""
+        if not self.switches & 3:
+            return 0
         return self.stop_towards(1).active() | self.stop_towards(-1).active() << 1
 
     def stop_towards(self, direction):
