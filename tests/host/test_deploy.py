@@ -24,7 +24,7 @@ from mirrormount.common.supported import MICROPYTHON
 from mirrormount.deploy import micropython_trial
 from mirrormount.deploy.board_file import read_pins
 from mirrormount.deploy.fileset import firmware, firmware_hash
-from mirrormount.deploy.micropython import Options, deploy, may_replace
+from mirrormount.deploy.micropython import Options, deploy, may_replace, undeploy
 from mirrormount.deploy.micropython_plan import plan
 from mirrormount.deploy.mpremote import Mpremote
 from mirrormount.deploy.on_board import KEPT
@@ -345,6 +345,29 @@ def test_a_signal_before_anything_was_changed_starts_the_firmware_again(deployed
     assert left.items() <= before.items()  # a late signal may find some files removed
     if left == before:
         assert deployed.ask("VE?") == f"MM2 Version {mountfw.__version__} mirrormount"
+
+
+class Stopping(Progress):
+    """Says stop as each phase begins, but for the first, in which the port is not yet open."""
+
+    def __init__(self, port: str) -> None:
+        super().__init__()
+        self._port = port
+        self.said: dict[str, tuple[int, str]] = {}
+
+    def phase(self, text: str) -> None:
+        if text != "looking at the board":
+            run = run_cli("stop", "--port", self._port)
+            self.said[text.split()[0]] = (run.returncode, run.stdout[:8] + run.stderr)
+
+
+@pytest.mark.parametrize(
+    ("command", "phases"), [(deploy, {"compiling", "uploading", "restarting"}), (undeploy, {"removing"})]
+)
+def test_a_stop_gets_through_while_the_board_is_worked_on(deployed, command, phases):
+    progress = Stopping(deployed.port)
+    command(Options(port=deployed.port, source=True), progress)
+    assert progress.said == dict.fromkeys(phases, (0, "stopped "))
 
 
 def does_not_answer(*_) -> None:

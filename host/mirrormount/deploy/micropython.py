@@ -25,6 +25,7 @@ from mirrormount.deploy.handshake import STATUS, Options, quiet
 from mirrormount.deploy.micropython_plan import Plan, plan
 from mirrormount.deploy.micropython_trial import before, settle, try_it
 from mirrormount.deploy.mpremote import Mpremote
+from mirrormount.deploy.stop_answer import StopAnswer, stop_answered
 from mirrormount.transport.circuitpy_drives import Drive, drive_at, find_bootloaders, find_drives
 from mirrormount.transport.circuitpy_ports import serial_number
 from mirrormount.transport.find import find_micropython, find_one
@@ -45,13 +46,18 @@ def deploy(options: Options, progress: Progress | None = None) -> str:
     Raises DeployError, CannotOpen, ConnectionLost: the board then has what it had, or says so at the next boot.
     """
     progress = progress or Progress()
-    started = time.monotonic()
     this = _board_choice(options)
     if drive := choose(options):
         return circuitpython.deploy(drive, this, options, progress)
     port = _find(options.port)
+    with stop_answered(port) as answer:
+        return _deploy(port, this, options, progress, answer)
+
+
+def _deploy(port: str, this: dict[str, bytes], options: Options, progress: Progress, stop_answer: StopAnswer) -> str:
+    started = time.monotonic()
     progress.phase("looking at the board")
-    answered = _approach(port, options.stop)
+    answered = _approach(port, options.stop, stop_answer)
     board = Mpremote(port)
     with board.reset_if_it_fails():
         there = board.survey()
@@ -82,11 +88,12 @@ def undeploy(options: Options, progress: Progress | None = None) -> str:
     if drive := choose(options):
         return circuitpython.undeploy(drive, options, progress)
     port = _find(options.port)
-    _approach(port, options.stop)
-    progress.phase("removing")
-    board = Mpremote(port)
-    with board.reset_if_it_fails():
-        done = board.undeploy()
+    with stop_answered(port) as answer:
+        _approach(port, options.stop, answer)
+        progress.phase("removing")
+        board = Mpremote(port)
+        with board.reset_if_it_fails():
+            done = board.undeploy()
     if not done["found"]:
         raise DeployError("this board has no firmware that deploy has put there: nothing was removed")
     back = f"; there again: {printable(', '.join(done['restored']))}" if done["restored"] else ""
@@ -191,17 +198,19 @@ def _find(address: str | None) -> str:
     return address
 
 
-def _approach(port: str, stop: bool) -> bool:
+def _approach(port: str, stop: bool, stop_answer: StopAnswer) -> bool:
     """See to it that a MicroPython is there and no motor moves. Sends no stop unless told to.
 
     True if the firmware answered. Raises DeployError. The board is left at its prompt.
     """
     link = Link(open_port(port))
     try:
+        stop_answer.asking(link)
         link.drain(0.1)
         heard = quiet(link, stop)
+        answered = bool(STATUS.search(heard))
+        stop_answer.found(at_rest=answered)
         with prompt.restarted_on_interruption(link):
-            answered = bool(STATUS.search(heard))
             if not answered:
                 heard += prompt.look(link)
                 if "CircuitPython" in heard:
