@@ -9,6 +9,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 import pytest
+from served import run_cli
 
 from mirrormount.common import errors
 from mirrormount.virtual import emulator, image
@@ -192,3 +193,14 @@ def test_a_cache_that_cannot_be_written_to_is_one_line(tmp_path, monkeypatch):
     monkeypatch.setenv("MIRRORMOUNT_CACHE", str(tmp_path / "file"))
     with pytest.raises(errors.EmulatorMissing, match="MIRRORMOUNT_CACHE"), image.held("emulator"):
         pass
+
+
+@pytest.mark.parametrize(("name", "why"), [("/dev/zero", "there is no such image"), ("large", "at most 32 MB")])
+def test_what_is_no_file_of_an_images_size_is_not_read(tmp_path, name, why):
+    path = tmp_path / name  # a path that begins with / stays itself
+    if name == "large":
+        with path.open("wb") as file:
+            file.truncate((32 << 20) + 1)
+    run = run_cli("virtual", "--machine", "rp2040", "--image", str(path))
+    assert (run.returncode, run.stdout) == (1, "")
+    assert run.stderr.startswith(f"mirrormount: {path}: ") and run.stderr.endswith(f"{why}\n")

@@ -27,6 +27,7 @@ from mirrormount.common.errors import EmulatorMissing
 from mirrormount.deploy.fileset import MPY_OF_PICO
 
 TOOLS = Path(__file__).parents[3] / "tools" / "emulator"
+_MOST_BYTES = 32 << 20  # a .uf2 is twice as long as what it holds, and no RP2040 has more than 16 MB of flash
 _PATIENCE_S = 5.0  # until the site answers, and between two pieces of what it sends
 
 
@@ -96,8 +97,7 @@ def find_image(image: Path | None) -> Path:
     Raises EmulatorMissing.
     """
     if image is not None:
-        if not image.is_file():
-            raise EmulatorMissing(f"{image}: there is no such image")
+        _check(image)
         return image
     folder = cache() / "images"
     found = sorted([*folder.glob("*.uf2"), *folder.glob("*.bin")])
@@ -117,18 +117,31 @@ def find_image(image: Path | None) -> Path:
 
 
 def is_circuitpython(image: Path) -> bool:
-    """True for an image of CircuitPython, which is never fetched or built here; False for one of MicroPython."""
-    return b"Adafruit CircuitPython" in _content(image.read_bytes())
+    """True for an image of CircuitPython, which is never fetched or built here; False for one of MicroPython.
+
+    Raises EmulatorMissing.
+    """
+    return b"Adafruit CircuitPython" in _content(image)
 
 
 def mpy_of(image: Path) -> int:
-    """What sys.implementation._mpy is of a MicroPython for the RP2040 from 1.22 on."""
-    minor = re.search(rb"MicroPython v1\.(\d+)", _content(image.read_bytes()))
+    """What sys.implementation._mpy is of a MicroPython for the RP2040 from 1.22 on. Raises EmulatorMissing."""
+    minor = re.search(rb"MicroPython v1\.(\d+)", _content(image))
     return MPY_OF_PICO if minor and int(minor[1]) > 22 else MPY_OF_PICO - (1 << 8)
 
 
-def _content(data: bytes) -> bytes:
-    """The contents of the blocks of a .uf2, joined; of any other file all of it."""
+def _check(image: Path) -> None:
+    """Raise EmulatorMissing if that is no file of an image's size."""
+    if not image.is_file():
+        raise EmulatorMissing(f"{image}: there is no such image")
+    if image.stat().st_size > _MOST_BYTES:
+        raise EmulatorMissing(f"{image}: an image has at most {_MOST_BYTES >> 20} MB")
+
+
+def _content(image: Path) -> bytes:
+    """The contents of the blocks of a .uf2, joined; of any other file all of it. Raises EmulatorMissing."""
+    _check(image)
+    data = image.read_bytes()
     if not data.startswith(b"UF2\n"):
         return data
     return b"".join(data[at + 32 : at + 32 + 256] for at in range(0, len(data), 512))
