@@ -151,6 +151,8 @@ def _own_environment(tmp_path_factory):
             patch.delenv(name)
         patch.setenv("MIRRORMOUNT_CONFIG", str(tmp_path_factory.mktemp("settings")))
         patch.setenv("XDG_RUNTIME_DIR", runtime)
+        patch.setenv("TMPDIR", os.path.join(runtime, "tmp"))  # where programs that a test kills leave what they had
+        os.mkdir(os.environ["TMPDIR"])
         yield
 
 
