@@ -100,7 +100,8 @@ def run_sessions(seed: int, count: int, make: type[Rig] = Rig) -> list[str]:
             # as the board's own reply: all behind it is dropped, so there is no more to compare
             end = events.index(("own",))
             events[:] = events[:end]
-            if like_a_reply(data):
+            # a refused line may be one, too: `0` behind `2TP?`, whose answer was `0`
+            if like_a_reply(data) or expected[end : end + 1] == [("bad",)]:
                 expected = expected[:end]
         if expected != events[: len(expected)] or set(events[len(expected) :]) - {("bad",)}:
             wrong.append(f"{shown}\n  expected {expected}\n  got      {events}")
@@ -128,8 +129,9 @@ def run_sessions(seed: int, count: int, make: type[Rig] = Rig) -> list[str]:
 def test_random_sessions_are_understood_as_the_model_says_and_end_with_everything_off():
     seed = int(os.environ.get("MIRRORMOUNT_FUZZ_SEED", "1"))
     jobs = 8
+    sessions = int(os.environ.get("MIRRORMOUNT_FUZZ_SESSIONS", str(SESSIONS)))
     with ProcessPoolExecutor() as pool:
-        results = pool.map(run_sessions, range(seed, seed + jobs), [SESSIONS // jobs] * jobs)
+        results = pool.map(run_sessions, range(seed, seed + jobs), [sessions // jobs] * jobs)
         wrong = [line for result in results for line in result]
     assert not wrong, "\n".join(wrong[:10])
 
