@@ -222,14 +222,12 @@ class App:
         self._read(0)
         if self._receiver.waits() or self._obeyed or self.controller.halted or self.controller.watching():
             return 0
-        self._read(0)
         if not (self._tidy or waiting or self.controller.moving()):  # 20 ms, so after the first answer
             self._tidy = True
             self.port.collect()
         if self._records.waiting and not (waiting or self._receiver.gap_us()):
             self._records.record(now_us, self.controller.moving())
-        self._read(0)
-        if waiting and self.port.writable():
+        if self._read(0) or (waiting and self.port.writable()):
             return 0
         left_us -= diff(self._ticks_us(), now_us)
         return max(0, min(_SLEEP_MS, (left_us - _SPIN_US) // 1000))
