@@ -126,7 +126,8 @@ class EncodedAxis(Axis):
             return False
         position.look()
         nearest = rounded(position.millisteps)
-        self._start = apart(position.place, position.counts_of(position.millisteps - nearest * 1000))
+        beyond = position.counts_of(position.millisteps - nearest * 1000)
+        self._start = apart(position.place, beyond)
         self.last_relative = steps - nearest
         self._begin_pulses(steps - nearest, self.pulse_us, steps)
         return True
@@ -189,12 +190,12 @@ class EncodedAxis(Axis):
         per_pulse = self._counts or (
             us * position.per_step // self.pulse_us if us != self.pulse_us else position.per_step
         )
-        start = self._start
         self._counts = 0
-        self._start = None
         position.look()
         self._pulses = True
-        return self._loop.begin(position.place, start, n, per_pulse)
+        n = self._loop.begin(position.place, self._start, n, per_pulse)
+        self._start = None
+        return n
 
     def _next_pulse(self):
         if not self._pulses:
