@@ -12,7 +12,7 @@ from mountfw.wire.ticks import diff
 
 _SPIN_US = const(3_000)  # a drive that ends within this is waited for: more than a pass takes
 _CLOCK_US = const(200)  # of that, the last stretch reads the clock only: more than polling the input takes
-_FREE_US = const(10_000)  # no drive ends for so long: a pass may read more, and take twice as long as others
+_FREE_US = const(10_000)  # nothing is due for so long: a pass may read more, and take twice as long as others
 _SHOW_US = const(32_000)  # between two updates of the LED
 _SLEEP_MS = const(64)  # the longest sleep: half a slot of the LED's patterns
 _READ = const(64)  # bytes read at once
@@ -90,7 +90,8 @@ class App:
         received = self._receive()
         now_us = self._ticks_us()
         left_us = self.controller.service(now_us)
-        self._most = _READ if left_us > _FREE_US else _READ_MEANWHILE
+        free = left_us > _FREE_US
+        self._most = _READ if free or not self.controller.ending(now_us, _FREE_US) else _READ_MEANWHILE
         if left_us < _SPIN_US:
             left_us = self._end_drives(now_us)
             if left_us < _SPIN_US:  # counting took long; no more often, for in a train of pulses this is always so
@@ -111,7 +112,7 @@ class App:
         elif self._commands.busy:
             self._commands.go_on()
         elif self._receiver.waits():
-            self._parse()
+            self._parse(free)
         elif not received:  # after a byte the next pass polls at once: silence is measured from its start
             self._sleep_ms = self._idle(now_us, left_us)
         self._about.passed(diff(self._ticks_us(), self._woke_at))
@@ -162,14 +163,14 @@ class App:
         self.gated.received += 1
         self.controller.halt(_STOPS[stop])
 
-    def _parse(self):
+    def _parse(self, free):
         message = self._receiver.next()
         self.poll_input()
         if not message and self._receiver.waits():
             message = self._receiver.next()
             self.poll_input()
         self._dispatch(message)
-        if self._commands.busy and self._most == _READ and not (self.controller.halted or self.controller.watching()):
+        if self._commands.busy and free and not (self.controller.halted or self.controller.watching()):
             self._commands.go_on()  # many short lines: half of their time is the pass around them
 
     def _dispatch(self, message):
@@ -220,7 +221,10 @@ class App:
         self._read(0)
         left_us = min(left_us, self._time_out(looked_us, left_us))
         self._read(0)
-        if self._receiver.waits() or self._obeyed or self.controller.halted or self.controller.watching():
+        if self.controller.watching():  # twice in a pass, for a port without interrupts
+            self.controller.guard_stops()
+            return 0
+        if self._receiver.waits() or self._obeyed or self.controller.halted:
             return 0
         if not (self._tidy or waiting or self.controller.moving()):  # 20 ms, so after the first answer
             self._tidy = True
