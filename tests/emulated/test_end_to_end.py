@@ -12,6 +12,8 @@ from mirrormount.common.errors import EmulatorMissing, MountError
 from mirrormount.deploy.fileset import firmware
 from mirrormount.virtual import emulator
 
+pytestmark = pytest.mark.wall_clock  # on a busy computer a board in real time answers later than its client waits
+
 
 @pytest.fixture(scope="module")
 def blank(tmp_path_factory):

@@ -21,6 +21,8 @@ from mirrormount.transport.stop_socket import SENT, STOPPED, Stoppable, ask, ask
 if os.name != "posix":
     pytest.skip("Unix sockets need POSIX", allow_module_level=True)
 
+pytestmark = pytest.mark.wall_clock  # on a busy computer a board in real time answers later than its client waits
+
 HOLDER = """
 import sys, threading
 from mirrormount import Mount
