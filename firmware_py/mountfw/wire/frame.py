@@ -74,7 +74,8 @@ class Frame:
         self.length = i + 1
         if i < LENGTH - 1:
             return MORE
-        self.unpack(self._pack(self.text, 0, LENGTH - 1))
+        packed = self._pack(self.text, 0, LENGTH - 1)
+        self.unpack(packed)
         return DONE
 
     def unpack(self, packed):
