@@ -116,7 +116,6 @@ def test_a_dead_clients_keep_alive_does_not_cut_the_next_client(board):
     assert abs(board.off_after_us("m1_en") - 1_500_000) < 5_000
 
 
-@pytest.mark.wall_clock
 @pytest.mark.parametrize("how", ["link", "tcp"])
 def test_a_host_that_never_reads_ten_thousand_frames_then_a_stop(board, how):
     if how == "link":
@@ -174,8 +173,8 @@ def test_a_board_that_goes_in_mid_move_is_one_clear_error(board):
     assert "\n" not in str(lost.value)
 
 
-@pytest.mark.wall_clock  # alone: the number of a terminal that has gone may go to that of another test
 def test_the_link_of_a_killed_board_is_replaced_and_one_in_use_is_not(board):
+    # alone, as all here: the number of a terminal that has gone may go to that of another test
     refused = run_cli("virtual", "--link", str(board.link))
     assert refused.returncode == 1
     assert "leads to a terminal in use" in refused.stderr and board.link.is_symlink()
