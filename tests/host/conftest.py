@@ -1,12 +1,19 @@
-"""Fixtures: boards that are served while a test runs."""
+"""Fixtures: boards that are served while a test runs, and boards that were deployed to."""
 
 import itertools
+import shutil
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
+from deployed import Served, mpy_of_the_vm
 from served import ServedBoard
+
+from mirrormount.common.errors import EmulatorMissing
+from mirrormount.deploy.fileset import firmware
+from mirrormount.deploy.micropython_plan import plan
+from mirrormount.virtual import machines
 
 
 @pytest.fixture
@@ -19,3 +26,36 @@ def serve(tmp_path: Path) -> Iterator[Callable[..., ServedBoard]]:
 @pytest.fixture
 def board(serve) -> ServedBoard:
     return serve()
+
+
+@pytest.fixture
+def boot(serve, tmp_path):
+    """Switches on a VM; root is its file system, by default an empty one."""
+
+    def switch_on(root: Path | None = None) -> Served:
+        root = root or tmp_path / "files"
+        root.mkdir(exist_ok=True)
+        try:
+            machines.micropython(root)
+        except EmulatorMissing as e:
+            pytest.skip(str(e))
+        return Served(serve("--machine", "micropython", "--files", str(root)), root)
+
+    return switch_on
+
+
+@pytest.fixture(scope="module")
+def deployed_files(tmp_path_factory) -> Path:
+    """What a deploy leaves on a blank board, made without a board."""
+    root = tmp_path_factory.mktemp("deployed")
+    todo = plan(firmware(mpy_of_the_vm()), {}, {}, lambda _copy: True)
+    for path, content in todo.upload.items():
+        (root / path).parent.mkdir(parents=True, exist_ok=True)
+        (root / path).write_bytes(content)
+    return root
+
+
+@pytest.fixture
+def deployed(boot, deployed_files: Path, tmp_path: Path) -> Served:
+    """A board that was deployed to, as it is after power-up."""
+    return boot(Path(shutil.copytree(deployed_files, tmp_path / "deployed")))

@@ -3,109 +3,25 @@
 import hashlib
 import io
 import json
-import os
 import shutil
-import signal
 import subprocess
 import sys
-import threading
 from pathlib import Path
 
 import pytest
-from served import ServedBoard, run_cli, wait_for
+from deployed import THEIRS, contents, listed, mpy_of_the_vm
+from served import run_cli, wait_for
 
 import mountfw
 from mirrormount import Mount
 from mirrormount.common import errors
-from mirrormount.common.errors import EmulatorMissing
-from mirrormount.common.progress import Progress
-from mirrormount.common.signals import Terminated
 from mirrormount.common.supported import MICROPYTHON
-from mirrormount.deploy import micropython_trial
 from mirrormount.deploy.board_file import read_pins
 from mirrormount.deploy.fileset import firmware, firmware_hash
-from mirrormount.deploy.micropython import Options, deploy, may_replace, undeploy
-from mirrormount.deploy.micropython_plan import plan
+from mirrormount.deploy.micropython import Options, deploy, may_replace
 from mirrormount.deploy.mpremote import Mpremote
-from mirrormount.deploy.on_board import KEPT
-from mirrormount.virtual import machines
 
 PACKAGE = Path(mountfw.__file__).parent / "package.json"
-THEIRS = "print('a program of somebody else')\n"
-
-
-def contents(root: Path) -> dict[str, bytes]:
-    """Every file of a board."""
-    return {p.relative_to(root).as_posix(): p.read_bytes() for p in root.rglob("*") if p.is_file()}
-
-
-def listed(root: Path) -> set[str]:
-    """What the manifest says."""
-    return set(json.loads((root / "mountfw" / "manifest.json").read_text())["files"])
-
-
-class Served:
-    """A served VM and its files."""
-
-    def __init__(self, board: ServedBoard, root: Path) -> None:
-        self.board = board
-        self.root = root
-        self.port = str(board.link)
-
-    def deploy(self, *options: str) -> subprocess.CompletedProcess:
-        return run_cli("deploy", self.port, *options)
-
-    def run(self) -> None:
-        """Let motor 1 run, and go away."""
-        mount = Mount.open(self.port)
-        mount.send("1XM60000;1MV+")
-        mount.close()
-
-    def ask(self, question: str) -> str:
-        with Mount.open(self.port) as mount:
-            return mount.ask(question)
-
-
-@pytest.fixture
-def boot(serve, tmp_path):
-    """Switches on a VM; root is its file system, by default an empty one."""
-
-    def switch_on(root: Path | None = None) -> Served:
-        root = root or tmp_path / "files"
-        root.mkdir(exist_ok=True)
-        try:
-            machines.micropython(root)
-        except EmulatorMissing as e:
-            pytest.skip(str(e))
-        return Served(serve("--machine", "micropython", "--files", str(root)), root)
-
-    return switch_on
-
-
-@pytest.fixture(scope="module")
-def deployed_files(tmp_path_factory) -> Path:
-    """What a deploy leaves on a blank board, made without a board."""
-    root = tmp_path_factory.mktemp("deployed")
-    todo = plan(firmware(mpy_of_the_vm()), {}, {}, lambda _copy: True)
-    for path, content in todo.upload.items():
-        (root / path).parent.mkdir(parents=True, exist_ok=True)
-        (root / path).write_bytes(content)
-    return root
-
-
-def mpy_of_the_vm() -> int:
-    """The VM's format of compiled files."""
-    vm = shutil.which("micropython", path=os.path.dirname(sys.executable)) or shutil.which("micropython")
-    if vm is None:
-        pytest.skip("no MicroPython VM here")
-    said = subprocess.run([vm, "-c", "import sys; print(sys.implementation._mpy)"], capture_output=True, check=True)
-    return int(said.stdout)
-
-
-@pytest.fixture
-def deployed(boot, deployed_files: Path, tmp_path: Path) -> Served:
-    """A board that was deployed to, as it is after power-up."""
-    return boot(Path(shutil.copytree(deployed_files, tmp_path / "deployed")))
 
 
 def test_deploy_to_a_blank_board_makes_it_a_mount(boot):
@@ -244,158 +160,6 @@ def test_a_flash_that_is_full_leaves_the_old_firmware_running(deployed):
     assert done.returncode == 1 and done.stderr.splitlines()[-1].endswith("the board has the firmware that it had")
     assert contents(deployed.root) == before
     assert wait_for(lambda: deployed.ask("VE?"), "the old firmware")
-
-
-def broken(monkeypatch, line: str) -> None:
-    """The firmware that deploy has is one whose app.py begins with this line."""
-    files = firmware(None)
-    files["mountfw/app.py"] = line.encode() + b"\n" + files["mountfw/app.py"]
-    monkeypatch.setattr("mirrormount.deploy.micropython.firmware", lambda _mpy: dict(files))
-
-
-def test_a_new_firmware_that_fails_gives_way_to_the_old_one_and_its_last_line_is_told(deployed, monkeypatch):
-    before = contents(deployed.root)
-    broken(monkeypatch, "raise RuntimeError('no such thing')")
-    with pytest.raises(errors.FirmwareFailed) as e:
-        deploy(Options(port=deployed.port))
-    assert str(e.value) == (
-        "the firmware on the board does not start; it says: RuntimeError: no such thing; the firmware that was there"
-        " before is back and answers"
-    )
-    assert contents(deployed.root) == before
-    assert deployed.ask("VE?") == f"MM2 Version {mountfw.__version__} mirrormount"
-
-
-def test_a_first_deploy_that_fails_leaves_nothing_that_fails_at_each_boot(boot, monkeypatch):
-    board = boot()
-    broken(monkeypatch, "import no_such_module")
-    with pytest.raises(errors.FirmwareFailed, match=r"no module named 'no_such_module'.*no main\.py, as before"):
-        deploy(Options(port=board.port))
-    assert contents(board.root) == {}
-
-
-def test_a_program_of_somebody_else_is_back_when_the_firmware_fails(boot, tmp_path, monkeypatch):
-    (tmp_path / "files").mkdir()
-    (tmp_path / "files" / "main.py").write_text(THEIRS)
-    board = boot()
-    broken(monkeypatch, "import no_such_module")
-    with pytest.raises(errors.FirmwareFailed, match=r"the main\.py that was there before is back"):
-        deploy(Options(port=board.port, replace_main=True))
-    assert contents(board.root) == {"main.py": THEIRS.encode()}
-
-
-def test_a_firmware_that_starts_and_never_answers_gives_way_too(deployed, monkeypatch):
-    before = contents(deployed.root)
-    broken(monkeypatch, "import time\nwhile True: time.sleep_ms(50)")
-    monkeypatch.setattr("mirrormount.deploy.micropython_trial._BACK_S", 4.0)
-    with pytest.raises(errors.FirmwareFailed, match="does not answer; the firmware that was there before is back"):
-        deploy(Options(port=deployed.port))
-    assert contents(deployed.root) == before
-
-
-@pytest.mark.parametrize("line", ["# another version", "import no_such_module"], ids=["that works", "that fails"])
-def test_a_deploy_that_was_ended_before_a_firmware_answered_is_settled_by_the_next(deployed, monkeypatch, line):
-    def end(*_):
-        raise KeyboardInterrupt
-
-    with monkeypatch.context() as patch:
-        broken(patch, line)
-        patch.setattr("mirrormount.deploy.micropython.try_it", end)
-        with pytest.raises(KeyboardInterrupt):
-            deploy(Options(port=deployed.port))
-    assert (deployed.root / KEPT).is_dir()
-    assert deployed.deploy().returncode == 0
-    assert set(contents(deployed.root)) == listed(deployed.root) | {"mountfw/manifest.json"}
-
-
-def end_by_signal(board: Served, tmp_path: Path, number: int, command: str, under_way) -> subprocess.CompletedProcess:
-    """Run a command, and send it a signal when under_way(lines of stderr so far) is true."""
-    scratch = tmp_path / "scratch"
-    scratch.mkdir()
-    words = [sys.executable, "-m", "mirrormount", *command.split(), board.port]
-    said: list[str] = []
-    with subprocess.Popen(words, stderr=subprocess.PIPE, text=True, env=os.environ | {"TMPDIR": str(scratch)}) as run:
-        assert run.stderr
-        reader = threading.Thread(target=lambda: said.extend(run.stderr))
-        reader.start()
-        wait_for(lambda: under_way(said), f"{command} to be under way")
-        run.send_signal(number)
-        reader.join()
-    assert list(scratch.iterdir()) == []
-    return subprocess.CompletedProcess(words, run.returncode, stderr="".join(said))
-
-
-@pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])
-def test_a_deploy_that_a_signal_ends_leaves_the_firmware_that_ran_and_starts_it(deployed, tmp_path, name):
-    before, number = contents(deployed.root), getattr(signal, name)
-    ended = end_by_signal(
-        deployed, tmp_path, number, "deploy --source", lambda _: list(deployed.root.rglob("*.py.new"))
-    )
-    assert (ended.returncode, ended.stderr.splitlines()[-1]) == (128 + number, f"mirrormount: ended by {name}")
-    assert contents(deployed.root) == before
-    assert deployed.ask("VE?") == f"MM2 Version {mountfw.__version__} mirrormount"
-
-
-@pytest.mark.parametrize("command", ["deploy", "undeploy"])
-def test_a_signal_before_anything_was_changed_starts_the_firmware_again(deployed, tmp_path, command):
-    before = contents(deployed.root)
-    ended = end_by_signal(deployed, tmp_path, signal.SIGTERM, command, len)
-    assert ended.returncode == 128 + signal.SIGTERM, ended.stderr
-    left = contents(deployed.root)
-    assert left.items() <= before.items()  # a late signal may find some files removed
-    if left == before:
-        assert deployed.ask("VE?") == f"MM2 Version {mountfw.__version__} mirrormount"
-
-
-class Stopping(Progress):
-    """Says stop as each phase begins, but for the first, in which the port is not yet open."""
-
-    def __init__(self, port: str) -> None:
-        super().__init__()
-        self._port = port
-        self.said: dict[str, tuple[int, str]] = {}
-
-    def phase(self, text: str) -> None:
-        if text != "looking at the board":
-            run = run_cli("stop", "--port", self._port)
-            self.said[text.split()[0]] = (run.returncode, run.stdout[:8] + run.stderr)
-
-
-@pytest.mark.parametrize(
-    ("command", "phases"), [(deploy, {"compiling", "uploading", "restarting"}), (undeploy, {"removing"})]
-)
-def test_a_stop_gets_through_while_the_board_is_worked_on(deployed, command, phases):
-    progress = Stopping(deployed.port)
-    command(Options(port=deployed.port, source=True), progress)
-    assert progress.said == dict.fromkeys(phases, (0, "stopped "))
-
-
-def does_not_answer(*_) -> None:
-    raise errors.DeployError("the firmware on the board does not answer")
-
-
-def settle(board: Mpremote) -> None:
-    micropython_trial.settle(board, "/dev/none", {"hash"})
-
-
-def put_back(board: Mpremote) -> None:
-    had = micropython_trial.Before(has_main=True, main_is_ours=True)
-    micropython_trial.try_it(board, "/dev/none", {"hash"}, had, Progress())
-
-
-@pytest.mark.parametrize(("call", "action"), [("forget", settle), ("revert", put_back)])
-def test_a_signal_after_the_new_files_are_in_place_resets_the_board_too(monkeypatch, call, action):
-    board, resets = Mpremote("/dev/none"), []
-
-    def end(*_):
-        raise Terminated(signal.SIGTERM)
-
-    monkeypatch.setattr(board, call, end)
-    monkeypatch.setattr(board, "reset", lambda: resets.append(1))
-    monkeypatch.setattr(micropython_trial, "come_back", does_not_answer)
-    with pytest.raises(Terminated):
-        action(board)
-    assert resets == [1]
 
 
 def test_undeploy_gives_a_program_that_was_put_aside_its_name_back(boot, tmp_path):
