@@ -39,6 +39,7 @@ while y.position.defined != 77:
             pass
     if x.position.defined == 8 and a.controller.driving():
         x.position.defined = 0
+        print('deaf')
         while mem32[state + 8] == a.gated.received or not port.any(0):
             pass
         while port.any(0):
@@ -89,7 +90,7 @@ def test_a_stop_is_cut_within_microseconds_and_told(board):
     for stop in (b"!", b"00000000", b"XS?;TB?\n!", b"+0000000" + b"0"):
         drive(board)
         assert cut_after(board, stop) <= CUT_US
-        board.run(100_000)
+        board.run(200_000)  # the answers before it are sent: a byte takes 0.6 ms
         assert board.ask(b"\n1XE?\n").startswith((b"2,", b"3,")), stop
     drive(board)
     cut_after(board, b"!")
@@ -159,11 +160,12 @@ def test_a_stop_whose_bytes_are_lost_ends_the_moves_and_the_drives_are_released(
     board.send(b"2DH8\n")
     board.run(50_000)
     drive(board)
+    board.until(b"deaf")
     assert cut_after(board, b"!") <= CUT_US
-    board.run(100_000)  # 50 ms after the last packet the loop has missed the stop
+    board.run(150_000)  # 50 ms after the last packet, and a sleep later, the loop has missed the stop
     assert board.ask(b"\n1XE?\n").startswith(b"3,")
     drive(board, b"02540254")
     assert cut_after(board, b"!") <= CUT_US
-    board.run(100_000)
+    board.run(200_000)
     found, parsed, held, _late = counts(board)
     assert (found, held) == (parsed, 0)
