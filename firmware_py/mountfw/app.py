@@ -12,9 +12,10 @@ from mountfw.wire.ticks import diff
 
 _SPIN_US = const(3_000)  # a drive that ends within this is waited for: more than a pass takes
 _CLOCK_US = const(200)  # of that, the last stretch reads the clock only: more than polling the input takes
+_FREE_US = const(10_000)  # nothing is due for so long: a pass may read more, and take twice as long as others
 _SHOW_US = const(32_000)  # between two updates of the LED
 _SLEEP_MS = const(64)  # the longest sleep: half a slot of the LED's patterns
-_READ = const(64)  # bytes read between two checks of the deadlines
+_READ = const(64)  # bytes read at once
 _READ_MEANWHILE = const(16)  # the same in the middle of longer work
 _READ_SPINNING = const(2)  # while a drive is about to end
 _STREAM = const(32)  # so many bytes at once are part of a stream ...
@@ -51,6 +52,7 @@ class App:
         self._feed = None  # feeds the watchdog, while it runs
         self._tidy = False  # is what the start has left collected?
         self._sleep_ms = self._lit = 0
+        self._most = _READ  # bytes read at once; fewer while a drive may end soon
         self._shown_at = port.ticks_us()
         self.poll_by(self.poll_input)
 
@@ -88,6 +90,8 @@ class App:
         received = self._receive()
         now_us = self._ticks_us()
         left_us = self.controller.service(now_us)
+        free = left_us > _FREE_US
+        self._most = _READ if free or not self.controller.ending(now_us, _FREE_US) else _READ_MEANWHILE
         if left_us < _SPIN_US:
             left_us = self._end_drives(now_us)
             if left_us < _SPIN_US:  # counting took long; no more often, for in a train of pulses this is always so
@@ -108,13 +112,10 @@ class App:
         elif self._commands.busy:
             self._commands.go_on()
         elif self._receiver.waits():
-            self._parse()
+            self._parse(free)
         elif not received:  # after a byte the next pass polls at once: silence is measured from its start
             self._sleep_ms = self._idle(now_us, left_us)
-        self._about.passes = self._about.passes + 1 & 0x3FFFFFFF
-        now_us = diff(self._ticks_us(), self._woke_at)
-        if now_us > self._about.longest_us:
-            self._about.longest_us = now_us if self._about.longest_us >= 0 else 0
+        self._about.passed(diff(self._ticks_us(), self._woke_at))
 
     def _receive(self):
         """Sleep until a byte comes, and read all that wait, unless a drive must end first. True if there were any."""
@@ -137,10 +138,11 @@ class App:
         return received
 
     def _read(self, wait_ms):
-        """Wait so long for a byte, and read at most _READ; a stop cuts, a frame may drive. _NOTHING, _ALL or _MORE."""
+        """Wait so long for a byte, and read at most _most; a stop cuts, a frame may drive. _NOTHING, _ALL or _MORE."""
         receiver = self._receiver
+        most = self._most
         before = receiver.write
-        stop = self._look(_READ, wait_ms)
+        stop = self._look(most, wait_ms)
         if stop < 0:
             return _NOTHING
         if stop:
@@ -148,7 +150,7 @@ class App:
         if self._lane.log[0]:
             self._obeyed = True
             self._lane.book()
-        return _MORE if stop or receiver.write - before & receiver.mask == _READ else _ALL
+        return _MORE if stop or receiver.write - before & receiver.mask == most else _ALL
 
     def poll_input(self, most=_READ_MEANWHILE):
         """Read bytes that wait, in the middle of longer work: a stop among them cuts at once. True if any came."""
@@ -161,13 +163,15 @@ class App:
         self.gated.received += 1
         self.controller.halt(_STOPS[stop])
 
-    def _parse(self):
+    def _parse(self, free):
         message = self._receiver.next()
         self.poll_input()
         if not message and self._receiver.waits():
             message = self._receiver.next()
             self.poll_input()
         self._dispatch(message)
+        if self._commands.busy and free and not (self.controller.halted or self.controller.watching()):
+            self._commands.go_on()  # many short lines: half of their time is the pass around them
 
     def _dispatch(self, message):
         """Execute a message of WaryReceiver.next() or gap()."""
@@ -213,16 +217,21 @@ class App:
         if waiting:
             self._send(now_us)
         self.gated.watch(self._receiver)
-        left_us = min(left_us, self._time_out(now_us, left_us))
+        looked_us = self._ticks_us()
         self._read(0)
-        if self._receiver.waits() or self._obeyed or self.controller.halted or self.controller.watching():
+        left_us = min(left_us, self._time_out(looked_us, left_us))
+        self._read(0)
+        if self.controller.watching():  # twice in a pass, for a port without interrupts
+            self.controller.guard_stops()
+            return 0
+        if self._receiver.waits() or self._obeyed or self.controller.halted:
             return 0
         if not (self._tidy or waiting or self.controller.moving()):  # 20 ms, so after the first answer
             self._tidy = True
             self.port.collect()
         if self._records.waiting and not (waiting or self._receiver.gap_us()):
             self._records.record(now_us, self.controller.moving())
-        if waiting and self.port.writable():
+        if self._read(0) or (waiting and self.port.writable()):
             return 0
         left_us -= diff(self._ticks_us(), now_us)
         return max(0, min(_SLEEP_MS, (left_us - _SPIN_US) // 1000))

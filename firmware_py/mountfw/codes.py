@@ -242,8 +242,8 @@ AXIS_STALLED = _axis_error(47, b"MOTOR STALLED")
 """An axis with an encoder had drive and no count for `XG`: the end of the travel, a motor without power, or a wire of
 the encoder. The motor is off.
 
-Remedy: Drive the other way. If no count comes there either (the position stays, and `XC?`): the motor's plug, its
-supply, the encoder's wires. In the open loop (`MM0` on that axis) it goes on without the encoder.
+Remedy: Drive the other way. If no count comes there either (`XC?`): the motor's plug, its supply, the encoder's wires.
+In the open loop (`mirrormount config set x.closed_loop 0`, or `MM0` on that axis) it goes on without the encoder.
 """
 
 AXIS_WRONG_WAY = _axis_error(48, b"COUNTS THE WRONG WAY")
@@ -259,7 +259,7 @@ AXIS_ENCODER_LOST = _axis_error(49, b"ENCODER LOST")
 off; the position is an estimate from here on.
 
 Remedy: Its plug and its supply; the distance of the magnet; motor wires close to those of the encoder. In the open loop
-(`MM0` on that axis) it goes on without the encoder.
+(`mirrormount config set x.closed_loop 0`, or `MM0` on that axis) it goes on without the encoder.
 """
 
 AXIS_DEAD_BAND = _axis_error(50, b"DEAD BAND NOT REACHED")

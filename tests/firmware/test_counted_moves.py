@@ -39,6 +39,70 @@ def test_a_move_of_many_steps_ends_at_its_place_and_no_step_adds_to_the_error():
         assert ended(rig) == (codes.DONE, -28, [])
 
 
+def by_hand(rig, counts):
+    """Turn the shaft of axis 1, and let the board see it."""
+    rig.motor1.at += counts
+    rig.run(100_000)
+
+
+def test_a_move_to_a_step_ends_there_from_between_two_steps_too():
+    for at in (112, -112, 139, 140, 141, -140, 279, 580):
+        for steps in (0, 1, -1, 3):
+            rig = encoded()
+            rig.ask(b"1DH0\n")
+            by_hand(rig, at)
+            move(rig, b"1PA%d\n" % steps)
+            assert abs(counted(rig) - steps * 280) <= 1, (at, steps)
+            assert why(rig) == (codes.DONE, [])
+            assert status(rig) == (round(counted(rig) * 1000 / 280), codes.MEASURED)
+            assert rig.ask(b"1PA?\n") == b"%d\r\n" % steps
+
+
+def test_a_move_to_a_step_from_between_two_makes_one_pulse_for_each_whole_step():
+    rig = encoded()
+    rig.ask(b"1DH0\n")
+    by_hand(rig, 112)
+    rig.send(b"1PA3\n")
+    rig.settle()
+    rig.run(400_000)
+    assert abs(counted(rig) - 280) <= 20 and rig.axis1.moving()  # the first one is short
+    rig.run(500_000)
+    assert abs(counted(rig) - 560) <= 20 and rig.axis1.moving()
+
+
+def test_a_move_to_where_it_stands_within_the_dead_band_is_done_at_once_and_drives_nothing():
+    for at, dead_band in ((0, 1), (1, 1), (-1, 1), (9, 10), (-9, 10)):
+        rig = encoded(settings=b"XN280;MM1;DB%d" % dead_band)
+        rig.ask(b"1DH0\n")
+        by_hand(rig, at)
+        edges = len(rig.port.edges)
+        assert rig.ask(b"1PA0;1MD?\n") == b"1\r\n"
+        assert ended(rig) == (codes.DONE, 0, [])
+        assert len(rig.port.edges) == edges
+        assert status(rig) == (round(at * 1000 / 280), codes.MEASURED)  # and it says where that is
+    by_hand(rig, -2)  # out of it
+    move(rig, b"1PA0\n")
+    assert abs(counted(rig)) <= 10 and len(rig.port.edges) > edges
+
+
+def test_a_move_to_a_place_in_counts_does_not_begin_where_the_last_one_should_have_ended():
+    rig = encoded(settings=b"XN280;MM1;SN1;DB10")
+    for place in (1000, 2000, 3000, 4000):  # in the first ones it learns what it coasts
+        move(rig, b"1PA%d\n" % place)
+        by_hand(rig, 8)
+    assert abs(counted(rig) - 8 - 4000) <= 2
+
+
+def test_a_refused_move_to_a_place_leaves_nothing_to_the_next_move():
+    rig = encoded(settings=b"XN280;MM1;ZH8;SR2")
+    rig.ask(b"1DH0\n")
+    by_hand(rig, 112)
+    rig.ask(b"1PA3\n")
+    assert rig.errors() == [106]
+    move(rig, b"1PR1\n")
+    assert abs(counted(rig) - 392) <= 1
+
+
 def test_a_pulse_of_its_own_length_is_so_many_counts():
     rig = encoded()
     for us, counts in ((100_000, 140), (50_000, 70), (-350_000, -490), (1_000, 1), (200, 0)):

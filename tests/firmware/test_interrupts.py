@@ -64,7 +64,7 @@ def test_an_end_stop_that_opens_before_any_bytecode_ends_the_move_as_an_end_stop
         rig.port.horizon_us = rig.port.us + after_us
         while rig.port.us < rig.port.horizon_us:
             rig.step()
-        assert rig.axis1.driving()
+        assert rig.controller.driving()
         if not interrupted(rig, 2, before):
             break
         rig.run(5_000)

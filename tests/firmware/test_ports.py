@@ -1,7 +1,10 @@
 """Every port has the verbs of port_protocol.py, with the same arity, and the core uses no other."""
 
 import ast
+import importlib
 import inspect
+import sys
+import types
 from pathlib import Path
 
 import port_protocol
@@ -13,6 +16,27 @@ import mountfw
 FIRMWARE = Path(mountfw.__file__).parent
 CORE = ("app.py", "build.py", "store.py", "repl.py")
 Arity = tuple[int, int]  # the fewest and the most arguments
+
+
+def test_a_stop_waits_2_ms_at_most_for_an_as5600_whose_bus_hangs(monkeypatch):
+    asked = {}
+
+    class Bus:
+        readfrom_mem_into = None
+
+        def __init__(self, _number, **options):
+            asked.update(options)
+
+    machine = types.ModuleType("machine")
+    machine.Pin, machine.I2C = int, Bus  # pyright: ignore[reportAttributeAccessIssue]
+    for name in [n for n in sys.modules if n in ("rp2", "machine") or n.endswith(".micropython_encoder")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "machine", machine)
+    monkeypatch.setitem(sys.modules, "rp2", None)
+    reader = importlib.import_module("mountfw.ports.micropython_encoder").reader
+    monkeypatch.delitem(sys.modules, "mountfw.ports.micropython_encoder")
+    reader(1, {"shaft": (8, 9)})
+    assert asked["timeout"] == 2_000  # us; MicroPython's own is 50 ms
 
 
 def arity_of(arguments: ast.arguments) -> Arity:

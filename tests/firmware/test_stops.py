@@ -233,7 +233,6 @@ def test_what_fails_within_a_command_is_not_begun_again():
     name = key(b"VE")
     rig.app._commands._commands[name] = (False, None, broken)
     rig.send(b"VE?\n")
-    rig.take_in()
     for _ in range(20):
         try:
             rig.step()

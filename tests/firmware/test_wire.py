@@ -376,3 +376,14 @@ def test_the_text_after_a_long_name_moves_nothing_and_hides_nothing():
         assert rig.drives() == (0, 0), line
         assert rig.errors()[-1] == 60
     assert rig.ask(b"HOSTNAME?;IPADDR 192.168.0.1;VE?\n") == b"mirrormount; MM2 Version 0.2.0 mirrormount\r\n"
+
+
+def test_whenever_a_line_comes_in_an_idle_pass_it_is_answered_at_once():
+    rig = Rig()
+    rig.ask(b"1TP?\n")
+    for after_us in range(0, 70_000, 23):
+        sent = len(rig.port.sent)
+        rig.send(b"1TP?\n", after_us=after_us)
+        rig.run(after_us + 12_000)
+        assert bytes(rig.port.sent[sent:]) == b"0\r\n", after_us
+        rig.run(64_000)

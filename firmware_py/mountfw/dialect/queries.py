@@ -30,6 +30,12 @@ class About:
         self.boot_id = self.boot_id + 1 & 0x3FFFFFFF
         self._booted_ms = self._ticks_ms()
 
+    def passed(self, us):
+        """A pass of the loop has taken so long."""
+        self.passes = self.passes + 1 & 0x3FFFFFFF
+        if us > self.longest_us:
+            self.longest_us = us if self.longest_us >= 0 else 0
+
     def uptime_ms(self):
         """Since the start, or the restart; wraps at 2**30."""
         return (self._ticks_ms() - self._booted_ms) & 0x3FFFFFFF

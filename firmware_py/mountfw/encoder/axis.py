@@ -14,6 +14,7 @@ from mountfw.encoder.stall_homing import StallHoming
 from mountfw.encoder.watch import Watch
 from mountfw.motion.axis import ASK, DUE_PULSE, END, PULSE, REST, RUN, SEARCH, SEEK, Axis
 from mountfw.motion.drive import NEVER_US
+from mountfw.motion.position import rounded
 from mountfw.settings import SETTINGS
 from mountfw.wire.ticks import add, diff
 
@@ -50,6 +51,7 @@ class EncodedAxis(Axis):
         self._watch.play_us = reader.play_us
         self._watched_at = -1  # on_at of the drive that is watched
         self._counts = 0  # of the pulse that is to begin, if it is not by its length
+        self._start = None  # the place from which the move that is to begin counts its pulses, if it is by a target
         self._pulses = False  # is the move under way one of the closed loop?
         self._rested_at = 0  # counts of the motor while the position is on the flash
         self._gone = False  # was it told that the encoder does not answer?
@@ -112,15 +114,33 @@ class EncodedAxis(Axis):
 
     # ---- moves
 
+    def move_to(self, steps):
+        """Move to a position: by whole pulses from the step that is nearest now, of which the first makes up for that.
+
+        In the open loop by the nearest whole number of pulses.
+        """
+        position = self.measured
+        if not position.closed:
+            return super().move_to(steps)
+        if not self.handle(ASK, 0) or self.out_of_reach(steps, steps):
+            return False
+        position.look()
+        nearest = rounded(position.millisteps)
+        beyond = position.counts_of(position.millisteps - nearest * 1000)
+        self._start = apart(position.place, beyond)
+        self.last_relative = steps - nearest
+        self._begin_pulses(steps - nearest, self.pulse_us, steps)
+        return True
+
     def by_counts(self, n):
         """Move by n counts; in the open loop by the nearest steps. False: refused, and an error says why."""
-        return self._to(self.counts_now() + n, n)
+        return self._to(self.counts_now() + n, n, None)
 
     def to_counts(self, counts):
         """Move to a position in counts; in the open loop to the nearest step."""
-        return self._to(counts, counts - self.counts_now())
+        return self._to(counts, counts - self.counts_now(), self.measured.place)
 
-    def _to(self, target, n):
+    def _to(self, target, n, start):
         position = self.measured
         steps = (target + (position.per_step >> 1)) // position.per_step
         if not position.closed:
@@ -130,6 +150,7 @@ class EncodedAxis(Axis):
         self.target_counts = target
         self.relative_counts = n
         self._counts = abs(n)
+        self._start = start
         self._begin_pulses(1 if n > 0 else -1 if n else 0, self.pulse_us, steps)
         return True
 
@@ -158,22 +179,23 @@ class EncodedAxis(Axis):
 
     def _begin_pulses(self, n, us, target):
         self.resting = self.resting is True
-        if self.measured.closed and not self._begin_loop(n, us):
-            n = 0
+        if self.measured.closed:
+            n = self._begin_loop(n, us)
         super()._begin_pulses(n, us, target)
         self._pulses = self._pulses and self.state != 0
 
     def _begin_loop(self, n, us):
-        """A closed-loop move of |n| pulses begins, each us long at XN's speed. Returns the counts of each."""
+        """A closed-loop move of |n| pulses begins, each us long at XN's speed. Returns n as the loop makes it."""
         position = self.measured
         per_pulse = self._counts or (
             us * position.per_step // self.pulse_us if us != self.pulse_us else position.per_step
         )
         self._counts = 0
         position.look()
-        self._loop.begin(position.place, n, per_pulse)
         self._pulses = True
-        return per_pulse
+        n = self._loop.begin(position.place, self._start, n, per_pulse)
+        self._start = None
+        return n
 
     def _next_pulse(self):
         if not self._pulses:

@@ -118,14 +118,25 @@ class ClosedLoop:
         self._duty = duty
         self._near = per_step * _NEAR_US // step_us + 8  # it starts up, too
 
-    def begin(self, place, n, per_pulse):
-        """A move by n pulses of per_pulse counts each. It starts where the last one should have ended, if it did."""
-        if not self._within(apart(self.goal, place)):
+    def begin(self, place, start, n, per_pulse):
+        """A move by n pulses of per_pulse counts each, from the place `start`, which is near. Returns n.
+
+        start is None: from where the last one should have ended, if it did. Without a pulse it is a move to start:
+        1 or -1 is returned, its direction, or 0, where that is so near that it would not be corrected.
+        """
+        if start is not None:
+            self.goal = start
+        elif not self._within(apart(self.goal, place)):
             self.goal = place
+        if not (n and per_pulse):
+            per_pulse = 0
+            way = apart(self.goal, place)
+            n = 0 if self._within(way) else 1 if way > 0 else -1
         self.left = abs(n)
         self._per_pulse = per_pulse if n > 0 else -per_pulse
         self.corrections = 0
         self._learns = self._drove = False
+        return n
 
     def next(self, place):
         """What comes next: 0 is a drive that moves the mirror by self.way counts; else the reason why it ends."""

@@ -27,7 +27,7 @@ without one that has failed.
 """
 
 _setting(b"SN", "units", 0, 1, 0, BITS | AT_REST)
-"""Encoder: 1: `PR PA TP DH` are in counts; 0: in steps
+"""Encoder: 1: PR, PA, TP and DH are in counts; 0: in steps
 
 1 is refused with n35 while `XN` is 0.
 """

@@ -32,9 +32,7 @@ class Actions(Settings):
         self.drive = Drive(bridge, self.stop_towards, ticks_us)
         self.switch_homing = self.homing = homing(self)  # the homing of this axis, and the one under way
         self.has_moved = False  # has a move ended, or was its position defined, since store.py asked last?
-        self.poll_input = lambda most=0: (
-            None
-        )  # build.py sets the App's: a stop in the middle of longer work cuts the drive
+        self.poll_input = lambda most=0: None  # the App sets its own: a stop in the middle of longer work cuts
         self.inverted = 0
         self.reset()
 
@@ -112,7 +110,7 @@ class Actions(Settings):
 
     def limits(self):
         """Bit 0: positive end-stop active, bit 1: negative, bit 2: home. Switches not fitted read 0."""
-        return self.stop_towards(1).active() | self.stop_towards(-1).active() << 1
+        return self.switches & 3 and self.stop_towards(1).active() | self.stop_towards(-1).active() << 1
 
     def stop_towards(self, direction):
         """The end-stop in the axis's own direction 1 or -1: `inverted` swaps names, not switches."""

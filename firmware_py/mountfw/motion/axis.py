@@ -104,10 +104,6 @@ class Axis(Actions):
         """True from a move's acceptance to its last pulse's end."""
         return self.state != IDLE
 
-    def driving(self):
-        """True while the motor has drive."""
-        return self.state > REST
-
     def direction(self):
         """-1, 0 or 1: direction of the move under way."""
         return self.drive.direction if self.state else 0

@@ -63,9 +63,7 @@ class Drive:
         self.measuring = False  # is it on, or was it since measured_us()?
         self.was_cut = False  # is it off already, since cut_at?
         self.tripped = False  # did guard() cut it?
-        self.has_begun = (
-            False  # did begin(), or the port (docs/lane.md), turn it on at began_at, and no on() follow yet?
-        )
+        self.has_begun = False  # did begin(), or the port (docs/lane.md), turn it on at began_at? on() follows
 
     # ---- the gate
 

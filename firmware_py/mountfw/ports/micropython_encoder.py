@@ -21,6 +21,7 @@ _HZ = const(4_000_000)  # a turn of the program takes at most 14 cycles, 3.5 us:
 _FIFO = const(4)  # old words wait in there
 _ADDRESS = const(0x36)  # AS5600 data sheet: its only one
 _STATUS = const(0x0B)  # the register before RAW ANGLE
+_TIMEOUT_US = const(2_000)  # an answer takes 0.2 ms; a stop waits as long for a bus that hangs
 
 
 def reader(number, pins):
@@ -125,7 +126,7 @@ class Shaft(Turns):
 
     def __init__(self, sda, scl):
         super().__init__()
-        bus = machine.I2C(sda >> 1 & 1, scl=Pin(scl), sda=Pin(sda), freq=400_000)
+        bus = machine.I2C(sda >> 1 & 1, scl=Pin(scl), sda=Pin(sda), freq=400_000, timeout=_TIMEOUT_US)
         self._read = bus.readfrom_mem_into
         self._answer = bytearray(3)
 

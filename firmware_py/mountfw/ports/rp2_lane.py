@@ -24,7 +24,7 @@ _PWM = const(4)
 _OUT_SET = const(0xD0000014)  # SIO, 2.3.1.7
 _OUT_CLEAR = const(0xD0000018)
 _CLOCK = const(0x40054028)  # TIMERAWL, 4.6.5
-_LEVELS = const(0x4005000C)  # PWM, 4.5.3: CH0_CC, and CH0_TOP after it; 20 bytes a slice
+_COUNTERS = const(0x40050008)  # PWM, 4.5.3: CH0_CTR, and CH0_CC and CH0_TOP after it; 20 bytes a slice
 
 _WRAP = const(0x3FFFFFFF)  # of MicroPython's ticks
 
@@ -33,8 +33,8 @@ _ENABLE = const(0)  # bits of its pins
 _POS = const(1)
 _NEG = const(2)
 _FUNCTION = const(3)  # address of the enable's CTRL
-_LEVEL = const(4)  # address of its slice's CC
-_SHIFT = const(5)  # of its level in that
+_COUNTER = const(4)  # address of its slice's CTR
+_SHIFT = const(5)  # of its level in CC
 _DEAD_US = const(6)
 _WAY = const(7)  # that its legs have: 1 or 2, 0: none
 
@@ -89,9 +89,10 @@ def _drive(words: ptr32, duty: int) -> int:
         on[0] = words[_ENABLE]
         flip[0] = (function[0] ^ _SIO) & 31
     else:
-        levels = ptr32(words[_LEVEL])
-        level = duty * (levels[1] + 1) // 255
-        levels[0] = (levels[0] & (0xFFFF << (16 - words[_SHIFT]))) | level << words[_SHIFT]
+        pwm = ptr32(words[_COUNTER])
+        level = duty * (pwm[2] + 1) // 255
+        pwm[1] = (pwm[1] & (0xFFFF << (16 - words[_SHIFT]))) | level << words[_SHIFT]
+        pwm[0] = pwm[2]  # a period begins: a new level waits for that, 250 us at the worst
         now = clock[0]
         flip[0] = (function[0] ^ _PWM) & 31
     return now & _WRAP
@@ -103,9 +104,9 @@ class EnableBridge:
     def __init__(self, enable, pos, neg, dead_time_us, _pause_us, _ticks_us):
         self.cut = enable.low
         pin = enable.number
-        control, level = _CONTROL + 8 * pin, _LEVELS + 20 * (pin >> 1 & 7)
+        control, counter = _CONTROL + 8 * pin, _COUNTERS + 20 * (pin >> 1 & 7)
         bits = 1 << pin, 1 << pos.number, 1 << neg.number
-        self.words = array("I", bits + (control, level, 16 * (pin & 1), dead_time_us, 0))
+        self.words = array("I", bits + (control, counter, 16 * (pin & 1), dead_time_us, 0))
 
     def cut_at(self, us):
         """Wait for this time (ticks), which must be near, and cut. Returns the time."""

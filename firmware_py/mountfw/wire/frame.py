@@ -74,8 +74,7 @@ class Frame:
         self.length = i + 1
         if i < LENGTH - 1:
             return MORE
-        packed = self._pack(self.text, 0, LENGTH - 1)
-        self.unpack(packed)
+        self.unpack(self._pack(self.text, 0, LENGTH - 1))
         return DONE
 
     def unpack(self, packed):
