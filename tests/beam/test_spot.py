@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scenes
 
-from mirrormount.beam import Dark, Reason, find_spot
+from mirrormount.beam import Dark, Reason, find_spot, gaussian
 from mirrormount.common.errors import BadValue
 
 
@@ -40,6 +40,24 @@ def test_a_second_spot_of_which_only_the_tip_is_above_the_threshold_is_a_second_
     found = find_spot(scene.image, scene.dark)
     assert not found
     assert found.reason is Reason.SPLIT
+
+
+def test_a_second_spot_of_which_the_fit_sees_a_flank_only_is_a_second_spot():
+    scene = scenes.nasty(rng(715_516))
+    assert "two" in scene.parts and scene.truth is None
+    found = find_spot(scene.image, scene.dark)
+    assert not found
+    assert found.reason is Reason.SPLIT
+
+
+def test_two_spots_that_have_come_to_lie_on_each_other_are_no_fit():
+    y, x = (axis.ravel().astype(float) for axis in np.mgrid[:20, :20])
+    one = np.array([100.0, 9.6, 10.3, 0.05, 0.0, 0.05, 8.0, 0.0, 0.0])
+    bins = gaussian.Bins(x, y, gaussian.evaluate(one, x, y), np.ones_like(x))
+    halves = np.concatenate([one, [50.0], one[1:3]])
+    halves[0] = 50.0
+    assert gaussian.fit(one, bins) is not None
+    assert gaussian.fit(halves, bins) is None
 
 
 def judge(seeds):

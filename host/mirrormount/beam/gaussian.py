@@ -15,6 +15,7 @@ X, Y = 1, 2  # places of the centre among the parameters
 _SHAPE = slice(3, 6)
 _ROUNDS = 25
 _DONE = 1e-4  # relative decrease of chi² below which a fit ends
+_DETERMINED = 1e-12  # least eigenvalue of the information matrix, scaled to ones on its diagonal: rounding is 1e-15
 
 
 @dataclass(slots=True)
@@ -115,8 +116,22 @@ def _at(p: Array, bins: Bins) -> Fit:
 def fit(p: Array, bins: Bins) -> Fit | None:
     """The best fit from a start, by Levenberg and Marquardt; None if it leaves the form of a spot.
 
+    None, too, if the data do not determine all parameters: those of two spots that have come to lie on each other.
+
     Source: K. Levenberg, Quart. Appl. Math. 2 (1944) 164; D. Marquardt, J. SIAM 11 (1963) 431.
     """
+    found = _descend(p, bins)
+    return found if found and found.is_ellipse() and _determines(bins, found) else None
+
+
+def _determines(bins: Bins, found: Fit) -> bool:
+    """Whether the bins determine all parameters, so that a covariance exists."""
+    normal = found.jacobian.T @ (found.jacobian * bins.weight[:, None])
+    scale = np.sqrt(np.diag(normal))
+    return bool(scale.all()) and float(np.linalg.eigvalsh(normal / np.outer(scale, scale))[0]) > _DETERMINED
+
+
+def _descend(p: Array, bins: Bins) -> Fit | None:
     best, damping = _at(p, bins), 1e-3
     for _ in range(_ROUNDS):
         weighted = best.jacobian * bins.weight[:, None]
@@ -132,7 +147,7 @@ def fit(p: Array, bins: Bins) -> Fit | None:
                 break
             damping *= 8
             if damping > 1e6:
-                return best if best.is_ellipse() else None
+                return best
         done = best.chi2 - trial.chi2 < _DONE * max(best.chi2, 1e-9)
         best, damping = trial, damping / 10
         if done:

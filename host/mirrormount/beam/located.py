@@ -14,6 +14,7 @@ from mirrormount.beam.reasons import Reason
 
 WIDEST = 40.0  # standard deviation of a spot at most, px: a lamp is wider
 GHOST = 0.25  # a second spot with at least this part of the first one's light makes the place ambiguous
+_GHOST_OUTSIDE = 0.5 * GHOST  # if its flank only is seen: by that its light is known to a factor of two
 _REACH = 3.2  # the fit's window, in standard deviations of the spot to each side
 _MISFIT = 0.08  # rms of what the fit leaves over in the core, in parts of the peak
 _SHIFTED = 3.5  # significance of a core that lies elsewhere than its flanks
@@ -115,13 +116,14 @@ def _explain(
         good = _only_noise(double, bins)
         better = single.chi2 - double.chi2
         gross = single.chi2 > _GROSS * bins.x.size and double.chi2 < 0.7 * single.chi2
-        if ratio > GHOST and _apart(double, _TWO_APART) and (gross or (good and better > 2 * _BETTER)):
+        most = GHOST if _in_window(double, part) else _GHOST_OUTSIDE
+        if ratio > most and _apart(double, _TWO_APART) and (gross or (good and better > 2 * _BETTER)):
             return Reason.SPLIT
-        if good and ratio < GHOST and better > _BETTER:
+        if good and ratio < most and better > _BETTER:
             if not _apart(double, _CUT) and gaussian.modes(single, bins).odd_chi2 > _ODD:
                 return Reason.SHAPE
             return Located(part, double, bins, keep, 0.0, _DOUBT * (double.p[1:3] - single.p[1:3]), max(ratio, 0.0))
-        if 0 < ratio < GHOST and double.chi2 < 0.7 * best.fit.chi2:
+        if 0 < ratio < most and double.chi2 < 0.7 * best.fit.chi2:
             best = Located(part, double, bins, keep, 0.0, none, ratio)
     grid = np.zeros(keep.shape, np.uint8)
     grid[keep] = np.abs(best.fit.residual) * np.sqrt(bins.weight) > 4
@@ -168,6 +170,13 @@ def _apart(double: gaussian.Fit, widths: float) -> bool:
     """Whether the two spots are more than so many standard deviations of a spot from each other."""
     way = double.p[10:12] - double.p[1:3]
     return float(way @ double.shape @ way) > widths**2
+
+
+def _in_window(double: gaussian.Fit, part: window.Window) -> bool:
+    """Whether the fainter spot's middle is in the window: else only its flank has been fitted."""
+    x, y = double.p[10:12]
+    rows, columns = part.pixels.shape
+    return bool(0 <= x <= columns - 1 and 0 <= y <= rows - 1)
 
 
 def _only_noise(found: gaussian.Fit, bins: gaussian.Bins) -> bool:
