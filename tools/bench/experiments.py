@@ -25,6 +25,7 @@ import numpy as np
 
 from mirrormount import Mount
 from mirrormount.beam.experiments import backlash, pulses, square, steps, waiting
+from mirrormount.beam.experiments.stepping import AT_REST
 from mirrormount.beam.observer import FRAMES, Observer, Sighting
 from mirrormount.beam.result import Result
 from mirrormount.beam.rig import MountRig, Vector
@@ -86,18 +87,19 @@ class Watched(MountRig):
         self.table = table
         self.bench = table.simulations[0].bench
         self.seen: list[tuple[float, Vector]] = []  # of each look: when, and where the spot is without drift and noise
-        # by axis and direction, of single steps: the places, the first one before them; the gap after each
-        self.single: dict[tuple[str, int], list[Vector]] = {}
+        # by axis and direction: the places of single steps in a row, the first one before them; the gap after each
+        self.rows: list[tuple[tuple[str, int], list[Vector]]] = []
         self.gaps_rev: dict[tuple[str, int], list[float]] = {}
         self._last: tuple[str, int] | None = None
+        self._stepped = False  # since the last look
         self._path = BeamPath(1, DEFAULT)
 
     def look(self, frames: int = FRAMES) -> Sighting:
         sighting = super().look(frames)
         self.seen.append((sighting.time_s, self.place(*self.bench.mirrors_rad()[0])))
-        if self._last:
-            self.single[self._last].append(self.seen[-1][1])
-            self._last = None
+        if self._stepped:
+            self.rows[-1][1].append(self.seen[-1][1])
+            self._stepped = False
         return sighting
 
     def step(self, axis: str, n: int) -> None:
@@ -106,8 +108,10 @@ class Watched(MountRig):
             train = self.bench.horizontal if axis == "x" else self.bench.vertical
             gap_rev = train.gap_rev / 2 * (train.ahead + train.behind)
             self.gaps_rev.setdefault((axis, n), []).append(gap_rev)
-            self.single.setdefault((axis, n), [self.seen[-1][1]])
-            self._last = axis, n
+            if self._last != (axis, n):
+                self.rows.append(((axis, n), [self.seen[-1][1]]))
+        self._last = axis, n
+        self._stepped = abs(n) == 1
 
     def place(self, yaw: float, pitch: float) -> Vector:
         """Where the spot of an undisturbed laser is in the picture, px."""
@@ -131,7 +135,8 @@ def _of_steps(rig: Watched, profile: Profile, _result: Result) -> Truths:
             truths[f"{axis}.{name}.step"] = mean * float(np.linalg.norm(way))
             truths[f"{axis}.{name}.scatter"] = 100 * scatter
         truths[f"{axis}.negative_over_positive"] = truths[f"{axis}.negative.step"] / truths[f"{axis}.positive.step"]
-    chords = {key: places[-1] - places[0] for key, places in rig.single.items()}
+    longest = dict(sorted(rig.rows, key=lambda row: len(row[1])))
+    chords = {key: places[-1] - places[0] for key, places in longest.items()}
     y = chords["y", 1] / np.linalg.norm(chords["y", 1]) - chords["y", -1] / np.linalg.norm(chords["y", -1])
     truths["x.angle_in_picture"] = _angle_mrad(rig.way("x"))
     truths["y.angle_in_picture"] = _angle_mrad(y)
@@ -165,7 +170,11 @@ def _of_pulses(rig: Watched, profile: Profile, _result: Result) -> Truths:
 
 def _of_square(rig: Watched, profile: Profile, result: Result) -> Truths:
     """What the mirrors have made of the very same squares, without the beam's drift; the gap of that very turn."""
-    corners = [[place for _, place in rig.seen][-162 + 81 * k :][:81:20] for k in range(2)]
+    corners = []
+    for series in result.series:
+        x, y, _ = series.points[0]
+        at = [row[1:3] for row in result.readings].index((x, y))
+        corners.append([place for _, place in rig.seen[at : at + len(series.points) : (len(series.points) - 1) // 4]])
     first = corners[0]
     sides = ("x.side_right", "y.side_down", "x.side_left", "y.side_up")
     truths = {side: float(np.linalg.norm(b - a)) for side, (a, b) in zip(sides, pairwise(first), strict=True)}
@@ -183,7 +192,7 @@ def _of_square(rig: Watched, profile: Profile, result: Result) -> Truths:
 
 def _of_settle(rig: Watched, _profile: Profile, result: Result) -> Truths:
     truths: Truths = {}
-    begin = len(rig.seen) - sum(1 + len(series.points) for series in result.series)
+    begin = AT_REST
     runs = [f"{axis}.{name}" for axis in rig.axes for name, _ in WAYS]
     for series, run in zip(result.series, runs, strict=True):
         before, *after = rig.seen[begin : begin + 1 + len(series.points)]

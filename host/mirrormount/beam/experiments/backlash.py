@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrormount.beam.estimate import Estimate, spread, student
-from mirrormount.beam.experiments.stepping import Log, along, series
+from mirrormount.beam.experiments.stepping import Log, along, come_back, series
 from mirrormount.beam.result import Result, Series, Tell
 from mirrormount.beam.rig import Rig, Vector
 from mirrormount.common.beam_errors import NotMeasurable
@@ -42,16 +42,17 @@ def run(rig: Rig, result: Result, tell: Tell, places: int = PLACES, repeats: int
     log = Log(rig, result)
     for number, axis in enumerate(rig.axes):
         legs: list[tuple[int, int, list[Vector]]] = []
-        rig.step(axis, -_LEG // 2 - _SPACING * (places // 2))
+        home = log.look()
+        rig.step(axis, _LEG // 2 - _SPACING * (places // 2))
         for at in range(places):
             if at:
-                rig.step(axis, _SPACING)
+                rig.step(axis, _LEG + _SPACING)
             rig.step(axis, -_LEG)  # so that the first leg begins with a reversal
             for repeat in range(repeats):
                 tell((number + (at + repeat / repeats) / places) / len(rig.axes), f"{axis}: reversals, place {at + 1}")
                 for way in (1, -1):
                     legs.append((way, at, _leg(rig, log, axis, way)))
-        rig.step(axis, _LEG // 2 - _SPACING * (places // 2))
+        come_back(rig, log, axis, home, (legs[0][2][-1] - legs[0][2][_THROUGH]) / _BEHIND)
         _add(result, axis, _on_a_line(legs), rig.step_us(axis))
     tell(1.0, "")
 

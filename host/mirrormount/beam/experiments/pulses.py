@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from mirrormount.beam.estimate import Estimate
-from mirrormount.beam.experiments.stepping import Ended, Log
+from mirrormount.beam.experiments.stepping import Ended, Log, come_back
 from mirrormount.beam.result import Result, Series, Tell
 from mirrormount.beam.rig import Rig, Vector
 from mirrormount.common.beam_errors import NotMeasurable
@@ -20,6 +20,7 @@ def run(rig: Rig, result: Result, tell: Tell, lengths_ms: tuple[float, ...] = LE
     """Fill the result. Raises NotMeasurable, SpotLost, CameraError, MountError."""
     log = Log(rig, result)
     log.rest()
+    home = log.last
     runs = [(axis, way) for axis in rig.axes for way in (1, -1)]
     for number, (axis, way) in enumerate(runs):
         name = f"{axis}.{'positive' if way > 0 else 'negative'}"
@@ -31,7 +32,7 @@ def run(rig: Rig, result: Result, tell: Tell, lengths_ms: tuple[float, ...] = LE
         step_px = float(np.linalg.norm(line))
         if step_px < 3 * log.error_px:
             raise NotMeasurable(f"{axis}: a step did not move the spot: look at motor and coupler")
-        line = line / step_px
+        per_step, line = line, line / step_px
         points: list[tuple[float, float, float]] = []
         for at, ms in enumerate(sorted(lengths_ms)):
             tell((number + at / len(lengths_ms)) / len(runs), f"{name}: pulses of {ms:g} ms")
@@ -40,7 +41,7 @@ def run(rig: Rig, result: Result, tell: Tell, lengths_ms: tuple[float, ...] = LE
             points.append((ms, each.value, each.error))
         result.series.append(Series(f"One pulse: {name}", "length in ms", "px", points))
         result.remarks.append(f"{name}: {_proportion(points, step_px, rig.step_us(axis))}")
-        rig.step(axis, -way * (_LEAD - 1))
+        come_back(rig, log, axis, home, way * per_step)
     result.remarks.append("all at one place of the travel: where the screw's steps are larger, pulses are, too")
     result.remarks.append("what a mount creeps on after the last pulse of a length is not in it")
     tell(1.0, "")

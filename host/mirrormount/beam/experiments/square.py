@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mirrormount.beam.estimate import Estimate, student
-from mirrormount.beam.experiments.stepping import LEAD, Log, room
+from mirrormount.beam.experiments.stepping import LEAD, Log, come_back, room
 from mirrormount.beam.result import Result, Series, Tell
 from mirrormount.beam.rig import Rig, Vector
 from mirrormount.common.beam_errors import NotMeasurable
@@ -50,14 +50,15 @@ def run(rig: Rig, result: Result, tell: Tell, side: int = SIDE) -> None:
     log = Log(rig, result)
     tell(0.0, "the beam at rest")
     log.rest()
-    shown = min(room(rig, log, axis) for axis in ("x", "y"))
+    home = log.last
+    shown = min(room(rig, log, axis)[0] for axis in ("x", "y"))
     if shown < side:
         result.remarks.append(f"the picture shows a square of {shown} steps only, not {side}")
         side = shown
-    as_is = _drive(rig, log, result, tell, side)
+    as_is = _drive(rig, log, result, tell, side, home)
     _of_the_first(result, log, as_is, side)
     pulses = {axis: _take_up_us(rig, log, result, as_is, axis) for axis in ("x", "y")}
-    closed = _drive(rig, log, result, tell, side, pulses)
+    closed = _drive(rig, log, result, tell, side, home, pulses)
     gaps = _open(log, closed, as_is)
     result.estimates.update({f"{axis}.open_with_take_up": gap for axis, gap in gaps.items()})
     for axis in ("x", "y"):
@@ -69,9 +70,15 @@ def run(rig: Rig, result: Result, tell: Tell, side: int = SIDE) -> None:
 
 
 def _drive(
-    rig: Rig, log: Log, result: Result, tell: Tell, side: int, take_up_us: dict[str, int] | None = None
+    rig: Rig,
+    log: Log,
+    result: Result,
+    tell: Tell,
+    side: int,
+    home: Vector,
+    take_up_us: dict[str, int] | None = None,
 ) -> _Square:
-    """One square about the present place, and back to there. take_up_us: None for none."""
+    """One square about the present place, and then home. take_up_us: None for none."""
 
     def step(axis: str, n: int) -> None:
         if take_up_us is None:
@@ -92,9 +99,9 @@ def _drive(
             sides[-1].append(log.look())
         corners.append(log.last)
         times_s.append(log.now_s)
-    for axis, way in (("x", 1), ("y", -1)):
-        step(axis, way * (side // 2))
     points = [(float(row[1]), float(row[2]), 0.0) for row in result.readings[first:]]
+    for axis, way, side_of in (("x", 1, corners[1] - corners[0]), ("y", -1, corners[2] - corners[1])):
+        come_back(rig, log, axis, home, way * side_of / side)
     title = "The square in the picture, without take-up" if take_up_us is None else "The same with take-up"
     result.series.append(Series(title, "x in px", "y in px", points, in_picture=True))
     return _Square(corners, times_s, sides)

@@ -24,10 +24,11 @@ _TRIAL = 4  # steps for a first look at the size of a step
 _MARGIN_PX = 40.0  # of the picture's edge: a spot must be whole
 _LEAST = 8  # steps that the picture shows
 _LEAST_FITTED = 16  # steps, for a fit of four parameters
-_AT_REST = 16  # looks without a move
-_REST_DEGREES = 2 * (_AT_REST - 1)  # of freedom of the drift: each look has two coordinates
+AT_REST = 16  # looks without a move
+_REST_DEGREES = 2 * (AT_REST - 1)  # of freedom of the drift: each look has two coordinates
 _CREEP_S = 6.0  # between two looks at a mount that may creep: a part of the time constants that are usual
 _MOST_WAITS = 12
+_RETURNS = 4  # moves back to a place: a turn loses some of the first
 
 
 @dataclass(frozen=True)
@@ -81,9 +82,9 @@ class Log:
 
     def rest(self) -> None:
         """Look several times without a move, to know by how much the beam drifts from look to look."""
-        places = np.array([self.look() for _ in range(_AT_REST)])
+        places = np.array([self.look() for _ in range(AT_REST)])
         variance = float(np.mean(np.diff(places, axis=0) ** 2))
-        apart_s = self.apart_s(_AT_REST - 1)
+        apart_s = self.apart_s(AT_REST - 1)
         self.walk2 = max(0.0, variance - 2 * self.error_px**2) / apart_s
         self._walk2_error = variance * math.sqrt(2 / _REST_DEGREES) / apart_s
 
@@ -163,6 +164,19 @@ def series(rig: Rig, log: Log, axis: str, count: int, n: int = 1) -> list[Vector
     return places
 
 
+def come_back(rig: Rig, log: Log, axis: str, home: Vector, way: Vector) -> None:
+    """Step until the spot is beside home, along the axis's way, by less than half a step or so.
+
+    Counting steps does not bring it there: a turn loses some, and steps there and back differ.
+    way: of one step to positive, in px. Raises SpotLost, CameraError, MountError.
+    """
+    for _ in range(_RETURNS):
+        n = round(float((home - log.look()) @ way / (way @ way)))
+        if not n:
+            return
+        rig.step(axis, n)
+
+
 def along(places: list[Vector]) -> tuple[NDArray[np.float64], Vector]:
     """The places along the line that fits them best (its way from the first to the last), and its unit vector."""
     points = np.array(places)
@@ -172,8 +186,11 @@ def along(places: list[Vector]) -> tuple[NDArray[np.float64], Vector]:
     return centred @ way, way
 
 
-def room(rig: Rig, log: Log, axis: str) -> int:
-    """How many steps the picture shows, half of them on either side of the present place. Raises NotMeasurable."""
+def room(rig: Rig, log: Log, axis: str) -> tuple[int, Vector]:
+    """How many steps the picture shows, half of them on either side of the present place; the way of one, px.
+
+    Raises NotMeasurable.
+    """
     origin = log.look()
     rig.step(axis, LEAD)
     start = log.look()
@@ -195,7 +212,7 @@ def room(rig: Rig, log: Log, axis: str) -> int:
             f"{axis}: the picture has room for {max(count, 0)} steps of {size:.0f} px: move the spot to its middle, or"
             " put the camera nearer to the mirror"
         )
-    return count
+    return count, step
 
 
 def fit(places: NDArray[np.float64], log: Log, ended: Ended) -> Line:

@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 
 from mirrormount.beam.estimate import Estimate
-from mirrormount.beam.experiments.stepping import LEAD, Ended, Line, Log, along, fit, room, series
+from mirrormount.beam.experiments.stepping import LEAD, Ended, Line, Log, along, come_back, fit, room, series
 from mirrormount.beam.result import Result, Series, Tell
 from mirrormount.beam.rig import Rig, Vector
 
@@ -21,11 +21,13 @@ def run(rig: Rig, result: Result, tell: Tell, n: int = STEPS) -> None:
     for number, axis in enumerate(rig.axes):
         done = number / len(rig.axes)
         tell(done, f"{axis}: the size of a step")
-        count = min(n, room(rig, log, axis))
+        home = log.look()
+        most, step = room(rig, log, axis)
+        count = min(n, most)
         if count < n:
             result.remarks.append(f"{axis}: the picture shows {count} steps only, not {n}")
-        before = count // 2 + LEAD
-        rig.step(axis, -before)
+        # each run has its middle at home: elsewhere the way of a mirror across the incidence has another direction
+        come_back(rig, log, axis, home - (count // 2 + LEAD) * step, step)
         rig.step(axis, LEAD)
         for direction, name in ((1, "positive"), (-1, "negative")):
             tell(done + (0.1 if direction > 0 else 0.55) / len(rig.axes), f"{axis}: {count} steps, {name}")
@@ -40,7 +42,7 @@ def run(rig: Rig, result: Result, tell: Tell, n: int = STEPS) -> None:
             if direction > 0:
                 rig.step(axis, LEAD)
                 rig.step(axis, -LEAD)
-        rig.step(axis, count // 2)
+        come_back(rig, log, axis, home, ways[f"{axis}.positive"][0])
         _compare(result, axis)
     _orientation(result, ways, rig.axes)
     tell(1.0, "")

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrormount.beam.estimate import Estimate, student
-from mirrormount.beam.experiments.stepping import Log
+from mirrormount.beam.experiments.stepping import Log, come_back
 from mirrormount.beam.result import Result, Series, Tell
 from mirrormount.beam.rig import Rig
 
@@ -61,6 +61,7 @@ def settle(rig: Rig, result: Result, tell: Tell, seconds: float = SETTLE_S) -> N
     """The way of the spot after the end of a move, in both directions of each axis. Raises as drift()."""
     log = Log(rig, result)
     log.rest()
+    home, ways = log.last, {}
     runs = [(axis, way) for axis in rig.axes for way in (1, -1)]
     for number, (axis, way) in enumerate(runs):
         name = f"{axis}.{'positive' if way > 0 else 'negative'}"
@@ -69,12 +70,16 @@ def settle(rig: Rig, result: Result, tell: Tell, seconds: float = SETTLE_S) -> N
         rig.step(axis, way * _MOVE)
         after = log.look()
         line = (after - before) / max(float(np.linalg.norm(after - before)), 1e-9)
+        ways[axis] = way * (after - before) / _MOVE
         start_s, points = log.now_s, [(log.now_s, float(after @ line))]
         while points[-1][0] - start_s < seconds:
             tell((number + (points[-1][0] - start_s) / seconds) / len(runs), f"{name}: settling")
             points.append((0.0, float(log.look() @ line)))
             points[-1] = log.now_s, points[-1][1]
         _settled(result, name, np.array(points), log)
+    for axis, each in ways.items():
+        if float(np.linalg.norm(each)) > 3 * log.error_px:
+            come_back(rig, log, axis, home, each)
     tell(1.0, "")
 
 
