@@ -12,7 +12,7 @@ def build(view: CameraView) -> None:
     with card("Camera"):
         ui.html(html(1, view.live.name, clicks=True), sanitize=False).classes("camera-box")
         with ui.element("div").classes("line"):
-            ui.label("x, y").classes("name")
+            ui.label("x, y in px").classes("name")
             number("place_x", "", "x of the place, in pixels of the picture")
             number("place_y", "", "y of the place, in pixels of the picture")
             send("Move the spot there", {"do": "place"}, "x:place_x y:place_y", enter="place_x place_y")
