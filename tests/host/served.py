@@ -18,12 +18,12 @@ PATIENCE_S = 50.0
 HANG_S = 900.0  # the same for a command: a deploy to an emulated board takes a busy computer minutes
 
 
-def wait_for(condition: Callable[[], object], what: str) -> object:
-    """Wait for an event of another process. Fails when it does not come at all."""
+def wait_for(condition: Callable[[], object], what: str, told: Callable[[], object] = str) -> object:
+    """Wait for an event of another process. Fails when it does not come at all, with what is told until then."""
     end = time.monotonic() + PATIENCE_S
     while not (result := condition()):
         if time.monotonic() > end:
-            pytest.fail(f"waited in vain for {what}")
+            pytest.fail(f"waited in vain for {what} {told()}")
         time.sleep(0.005)
     return result
 

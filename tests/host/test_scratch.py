@@ -1,6 +1,8 @@
 """Files of the moment are gone, whenever a signal ends the program."""
 
 import shutil
+import subprocess
+import sys
 import tempfile
 from pathlib import Path
 
@@ -49,3 +51,9 @@ def test_a_signal_right_behind_the_making_leaves_nothing(temporary, monkeypatch)
     with pytest.raises(Terminated), scratch_folder():
         pytest.fail("it was not made")
     assert list(temporary.iterdir()) == []
+
+
+def test_the_place_was_tried_before_a_signal_may_come():
+    names = "import mirrormount.deploy.micropython, tempfile; print(tempfile.tempdir)"
+    run = subprocess.run([sys.executable, "-c", names], capture_output=True, text=True, check=True)
+    assert Path(run.stdout.strip()).is_dir()

@@ -7,6 +7,9 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
+with contextlib.suppress(OSError):
+    tempfile.gettempdir()  # it tries a folder by a file of its own: here, before a signal may end the program
+
 
 @contextlib.contextmanager
 def scratch_folder() -> Iterator[str]:
