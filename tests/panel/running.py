@@ -15,6 +15,7 @@ import threading
 from pathlib import Path
 from urllib.parse import urlsplit
 
+from playwright.sync_api import Locator
 from served import PATIENCE_S, ServedBoard, wait_for
 
 from mirrormount import Mount
@@ -131,6 +132,16 @@ class Panel:
     def kill(self) -> None:
         self.process.kill()
         self.process.communicate()
+
+
+def press(button: Locator) -> None:
+    """Press it as a person does: again, if the page had just moved it (static/moved.js)."""
+    body = button.page.locator("body")
+    refused = True
+    while refused:
+        body.evaluate("(body) => body.classList.remove('moved')")
+        button.click()
+        refused = body.evaluate("(body) => body.classList.contains('moved')")
 
 
 def status_after(panel: Panel, board: ServedBoard) -> Status:

@@ -4,7 +4,7 @@ import re
 
 import pytest
 from playwright.sync_api import expect
-from running import Panel
+from running import Panel, press
 from served import wait_for
 
 from mirrormount import Mount
@@ -290,7 +290,7 @@ def test_a_setting_that_another_page_has_changed_is_not_undone(open_page, page, 
     page.get_by_label("x: drive that takes up the backlash, us; 0: off").fill("1000")
     page.get_by_role("button", name="Apply").click()
     page.get_by_text("applied", exact=True).wait_for()
-    other.get_by_role("button", name="Take control").click()
+    press(other.get_by_role("button", name="Take control"))
     other.get_by_text("you control").wait_for()
     other.get_by_label("y: drive that takes up the backlash, us; 0: off").fill("2000")
     other.get_by_role("button", name="Apply").click()

@@ -1,7 +1,7 @@
 """A camera loop beside the panel: it asks for control, a person hands it over, keeps it, and takes it back."""
 
 import pytest
-from running import PANEL_AND_LOOP, Panel, run_until_driving, wait_for_rest
+from running import PANEL_AND_LOOP, Panel, press, run_until_driving, wait_for_rest
 
 pytestmark = pytest.mark.wall_clock  # a page that stands still is stopped by design, and a busy computer lets it
 
@@ -16,7 +16,7 @@ def panel(board, tmp_path):
 def hand_over(page, panel) -> None:
     assert panel.loop("ask") == "done"
     page.get_by_text("camera loop asks for control.").wait_for()
-    page.get_by_role("button", name="Hand over").click()
+    press(page.get_by_role("button", name="Hand over"))
     assert panel.loop("outcome") == "done"
     page.get_by_text("camera loop controls").wait_for()
 
@@ -49,7 +49,7 @@ def test_stop_takes_control_back_too_and_the_loop_must_ask_again(page, panel, bo
 
 def test_a_page_that_keeps_control_says_so_to_the_loop(page, panel, board):
     assert panel.loop("ask") == "done"
-    page.get_by_role("button", name="Keep").click()
+    press(page.get_by_role("button", name="Keep"))
     assert panel.loop("outcome") == "nothing was done: page 1 (127.0.0.1) keeps control"
     page.get_by_text("camera loop asks").wait_for(state="hidden")
     assert board.edges() == []

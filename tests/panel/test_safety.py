@@ -6,7 +6,17 @@ import signal
 from pathlib import Path
 
 import pytest
-from running import PANEL, Network, NotStarted, Panel, run_until_driving, status_after, wait_for_motion, wait_for_rest
+from running import (
+    PANEL,
+    Network,
+    NotStarted,
+    Panel,
+    press,
+    run_until_driving,
+    status_after,
+    wait_for_motion,
+    wait_for_rest,
+)
 from served import PATIENCE_S, ServedBoard, run_cli, wait_for
 from websockets.sync.client import connect
 
@@ -131,7 +141,7 @@ def test_whoever_takes_control_stops_what_the_other_drove_and_drives(open_page, 
     other = open_page(panel.url)
     start_20_steps(page)
     run_until_driving(board)
-    other.get_by_role("button", name="Take control").click()
+    press(other.get_by_role("button", name="Take control"))
     page.get_by_text("you watch").wait_for()
     other.get_by_text("last move: aborted").wait_for()
     wait_for_rest(board)

@@ -3,7 +3,7 @@
 import pytest
 from looks import DESK, PHONE, THEMES, assert_nothing_cut_off, assert_readable, assert_touchable
 from playwright.sync_api import expect
-from running import NotStarted, Panel, wait_for_rest
+from running import NotStarted, Panel, press, wait_for_rest
 from served import PATIENCE_S, ServedBoard, wait_for
 
 expect.set_options(timeout=PATIENCE_S * 1000)
@@ -84,12 +84,12 @@ def test_one_is_unplugged_while_the_other_works_and_is_back_when_it_is_plugged_i
     unplug(boards["first"])
     expect(part(page, "first").locator(".trouble")).to_contain_text("No board:")
     expect(part(page, "second").locator(".trouble")).to_be_hidden()
-    part(page, "second").get_by_label("RIGHT", exact=True).click()
+    press(part(page, "second").get_by_label("RIGHT", exact=True))  # which has moved: the first has another line
     expect(axis(page, "second", "X · right and left")).to_have_text("+1.000")
     boards["first"] = ServedBoard(tmp_path / "first")
     expect(part(page, "first").locator(".trouble")).to_be_hidden()
     expect(part(page, "first").locator(".news")).to_contain_text("nothing moves until you ask for it")
-    part(page, "first").get_by_label("RIGHT", exact=True).click()
+    press(part(page, "first").get_by_label("RIGHT", exact=True))
     expect(axis(page, "first", "X · right and left")).to_have_text("+1.000")
 
 

@@ -22,7 +22,8 @@ light_server.py      a page without a mount, such as a camera's             uvic
 hold_board.py        what a loop has told, for its page                     pure
 hold_page.py         the page of a loop that holds a beam                   uvicorn
 log_file.py          tracebacks go to a file
-static/              panel.js (drives), screen.js (the virtual screen), camera.js, hold.js, light.js, panel.css
+static/              panel.js (drives), moved.js (what was not meant), screen.js (the virtual screen), camera.js,
+                     hold.js, light.js, panel.css
 
 The mount itself is owned by mirrormount.supervise. `mirrormount panel` is cli/panel.py.
 """

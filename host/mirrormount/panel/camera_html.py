@@ -11,8 +11,8 @@ def html(number: int, name: str, *, clicks: bool = False, profile: bool = False)
     return (
         f'<div class="camera" data-camera="{number}"{" data-clicks" if clicks else ""}>'
         f'<canvas class="picture" role="img" aria-label="{label}"></canvas>'
-        '<p class="camera-trouble" role="status"></p><p class="camera-says mono"></p><p class="camera-off mono"></p>'
-        '<p class="camera-doing" role="status"></p><p class="camera-also hint"></p>'
+        '<p class="camera-trouble" role="status"></p><p class="camera-says mono"></p><p class="camera-also hint"></p>'
+        '<p class="camera-off mono"></p><p class="camera-doing" role="status"></p>'
         + (_PROFILE if profile else "")
         + "</div>"
     )

@@ -25,8 +25,10 @@ if TYPE_CHECKING:
 STATIC = Path(__file__).parent / "static"
 _REFRESH_S = 0.1
 _HEAD = """<link rel="stylesheet" href="/panel/panel.css">
-<script src="/panel/panel.js" defer></script><script src="/panel/screen.js" defer></script>
-<script src="/panel/camera.js" defer></script>"""
+<script src="/panel/moved.js" defer></script><script src="/panel/panel.js" defer></script>
+<script src="/panel/screen.js" defer></script><script src="/panel/camera.js" defer></script>"""
+_CUT = "No connection to the panel. Nothing can be driven from here; what this page drove has been stopped."
+_MOVED = "Not carried out: the page had just moved what you pressed. Press again."
 _MODES = {None: "brightness_auto", False: "light_mode", True: "dark_mode"}
 
 Refresh = Callable[[], None]
@@ -74,11 +76,13 @@ def _build(
                 "flat dense aria-label='Open on a phone'"
             )
         _mode_button()
-    with ui.element("div").classes("banner cut-banner").props("role=alert"):
-        ui.label("No connection to the panel. Nothing can be driven from here; what this page drove has been stopped.")
+    with ui.element("div").classes("banners"):
+        _said("cut", _CUT)
+        _said("moved", _MOVED)
+        if len(parts) == 1:
+            refreshes += _of_mount(parts[0])
     if len(parts) == 1:
         (mount, page) = parts[0]
-        refreshes += [(page, _trouble(mount.worker)), (page, _question(page, mount.worker))]
         with ui.element("main").classes("cards").props(f'data-page="{page.key}"'):
             refreshes += [(page, refresh) for refresh in _cards(0, mount, page, settings[0], view)]
     else:
@@ -89,7 +93,8 @@ def _build(
                         ui.label(mount.name).classes("mount-name").props("role=heading aria-level=1")
                         refreshes.append((page, _bar(page, mount.worker)))
                         ui.label("arrow keys").classes("keys").props("title='Arrow keys drive the mount touched last'")
-                    refreshes += [(page, _trouble(mount.worker)), (page, _question(page, mount.worker))]
+                    with ui.element("div").classes("banners"):
+                        refreshes += _of_mount((mount, page))
                     with ui.element("div").classes("cards"):
                         refreshes += [
                             (page, refresh) for refresh in _cards(number, mount, page, settings[number], None)
@@ -108,6 +113,7 @@ def _build(
                 _log.exception("a part of a page of the panel has failed")
                 page.notices.append("a part of this page has failed and shows old values: load it again")
 
+    refresh()  # or what is hidden would be seen until the first one
     ui.timer(_REFRESH_S, refresh)
 
 
@@ -177,6 +183,18 @@ def _bar(page: Page, worker: Worker) -> Refresh:
         role.classes(toggle=None, add="watching" if not controls else "", remove="" if not controls else "watching")
 
     return refresh
+
+
+def _said(state: str, text: str) -> None:
+    """A banner that the page shows itself, while its body has this class."""
+    with ui.element("div").classes(f"banner {state}-banner").props("role=alert"):
+        ui.label(text)
+
+
+def _of_mount(part: Part) -> list[tuple[Page, Refresh]]:
+    """The banners of a mount."""
+    mount, page = part
+    return [(page, _trouble(mount.worker)), (page, _question(page, mount.worker))]
 
 
 def _trouble(worker: Worker) -> Refresh:
