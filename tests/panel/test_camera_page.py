@@ -25,6 +25,7 @@ def test_the_page_shows_a_camera_without_a_mount_until_ctrl_c(tmp_path):
             answer = http.get("camera/1?profile")
             seen = json.loads(answer.headers["x-seen"])
             assert answer.content[:2] == b"\xff\xd8"
+            assert seen["unit"] == [0.05, "mm"] and not seen["note"]  # with two mounts no one distance is the mirror's
             assert seen["says"].startswith("x ") and seen["blobs"] and seen["profile"]["threshold"]
             assert http.get("drive").status_code == 404
     finally:

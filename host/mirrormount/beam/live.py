@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from mirrormount.beam import NoSpot, Spot, find_spot
 from mirrormount.beam.camera import Camera, Controls, Frame, Size
 from mirrormount.beam.picture import Dark
+from mirrormount.beam.scale import Scale
 from mirrormount.common.beam_errors import CameraGone
 from mirrormount.common.errors import MountError
 from mirrormount.common.printable import printable
@@ -104,6 +105,11 @@ class LiveCamera:
         age_s = time.monotonic() - last.at_s
         why = ", the same one again and again" if self._repeats else ""
         return f"{self.name}: no new picture for {age_s:.0f} s{why}" if age_s > _OLD_S else ""
+
+    @property
+    def scale(self) -> Scale | None:
+        """The camera's own, if it knows it."""
+        return getattr(self._camera, "scale", None)
 
     @property
     def size(self) -> Size:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from mirrormount.beam.camera import Camera, Controls, Frame, Size
 from mirrormount.beam.checked import Limits
 from mirrormount.beam.recording import open_folder
+from mirrormount.beam.scale import Scale
 from mirrormount.beam.webcam import open_webcam
 from mirrormount.common.beam_errors import CameraAbsent
 from mirrormount.common.errors import BadAddress
@@ -84,6 +85,10 @@ class _Owned:
     @property
     def controls(self) -> Controls:
         return self._camera.controls
+
+    @property
+    def scale(self) -> Scale | None:
+        return getattr(self._camera, "scale", None)
 
     def frames(self) -> Iterator[Frame]:
         return self._camera.frames()

@@ -176,7 +176,13 @@ def write(camera: Camera, scale: Scale) -> Path:
 
 
 def read(camera: Camera) -> Scale:
-    """The saved scale of a camera. Raises NotCalibrated if there is none, or of another size; BadFile."""
+    """The scale of a camera: its own if it knows it, as a virtual one does, else the saved one.
+
+    Raises NotCalibrated if there is none, or of another size; BadFile.
+    """
+    own: Scale | None = getattr(camera, "scale", None)
+    if own is not None:
+        return own
     tables = toml_file.read(path())
     if camera.name not in tables:
         raise NotCalibrated(f"no scale is saved for {camera.name} ({path()}): run `mirrormount camera scale`")

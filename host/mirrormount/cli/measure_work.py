@@ -26,7 +26,6 @@ from mirrormount.beam.rig import MountRig, Rig
 from mirrormount.beam.scale import Scale
 from mirrormount.cli.command import note, number, positive, virtual_address, virtual_camera
 from mirrormount.cli.measure_use import OF_USE, use
-from mirrormount.cli.virtual_scale import INCIDENCE_DEG, virtual_scale
 from mirrormount.common import toml_file
 from mirrormount.common.errors import BadValue, CannotWrite, MountError, NotCalibrated
 from mirrormount.common.progress import StatusLine
@@ -35,6 +34,8 @@ from mirrormount.device.mount import Mount
 from mirrormount.transport.lines import Link
 from mirrormount.transport.open import open_table
 from mountfw import __version__
+
+_INCIDENCE_DEG = 45.0  # of a folding mirror
 
 
 def measure(args: argparse.Namespace) -> None:
@@ -139,7 +140,7 @@ def _opened(args: argparse.Namespace) -> Iterator[tuple[Mount, Camera, Optics]]:
     if address is None:
         camera = open_beside_mount(args.camera or os.environ.get("MIRRORMOUNT_CAMERA", "0"))
         with contextlib.closing(camera):
-            optics = _optics(args, camera, None)
+            optics = _optics(args, camera)
             with Mount.open(args.port) as mount:
                 yield mount, camera, optics
         return
@@ -147,27 +148,27 @@ def _opened(args: argparse.Namespace) -> Iterator[tuple[Mount, Camera, Optics]]:
     table = open_table(address)
     with contextlib.closing(table):
         camera = table.cameras[which - 1]
-        optics = _optics(args, camera, virtual_scale(camera, which))
+        optics = _optics(args, camera)
         with Mount(Link(table.ports[0])) as mount:
             for axis in mount.axes if args.encoder else ():
                 mount.apply({axis.name: axis.measure_counts().settings})
             yield mount, camera, optics
 
 
-def _optics(args: argparse.Namespace, camera: Camera, otherwise: Scale | None) -> Optics:
-    """The scale of the arguments, else `otherwise` (a virtual table's), else the camera's saved one."""
+def _optics(args: argparse.Namespace, camera: Camera) -> Optics:
+    """The scale of the arguments, else the camera's."""
     if args.mm_per_px is None:
         for name in ("mm_per_px_error", "distance", "distance_error", "incidence"):
             if getattr(args, name) is not None:
                 raise BadValue(f"--{name.replace('_', '-')} needs --mm-per-px")
-        return Optics(otherwise or camera_scale.read_if_any(camera, note))
+        return Optics(camera_scale.read_if_any(camera, note))
     mm_per_px, mm_error = _length(args.mm_per_px, args.mm_per_px_error, "--mm-per-px")
     distance, distance_error = (None, 0.0)
     if args.distance is not None:
         distance, distance_error = _length(args.distance, args.distance_error, "--distance")
     elif args.distance_error is not None:
         raise BadValue("--distance-error needs --distance")
-    incidence = number(args.incidence, "--incidence") if args.incidence is not None else INCIDENCE_DEG
+    incidence = number(args.incidence, "--incidence") if args.incidence is not None else _INCIDENCE_DEG
     if not 0 <= incidence < 90:
         raise BadValue(f"--incidence is 0 to less than 90 degrees, not {args.incidence}")
     return Optics(_scale_of(camera, mm_per_px, mm_error, distance, distance_error, incidence))

@@ -13,8 +13,6 @@ if TYPE_CHECKING:
     from mirrormount.panel.camera_view import CameraView
     from mirrormount.supervise.reconnect import Address
 
-_INCIDENCE_DEG = 45.0  # of the beam on the virtual table's mirrors
-
 
 @contextlib.contextmanager
 def opened(args: argparse.Namespace, address: str | None) -> "Iterator[tuple[Address, CameraView[LiveCamera] | None]]":
@@ -47,9 +45,8 @@ def in_real_time(camera: str) -> str:
 
 @contextlib.contextmanager
 def _on_table(args: argparse.Namespace) -> "Iterator[tuple[Address, CameraView[LiveCamera] | None]]":
-    """The mount of a virtual table, and one of its two cameras, with its scale."""
+    """The mount of a virtual table, and one of its two cameras."""
     from mirrormount.beam.live import LiveCamera
-    from mirrormount.beam.scale import Scale
     from mirrormount.panel.camera_view import CameraView
     from mirrormount.virtual.virtual_table import open_table
 
@@ -57,10 +54,8 @@ def _on_table(args: argparse.Namespace) -> "Iterator[tuple[Address, CameraView[L
     table = open_table(virtual_address(args, "virtual-table", mounts="1", speed="1") or "")
     with contextlib.closing(table):
         camera = table.cameras[which - 1]
-        distance_mm = 1000 * table.truth.geometry.cameras_m[which - 1]
-        scale = Scale(*camera.size, camera.sensor.pixel_mm, 0.0, distance_mm, incidence_deg=_INCIDENCE_DEG)
         live = LiveCamera(camera.name, lambda: camera)
         with contextlib.closing(live):
             live.open()
             ports = iter([table.ports[0]])
-            yield lambda: next(ports, None) or table.replug(0), CameraView(live, scale)
+            yield lambda: next(ports, None) or table.replug(0), CameraView(live)

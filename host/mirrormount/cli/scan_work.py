@@ -16,7 +16,6 @@ from mirrormount.beam.scan import Sample, Signal, grey_signal, scan, spot_signal
 from mirrormount.beam.scan_files import COMPLETE, CsvFile, Metadata, check_hdf5, metadata, of_camera, write_hdf5
 from mirrormount.beam.scan_page import ScanPage
 from mirrormount.cli.command import note, virtual_address, virtual_camera, whole
-from mirrormount.cli.virtual_scale import virtual_scale
 from mirrormount.common.errors import BadValue, CannotWrite
 from mirrormount.common.progress import StatusLine
 from mirrormount.common.signals import ended_in_order
@@ -138,7 +137,7 @@ def _opened(args: argparse.Namespace) -> Iterator[tuple[Mount, Camera, Scale | N
     which = virtual_camera(args.camera)
     with contextlib.closing(open_table(address)) as table, Mount(Link(table.ports[0])) as mount:
         camera = table.cameras[which - 1]
-        yield mount, camera, virtual_scale(camera, which)
+        yield mount, camera, camera.scale
 
 
 @contextlib.contextmanager

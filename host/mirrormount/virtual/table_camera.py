@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from mirrormount.beam.camera import Controls, Frame, Size
 from mirrormount.beam.checked import Limits, Picture, checked
+from mirrormount.beam.scale import Scale
 from mirrormount.common.beam_errors import CameraGone
 from mirrormount.virtual.sensor import Sensor
 from mirrormount.virtual.table_clock import Clock
@@ -50,7 +51,8 @@ class _Exposure:
 class TableCamera:
     """A mirrormount.beam.camera.Camera. look: returns the spots (mm) in the camera's plane at a time in s.
 
-    Set black, frozen and plugged to order a fault, more_mm for further spots in the plane.
+    scale: what is known of it here; its distance, where one mirror turns the beam. Set black, frozen and plugged to
+    order a fault, more_mm for further spots in the plane.
     """
 
     def __init__(
@@ -59,6 +61,7 @@ class TableCamera:
         self.name = name
         self.sensor = sensor
         self.size = Size(sensor.width, sensor.height)
+        self.scale: Scale | None = None
         self.plugged = True
         self.black = False
         self.frozen = False

@@ -17,8 +17,10 @@ from urllib.parse import parse_qsl
 
 import numpy as np
 
+from mirrormount.beam.scale import Scale
 from mirrormount.common.errors import BadAddress
 from mirrormount.common.printable import printable
+from mirrormount.virtual.bench import INCIDENCE
 from mirrormount.virtual.board import LockstepPort, Options, RealtimePort, make_simulation
 from mirrormount.virtual.encoder import KINDS
 from mirrormount.virtual.geometry import DEFAULT, Geometry
@@ -94,7 +96,11 @@ class VirtualTable:
         self.cameras: list[TableCamera] = []
         for number, look in enumerate(self._looks(kind)):
             sensor, timing = new_webcam(kind.profile, noise)
-            self.cameras.append(TableCamera(f"virtual camera {number + 1}", sensor, timing, look, self.clock))
+            camera = TableCamera(f"virtual camera {number + 1}", sensor, timing, look, self.clock)
+            if kind.cameras != "split":  # which shows two planes
+                from_mm = 1000 * self.truth.geometry.cameras_m[number] if kind.mounts == 1 else None
+                camera.scale = Scale(*camera.size, sensor.pixel_mm, 0.0, from_mm, 0.0, math.degrees(INCIDENCE))
+            self.cameras.append(camera)
 
     def _port(self, simulation: Simulation) -> LockstepPort | RealtimePort:
         if isinstance(self.clock, LockstepClock):
