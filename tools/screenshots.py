@@ -33,7 +33,7 @@ def main(folder: Path) -> None:
             page = browser.new_page(viewport=DESK)
             page.set_default_timeout(_PATIENCE_MS)
             page.goto(panel.url)
-            page.wait_for_selector("body.ready")
+            page.wait_for_selector("body.steady")
             _draw(page)
             for name, size in (("desk", DESK), ("phone", PHONE)):
                 page.set_viewport_size(size)
@@ -56,7 +56,7 @@ def _camera(browser: Browser, scratch: Path, picture: Path) -> None:
         page = browser.new_page(viewport=DESK)
         page.set_default_timeout(_PATIENCE_MS)
         page.goto(panel.url)
-        page.wait_for_selector("body.ready")
+        page.wait_for_selector("body.steady")
         page.get_by_role("button", name="Learn").click()
         page.locator(".news").get_by_text("now click where it should go").wait_for()
         page.locator("canvas.picture").click(position={"x": 110, "y": 90})

@@ -64,7 +64,7 @@ def open_page(browser: Browser, context: BrowserContext) -> Iterator[Callable[..
     """Opens a page (with options in a browser of its own), and waits until it can drive. Fails on errors of scripts."""
     pages, faults = [], []
 
-    def open_page(url: str, until: str = "body.ready", before: Callable[[Page], object] = str, **options) -> Page:
+    def open_page(url: str, until: str = "body.steady", before: Callable[[Page], object] = str, **options) -> Page:
         page = browser.new_page(**options) if options else context.new_page()
         before(page)
         pages.append(page)

@@ -113,7 +113,7 @@ def test_the_token_can_be_typed(open_page, board, tmp_path):
         page.get_by_text("used already, or the token is wrong").wait_for()
         page.get_by_label("Token").fill("kKq3-0d7LbX_u2mTzR9sWg")
         page.get_by_role("button", name="Enter").click()
-        page.wait_for_selector("body.ready")
+        page.wait_for_selector("body.steady")
     finally:
         panel.kill()
 

@@ -50,7 +50,7 @@ def learned(panel, browser):
     """Learn was pressed, and is over."""
     page = browser.new_page()
     page.goto(panel.url)
-    page.wait_for_selector("body.ready")
+    page.wait_for_selector("body.steady")
     page.get_by_role("button", name="Learn").click()
     expect(page.locator(".news").get_by_text("now click where it should go")).to_be_visible()
     page.close()

@@ -140,7 +140,7 @@ def test_factory_can_be_undone_after_the_page_was_loaded_again(open_page, page, 
     page.get_by_role("button", name="Replace them").click()
     wait_for_value(page, label, "0")
     page.reload()
-    page.wait_for_selector("body.ready")
+    page.wait_for_selector("body.steady")
     open_settings(page)
     assert page.get_by_label(label).input_value() == "0"
     page.get_by_role("button", name="Put them back").click()

@@ -130,7 +130,7 @@ def test_the_slider_is_remembered_when_the_page_is_loaded_again(open_page, panel
     page = open_page(panel.url, **FRESH)
     page.get_by_role("slider", name="Speed").fill("33")
     page.reload()
-    page.wait_for_selector("body.ready")
+    page.wait_for_selector("body.steady")
     assert page.locator('[data-shows="speed"]').inner_text() == "33"
     hold(page, "RIGHT")
     wait_for_run(board)

@@ -7,8 +7,8 @@ PLACES = """() => JSON.stringify([...document.querySelectorAll("[data-press]")].
   const { x, y, width } = element.getBoundingClientRect();
   return [element.dataset.press, Math.round(x), Math.round(y), Math.round(width)];
 }))"""
-AT_READY = f"""addEventListener("DOMContentLoaded", () => new MutationObserver(() => {{
-  if (document.body.classList.contains("ready")) window.atReady ??= ({PLACES})();
+AT_FIRST = f"""addEventListener("DOMContentLoaded", () => new MutationObserver(() => {{
+  if (document.body.classList.contains("steady")) window.atFirst ??= ({PLACES})();
 }}).observe(document.body, {{ attributes: true }}));"""
 # all that is under a finger is another 100 px further down, in the moment in which the finger comes
 MOVE_AND_PRESS = """([place, kind]) => {
@@ -29,10 +29,10 @@ def step(page, board) -> None:
     wait_for_rest(board)
 
 
-def test_from_when_it_can_drive_no_button_moves(open_page, panel, board):
-    page = open_page(panel.url, before=lambda page: page.add_init_script(AT_READY))
+def test_once_the_page_stands_no_button_moves(open_page, panel, board):
+    page = open_page(panel.url, before=lambda page: page.add_init_script(AT_FIRST))
     step(page, board)
-    assert page.evaluate("window.atReady") == page.evaluate(PLACES)
+    assert page.evaluate("window.atFirst") == page.evaluate(PLACES)
 
 
 def test_a_message_that_comes_moves_no_button(page, board):

@@ -87,7 +87,7 @@ def open_page(browser: Browser, url: str) -> Page:
     """A page with the mouse over RIGHT."""
     page = browser.new_page()
     page.goto(url)
-    page.wait_for_selector("body.ready")
+    page.wait_for_selector("body.steady")
     page.evaluate(_NOTE)
     page.get_by_role("button", name="RIGHT", exact=True).hover()
     return page

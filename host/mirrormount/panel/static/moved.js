@@ -1,7 +1,8 @@
 // A press on what the page itself has just moved is not carried out: it was meant for what stood there before.
 //
-// The page grows and shrinks under its user: a message comes, a mount above gets another line. STOP never moves.
-// What scrolling moves counts as at rest. See panel.js for the attributes.
+// The page grows and shrinks under its user: a message comes, a mount above gets another line, letters arrive. STOP never
+// moves. What scrolling moves counts as at rest, what appears has moved. See panel.js for the attributes.
+// body.steady: the page was built, and stood still.
 "use strict";
 
 (() => {
@@ -11,26 +12,26 @@
   const MOVED_PX = 6;
   const TOLD_MS = 4000;
 
-  const places = new WeakMap(); // of each element that drives: {x, y, movedAt}
-  let begun = false; // the page could drive at the last look
+  const places = new WeakMap(); // of each element that drives: in the window, in the page, and when it was moved
   let unmeant = null; // what was pressed, from the press to its click
   let told = 0;
 
-  // What appears has moved, too. While the page is built all of it does, and none of it can drive.
   function justMoved(element, now) {
-    const box = element.getBoundingClientRect();
-    const [x, y] = [box.x + scrollX, box.y + scrollY];
+    const { x, y } = element.getBoundingClientRect();
+    const [left, top] = [x + scrollX, y + scrollY]; // in the page: what is fixed in the window moves there
     const was = places.get(element);
-    const moved = begun && (!was || Math.hypot(x - was.x, y - was.y) > MOVED_PX);
-    const movedAt = moved ? now : (was?.movedAt ?? -Infinity);
-    places.set(element, { x, y, movedAt });
+    const moved =
+      !was || Math.min(Math.hypot(x - was.x, y - was.y), Math.hypot(left - was.left, top - was.top)) > MOVED_PX;
+    const movedAt = moved ? now : was.movedAt;
+    places.set(element, { x, y, left, top, movedAt });
     return now - movedAt < JUST_MS;
   }
 
   setInterval(() => {
     const now = performance.now();
-    for (const element of document.querySelectorAll(DRIVES)) justMoved(element, now);
-    begun ||= document.body.classList.contains("ready");
+    const moved = [...document.querySelectorAll(DRIVES)].filter((element) => justMoved(element, now));
+    const built = document.body.classList.contains("ready") && document.fonts.status === "loaded";
+    if (built && !moved.length) document.body.classList.add("steady");
   }, EVERY_MS);
 
   function tell() {
