@@ -60,7 +60,7 @@ def assert_looks(page, *texts: str) -> None:
 
 def test_each_state_can_be_read_from_afar_and_stop_is_asked_for(open_page, loop):
     url, board, asked = loop
-    page = open_page(url, reduced_motion="reduce")
+    page = open_page(url, until="body.ready", reduced_motion="reduce")
     state = page.locator(".hold-state")
     expect(state).to_have_text("Holding")
     assert_looks(page, "The error is within the dead band", "error x 12.0")
@@ -80,7 +80,7 @@ def test_each_state_can_be_read_from_afar_and_stop_is_asked_for(open_page, loop)
 
 def test_a_cause_is_told_once_and_with_the_symbols_of_units(open_page, loop):
     url, board, _ = loop
-    page = open_page(url)
+    page = open_page(url, until="body.ready")
     board.listen(events.GateClosed(5.0, 3, "spot jumped", "far: 900 um off", "look at what was moved", False))
     board.listen(events.StateChanged(6.0, events.WAITING, "far: 900 um off"))
     expect(page.locator(".hold-gates")).to_have_text("Far: 900 µm off. Look at what was moved")
@@ -89,7 +89,7 @@ def test_a_cause_is_told_once_and_with_the_symbols_of_units(open_page, loop):
 
 def test_an_alarm_is_heard_once_its_user_has_touched_the_page(open_page, loop):
     url, board, _ = loop
-    page = open_page(url)
+    page = open_page(url, until="body.ready")
     page.evaluate(TONES)
     expect(page.locator(".hold-state")).to_have_text("Holding")
     page.get_by_role("button", name="Sound: press to switch on").click()
