@@ -22,6 +22,11 @@ class Waiting:
         if stop > BUFFER:
             self.bytes[:stop] = b"!\n"  # the board may be in the middle of a message: this ends it
 
+    def keep_stop(self) -> None:
+        """Of what waits only a stop counts: who wrote it has left without having been served."""
+        stops = any(stop in self.bytes for stop in (b"!", b"00000000", b"\x03"))
+        self.bytes[:] = b"!\n" if stops else b""
+
     def take(self, most: int) -> bytes:
         """The next bytes for the board."""
         data = bytes(self.bytes[:most])
@@ -60,6 +65,10 @@ class Port(Protocol):
 
     def refuse(self, line: bytes) -> None:
         """Send the line to a client of this port and drop its input: another port's client is served."""
+        ...
+
+    def waits_in_vain(self) -> None:
+        """Another port's client is served. If this port's has left meanwhile, only a stop of its input counts."""
         ...
 
     @property
@@ -103,6 +112,9 @@ class PairPort:
             return 0
 
     def refuse(self, line: bytes) -> None:
+        pass
+
+    def waits_in_vain(self) -> None:
         pass
 
     def close(self) -> None:

@@ -93,6 +93,12 @@ class PtyPort:
             self.give(line)
             self._refused = True
 
+    def waits_in_vain(self) -> None:
+        if any(event & select.POLLHUP for _, event in self._poll.poll(0)):
+            while data := self._read(1 << 16):
+                self._waiting.add(data)
+            self._waiting.keep_stop()
+
     def close(self) -> None:
         if self._link and self._link.is_symlink() and os.readlink(self._link) == self._name:
             self._link.unlink()

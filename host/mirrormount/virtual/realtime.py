@@ -79,6 +79,8 @@ class _Choice:
         if self.client is None or not self.client.connected():
             self.client = next((port for port in self._ports if port.connected()), None)
         for port in self._ports:
+            if port is not self.client:
+                port.waits_in_vain()
             if port is self.client or not port.connected():
                 self._waiting.pop(port, None)
             elif time.monotonic() - self._waiting.setdefault(port, time.monotonic()) > GRACE_S:

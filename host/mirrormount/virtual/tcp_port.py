@@ -29,6 +29,8 @@ class TcpPort:
         self._begin()
         self._second: socket.socket | None = None
         self._since = 0.0
+        self._queued = False  # the second one came while the first was served
+        self._waited = False  # the client has waited for another one, and was not served yet
         self._rejected = Rejected()
         self.address = f"socket://127.0.0.1:{self._server.getsockname()[1]}"
 
@@ -81,6 +83,9 @@ class TcpPort:
             except (OSError, NotAClient):
                 data = b""
             self._ended = not data
+        if self._ended and self._waited:
+            self._waiting.keep_stop()
+        self._waited = False
         if len(self._waiting.bytes) > WAITING_MOST:  # too much to find a stop behind it in time
             self._waiting.bytes[:] = b"!\n"
             self._ended = True
@@ -99,6 +104,9 @@ class TcpPort:
         if client:
             self._rejected.add(client, line)
 
+    def waits_in_vain(self) -> None:
+        self._waited = self._client is not None
+
     def close(self) -> None:
         for s in (self._client, self._second):
             if s:
@@ -113,9 +121,12 @@ class TcpPort:
                 self._second.setblocking(False)
                 self._second.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
                 self._since = time.monotonic()
+                self._queued = self._client is not None
         if self._second and not self._client:
             self._client, self._second = self._second, None
             self._begin()
+            self._waited = self._queued
+            self._queued = False
         elif self._second and time.monotonic() - self._since > GRACE_S:
             self._rejected.add(self._second, refusal_line(TAKEN))
             self._second = None
