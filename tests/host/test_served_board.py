@@ -8,7 +8,6 @@ import socket
 import stat
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 from served import PATIENCE_S, ServedBoard, run_cli, wait_for
@@ -305,33 +304,6 @@ def test_one_client_at_a_time_over_both_ports(board):
         Mount.open(str(board.link))
     with Mount.open(str(board.link)) as mount:
         mount.x.step(1)
-
-
-def write_and_leave(address: str | Path, data: bytes) -> None:
-    if isinstance(address, Path):
-        address.write_bytes(data)
-        return
-    with socket.create_connection(("127.0.0.1", int(address.rsplit(":", 1)[1]))) as raw:
-        raw.sendall(data)
-
-
-@pytest.mark.parametrize("way", ["pty", "tcp"])
-def test_what_a_client_wrote_that_was_never_served_is_not_obeyed_later(board, way):
-    with Mount.open(board.tcp) as mount:
-        write_and_leave(board.link if way == "pty" else board.tcp, b"02550255")
-        assert not mount.status().moving
-    with Mount.open(board.tcp) as mount:
-        assert not mount.status().moving
-    assert board.edges() == []
-
-
-@pytest.mark.parametrize("way", ["pty", "tcp"])
-def test_a_stop_of_such_a_client_counts(board, way):
-    with socket.create_connection(("127.0.0.1", int(board.tcp.rsplit(":", 1)[1]))) as raw:
-        raw.sendall(b"1XM60000\n02550000")
-        wait_for(board.driving, "the motor to run")
-        write_and_leave(board.link if way == "pty" else board.tcp, b"02550255!")
-    wait_for(lambda: not board.driving(), "the stop")
 
 
 def test_switching_the_board_off_turns_the_motors_off_in_the_edges_too(serve):

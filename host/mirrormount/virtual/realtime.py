@@ -79,7 +79,7 @@ class _Choice:
         if self.client is None or not self.client.connected():
             self.client = next((port for port in self._ports if port.connected()), None)
         for port in self._ports:
-            if port is not self.client:
+            if self.client and port is not self.client:
                 port.waits_in_vain()
             if port is self.client or not port.connected():
                 self._waiting.pop(port, None)
