@@ -26,6 +26,7 @@ _ALL = const(1)
 _MORE = const(2)
 _CLOSED = const(-1)  # no wait, in the middle of other work: the lane (docs/lane.md) may take no frame
 _SEND = const(4)  # bytes sent in one pass
+_PARSED = const(4)  # bytes parsed in one pass
 _BEHIND = const(64)  # with so many bytes yet to be parsed, frames are executed without an echo
 
 
@@ -52,7 +53,7 @@ class App:
         self._feed = None  # feeds the watchdog, while it runs
         self._tidy = False  # is what the start has left collected?
         self._sleep_ms = self._lit = 0
-        self._most = _READ  # bytes read at once; fewer while a drive may end soon
+        self._most = _READ  # bytes read at once; fewer while something is due soon
         self._shown_at = port.ticks_us()
         self.poll_by(self.poll_input)
 
@@ -90,8 +91,8 @@ class App:
         received = self._receive()
         now_us = self._ticks_us()
         left_us = self.controller.service(now_us)
-        free = left_us > _FREE_US
-        self._most = _READ if free or not self.controller.ending(now_us, _FREE_US) else _READ_MEANWHILE
+        free = left_us >= _FREE_US
+        self._most = _READ if free else _READ_MEANWHILE
         if left_us < _SPIN_US:
             left_us = self._end_drives(now_us)
             if left_us < _SPIN_US:  # counting took long; no more often, for in a train of pulses this is always so
@@ -134,7 +135,7 @@ class App:
                 break
             found = self._read(0)
         # will more follow at once? This was at least half a packet of USB, and the ring has room
-        self._streams = receiver.unparsed - before >= _STREAM and receiver.unparsed < _MOST_STREAMED
+        self._streams = received and receiver.unparsed - before >= _STREAM and receiver.unparsed < _MOST_STREAMED
         return received
 
     def _read(self, wait_ms):
@@ -164,11 +165,12 @@ class App:
         self.controller.halt(_STOPS[stop])
 
     def _parse(self, free):
-        message = self._receiver.next()
-        self.poll_input()
-        if not message and self._receiver.waits():
+        left = _PARSED
+        message = wire.NEED_BYTES
+        while left and not message and self._receiver.waits():
             message = self._receiver.next()
             self.poll_input()
+            left -= 1
         self._dispatch(message)
         if self._commands.busy and free and not (self.controller.halted or self.controller.watching()):
             self._commands.go_on()  # many short lines: half of their time is the pass around them
@@ -196,8 +198,8 @@ class App:
     def _end_drives(self, now_us):
         """Cut each drive that ends soon, on time; only clock and bytes are read. Returns us to the next deadline."""
         controller = self.controller
-        watching = controller.watching()
         axis = controller.ending(now_us, _SPIN_US)
+        watching = axis and controller.watching()
         while axis:
             drive = axis.drive
             while not drive.was_cut and diff(drive.ends_at, self._ticks_us()) > _CLOCK_US:
@@ -230,10 +232,12 @@ class App:
             self._tidy = True
             self.port.collect()
         if self._records.waiting and not (waiting or self._receiver.gap_us()):
+            if self._read(0):
+                return 0
             self._records.record(now_us, self.controller.moving())
+        left_us -= diff(self._ticks_us(), now_us)
         if self._read(0) or (waiting and self.port.writable()):
             return 0
-        left_us -= diff(self._ticks_us(), now_us)
         return max(0, min(_SLEEP_MS, (left_us - _SPIN_US) // 1000))
 
     def _time_out(self, now_us, due_us):

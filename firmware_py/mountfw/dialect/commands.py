@@ -103,6 +103,7 @@ class Commands:
             self._read = self._execute(line) is True
         else:
             self._read = line.advance() == COMMAND
+            self._records.poll_input()
         if self._read or line.more():
             return
         self.busy = False

@@ -244,9 +244,10 @@ class EncodedAxis(Axis):
         if looks:
             self._looked_at = now_us
             self.poll_input()
+            reason = self._look(now_us) if self.state > REST else 0
+            self.poll_input()
             if self.drive.inhibited:  # a stop: it is told first
                 return NEVER_US
-            reason = self._look(now_us) if self.state > REST else 0
             if reason:
                 return self._failed(reason)
         return self._go_on(now_us)
@@ -272,10 +273,11 @@ class EncodedAxis(Axis):
         if drive.on_at != self._watched_at:
             self._begin_watch(self.measured.motor)
         self.measured.look()
+        self.poll_input()
         reason = self._judge(now_us)
         if not reason and self._pulses:
             us = self._loop.cut_in(self._watch)
-            if us >= 0 and not (self._loop.guessed and diff(drive.ends_at, now_us) < us):
+            if us >= 0 and not (drive.was_cut or (self._loop.guessed and diff(drive.ends_at, now_us) < us)):
                 drive.ends_at = add(now_us, us)
                 if drive.gate:
                     drive.gate.end_at(drive.ends_at)

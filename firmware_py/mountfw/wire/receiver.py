@@ -31,7 +31,6 @@ _ZERO = const(0x30)
 _PLUS = const(0x2B)
 _MINUS = const(0x2D)
 _TOO_LONG = const(-2)  # of Line.feed()
-_AT_ONCE = const(2)  # bytes that one call of next() parses at most: a piece of work must be short
 
 
 class Receiver:
@@ -83,22 +82,18 @@ class Receiver:
         return self.unparsed > self.ahead
 
     def next(self) -> int:
-        """The next message; NEED_BYTES if there is none yet, or enough bytes are parsed for one call."""
+        """Parse a frame or one byte, for a piece of work must be short. The message that it ends, or NEED_BYTES."""
         self.ahead = 0
-        for _ in range(_AT_ONCE):
-            c = self.ring[self.write - self.unparsed & self.mask]
-            if self.state == BOUNDARY and (c == _ZERO or c == _PLUS or c == _MINUS) and self._begins_frame():
-                if self.unparsed < LENGTH:
-                    self.ahead = self.unparsed
-                    return NEED_BYTES
-                self.unparsed -= LENGTH
-                return self._whole()
-            self.unparsed -= 1
-            # in a line, bytes that are neither a stop nor mpremote's go straight to it
-            message = self._in_line(c) if self.state == _IN_LINE and 0x22 <= c < 0x80 else self._parse(c)
-            if message or not self.unparsed:
-                return message
-        return NEED_BYTES
+        c = self.ring[self.write - self.unparsed & self.mask]
+        if self.state == BOUNDARY and (c == _ZERO or c == _PLUS or c == _MINUS) and self._begins_frame():
+            if self.unparsed < LENGTH:
+                self.ahead = self.unparsed
+                return NEED_BYTES
+            self.unparsed -= LENGTH
+            return self._whole()
+        self.unparsed -= 1
+        # in a line, bytes that are neither a stop nor mpremote's go straight to it
+        return self._in_line(c) if self.state == _IN_LINE and 0x22 <= c < 0x80 else self._parse(c)
 
     def _begins_frame(self):
         """True if the bytes that are unparsed are a frame, which is unpacked, or may be the first of one."""
