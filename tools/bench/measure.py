@@ -97,10 +97,10 @@ def _keeps_up(board: Board, lab: Lab, frames: int, rate: float) -> bool:
     for i, (m1, m2) in enumerate(speeds):
         board.until_us(start_us + round(i * 1e6 / rate))
         landed.append(board.give(encode(m1, m2)))
-        if i % 25 == 24 and len(_shown(board.edges, 1)) < i - LATE_US * 1e-6 * rate - 2:
+        if i % 25 == 24 and len(shown(board.edges, 1)) < i - LATE_US * 1e-6 * rate - 2:
             return False  # it has fallen behind already
     board.run(LATE_US + 5_000)
-    first, second = _shown(board.edges, 1), _shown(board.edges, 2)
+    first, second = shown(board.edges, 1), shown(board.edges, 2)
     wanted = [
         m2 for before, (_, m2) in zip([0, *(m2 for _, m2 in speeds)], speeds, strict=False) if m2 not in (0, before)
     ]
@@ -111,7 +111,7 @@ def _keeps_up(board: Board, lab: Lab, frames: int, rate: float) -> bool:
     )
 
 
-def _shown(edges: list[Edge], motor: int) -> list[tuple[int, bool]]:
+def shown(edges: list[Edge], motor: int) -> list[tuple[int, bool]]:
     """Each time the enable of a motor rises: when, and whether forward."""
     rises, forward = [], True
     for us, pin, duty in edges:
