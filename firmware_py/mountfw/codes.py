@@ -221,15 +221,15 @@ AXIS_FOLLOWING = _axis_error(44, b"FOLLOWING ERROR")
 """An axis with an encoder was driven for one step's time, and its counts were wrong by more than `FE` allows; or a step
 did not come to its counts in three times its time. The motor is off.
 
-Remedy: Is the supply far from what it was when `XN` was measured, or does the mount bind? `mirrormount setup` measures
-`XN` anew; a larger `FE` allows more; `ZH2` on that axis ignores it.
+Remedy: Is the supply far from what it was when `XN` was measured, or the step's pulse (`XP`) another one, or does the
+mount bind? `mirrormount setup` measures `XN` anew; a larger `FE` allows more; `ZH2` on that axis ignores it.
 """
 
 AXIS_NOT_FOUND = _axis_error(45, b"HOMING: SWITCH NOT FOUND")
 """The axis drove for as long as `XT` allows, and no switch opened; or, in a search by stall (`XA`), it met no end.
 
-Remedy: Is it that axis's switch, on that side, with its wires on? `PH?` while you press it tells. A long way needs a
-larger `XT`.
+Remedy: A long way, or a low supply, needs a larger `XT`. With a switch: is it that axis's, on that side, with its wires
+on? `PH?` while you press it tells.
 """
 
 AXIS_NOT_RELEASED = _axis_error(46, b"HOMING: SWITCH NOT RELEASED")
@@ -239,8 +239,8 @@ Remedy: A stuck switch or a broken wire; or the motor does not turn, or turns th
 """
 
 AXIS_STALLED = _axis_error(47, b"MOTOR STALLED")
-"""An axis with an encoder had drive and no count for `XG`: the end of the travel, a motor without power, or a wire of
-the encoder. The motor is off.
+"""An axis with an encoder had drive and no count for `XG`: the end of the travel, a hand that holds the shaft, a motor
+without power, or a wire of the encoder. The motor is off.
 
 Remedy: Drive the other way. If no count comes there either (`XC?`): the motor's plug, its supply, the encoder's wires.
 In the open loop (`mirrormount config set x.closed_loop 0`, or `MM0` on that axis) it goes on without the encoder.

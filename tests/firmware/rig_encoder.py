@@ -34,6 +34,8 @@ class Motor:
         self.slips = 0
         self.gone = False
         self.play_us = 0
+        self.play = 0.0  # counts that the motor turns before the encoder does: gears in between
+        self.shaft = 0.0
         self.held = 0
         self.reads = 0
 
@@ -43,8 +45,9 @@ class Motor:
         self.port.us += 40
         self.reads += 1
         self.catch_up()
+        self.shaft = max(self.at - self.play / 2, min(self.at + self.play / 2, self.shaft))
         if not self.broken:
-            self.held = int(self.at // 1) * self.sign
+            self.held = int(self.shaft // 1) * self.sign
         held = self.held
         self.port.lock()
         return held
@@ -154,3 +157,14 @@ class SlowPort(EncoderPort):
     def any(self, wait_ms):
         self.us += 120
         return super().any(wait_ms)
+
+
+class GearedPort(EncoderPort):
+    """A port whose encoders sit behind gears with play, as an AS5600 does: 97 counts a step, and 0.08 s of play."""
+
+    def __init__(self, files=None):
+        super().__init__(files)
+        for motor in self.motors:
+            motor.play_us = 300_000
+            motor.play = 40.0
+            motor.supply = 97 / 280

@@ -2,7 +2,7 @@
 
 from mountfw import codes
 
-from rig_encoder import SlowPort, encoded, ended, move, status, why  # isort: skip
+from rig_encoder import GearedPort, SlowPort, encoded, ended, move, status, why  # isort: skip
 
 
 def counted(rig):
@@ -232,3 +232,44 @@ def test_the_closed_loop_allocates_nothing():
     rig.port.locked = False
     assert rig.axis1.reason == rig.axis2.reason == codes.STALLED
     assert codes.INTERNAL_FAULT not in rig.errors()
+
+
+def test_a_run_ends_at_the_soft_limit_where_the_encoder_says_that_it_is():
+    for supply in (0.8, 1.0, 1.2):
+        for inverted in (0, 1):
+            rig = encoded(settings=b"XN280;MM1;XI%d" % inverted)
+            rig.motor1.supply = supply
+            rig.ask(b"1DH0;1SR5;1SL-3;1ZH8\n")
+            for line, limit, number in ((b"1MV+\n", 5000, 106), (b"1MV-\n", -3000, 107)):
+                move(rig, line)
+                beyond = status(rig)[0] - limit if limit > 0 else limit - status(rig)[0]
+                assert 0 <= beyond < 250, (supply, inverted, limit, beyond)  # a look each 10 ms, and the motor coasts
+                assert why(rig) == (codes.SOFT_LIMIT, [number])
+                before = counted(rig)
+                rig.ask(line)
+                assert rig.errors() == [number]
+                assert counted(rig) == before
+            move(rig, b"1PR1\n")
+            assert why(rig) == (codes.DONE, [])
+
+
+def test_a_frame_in_the_closed_loop_has_no_soft_limit_also_after_a_run_that_had_one():
+    rig = encoded()
+    rig.ask(b"1DH0;1SR5;1ZH8;1XM3000\n")
+    rig.ask(b"1MV+\n")
+    rig.run(300_000)
+    move(rig, b"02550000")
+    assert status(rig)[0] > 10_000
+    assert why(rig)[0] == codes.RUN_LIMIT
+
+
+def test_an_axis_that_was_inverted_has_its_gears_play_before_it():
+    for line in (b"1XI1\n", b"1XN-97\n"):
+        rig = encoded(settings=b"XN97;MM1;DB4;XG80", port=GearedPort)
+        move(rig, b"1PR3\n")
+        assert why(rig) == (codes.DONE, [])
+        if b"N" in line:
+            rig.motor1.sign = -1
+        rig.ask(line)
+        move(rig, b"1PR%d\n" % (2 if b"I" in line else -2))
+        assert why(rig) == (codes.DONE, []), line

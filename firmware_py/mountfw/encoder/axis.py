@@ -55,6 +55,7 @@ class EncodedAxis(Axis):
         self._pulses = False  # is the move under way one of the closed loop?
         self._rested_at = 0  # counts of the motor while the position is on the flash
         self._gone = False  # was it told that the encoder does not answer?
+        self._limited = False  # does the run under way end at a soft limit?
         self.measured = MeasuredPosition(reader)  # its position
         super().__init__(number, bridge, positive_stop, negative_stop, homing, error_queue, ticks_us, self.measured)
         self._stall_homing = StallHoming(self)
@@ -70,8 +71,9 @@ class EncodedAxis(Axis):
         if not self.counts_per_step:
             self.closed_loop = self.units = 0
         super()._measure()
+        way = self.measured.way
         self.measured.measure(self.closed_loop, self.counts_per_step, self.inverted)
-        if not self.measured.closed:
+        if not self.measured.closed or self.measured.way != way:
             self._watch.forget()
         else:
             self.resting = self.resting or _LOOKS
@@ -131,6 +133,12 @@ class EncodedAxis(Axis):
         self.last_relative = steps - nearest
         self._begin_pulses(steps - nearest, self.pulse_us, steps)
         return True
+
+    def jog(self, direction):
+        begun = super().jog(direction)
+        if begun:
+            self._limited = self.state == RUN and self.measured.closed and self.checking & 8 != 0
+        return begun
 
     def by_counts(self, n):
         """Move by n counts; in the open loop by the nearest steps. False: refused, and an error says why."""
@@ -224,6 +232,7 @@ class EncodedAxis(Axis):
         if self._pulses:
             self._pulses = False
             self.measured.done()
+        self._limited = False
         super()._close(reason)
         self.resting = self.resting or _LOOKS
 
@@ -250,6 +259,8 @@ class EncodedAxis(Axis):
                 return NEVER_US
             if reason:
                 return self._failed(reason)
+            if self._limited and self._at_limit():
+                self.handle(END, codes.SOFT_LIMIT)
         return self._go_on(now_us)
 
     def _go_on(self, now_us):
@@ -264,6 +275,10 @@ class EncodedAxis(Axis):
             near = self._pulses and self._loop.near(self._watch.counts)
             return min(left_us, _LOOK_US if near else _LOOK_AT_RUN_US)
         return left_us
+
+    def _at_limit(self):
+        direction = self.drive.direction
+        return self.measured.reached(self.soft_maximum if direction > 0 else self.soft_minimum, direction)
 
     def _look(self, now_us):
         """Look at the encoder in a drive. Returns the reason why it must end, or 0."""

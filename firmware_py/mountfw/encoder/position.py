@@ -7,7 +7,7 @@ first, as a drive's amount does, but in counts.
 
 from mountfw import codes, const
 from mountfw.encoder.counts import apart
-from mountfw.motion.position import Position, rounded
+from mountfw.motion.position import MOST_US, Position, rounded
 
 _SMALL = const(1 << 29)
 _TURN = const(4096)
@@ -162,6 +162,11 @@ class MeasuredPosition(Position):
         way = apart(self.place, self._begun)
         self._made = (abs(way) + (self.per_step >> 4)) // self.per_step * (1 if way > 0 else -1)
 
+    def reached(self, steps, direction):
+        """True if this position (steps) is no longer ahead in a direction."""
+        ahead = direction * (steps - self.millisteps // 1000)
+        return ahead < 0 or (ahead == 0 and (direction > 0 or not self.millisteps % 1000))
+
     # ---- the angle within a turn, of a sensor that knows it
 
     def angle(self):
@@ -207,6 +212,12 @@ class MeasuredPosition(Position):
             self.done()
         else:
             self.look()
+
+    def drive_to(self, steps, direction, duty):
+        if not self.closed:
+            return super().drive_to(steps, direction, duty)
+        self.look()
+        return 0 if self.reached(steps, direction) else MOST_US  # the axis looks whether it is there
 
     def now(self, direction):
         return self.millisteps if self.closed else super().now(direction)
