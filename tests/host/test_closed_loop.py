@@ -403,3 +403,16 @@ def test_check_at_rest_tells_an_encoder_that_does_not_answer(loop, capsys):
         run_checks(lambda: mount.mount, move=False)
     line = next(line for line in capsys.readouterr().out.splitlines() if "x encoder" in line)
     assert line.startswith("FAILED") and "does not answer" in line and "its plug" in line
+
+
+def test_where_the_board_takes_counts_for_steps_a_move_by_steps_is_refused(loop):
+    axis = loop("smooth").mount.x
+    axis.zero()
+    axis.units = 1
+    for act in (lambda: axis.step(2), lambda: axis.move_to(3), lambda: axis.move_by(1.5), lambda: axis.zero(5)):
+        with pytest.raises(errors.BadValue, match=r"x\.units is 1, so the board takes counts .* config set x\.units 0"):
+            act()
+    assert axis.position == 0
+    axis.units = 0
+    axis.step(1)
+    assert axis.position == pytest.approx(1, abs=2 / PER_STEP)

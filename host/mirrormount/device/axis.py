@@ -34,8 +34,10 @@ class Axis(Encoded):
         return table({self.name: last[1].by_name[self.name]}, self._session.age())
 
     def zero(self, steps: int = 0) -> None:
-        """Define the present position as `steps`; from here on it is counted."""
-        self._session.send(f"{self.number}DH{whole_number(steps, 1_000_000, 'position')}")
+        """Define the present position as `steps`; from here on it is counted. Raises BadValue as step() does."""
+        steps = whole_number(steps, 1_000_000, "position")
+        self._check_units(*self.ask_whole("SN?"))
+        self._session.send(f"{self.number}DH{steps}")
 
     def home(self, progress: Progress | None = None) -> Homed:
         """Find the home switch (or the end-stop that stands in for it); position 0 is there. Returns when done.
