@@ -5,8 +5,11 @@ import numpy as np
 import pytest
 
 from mirrormount.beam import scale
+from mirrormount.beam.estimate import Estimate
 from mirrormount.beam.open_camera import open_camera
+from mirrormount.beam.optics import Optics
 from mirrormount.cli.main import main
+from mirrormount.common.errors import NotCalibrated
 
 
 @pytest.fixture(autouse=True)
@@ -44,6 +47,20 @@ def test_what_is_not_given_stays_as_it_was(folder, capsys):
     assert main(["camera", "scale", "geometry", "--incidence", "45"]) == 0
     assert "distance as saved before" in capsys.readouterr().out
     assert (saved(folder).mm_per_px, saved(folder).distance_mm, saved(folder).incidence_deg) == (0.003, 1500, 45)
+
+
+def test_an_angle_of_incidence_that_nobody_gave_is_not_known(folder, capsys):
+    for words in ("pitch 3", "pitch 3 --distance 1500"):
+        assert main(["camera", "scale", *words.split()]) == 0
+    out = capsys.readouterr().out
+    assert "angle of incidence       not known" in out and "as saved before" not in out
+    found = saved(folder)
+    assert found.incidence_deg is None
+    assert found.mirror_mrad(scale.Measured(1, 0), in_plane=True).value == pytest.approx(0.001)
+    with pytest.raises(NotCalibrated, match="angle of incidence"):
+        found.mirror_mrad(scale.Measured(1, 0), in_plane=False)
+    of_axes = Optics(found)
+    assert of_axes.mirror_urad(Estimate(1, 0, "px"), "x") and of_axes.mirror_urad(Estimate(1, 0, "px"), "y") is None
 
 
 @pytest.mark.parametrize("command", ["camera scale pitch 3", "scan line 1 0 1", "measure steps"])

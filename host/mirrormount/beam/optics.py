@@ -30,7 +30,7 @@ class Optics:
 
     def mirror_urad(self, px: Estimate, axis: str) -> Estimate | None:
         """An angle of the mirror, for a horizontal beam: x turns it in the plane of incidence, y across that."""
-        if self.scale is None or self.distance_mm is None:
+        if self.scale is None or self.distance_mm is None or (axis != "x" and self.scale.incidence_deg is None):
             return None
         return _estimate(self.scale.mirror_mrad(_measured(px), in_plane=axis == "x"), 1000.0, "urad", px)
 

@@ -46,7 +46,7 @@ class Scale:
     sigma_mm_per_px: float
     distance_mm: float | None = None
     sigma_distance_mm: float = 0.0
-    incidence_deg: float = 0.0
+    incidence_deg: float | None = None
     sigma_incidence_deg: float = 0.0
 
     def mm(self, pixels: Measured) -> Measured:
@@ -67,6 +67,8 @@ class Scale:
         beam = self.beam_mrad(pixels)
         if in_plane:
             return Measured(beam.value / 2, beam.sigma / 2)
+        if self.incidence_deg is None:
+            raise NotCalibrated("the angle of incidence at the mirror is not known: give incidence_deg")
         incidence, sigma = math.radians(self.incidence_deg), math.radians(self.sigma_incidence_deg)
         angle = beam.value / (2 * math.cos(incidence))
         return Measured(angle, math.hypot(beam.sigma / (2 * math.cos(incidence)), angle * math.tan(incidence) * sigma))
@@ -217,7 +219,7 @@ def _parsed(table: object, where: str) -> Scale:
         scale = Scale(**table)
     except TypeError as e:
         raise BadFile(f"{where}: width, height, mm_per_px and sigma_mm_per_px are needed") from e
-    if not scale.mm_per_px or scale.distance_mm == 0 or scale.incidence_deg >= 90:
+    if not scale.mm_per_px or scale.distance_mm == 0 or (scale.incidence_deg or 0) >= 90:
         raise BadFile(f"{where}: mm_per_px and distance_mm are above 0, incidence_deg is below 90")
     return scale
 

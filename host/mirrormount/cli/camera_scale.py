@@ -36,7 +36,8 @@ def scale(args: argparse.Namespace) -> None:
         after = replace(kept, mm_per_px=found.value, sigma_mm_per_px=found.sigma, **geometry)
         path = scales.write(camera, after)
         _tell(camera, after)
-        same = [name for name in ("distance", "incidence") if saved and getattr(args, name) is None]
+        before = {"distance": saved and saved.distance_mm, "incidence": saved and saved.incidence_deg}
+        same = [name for name, value in before.items() if value is not None and getattr(args, name) is None]
         if same:
             print(f"  {' and '.join(same)} as saved before")
         print(f"saved in {path}")
@@ -141,7 +142,11 @@ def _tell(camera: Camera, scale: Scale) -> None:
         print("  distance                 not known: angles need --distance")
         return
     print(f"  distance to the mirror   {_words(Measured(scale.distance_mm, scale.sigma_distance_mm), 'mm')}")
-    print(f"  angle of incidence       {_words(Measured(scale.incidence_deg, scale.sigma_incidence_deg), 'degrees')}")
+    if scale.incidence_deg is None:
+        print("  angle of incidence       not known: across its plane, angles of the mirror need --incidence")
+    else:
+        incidence = Measured(scale.incidence_deg, scale.sigma_incidence_deg)
+        print(f"  angle of incidence       {_words(incidence, 'degrees')}")
     beam, mirror = scale.beam_mrad(one), scale.mirror_mrad(one, in_plane=True)
     print(f"  1 pixel, of the beam     {_words(_micro(beam), 'urad')}")
     print(f"  1 pixel, of the mirror   {_words(_micro(mirror), 'urad')} in the plane of incidence")

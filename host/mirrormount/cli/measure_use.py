@@ -153,5 +153,5 @@ def _scale(mount: Mount, axis: str, result: Result, optics: Optics) -> calibrati
     if ways[0] is None or ways[1] is None:
         return None
     positive, negative = (float(f"{way.value * 1e-3:.4g}") for way in ways if way)
-    factor = beam_per_mirror(axis, optics.scale.incidence_deg)
+    factor = beam_per_mirror(axis, optics.scale.incidence_deg or 0.0)  # of x it says nothing
     return calibration.Scale(positive, negative, step, float(f"{factor:.4g}"), optics.distance_mm)
