@@ -8,9 +8,11 @@ import pytest
 
 from mirrormount.beam.checked import Limits, Picture, checked
 from mirrormount.beam.estimate import Estimate
+from mirrormount.beam.experiments import stepping
 from mirrormount.beam.rig import MountRig
 from mirrormount.cli import main, measure, measure_work
 from mirrormount.common.beam_errors import CameraGone
+from mirrormount.common.errors import CannotWrite
 from mirrormount.device import calibration
 from mirrormount.virtual import virtual_table
 from mirrormount.virtual.bench import BACKLASH_X_MRAD, BACKLASH_Y_MRAD, STEP_X_MRAD, STEP_Y_MRAD
@@ -250,6 +252,34 @@ def test_ctrl_c_keeps_what_was_measured(tmp_path, capsys, monkeypatch, tables):
     assert "partial report: measure-drift.html" in out and err == "mirrormount: stopped\n"
     numbers = json.loads((tmp_path / "measure-drift.json").read_text())
     assert numbers["partial"] == "stopped by Ctrl-C" and len(numbers["readings"]) == 4
+    assert "4 readings of the spot. The JSON file has each of them." in (tmp_path / "measure-drift.html").read_text()
+
+
+def test_a_page_without_a_result_shows_the_readings(tmp_path, monkeypatch, tables):
+    def interrupted(rig, result, _tell):
+        stepping.Log(rig, result).rest()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(measure_work.backlash, "run", interrupted)
+    assert main.main(["measure", "backlash", *SEED]) == 130
+    page = (tmp_path / "measure-backlash.html").read_text()
+    assert "None yet" in page
+    assert page.count("<h2>All readings: the spot") == page.count("<svg") == 2
+
+
+@pytest.mark.parametrize(("failing", "other"), [("write_page", "numbers"), ("write_json", "report")])
+def test_a_report_that_cannot_be_written_takes_neither_the_other_file_nor_the_result(
+    failing, other, found, tables, monkeypatch, tmp_path, capsys
+):
+    def fail(path, *_):
+        raise CannotWrite(f"cannot write {path}: No space left on device")
+
+    monkeypatch.setattr(measure_work, failing, fail)
+    assert main.main(["measure", "backlash", *SEED]) == 1
+    out, err = capsys.readouterr()
+    assert f"{other}: measure-backlash." in out and "251000 ± 900 us" in out
+    assert "No space left on device" in err
+    assert len(list(tmp_path.glob("measure-backlash.*"))) == 1
 
 
 @pytest.fixture

@@ -5,6 +5,7 @@ import csv
 import itertools
 import json
 import math
+import resource
 
 import cv2
 import numpy as np
@@ -421,3 +422,19 @@ def test_what_cannot_be_scanned_is_refused_in_one_line(words, says, capsys):
     err = capsys.readouterr().err
     assert says in err
     assert err.startswith("mirrormount: ")
+
+
+def test_a_disk_that_is_full_leaves_whole_rows_and_is_told_by_the_files_name(opened, tmp_path, capsys):
+    path = tmp_path / "a.csv"
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (3_000, limits[1]))
+    try:
+        assert main(["scan", "raster", "9", "9", "--virtual", "--csv", str(path)]) == 1
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert capsys.readouterr().err.startswith(f"mirrormount: {path}: File too large")
+    text = path.read_bytes()
+    assert text.endswith(b"\n")
+    rows = [line for line in text.decode().splitlines() if not line.startswith("#")]
+    assert len(rows) > 2
+    assert len({row.count(",") for row in rows}) == 1

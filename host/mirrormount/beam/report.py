@@ -3,7 +3,7 @@
 import base64
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
@@ -61,18 +61,27 @@ def write_page(path: Path, result: Result, origin: Origin, last: tuple[NDArray[n
     ]
     if result.partial:
         parts.append(
-            f'<p class="partial"><b>Ended early:</b> {text(result.partial)}. What was measured by then is below.</p>'
+            f'<p class="partial"><b>Ended early:</b> {text(result.partial)}. What was measured by then is below:'
+            f" {len(result.readings)} readings of the spot. The JSON file has each of them.</p>"
         )
-    parts += ["<h2>Results</h2>", _table(result, origin.optics)]
+    parts.append("<h2>Results</h2>")
+    parts.append(_table(result, origin.optics) if result.estimates else "<p>None yet: it ended too early.</p>")
     parts += [f"<p>{text(remark)}</p>" for remark in result.remarks]
     if any(math.isfinite(estimate.error) for estimate in result.estimates.values()):
         parts.append("<p>± is one standard error. The truth is within two of them in 95 of 100 measurements.</p>")
-    for series in result.series:
+    for series in [*result.series, *(_readings(result) if result.partial and not result.series else ())]:
         parts += [f"<h2>{text(series.title)}</h2>", _chart(series)]
     if last:
         parts += ["<h2>The camera's last picture, with the spot that was found</h2>", _picture(*last)]
     parts += ["<h2>Settings of the mount</h2>", _settings(origin.settings)]
     toml_file.write(path, page(f"measure {result.experiment}", parts))
+
+
+def _readings(result: Result) -> Iterator[Series]:
+    """The spot's place over the time, of a measurement that has no other curve of all its readings."""
+    for name, at in (("x", 1), ("y", 2)):
+        points = [(row[0], row[at], row[at + 2]) for row in result.readings]
+        yield Series(f"All readings: the spot's {name} in the picture", "s", "px", points)
 
 
 def _finite(value: object) -> object:

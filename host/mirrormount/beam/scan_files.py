@@ -4,6 +4,7 @@ Both have the same metadata: lines `# name: JSON` at the head of a CSV file, att
 ends with the line `# ended: …`; without it the writing program was cut off, and all rows above are good.
 """
 
+import contextlib
 import csv
 import importlib.util
 import io
@@ -71,30 +72,47 @@ class CsvFile:
     def __init__(self, path: Path, about: Metadata, signal: Signal) -> None:
         """Raises CannotWrite, also if the file exists."""
         self._path, self._width = path, len(signal.columns)
-        self._file = _guarded(path, lambda: path.open("x", encoding="utf-8", newline=""))
-        self._rows = csv.writer(self._file)
+        self._file = _guarded(path, lambda: path.open("xb", buffering=0))
+        self._good = 0  # bytes: whole rows
         head = "".join(f"# {name}: {json.dumps(value)}\n" for name, value in about.items())
-        self._write(lambda: (self._file.write(head), self._rows.writerow([*_OWN, *signal.columns, "missing"])))
+        self._write(head + _row([*_OWN, *signal.columns, "missing"]))
 
     def add(self, sample: Sample) -> None:
         """Write a row; a value that there is not is empty. Raises CannotWrite."""
         values = sample.values or [""] * self._width
-        self._write(lambda: self._rows.writerow([*(getattr(sample, name) for name in _OWN), *values, sample.missing]))
+        self._write(_row([*(getattr(sample, name) for name in _OWN), *values, sample.missing]))
 
     def end(self, ended: str) -> None:
         """Write how the scan ended, and close. Raises CannotWrite."""
         try:
-            self._write(lambda: self._file.write(f"# ended: {json.dumps(ended)}\n"))
+            self._write(f"# ended: {json.dumps(ended)}\n")
         finally:
             self._file.close()
 
-    def _write(self, write: Callable[[], object]) -> None:
+    def _write(self, text: str) -> None:
+        """Write whole lines; where the disk takes a part of them only, none."""
+        rest = memoryview(text.encode())
+
         def to_disk() -> None:
-            write()
-            self._file.flush()
-            os.fsync(self._file.fileno())
+            nonlocal rest
+            try:
+                while rest:
+                    rest = rest[self._file.write(rest) :]
+                os.fsync(self._file.fileno())
+            except OSError:
+                with contextlib.suppress(OSError):
+                    self._file.seek(self._good)
+                    self._file.truncate()
+                raise
+            self._good = self._file.tell()
 
         _guarded(self._path, to_disk)
+
+
+def _row(values: Sequence[object]) -> str:
+    text = io.StringIO()
+    csv.writer(text).writerow(values)
+    return text.getvalue()
 
 
 def check_hdf5(path: Path) -> None:

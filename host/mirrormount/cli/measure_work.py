@@ -50,7 +50,7 @@ def measure(args: argparse.Namespace) -> None:
         _check_writable(path, begins)
     if args.apply and args.experiment not in OF_USE:
         raise BadValue(f"--apply is of the experiments {', '.join(OF_USE)}")
-    with ended_in_order(), _opened(args) as (mount, camera, optics):
+    with ended_in_order(interrupts=True), _opened(args) as (mount, camera, optics):
         axes = _axes(args.axes, mount)
         if wanted:
             work = partial(_steps_of_size, wanted_px=_in_px(*wanted, axes, optics))
@@ -66,8 +66,10 @@ def measure(args: argparse.Namespace) -> None:
             if result.readings:
                 _write(page, numbers, result, origin, observer)
             raise
-        _write(page, numbers, result, origin, observer)
-        _summarise(result, optics)
+        try:
+            _write(page, numbers, result, origin, observer)
+        finally:
+            _summarise(result, optics)
         use(args.apply, mount, axes, result, optics)
 
 
@@ -123,6 +125,7 @@ def _known(of_px: float | None, unit: str) -> float:
     if of_px is None:
         raise NotCalibrated(
             f"--step in {unit} needs a scale: --mm-per-px and --distance, or `mirrormount camera scale`"
+            " with --distance and --incidence"
         )
     return of_px
 
@@ -223,10 +226,23 @@ def _shown(mount: Mount) -> Iterator[Tell]:
 
 
 def _write(page: Path, numbers: Path, result: Result, origin: Origin, observer: Observer) -> None:
+    """Write both files, the small one first. Raises CannotWrite, after both were tried."""
     last = (observer.last[0].image, observer.last[1]) if observer.last else None
-    write_page(page, result, origin, last)
-    write_json(numbers, result, origin)
-    print(f"{'partial ' if result.partial else ''}report: {page}, numbers: {numbers}")
+    written: list[str] = []
+    failed: CannotWrite | None = None
+    for what, path, write in (
+        ("numbers", numbers, lambda: write_json(numbers, result, origin)),
+        ("report", page, lambda: write_page(page, result, origin, last)),
+    ):
+        try:
+            write()
+            written.insert(0, f"{what}: {path}")
+        except CannotWrite as e:
+            failed = failed or e
+    if written:
+        print(f"{'partial ' if result.partial else ''}{', '.join(written)}")
+    if failed:
+        raise failed
 
 
 def _summarise(result: Result, optics: Optics) -> None:

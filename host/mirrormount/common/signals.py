@@ -17,19 +17,21 @@ class Terminated(BaseException):
 
 
 @contextlib.contextmanager
-def ended_in_order() -> Iterator[None]:
+def ended_in_order(*, interrupts: bool = False) -> Iterator[None]:
     """SIGTERM and SIGHUP raise Terminated within this, in the main thread; further ones are ignored from then on.
 
+    interrupts: a second Ctrl-C is ignored, too: the first one raises KeyboardInterrupt, as ever, and ends them all.
     A signal that was ignored before (nohup) stays so. The handlers of before are there again afterwards.
     """
-    numbers = [getattr(signal, name) for name in NAMES if hasattr(signal, name)]
+    names = (*NAMES, "SIGINT") if interrupts else NAMES
+    numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
     before = {number: signal.getsignal(number) for number in numbers}
     before = {number: handler for number, handler in before.items() if handler not in (signal.SIG_IGN, None)}
 
     def end(number: int, _frame: FrameType | None) -> None:
         for every in before:
             signal.signal(every, signal.SIG_IGN)  # nothing may interrupt the order that is made now
-        raise Terminated(number)
+        raise KeyboardInterrupt if number == signal.SIGINT else Terminated(number)
 
     for number in before:
         signal.signal(number, end)
