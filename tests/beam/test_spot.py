@@ -34,6 +34,16 @@ def test_of_ten_thousand_nasty_scenes_none_has_a_wrong_answer():
     assert 0.92 <= (np.abs(pulls) < 2).mean() <= 0.98
 
 
+@pytest.mark.parametrize("width", [6.0, 12.0])
+@pytest.mark.parametrize("peak", [700.0, 1000.0, 2000.0, 6000.0, 20_000.0])
+def test_a_spot_that_is_mostly_saturated_is_refused_for_that(width, peak):
+    y, x = np.mgrid[:480, :640]
+    light = 6 + peak * np.exp(-((x - 320) ** 2 + (y - 240) ** 2) / (2 * width**2)) + rng(1).normal(0, 1, (480, 640))
+    found = find_spot(np.clip(light, 0, 255).astype(np.uint8))
+    assert not found
+    assert found.reason is Reason.SATURATED
+
+
 def test_a_second_spot_of_which_only_the_tip_is_above_the_threshold_is_a_second_spot():
     scene = scenes.nasty(rng(600_844))
     assert "two" in scene.parts and scene.truth is None

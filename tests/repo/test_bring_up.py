@@ -50,7 +50,7 @@ def test_the_commands_of_the_rehearsal_work_in_their_order(tmp_path):
                 timeout=300,
                 stdin=subprocess.DEVNULL,
             )
-            assert done.returncode == 0, (command, done.stdout, done.stderr)
+            assert done.returncode == 0, f"{command}\n{done.stdout}{done.stderr}"
     finally:
         board.send_signal(signal.SIGTERM)
         board.communicate()

@@ -81,6 +81,7 @@ class Recording(Folder):
 
     def frames(self) -> Iterator[Frame]:
         """The recorded frames. Raises CameraError at a line or a picture that cannot be read."""
+        number = 0
         with (self._folder / _LIST).open(encoding="utf-8") as lines:
             for number, line in enumerate(lines, 1):
                 try:
@@ -97,6 +98,8 @@ class Recording(Folder):
                 image.flags.writeable = False
                 self._now_s = time_s
                 yield Frame(image, time_s, count, repeated=repeated, late=late)
+        if not number:
+            raise CameraError(f"{self._folder / _LIST}: no frame was recorded")
 
 
 def read_picture(file: Path) -> NDArray[Any]:
@@ -106,7 +109,7 @@ def read_picture(file: Path) -> NDArray[Any]:
     except (OSError, cv2.error) as e:
         raise CameraError(f"{file}: {getattr(e, 'strerror', None) or 'no picture'}") from e
     if image is None:
-        raise CameraError(f"{file}: no picture that is known")
+        raise CameraError(f"{file}: it is no picture, or damaged: remove it")
     return image
 
 

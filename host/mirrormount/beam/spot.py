@@ -103,13 +103,27 @@ def find_spot(
         return NoSpot(Reason.DIM, seen)
     found = locate(image, valid, first, seen)
     if isinstance(found, Reason):
-        return NoSpot(found, seen)
+        too_bright = _overexposed(picture, (first.x, first.y), (first.width_x, first.width_y))
+        return NoSpot(Reason.SATURATED if too_bright else found, seen)
     return _judge(found, picture, seen)
 
 
 def _light(blob: blobs.Blob, seen: blobs.Detection) -> float:
     """All light of a blob: that of a Gaussian above a level q of its peak is the part 1 - q of it."""
     return blob.flux / max(1 - seen.threshold / blob.peak, _TIP)
+
+
+def _saturated_around(picture: Grey, centre: tuple[float, float], widths: tuple[float, float]) -> int:
+    """How many pixels are saturated within two widths of a place."""
+    (x, y), (half_x, half_y) = centre, (int(2 * width) + 1 for width in widths)
+    rows = slice(max(round(y) - half_y, 0), round(y) + half_y)
+    columns = slice(max(round(x) - half_x, 0), round(x) + half_x)
+    return int(picture.saturated[rows, columns].sum())
+
+
+def _overexposed(picture: Grey, centre: tuple[float, float], widths: tuple[float, float]) -> bool:
+    """Is too much of a blob saturated, so that it has not the shape of a spot?"""
+    return _saturated_around(picture, centre, widths) > _SATURATED * 2 * math.pi * widths[0] * widths[1]
 
 
 def _judge(found: Located, picture: Grey, seen: blobs.Detection) -> Spot | NoSpot:
@@ -143,12 +157,7 @@ def _judge(found: Located, picture: Grey, seen: blobs.Detection) -> Spot | NoSpo
         return NoSpot(Reason.WIDE, seen)
     if min(x + 0.5, columns - 0.5 - x) < _MARGIN * wide or min(y + 0.5, rows - 0.5 - y) < _MARGIN * high:
         return NoSpot(Reason.EDGE, seen)
-    half = int(2 * wide) + 1, int(2 * high) + 1
-    around = (
-        slice(max(round(y) - half[1], 0), round(y) + half[1]),
-        slice(max(round(x) - half[0], 0), round(x) + half[0]),
-    )
-    saturated = int(picture.saturated[around].sum())
+    saturated = _saturated_around(picture, (x, y), (wide, high))
     if saturated > _SATURATED * 2 * math.pi * size:
         return NoSpot(Reason.SATURATED, seen)
     weighted = fit.jacobian * found.bins.weight[:, None]

@@ -33,7 +33,7 @@ def step(mount: Mount | SketchMount, name: str, amount: float, unit: str = STEPS
     with watched(mount, [axis]) as line:
         aim = f"on the way to {axis.position + amount:+.1f}" if unit == STEPS else f"on the way by {amount:+g} {unit}"
         made = axis.move_by(amount, unit, progress=_shown(line, name, aim))
-    print(place(axis) + (f" (moved by {made:+.4g} {unit})" if unit != STEPS else ""))
+    print(place(axis) + (f" (moved by ≈ {made:+.4g} {unit})" if unit != STEPS else ""))
 
 
 def move(mount: Mount | SketchMount, name: str, position: float, unit: str = STEPS) -> None:
