@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 _SMALLEST = 1.0  # standard deviation of a spot at least, px: a hot pixel is narrower
 _LONGISH = 3.0  # ratio of the axes at most
-_ALONE = 2.5  # peak at least, in thresholds: a second spot of 40 % would be seen
+_ALONE = 3.0  # peak at least, in thresholds: a second spot of 40 % would be seen, also with the noise against it
 _FAINT = 0.1  # a blob with less of the first one's light is none: some hot pixels
 _TIP = 0.05  # part of a blob's light above the threshold, at least: a peak there has noise
 _MARGIN = 2.0  # standard deviations between the centre and the picture's edge
