@@ -78,7 +78,8 @@ _setting(b"SL", "soft_minimum", -MAX_STEPS, MAX_STEPS, -MAX_STEPS)
 """Limits: negative soft limit, steps
 
 Checked if `ZH` has bit 3: a target beyond it is refused (n07), a run ends at it (reason 5), the time through the
-backlash included. In the closed loop the encoder tells where the run is: it is looked at each 10 ms, and the motor coasts.
+backlash included. In the closed loop the encoder tells where the run is: it is looked at each 10 ms, and then the motor
+coasts.
 """
 
 _setting(b"SR", "soft_maximum", -MAX_STEPS, MAX_STEPS, MAX_STEPS)

@@ -46,8 +46,8 @@ def _drifted(result: Result, reading_px: float) -> None:
         for name, at in (("x", places[:, 0]), ("y", places[:, 1]))
     ]
     result.remarks = [
-        f"rms and peak to peak are those of these {t[-1] / 60:.1f} min, with the errors of the readings in them: they have no"
-        " error, and grow with the time"
+        f"rms and peak to peak are those of these {t[-1] / 60:.1f} min, with the errors of the readings in them:"
+        " they have no error, and grow with the time"
     ]
     for name, at in (("x", places[:, 0]), ("y", places[:, 1])):
         result.estimates[f"{name}.rms"] = Estimate(float(np.std(at)), float("nan"), "px", n + 1)
