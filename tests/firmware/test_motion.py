@@ -3,6 +3,7 @@
 from rig import Board, Rig
 
 from mountfw.boards import pico_drv8833
+from mountfw.wire.ticks import diff
 
 
 def edges_of(rig, pins):
@@ -543,3 +544,22 @@ def test_checking_is_not_switched_off_in_a_move():
     rig.ask(b"1MV+;1ZH1\n")
     assert rig.errors() == [114]
     assert rig.ask(b"1ZH?\n") == b"0\r\n"
+
+
+def test_an_end_stop_that_opens_after_a_drive_was_cut_adds_nothing_to_its_time():
+    rig = Rig()
+    rig.port.switches[10] = 0
+    rig.ask(b"1XL1\n")
+    drive = rig.controller.axes[0].drive
+    drive.aim(255)
+    assert drive.on(100_000) == 0
+    rig.port.us += 300
+    drive.cut()
+    cut_at = drive.cut_at
+    rig.port.us += 275
+    rig.port.switches[10] = 1
+    drive.guard(None)
+    assert drive.tripped
+    assert rig.drives() == (0, 0)
+    assert drive.cut_at == cut_at
+    assert drive.measured_us(True) == diff(cut_at, drive.on_at)

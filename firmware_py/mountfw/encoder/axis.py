@@ -71,11 +71,9 @@ class EncodedAxis(Axis):
         if not self.counts_per_step:
             self.closed_loop = self.units = 0
         super()._measure()
-        way = self.measured.way
-        self.measured.measure(self.closed_loop, self.counts_per_step, self.inverted)
-        if not self.measured.closed or self.measured.way != way:
+        if not self.measured.measure(self.closed_loop, self.counts_per_step, self.inverted):
             self._watch.forget()
-        else:
+        if self.measured.closed:
             self.resting = self.resting or _LOOKS
         per_step = self.measured.per_step
         self._loop.set_up(self.dead_band, per_step, self.pulse_us, self.step_duty, self.reader.play_us > 0)

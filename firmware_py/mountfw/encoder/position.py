@@ -46,7 +46,11 @@ class MeasuredPosition(Position):
         self._slips = self.reader.slips
 
     def measure(self, closed, counts_per_step, inverted):
-        """The settings are these. XP, XD and XB are in step and gap already."""
+        """The settings are these. XP, XD and XB are in step and gap already.
+
+        True in a closed loop whose encoder counts the same way as before: then the last drive says where the play is.
+        """
+        before = self.way
         per_step = abs(counts_per_step)
         closed = bool(closed and per_step)
         if closed != self.closed or (closed and per_step != self.per_step):
@@ -63,6 +67,7 @@ class MeasuredPosition(Position):
             self.per_step = per_step
         self.way = -1 if (counts_per_step < 0) != (inverted > 0) else 1
         self._measure_gap()
+        return closed and self.way == before
 
     def _measure_gap(self):
         thousandths = min(self.gap // max(1, self.step // 1000), _MOST_GAP)  # of a step, so that no product is large

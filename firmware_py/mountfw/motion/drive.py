@@ -136,8 +136,8 @@ class Drive:
         self.bridge.off()
 
     def cut(self):
-        """No drive, since cut_at."""
-        self.cut_at = self.clock()
+        """No drive, since cut_at. A drive that is over may not be counted yet: its time stays."""
+        self.cut_at = self.cut_at if self.was_cut else self.clock()
         self._cut()
         self.was_cut = True
         if self.gate:
