@@ -24,9 +24,11 @@ TOLD = "Not carried out: the page had just moved what you pressed."
 
 def step(page, board) -> None:
     """A step by a press, and what the page shows of it."""
+    before = len(board.edges())
     page.get_by_role("button", name="RIGHT", exact=True).click()
-    page.get_by_text("last move: done").first.wait_for()
+    wait_for(lambda: len(board.edges()) > before, "the step")  # the page may tell of an earlier one still
     wait_for_rest(board)
+    page.get_by_text("last move: done").first.wait_for()
 
 
 def test_once_the_page_stands_no_button_moves(open_page, panel, board):
