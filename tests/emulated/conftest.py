@@ -6,6 +6,7 @@ import pytest
 from images import FOLDER
 
 from mirrormount.common.errors import EmulatorMissing
+from mirrormount.virtual import emulator
 from mirrormount.virtual.board import Options, make_simulation
 from mirrormount.virtual.lockstep import Lockstep
 
@@ -61,6 +62,15 @@ def make_board() -> Iterator[Callable[..., Board]]:
     yield make
     for board in boards:
         board.simulation.close()
+
+
+@pytest.fixture
+def emulator_works() -> None:
+    """Skips where no RP2040 can be emulated."""
+    try:
+        emulator.command(None, None, 0)
+    except EmulatorMissing as e:
+        pytest.skip(str(e))
 
 
 @pytest.fixture(params=["cpython", "micropython", "rp2040"])

@@ -3,18 +3,7 @@
 import encoder_soak
 import pytest
 
-from mirrormount.common.errors import EmulatorMissing
-from mirrormount.virtual import emulator
-
-pytestmark = pytest.mark.lockstep
-
-
-@pytest.fixture(autouse=True)
-def _emulator():
-    try:
-        emulator.command(None, None, 0)
-    except EmulatorMissing as e:
-        pytest.skip(str(e))
+pytestmark = [pytest.mark.lockstep, pytest.mark.usefixtures("emulator_works")]
 
 
 def test_a_round_of_the_encoders_soak_loses_no_count(tmp_path):

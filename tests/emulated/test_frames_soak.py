@@ -3,18 +3,7 @@
 import frames_soak
 import pytest
 
-from mirrormount.common.errors import EmulatorMissing
-from mirrormount.virtual import emulator
-
-pytestmark = pytest.mark.lockstep
-
-
-@pytest.fixture(autouse=True)
-def _emulator():
-    try:
-        emulator.command(None, None, 0)
-    except EmulatorMissing as e:
-        pytest.skip(str(e))
+pytestmark = [pytest.mark.lockstep, pytest.mark.usefixtures("emulator_works")]
 
 
 def test_every_frame_of_a_train_is_obeyed_and_the_stop_after_it_cuts(tmp_path):
