@@ -81,7 +81,7 @@ def _readings(result: Result) -> Iterator[Series]:
     """The spot's place over the time, of a measurement that has no other curve of all its readings."""
     for name, at in (("x", 1), ("y", 2)):
         points = [(row[0], row[at], row[at + 2]) for row in result.readings]
-        yield Series(f"All readings: the spot's {name} in the picture", "s", "px", points)
+        yield Series(f"All readings: the spot's {name} in the picture", "time in s", "px", points)
 
 
 def _finite(value: object) -> object:
