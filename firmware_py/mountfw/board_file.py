@@ -21,7 +21,7 @@ FILE_OF = {
     "adafruit_feather_esp32s3_nopsram": "adafruit_feather_esp32s3",
 }
 
-# each bridge: its class in motion/bridge.py, and which pins of an axis carry its duty
+# each bridge: its class in bridges.py, and which pins of an axis carry its duty
 BRIDGES = {"enable": ("EnableBridge", ("en",)), "two-pwm": ("TwoPwmBridge", ("pos", "neg"))}
 STOPS = ("stop_pos", "stop_neg")
 ENCODERS = ("encoder", "shaft")  # which an axis may have: A and B on the motor's shaft; SDA and SCL of an AS5600

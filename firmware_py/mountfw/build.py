@@ -21,9 +21,9 @@ def make_bridge(port, board, pins):
     kind, duties = board_file.BRIDGES[board.BRIDGE]
     make = getattr(port, kind, None)  # a port may have one of its platform's own
     if not make:
-        from mountfw.motion import bridge
+        from mountfw import bridges
 
-        make = getattr(bridge, kind)
+        make = getattr(bridges, kind)
     names = [name for name in boards.DRIVES if pins[name] is not None]
     parts = [port.output(pins[name], board.PWM_HZ if name in duties else 0) for name in names]
     return make(*(parts + [board.DEAD_TIME_US, port.pause_us, port.ticks_us]))

@@ -2,7 +2,7 @@
 
 from rig import Board, Port
 
-from mountfw import board_file, boards, build
+from mountfw import board_file, boards, bridges, build
 from mountfw.boards import (
     adafruit_feather_esp32s3,
     adafruit_feather_rp2040,
@@ -14,7 +14,6 @@ from mountfw.boards import (
     rp2,
     seeed_xiao_rp2040,
 )
-from mountfw.motion import bridge
 
 
 def said(**changes):
@@ -120,7 +119,7 @@ def test_an_app_has_the_axes_that_the_board_file_has():
 
 def test_build_knows_the_bridges_that_a_board_file_may_name_and_refuses_others():
     for kind, _ in board_file.BRIDGES.values():
-        assert hasattr(bridge, kind)
+        assert hasattr(bridges, kind)
     board = Board()
     board.BRIDGE = "three-pwm"
     port = Port()

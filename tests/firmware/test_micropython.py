@@ -47,6 +47,7 @@ WORDS_OF_A_TRY = 3  # mp_exc_stack_t
     [
         "app",
         "codes",
+        "bridges",
         "settings",
         "store",
         "dialect/commands",
@@ -65,7 +66,6 @@ WORDS_OF_A_TRY = 3  # mp_exc_stack_t
         for name in (
             "axis",
             "actions",
-            "bridge",
             "controller",
             "drive",
             "position",

@@ -99,7 +99,7 @@ def _drive(words: ptr32, duty: int) -> int:
 
 
 class EnableBridge:
-    """As motion/bridge.py's, on outputs of this port."""
+    """As bridges.py's, on outputs of this port."""
 
     def __init__(self, enable, pos, neg, dead_time_us, _pause_us, _ticks_us):
         self.cut = enable.low
