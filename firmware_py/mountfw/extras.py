@@ -10,7 +10,7 @@ counts that. Other ports have Look.
 from array import array
 
 from mountfw import codes, const
-from mountfw.motion.axis import FRAME
+from mountfw.motion.axis import FRAME, RUN
 from mountfw.wire.ticks import diff
 
 MOST = const(32)  # frames in the log
@@ -79,24 +79,28 @@ class Lane:
     def book(self):
         """Count the frames of the log, as if each had been executed when it came, and echo one that came alone."""
         log = self.log
-        last = FIRST + EACH * (log[WAITING] - 1)
+        last = log[WAITING] - 1
+        place = FIRST + EACH * last
         frame = self._frame
-        frame.unpack(log[last])
+        frame.unpack(log[place])
+        self.poll_input()
         axis1, axis2 = self.axes
         m2 = frame.m2
-        self._book(axis1, frame.m1, log[last + 1], 0)
-        self._book(axis2, m2, log[last + 2], 1)
+        self._book(axis1, frame.m1, last, log[place + 1], 0)
+        self._book(axis2, m2, last, log[place + 2], 1)
         log[WAITING] = 0
-        if last == FIRST and not self.own.muted:
-            self._replies.echo(log[last])  # best effort: one that does not fit is dropped
+        if not last and not self.own.muted:
+            self._replies.echo(log[place])  # best effort: one that does not fit is dropped
 
-    def _book(self, axis, speed, at, which):
-        """Count one axis's part. It has had speed since at."""
+    def _book(self, axis, speed, last, at, which):
+        """Count one axis's part. Since frame `last`, the last one, it has had speed: from `at` on."""
         drive = axis.drive
-        first = self.first(which, axis.state) if self.log[WAITING] > 1 else 0
-        last = self.log[WAITING] - 1
-        if not (speed or axis.state) and first == last:  # it was off, and is
-            return
+        first = 0  # the first frame that this axis had to do with
+        if not axis.state:
+            while first < last and not self._speed(first, which):
+                first += 1
+            if not speed and first == last:  # it was off, and is
+                return
         if first < last:
             self._supersede(axis, first, which)
             self.poll_input()
@@ -117,21 +121,18 @@ class Lane:
         now_us = drive.cut_at if self._controller.halted else drive.clock()
         drive.has_begun = True
         drive.began_at = self.log[place + 1 + which]
-        axis.handle(FRAME, 1)  # what was under way ended then
+        self.poll_input()
+        if axis.state == RUN:  # what was under way ended then; the frame that is the last ends it in the table, too
+            axis.counting = True
+            axis.count(True)
+            axis.counting = False
+        else:
+            axis.handle(FRAME, 1)
+            position.made = axis.ended_steps  # the last move that ended is the one to tell of
+            drive.on_us = axis.ended_on_us
         drive.has_begun = drive.measuring = False
-        position.made = axis.ended_steps  # the last move that ended is the one to tell of
-        drive.on_us = axis.ended_on_us
         self.poll_input()
         self.sum(axis, first, which, now_us)
-
-    def first(self, which, state):
-        """The first frame of the log that an axis in this state had to do with; the last one if none had."""
-        i = 0
-        last = self.log[WAITING] - 1
-        if not state:
-            while i < last and not self._speed(i, which):
-                i += 1
-        return i
 
     def _speed(self, i, which):
         n = self.log[FIRST + EACH * i] >> (0 if which else 10)

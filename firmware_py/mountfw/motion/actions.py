@@ -260,6 +260,7 @@ class Actions(Settings):
         """Count what the move has driven, and note how it ended."""
         self.counting = True
         self.count(True)
+        self.poll_input()
         self.ended_steps = self.position.made
         self.ended_on_us = self.drive.on_us
         self.reason = reason
