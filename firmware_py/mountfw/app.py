@@ -98,9 +98,10 @@ class App:
             if left_us < _SPIN_US:  # counting took long; no more often, for in a train of pulses this is always so
                 left_us = self._end_drives(self._ticks_us())
             self._woke_at = now_us = self._ticks_us()
-        elif not received:
+        shows = diff(now_us, self._shown_at) >= _SHOW_US
+        if shows or not received:
             self._read(0)
-        if diff(now_us, self._shown_at) >= _SHOW_US:
+        if shows:
             self._shown_at = now_us
             self.show()
             self._own.tick(now_us)

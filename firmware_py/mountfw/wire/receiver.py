@@ -92,8 +92,12 @@ class Receiver:
             self.unparsed -= LENGTH
             return self._whole()
         self.unparsed -= 1
-        # in a line, bytes that are neither a stop nor mpremote's go straight to it
-        return self._in_line(c) if self.state == _IN_LINE and 0x22 <= c < 0x80 else self._parse(c)
+        if 0x22 <= c < 0x80:  # neither a stop nor mpremote's
+            if self.state == _IN_LINE:
+                return self._in_line(c)
+            if self.state == BOUNDARY:
+                return self._first_byte(c)
+        return self._parse(c)
 
     def _begins_frame(self):
         """True if the bytes that are unparsed are a frame, which is unpacked, or may be the first of one."""
@@ -169,15 +173,15 @@ class Receiver:
             self.state = SKIPPING
 
     def _first_byte(self, c):
-        if c == 10 or c == 13 or c == 0x20 or c == 0:
-            return NEED_BYTES
-        if c == _ZERO or c == _MINUS or c == _PLUS:
+        if 0x41 <= c & 0xDF <= 0x5A or 0x31 <= c <= 0x39 or c == 0x2A:
+            self.state = _IN_LINE
+        elif c == _ZERO or c == _MINUS or c == _PLUS:
             self._frame.start()
             self._frame.feed(c)
             self.state = _IN_FRAME
             return NEED_BYTES
-        if 0x31 <= c <= 0x39 or 0x41 <= c & 0xDF <= 0x5A or c == 0x2A:
-            self.state = _IN_LINE
+        elif c == 10 or c == 13 or c == 0x20 or c == 0:
+            return NEED_BYTES
         self._line.start()
         return self._in_line(c) if self.state == _IN_LINE else self._refuse(c, MALFORMED, self._line)
 
