@@ -217,12 +217,16 @@ def stop_behind(lab: Lab, *, size: int) -> list[float]:
 
 
 def stop_in_queries(lab: Lab) -> list[float]:
-    """ms; both axes run, and the loop executes thirty lines `XS?` when `!` comes."""
+    """ms; both axes run, and the loop executes thirty lines `XS?` when `!` comes.
+
+    The lines are received by then: how long a stop waits for bytes before it is what stop_behind() measures.
+    """
     board, random = lab.board(), lab.random
     times = []
     for _ in lab.trials():
         board.do(b"1MV+;2MV-\n")
         board.give(b"XS?\n" * 30)
+        board.run(IDLE_US, lambda: b"\n" in board.received)  # the first is answered
         board.run(random.randrange(IDLE_US))
         times.append(board.stopped_after_us(board.give(b"!")) / 1000)
         board.forget()
