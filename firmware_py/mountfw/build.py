@@ -29,7 +29,7 @@ def make_bridge(port, board, pins):
     return make(*(parts + [board.DEAD_TIME_US, port.pause_us, port.ticks_us]))
 
 
-def make_axis(number, port, board, pins, error_queue):
+def make_axis(number, pins, port, board, error_queue, receiver):
     """Axis `number`, on these pins of a board file, with its interrupts, and its encoder if the port can read it."""
     stops = [EndStop(port.reader(pins[name])) for name in ("stop_pos", "stop_neg")]
     parts = [number, make_bridge(port, board, pins)] + stops + [_homing(stops), error_queue, port.ticks_us]
@@ -39,7 +39,7 @@ def make_axis(number, port, board, pins, error_queue):
     else:
         from mountfw.encoder.axis import EncodedAxis  # only where there is one
 
-        axis = EncodedAxis(*parts, reader)  # pyright: ignore[reportCallIssue]
+        axis = EncodedAxis(*parts, reader, receiver)  # pyright: ignore[reportCallIssue]
     for name in ("stop_pos", "stop_neg"):
         if pins[name] is not None:
             port.on_rise(pins[name], axis.drive.guard)
@@ -71,7 +71,8 @@ def build(port, board):
     frame = Frame(port.pack)
     line = Line()
     receiver = WaryReceiver(frame, line, port.pack, own)  # its ring needs 4 KB in one piece: before encoders are loaded
-    axes = [make_axis(i + 1, port, board, pins, error_queue) for i, pins in enumerate(boards.axes(board))]
+    parts = port, board, error_queue, receiver
+    axes = [make_axis(i + 1, pins, *parts) for i, pins in enumerate(boards.axes(board))]
     number = getattr(board, "EMERGENCY_STOP", None)
     emergency_stop = EndStop(port.reader(number))
     emergency_stop.fitted = number is not None
@@ -88,7 +89,5 @@ def build(port, board):
     App.built = app = App(port, controller, commands, receiver, frame, replies, own, gated, lane)
     presize(receiver, frame, replies, own, controller)
     for axis in axes:
-        if hasattr(axis, "reader"):
-            axis.receiver = receiver  # pyright: ignore[reportAttributeAccessIssue]
         presize(axis, axis.drive, axis.position, axis.drive.bridge)
     return app

@@ -49,7 +49,7 @@ Remedy: The ranges are in [protocol.md](protocol.md).
 NO_SUCH_AXIS = _error(9, b"AXIS NUMBER OUT OF RANGE")
 """An axis other than 1 to 4.
 
-Remedy: This mount has axes 1 (y) and 2 (x).
+Remedy: A mount has axes 1 (y) and 2 (x); axes 3 and 4 if its board file names them.
 """
 
 AXIS_MISSING = _error(37, b"AXIS NUMBER MISSING")
@@ -85,16 +85,14 @@ Remedy: Send it as two lines.
 """
 
 KEEP_ALIVE_LOST = _error(62, b"KEEP-ALIVE LOST: MOTORS STOPPED")
-"""Something moved under a keep-alive (`XK`) and no byte came for that long: the program died or froze, or the cable
-is out.
+"""A motion had a keep-alive (`XK`) and no byte came for that long: the program died or froze, or the cable is out.
 
 Remedy: Find out why the program fell silent; then just go on.
 """
 
 SETTINGS_DAMAGED = _error(63, b"SETTINGS DAMAGED: DEFAULTS IN USE")
 """What is on the flash does not match its checksum, or is not for this board. Settings are as made, positions
-unknown. On CircuitPython also: another program had its own in the non-volatile memory, or the power went while that
-was written anew.
+unknown. On CircuitPython also: another program used the non-volatile memory, or the power went while it was written.
 
 Remedy: Set them again (`mirrormount config import` if there is a copy), then `SM`. If it comes back, the flash is
 worn or the board is.
@@ -117,8 +115,7 @@ WATCHDOG_RESET = _error(66, b"FIRMWARE HAD HUNG: BOARD WAS RESET")
 """The loop did not come round for a second, so the watchdog reset the board: motors off, positions start anew. Queued
 at the start that follows.
 
-Remedy: Report it with the commands that led to it (`XH?` ends in 3 then). If it repeats, look at what was changed in
-the firmware last.
+Remedy: Report it with the commands that led to it (`XH?` has the cause 3 then), and what was changed in the firmware.
 """
 
 NOT_SAVED = _error(67, b"COULD NOT BE SAVED")
@@ -137,6 +134,12 @@ Remedy: `stty -F PORT raw -echo` before anything is written to the port, or use 
 (`mirrormount` does). On a port that does not echo: a frame was followed by its own first number alone on a line.
 """
 
+SETTINGS_LEFT_OUT = _error(69, b"SETTINGS WITHOUT AN AXIS LEFT OUT")
+"""The flash has settings that no axis has: of a newer firmware, an encoder or an axis. All others are in use.
+
+Remedy: Put that firmware or board file back, or save what is left (`SM`).
+"""
+
 # ---- errors of one axis
 
 AXIS_OUT_OF_RANGE = _axis_error(1, b"OUT OF RANGE")
@@ -148,8 +151,7 @@ Remedy: Check the number; define a nearer zero with `DH`.
 AXIS_POSITIVE_STOP = _axis_error(4, b"POSITIVE END-STOP REACHED")
 """The switch at the positive end is active, or its wire is broken.
 
-Remedy: Drive the other way: that is always allowed. If the mount is not at its end, check the wire: an open circuit
-reads as active.
+Remedy: Drive the other way: that is always allowed. If the mount is not at its end, check the wire: open is active.
 """
 
 AXIS_NEGATIVE_STOP = _axis_error(5, b"NEGATIVE END-STOP REACHED")
@@ -177,8 +179,7 @@ Remedy: Use axis 1 (y) or 2 (x); `QM3` on the axis says that there is a motor.
 """
 
 AXIS_TOO_FAST = _axis_error(10, b"VELOCITY TOO HIGH")
-"""More steps per second were asked for (`VA`) than pulses of length `XP` fit in. The value is kept, and the axis
-makes as many as are possible.
+"""More steps per second (`VA`) than pulses of length `XP` fit in. The value is kept; as many are made as are possible.
 
 Remedy: `VA?` says how many. A shorter pulse allows more.
 """
@@ -194,8 +195,8 @@ AXIS_NOT_FITTED = _axis_error(35, b"NOT FITTED OR SWITCHED OFF")
 fitted (`XL`) or is ignored (`ZH1`); or a closed loop was asked for, and there is no encoder, or the counts of a step
 (`XN`) are not set.
 
-Remedy: Say what is fitted: `mirrormount setup`, or `mirrormount config set x.switches 3` (`XL`). See the board's file
-in `mountfw/boards` for its inputs. In the closed loop a search may end where the motor stalls: `stall_duty` (`XA`).
+Remedy: Say what is fitted, on that axis: `mirrormount setup`, or `mirrormount config set x.switches 3` (`XL`). The
+board's file has its inputs. In the closed loop a search may end where the motor stalls: `stall_duty` (`XA`).
 """
 
 AXIS_RUN_LIMIT = _axis_error(40, b"RUN LIMIT REACHED")
@@ -213,8 +214,7 @@ Remedy: Check the switches. `ZH1` on that axis ignores them meanwhile.
 AXIS_EMERGENCY_STOP = _axis_error(43, b"EMERGENCY STOP")
 """The emergency stop was pressed, or its wire is broken. Both motors are off and stay off, whatever is commanded.
 
-Remedy: Find out why it was pressed. Close it, then `mirrormount send '*RST'` (`Mount.reset()`): the positions start
-anew.
+Remedy: Find out why it was pressed. Close it, then `mirrormount send '*RST'` (`Mount.reset()`): positions start anew.
 """
 
 AXIS_FOLLOWING = _axis_error(44, b"FOLLOWING ERROR")
@@ -247,8 +247,8 @@ In the open loop (`mirrormount config set x.closed_loop 0`, or `MM0` on that axi
 """
 
 AXIS_WRONG_WAY = _axis_error(48, b"COUNTS THE WRONG WAY")
-"""The encoder counted against the drive's direction: the encoder's wires A and B or the motor's leads are exchanged
-since `XN` was measured, or something turns the shaft. The motor is off.
+"""The encoder counted against the drive: its wires A and B or the motor's leads were swapped after `XN` was measured;
+or something turns the shaft. The motor is off.
 
 Remedy: `mirrormount setup` measures which way it counts (or change the sign of `XN`), unless the motor turns the wrong
 way: then exchange its leads, or `XI`.

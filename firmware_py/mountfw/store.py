@@ -119,7 +119,10 @@ class Records:
         return 0
 
     def recall(self):
-        """Take the saved settings into use; those as made if none were saved, or (error 63) if they are damaged."""
+        """Take the saved settings into use; those as made if none were saved, or (error 63) if they are damaged.
+
+        Those that no axis has are left out (error 69).
+        """
         data = self._port.load(_SETTINGS)
         values = [] if data is None else self._parsed(data)
         if values is None:
@@ -139,24 +142,24 @@ class Records:
         lines = unseal(data)
         if lines is None:
             return None
-        numbers = [str(axis.number) for axis in self._axes]
         values = []
         for line in lines:
-            words = line.split(" ")
-            if len(words) != 3 or words[0] not in numbers:
-                return None
             try:
-                number, name, value = int(words[0]), _RENAMED.get(words[1], words[1]), int(words[2])
+                number, name, value = line.split(" ")
+                number, name, value = int(number), _RENAMED.get(name, name), int(value)
             except ValueError:
                 return None
-            entry = named(name, entries_of(self._axes[number - 1]))
-            if (
-                entry is None
-                or not allowed(entry, value)
-                or (name == "switches" and not self._axes[number - 1].can_fit(value))
-            ):
+            if number < 1:
+                return None
+            axis = self._axes[number - 1] if number <= len(self._axes) else None
+            entry = axis and named(name, entries_of(axis))
+            if entry is None:
+                continue
+            if not allowed(entry, value) or (name == "switches" and not axis.can_fit(value)):
                 return None
             values.append((number, name, value))
+        if len(values) < len(lines):
+            self._errors.push(codes.SETTINGS_LEFT_OUT)
         return values
 
     # ---- positions

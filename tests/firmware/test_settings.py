@@ -7,6 +7,7 @@ from rig import Rig  # isort: skip
 
 FILE = "mountfw.settings"
 DAMAGED = 63
+LEFT_OUT = 69
 NOT_SAVED = 67
 
 # a value that is not the factory's for each setting, axis 1 and axis 2
@@ -173,12 +174,24 @@ def sealed_bytes(data):
 
 def test_a_right_checksum_over_wrong_lines_gives_the_settings_as_made_and_error_63():
     good = "1 run_duty 7\n"
-    for bad in ("", "1 run_duty", "run_duty 7", "1 run_duty 7 7", "3 run_duty 7", "0 run_duty 7", "-1 run_duty 7"):
+    for bad in ("", "1 run_duty", "run_duty 7", "1 run_duty 7 7", "0 run_duty 7", "-1 run_duty 7"):
         assert_as_made(Rig(files={FILE: seal(good + bad + "\n")}), DAMAGED)
-    for bad in ("1 no_such 7", "1 state 3", "1 __class__ 1", "1 run_duty seven", "1 run_duty 7.5", "1 run_duty "):
+    for bad in ("1 run_duty seven", "1 run_duty 7.5", "1 run_duty "):
         assert_as_made(Rig(files={FILE: seal(good + bad + "\n")}), DAMAGED)
     assert_as_made(Rig(files={FILE: sealed_bytes(b"1 run_duty \xff\xfe\n")}), DAMAGED)
     assert Rig(files={FILE: seal(good)}).axis1.run_duty == 7
+
+
+def test_settings_that_no_axis_has_are_left_out_with_error_69_and_the_others_are_in_use():
+    # of a newer firmware; of an axis and an encoder that the board file does not have any more
+    for other in ("1 no_such 7", "1 state 3", "1 __class__ 1", "3 run_duty 7", "1 counts_per_step 280"):
+        rig = Rig(files={FILE: seal("1 switches 3\n%s\n2 soft_maximum 9\n" % other)})
+        assert rig.errors() == [LEFT_OUT]
+        assert (rig.axis1.switches, rig.axis2.soft_maximum, rig.axis1.state) == (3, 9, 0)
+        do(rig, b"SM\n")
+        again = restart(rig)
+        assert again.errors() == []
+        assert (again.axis1.switches, again.axis2.soft_maximum) == (3, 9)
 
 
 def test_a_right_checksum_over_a_value_out_of_range_gives_the_settings_as_made_and_error_63():

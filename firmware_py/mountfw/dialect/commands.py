@@ -93,7 +93,7 @@ class Commands:
         if self._elsewhere:
             self._errors.push(codes.NO_SUCH_CONTROLLER)
         self._records.poll_input()
-        self.go_on()  # only reads: nothing is executed in the pass that has parsed it
+        self.go_on()  # only reads
 
     def go_on(self):
         """Do one piece: read some bytes of the line, or execute a command or a piece of it. The last ends the line."""

@@ -26,7 +26,7 @@ _LATE_US = const(15_000)  # in a run what was received is obeyed before a look, 
 
 
 class EncodedAxis(Axis):
-    """reader: the encoder's (counts.py). The other arguments are those of Axis."""
+    """reader: the encoder's (counts.py). What waits in receiver is obeyed before a look at it. Others as of Axis."""
 
     entries = SETTINGS + ENCODER_SETTINGS
 
@@ -40,10 +40,10 @@ class EncodedAxis(Axis):
     stall_ms: int
     stall_duty: int
 
-    def __init__(self, number, bridge, positive_stop, negative_stop, homing, error_queue, ticks_us, reader):
+    def __init__(self, number, bridge, positive_stop, negative_stop, homing, error_queue, ticks_us, reader, receiver):
         self.target_counts = self.relative_counts = self.defined_counts = 0  # as they were said in counts
         self.reader = reader
-        self.receiver = None  # build.py sets it: what waits there is obeyed first
+        self.receiver = receiver
         self.unchecked = False  # is no drive watched for a stall (ZZ)?
         self._looked_at = 0
         self._loop = ClosedLoop()
@@ -239,7 +239,7 @@ class EncodedAxis(Axis):
     def service(self, now_us):
         looks = True
         # a frame or a stop, maybe: it is obeyed first
-        if self.receiver.waits():  # pyright: ignore[reportOptionalMemberAccess, reportAttributeAccessIssue]
+        if self.receiver.waits():
             if not self.state:
                 return NEVER_US
             # a correction of a pulse is over in less

@@ -24,12 +24,6 @@ _REVERSALS = 3  # of each way, for the gaps
 _EDGE_PX = 40.0  # the spot stays so far from a picture's edge
 _ALONG_PX = 3.0  # a spot that comes nearer to an edge by less goes along it
 _MOVED = 0.15  # of a step's way: the screw follows
-_REVERSALS = 3  # of each way, for the gaps
-_EDGE_PX = 40.0  # the spot stays so far from a picture's edge
-_ALONG_PX = 3.0  # a spot that comes nearer to an edge by less goes along it
-_MOVED = 0.15  # of a step's way: the screw follows
-# lengths of pulses in parts of a step, and how many of each: the sum is some steps
-_CURVE = ((0.025, 10), (0.04, 8), (0.065, 6), (0.12, 5), (0.25, 3), (0.5, 2))
 _ROOM_UM = 2000.0  # errors beyond are made smaller first
 _CENTRED, _CENTRINGS = 0.8, 4  # part of an error that is corrected then, and how often: few steps were measured
 _UNITS = 0.7, 1.3  # a step here, in those that the response was measured with: at least and at most

@@ -16,8 +16,6 @@ from mirrormount.device.mount import Axis, Mount
 from mountfw import __version__
 from mountfw import codes as wire
 
-_SETTINGS_DAMAGED = 63
-
 
 def run_checks(open_mount: Callable[[], Mount], *, move: bool) -> None:
     """Run all checks and print a line for each. Raises CheckFailed if one failed."""
@@ -53,7 +51,7 @@ def _checks(mount: Mount, move: bool) -> Iterator[tuple[str, Callable[[], str]]]
     yield "firmware", lambda: firmware(mount)
     yield "health", lambda: health(mount)
     yield "settings", lambda: saved_settings([error.code for error in waiting])
-    others = [error for error in waiting if error.code != _SETTINGS_DAMAGED]
+    others = [error for error in waiting if error.code != wire.SETTINGS_DAMAGED]
     yield "errors waiting", lambda: errors_waiting([f"{error.code} {error.text}" for error in others])
     axes = mount.by_name.values()
     for axis in axes:
@@ -105,7 +103,7 @@ def health(mount: Mount) -> str:
 
 def saved_settings(waiting: list[int]) -> str:
     """Has the board said that its saved settings are damaged?"""
-    if _SETTINGS_DAMAGED in waiting:
+    if wire.SETTINGS_DAMAGED in waiting:
         raise Wrong(
             "those saved on the board are damaged and its defaults are in use: mirrormount config import FILE"
             " (or mirrormount setup), then mirrormount config save"
