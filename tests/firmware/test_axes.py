@@ -295,7 +295,7 @@ def test_settings_of_every_axis_are_saved_and_restored():
     assert again.ask(b"3XP?;4XP?\n") == b"200000; 200000\r\n"
 
 
-def test_a_file_of_two_axes_is_read_on_a_board_of_three_and_not_the_other_way_round():
+def test_a_file_of_two_axes_is_read_on_a_board_of_three_and_of_three_all_but_the_third_on_one_of_two():
     rig = Rig()
     rig.ask(b"1XP1000;2XP2000\n")
     rig.ask(b"SM\n")
@@ -307,8 +307,8 @@ def test_a_file_of_two_axes_is_read_on_a_board_of_three_and_not_the_other_way_ro
     three.ask(b"SM\n")
     three.run(200_000)
     two = restart(three, 2)
-    assert two.ask(b"1XP?;2XP?\n") == b"200000; 200000\r\n"
-    assert two.errors() == [codes.SETTINGS_DAMAGED]
+    assert two.ask(b"1XP?;2XP?\n") == b"1000; 2000\r\n"
+    assert two.errors() == [codes.SETTINGS_LEFT_OUT]
 
 
 def rested(rig, line):
