@@ -39,7 +39,7 @@ class Served:
     def run(self) -> None:
         """Let motor 1 run, and go away."""
         mount = Mount.open(self.port)
-        mount.send("1XM60000;1MV+")
+        mount.send("1XM60000;1MV+", keep_alive=False)
         mount.close()
 
     def ask(self, question: str) -> str:

@@ -499,6 +499,61 @@ def test_nothing_starts_in_a_block_after_a_stop_in_it(mount, start):
     assert mount.link.port.simulation.edges == []
 
 
+def test_the_end_of_an_inner_block_does_not_end_the_outer_one(mount):
+    with mount.unless_stopped():
+        with mount.unless_stopped():
+            mount.x.step(1)
+        mount.halt()
+        with pytest.raises(errors.MoveEnded):
+            mount.x.step(3)
+    mount.x.step(1)
+
+
+def test_a_block_of_one_thread_is_no_block_of_another(mount):
+    in_a_block, stopped = threading.Event(), threading.Event()
+
+    def block():
+        with mount.unless_stopped():
+            in_a_block.set()
+            stopped.wait(60)
+
+    other = threading.Thread(target=block)
+    other.start()
+    in_a_block.wait(60)
+    with mount.unless_stopped():
+        mount.halt()
+        stopped.set()
+        other.join()
+        with pytest.raises(errors.MoveEnded):
+            mount.x.step(3)
+    mount.x.step(1)  # asked for after the stop
+
+
+def test_a_motion_that_send_starts_is_kept_alive_while_the_program_lives(mount):
+    assert mount.send("1>2MV+;2MV?") == "1>+"
+    mount.sleep(2)
+    assert mount.status().x.moving
+    mount.link.sleep(1)  # nobody asks the board
+    assert mount.status().x.reason == 7
+
+
+def test_a_line_with_a_keep_alive_of_its_own_is_sent_as_it_is(mount):
+    mount.send("XK0;2MV+")
+    mount.link.sleep(2)
+    assert mount.status().x.moving
+    mount.stop()
+
+
+def test_what_is_no_text_or_starts_a_motion_is_no_query(mount):
+    for query in (None, b"XS?", "2MV+;XS?", "XS?\n"):
+        with pytest.raises(errors.BadValue):
+            mount.ask(query)
+    for line in (None, b"1PR1", "", "\u00e9"):
+        with pytest.raises(errors.BadValue):
+            mount.send(line)
+    assert mount.link.port.simulation.edges == []
+
+
 def test_without_feeding_a_motion_ends_by_its_keep_alive(mount):
     mount.x.jog(1, feed=False)
     mount.link.sleep(1)

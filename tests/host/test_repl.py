@@ -439,6 +439,22 @@ def test_a_stop_ends_a_move_at_the_prompt_while_repl_has_the_port(serve_vm):
     assert terminal.end() == 0
 
 
+def test_a_stop_ends_a_move_at_the_prompt_that_nobody_has_open_any_more(serve_vm):
+    served = serve_vm()
+    port = SerialPort(str(served.link), 115200)
+    port.write(b"\x03")
+    said = bytearray()
+    wait_for(lambda: said.extend(port.read(0.1)) or b">>> " in said, "the prompt")
+    port.write(b"from mountfw.repl import m\rwhile 1: m.y.jog(1, ms=9000)\r\r")
+    wait_for(served.driving, "a jog")
+    port.close()
+    run = run_cli("stop", "--port", str(served.link))
+    assert not served.driving()
+    assert run.returncode == 0 and run.stdout.startswith("stopped: the program at"), (
+        run.stderr
+    )
+
+
 def test_no_python_of_the_current_folder_is_run_by_repl(serve_vm, tmp_path):
     folder = set_traps(tmp_path / "traps")
     terminal = Terminal(str(serve_vm().link), folder=folder)

@@ -15,8 +15,9 @@ from served import PATIENCE_S, run_cli, wait_for
 from mirrormount import Mount
 from mirrormount.cli import main
 from mirrormount.common import errors
-from mirrormount.transport import stop_socket
-from mirrormount.transport.stop_socket import SENT, STOPPED, Stoppable, ask, ask_all, held_here, owners
+from mirrormount.transport import stop_socket, stoppable
+from mirrormount.transport.stop_socket import SENT, STOPPED, ask, ask_all, owners
+from mirrormount.transport.stoppable import Stoppable, held_here
 
 if os.name != "posix":
     pytest.skip("Unix sockets need POSIX", allow_module_level=True)
@@ -166,7 +167,7 @@ def test_another_user_at_the_socket_stops_nothing(runtime, monkeypatch):
     stops = []
     owner = Stoppable(["/dev/ttyTEST"], lambda: stops.append(1) or SENT)
     try:
-        monkeypatch.setattr(stop_socket, "_user", lambda _connection: os.getuid() + 1)
+        monkeypatch.setattr(stoppable, "_user", lambda _connection: os.getuid() + 1)
         with pytest.raises(errors.NoAnswer, match="has the port"):
             ask(owners()[0])
         assert stops == []
@@ -299,7 +300,7 @@ def test_a_socket_left_by_a_dead_program_of_the_same_number_is_in_nobodys_way(ru
     Stoppable(["/dev/ttyTEST"], lambda: SENT).close()
     names = ["/dev/ttyTEST", "socket://127.0.0.1:1"]
     for name in names:
-        path = runtime / f"{stop_socket._key(name)}.{os.getpid()}.{stop_socket._count + 1}.stop"
+        path = runtime / f"{stop_socket._key(name)}.{os.getpid()}.{stoppable._count + 1}.stop"
         with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as dead:
             dead.bind(str(path))
     owner = Stoppable(names, lambda: STOPPED)

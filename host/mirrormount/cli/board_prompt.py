@@ -18,7 +18,8 @@ from mirrormount.transport.find import find_one
 from mirrormount.transport.lines import Link
 from mirrormount.transport.open import open_port
 from mirrormount.transport.refusals import TAKEN
-from mirrormount.transport.stop_socket import SENT, Stoppable, supported
+from mirrormount.transport.stop_socket import SENT, supported
+from mirrormount.transport.stoppable import Stoppable
 
 _GET_M = "from mountfw.repl import m"
 _HELP = """\

@@ -4,19 +4,14 @@ Answers go to stdout; how a motion ended goes to stderr.
 """
 
 import contextlib
-import re
 import sys
 
 from mirrormount.cli.moving import place, watched
 from mirrormount.common.errors import REASONS, BadValue, MountError
-from mirrormount.common.keep_alive import KEEP_ALIVE_MS
+from mirrormount.device.command_lines import LONGEST, keep_alives_ms, starts_motion, with_keep_alive
 from mirrormount.device.mount import Axis, Mount, Status
 from mountfw import codes as wire
 
-_LONGEST = 128 - len(f"XK{KEEP_ALIVE_MS};;TB?")  # a line of the board has 128 characters (docs/protocol.md)
-_ADDRESS = re.compile(r" *[0-9]+ *>")
-_STARTS_MOTION = re.compile(r"[ 0-9]*(PR|PA|XU|MV|MT|OR)(?!.*\?)", re.IGNORECASE)
-_KEEP_ALIVE = re.compile(r"XK *([0-9]+)", re.IGNORECASE)
 _POLL_S = 0.05
 
 
@@ -25,11 +20,11 @@ def send(mount: Mount, line: str) -> None:
 
     Raises BoardError for the first command of it that cannot be done, MountError if a motion did not end as done.
     """
-    at = _begin(line)
-    moves = any(map(_STARTS_MOTION.match, line[at:].split(";")))
-    keep_alives = _keep_alives(line)
+    _check_length(line)
+    moves = starts_motion(line)
+    keep_alives = keep_alives_ms(line)
     if moves and not keep_alives:
-        line = f"{line[:at]}XK{KEEP_ALIVE_MS};{line[at:]}"
+        line = with_keep_alive(line)
     poll_s = min([_POLL_S, *(ms / 5000 for ms in keep_alives if ms)])
     with watched(mount, list(mount.by_name.values())) as shown:
         status = _send(mount, line)
@@ -58,38 +53,30 @@ def start(mount: Mount, line: str) -> None:
     """
     if hasattr(mount.link.port, "simulation"):
         raise BadValue("this virtual board ends with this program, and its motion too: leave --no-wait out")
-    _begin(line)
+    _check_length(line)
     try:
         if axes := _moving(mount, _send(mount, line)):
             names = " and ".join(axis.name for axis in axes)
-            print(f"{names}: still moving; {_bounds(mount, _keep_alives(line))}", file=sys.stderr)
+            print(f"{names}: still moving; {_bounds(mount, keep_alives_ms(line))}", file=sys.stderr)
     except BaseException:
         with contextlib.suppress(MountError):
             mount.stop()
         raise
 
 
-def _begin(line: str) -> int:
-    """Where the line's first command begins. Raises BadValue for a line that is too long."""
-    if len(line) > _LONGEST:
-        raise BadValue(f"a command line has at most {_LONGEST} characters here, not {len(line)}")
-    address = _ADDRESS.match(line)
-    return address.end() if address else 0
+def _check_length(line: str) -> None:
+    if len(line) > LONGEST:
+        raise BadValue(f"a command line has at most {LONGEST} characters here, not {len(line)}")
 
 
 def _send(mount: Mount, line: str) -> Status:
-    if answers := mount.send(line):
+    if answers := mount.send(line, keep_alive=False):
         print(answers, flush=True)
     return mount.status()
 
 
 def _moving(mount: Mount, status: Status) -> list[Axis]:
     return [axis for axis in mount.by_name.values() if status.by_name[axis.name].moving]
-
-
-def _keep_alives(line: str) -> list[int]:
-    """The keep-alives that the line sets itself, in ms."""
-    return [int(ms) for ms in _KEEP_ALIVE.findall(line)]
 
 
 def _bounds(mount: Mount, keep_alives: list[int]) -> str:

@@ -6,7 +6,8 @@ from collections.abc import Iterator
 
 from mirrormount.common.errors import MountError
 from mirrormount.transport.lines import Link
-from mirrormount.transport.stop_socket import SENT, STOPPED, Stoppable
+from mirrormount.transport.stop_socket import SENT, STOPPED
+from mirrormount.transport.stoppable import Stoppable
 
 _OPENS_S = 1.0  # longest time until the port is open
 

@@ -12,7 +12,8 @@ from mirrormount.common.validation import whole_number
 from mirrormount.device.frame import encode
 from mirrormount.transport.lines import Link
 from mirrormount.transport.open import open_port
-from mirrormount.transport.stop_socket import STOPPED, Stoppable
+from mirrormount.transport.stop_socket import STOPPED
+from mirrormount.transport.stoppable import Stoppable
 
 LIMITS = (
     "the paper's sketch: a step is timed by this computer (about 0.2 s, +-2 ms), positions are unknown,"

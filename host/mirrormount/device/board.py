@@ -1,7 +1,7 @@
 """State that a board has reported: identity, axes, last status. No I/O. Imports errors, status."""
 
 from mirrormount.common.axis_names import axis_name, paired
-from mirrormount.common.errors import BadValue, NotAMount
+from mirrormount.common.errors import BadValue, BoardError, NotAMount
 from mirrormount.device.status import QueuedError, Status, parse_error, parse_status
 from mountfw import codes as wire
 
@@ -66,3 +66,8 @@ class Board:
     def parse_error(self, line: str) -> QueuedError:
         """An entry of the error queue, with the names of the axes. Raises NotAMount."""
         return parse_error(line, self.x_axis)
+
+    def exception(self, line: str) -> BoardError:
+        """An entry of the error queue as an exception. Raises NotAMount."""
+        error = self.parse_error(line)
+        return BoardError(error.code, error.text)

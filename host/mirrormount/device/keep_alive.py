@@ -15,7 +15,7 @@ class KeepAlive:
     Without a thread only `active` is kept, and the caller queries the board while it is set.
     """
 
-    def __init__(self, is_moving: Callable[[], bool], *, threaded: bool) -> None:
+    def __init__(self, is_moving: Callable[[], bool], threaded: bool) -> None:
         self._is_moving = is_moving
         self._threaded = threaded
         self._active = threading.Event()

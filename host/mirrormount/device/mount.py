@@ -24,7 +24,7 @@ from mirrormount.device.status import AxisStatus, Ended, Homed, Limits, QueuedEr
 from mirrormount.transport.find import find_one
 from mirrormount.transport.lines import Link
 from mirrormount.transport.open import open_port
-from mirrormount.transport.stop_socket import held_here
+from mirrormount.transport.stoppable import held_here
 
 __all__ = ["Axis", "AxisStatus", "Ended", "Homed", "Limits", "Mount", "QueuedError", "Status"]
 
@@ -129,7 +129,10 @@ class Mount:
         self.session.halt()
 
     def unless_stopped(self) -> AbstractContextManager[None]:
-        """A motion inside the block starts only if no thread has stopped the mount since the block began."""
+        """A motion of this thread in the block starts only if no thread has stopped the mount since the block began.
+
+        In a block within a block it is since the outer one began.
+        """
         return self.session.gate.unless_stopped()
 
     def accept_stops(self, address: str, also: Callable[[], None] | None = None) -> None:
@@ -162,7 +165,7 @@ class Mount:
                 session.keep_alive.start()
         if status.errors_waiting:
             self.stop()
-            raise session.board_error(self.take_errors()[0])
+            raise session.board.exception(self.take_errors()[0])
 
     def sleep(self, seconds: float) -> None:
         """Let time pass (the board's own, on a virtual board in lockstep) with the motion kept alive.
@@ -189,14 +192,15 @@ class Mount:
         """Send a command line with a query; returns the board's one line of answers (docs/protocol.md)."""
         return self.session.ask(query)
 
-    def send(self, line: str) -> str:
+    def send(self, line: str, *, keep_alive: bool = True) -> str:
         """Send a command line of any kind; returns its answers, "" without a query.
 
-        Raises BoardError for the first of its commands that is refused; errors that waited from
-        before are logged. A motion that it starts is not kept alive. Raises BadValue if the line is not
-        printable ASCII, or a frame or a stop; NoAnswer.
+        A motion that it starts is kept alive while this program lives, unless the line sets a keep-alive itself (`XK`),
+        which you then feed, or keep_alive is False: then it outlives this program.
+        Raises BoardError for the first of its commands that is refused; errors that waited from before are logged.
+        Raises BadValue if the line is not printable ASCII, or a frame or a stop; MoveEnded, NoAnswer.
         """
-        return self.session.send(line)
+        return self.session.send(line, keep_alive=keep_alive)
 
     # ---- settings
 

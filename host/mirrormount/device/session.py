@@ -7,7 +7,8 @@ stop waits for no other thread's exchange.
 
 import contextlib
 import logging
-import re
+import os
+import weakref
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
 from typing import Self
@@ -15,21 +16,23 @@ from typing import Self
 from mirrormount.common.errors import BadValue, BoardError, ConnectionLost, MountError, NoAnswer, NotAMount
 from mirrormount.common.keep_alive import KEEP_ALIVE_MS
 from mirrormount.common.printable import printable
+from mirrormount.device.abandoned import abandon
 from mirrormount.device.board import RESET_CAUSES, Board, check_x_axis
+from mirrormount.device.command_lines import check_line, check_query, keep_alives_ms, starts_motion, with_keep_alive
 from mirrormount.device.handshake import ANSWER_S, identify
 from mirrormount.device.keep_alive import FEED_S, KeepAlive
 from mirrormount.device.status import QueuedError, Status
 from mirrormount.device.stop_gate import StopGate
 from mirrormount.transport.lines import Link
 from mirrormount.transport.open import open_port
-from mirrormount.transport.stop_socket import SENT, STOPPED, Stoppable
+from mirrormount.transport.stop_socket import SENT, STOPPED
+from mirrormount.transport.stoppable import Stoppable
 
 _LOCK_S = 1.0  # longest wait of another program's stop for the answers of this one
 _GATE_S = 0.05  # longest wait of another program's stop for a thread that writes a line
 _ECHO_LINES = 5  # of a frame
 _LONGEST_ANSWER = 4096
 _ERRORS_MOST = 20  # of a board's queue
-_COMMAND_LINE = re.compile(r" *([A-Za-z*1-9]|0[0-9]*>)")  # the table of first bytes in docs/protocol.md
 
 _log = logging.getLogger("mirrormount")
 
@@ -38,6 +41,8 @@ class Session:
     """An open session. Identifying the board stops it. x_axis: the board's number of the axis called x.
 
     Attributes: link; board (identity, axes, last status); gate (stops before starts); keep_alive.
+    A session that nobody refers to any more stops the board and closes the port. In a forked process it does nothing
+    but raise ConnectionLost: the port is the parent's.
     Raises what identify() raises.
     """
 
@@ -46,9 +51,13 @@ class Session:
         self.link = link
         self.board = Board(identify(link), x_axis)
         self.gate = StopGate()
-        self.keep_alive = KeepAlive(lambda: self.status().moving, threaded=not link.lockstep)
-        self.stoppable: Stoppable | None = None
+        self._process = os.getpid()
         self._closed = False
+        this = weakref.ref(self)  # threads must not keep it
+        self.keep_alive = KeepAlive(lambda: (own := this()) is not None and own.status().moving, not link.lockstep)
+        self._stoppables: list[Stoppable] = []
+        self._abandoned = weakref.finalize(self, abandon, self._process, link, self.keep_alive, self._stoppables)
+        self._abandoned.atexit = False  # a program that ends stops the board, too: by the keep-alive
         self.status()
 
     @classmethod
@@ -65,6 +74,8 @@ class Session:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if self._process != os.getpid():
+            return
         try:
             # a stop that fails must not hide the exception that is on its way; the keep-alive stands behind it
             hidden = kind is not None and kind is not KeyboardInterrupt
@@ -75,12 +86,20 @@ class Session:
 
     def close(self) -> None:
         """Close the port. Does not stop: the board's keep-alive will."""
+        if self._process != os.getpid():
+            return
         self._closed = True
+        self._abandoned.detach()
         self.keep_alive.end()
         self.keep_alive.join()
-        if self.stoppable:
-            self.stoppable.close()
+        for stoppable in self._stoppables:
+            stoppable.close()
         self.link.close()
+
+    @property
+    def stoppable(self) -> Stoppable | None:
+        """What takes the stops of other programs; None before accept_stops()."""
+        return self._stoppables[0] if self._stoppables else None
 
     def age(self) -> str:
         """How old the last status is, for a text. The board is not asked."""
@@ -119,8 +138,14 @@ class Session:
 
         also is called after each such stop, in a thread of its own: for a program that has motions in a queue.
         """
-        if not self.link.lockstep and self.stoppable is None:
-            self.stoppable = Stoppable([address], lambda: self.stop_for_another_program(also))
+        this = weakref.ref(self)
+
+        def stop() -> str:
+            own = this()
+            return own.stop_for_another_program(also) if own else STOPPED
+
+        if not self.link.lockstep and not self._stoppables:
+            self._stoppables.append(Stoppable([address], stop))
 
     def stop_for_another_program(self, also: Callable[[], None] | None = None) -> str:
         """Write the stop without waiting for a thread that hangs, then confirm it if the link is free.
@@ -154,21 +179,27 @@ class Session:
     # ---- exchanges
 
     def ask(self, query: str) -> str:
-        """Send a command line with a query; returns the board's one line of answers (docs/protocol.md)."""
+        """Send a line with a query; returns the board's one line of answers. Raises BadValue if it starts a motion."""
+        check_query(query)
         return self._exchange(query.encode("ascii") + b"\n")
 
-    def send(self, line: str) -> str:
+    def send(self, line: str, *, keep_alive: bool = True) -> str:
         """Send a command line of any kind; returns its answers, "" without a query.
 
-        Raises BoardError for the first of its commands that is refused; errors that waited from
-        before are logged. A motion that it starts is not kept alive. Raises BadValue if the line is not
-        printable ASCII, or a frame or a stop; NoAnswer.
+        A motion that it starts is kept alive, unless the line sets a keep-alive itself (`XK`), which the caller then
+        feeds, or keep_alive is False: then it outlives this program.
+        Raises BoardError for the first command that is refused (errors from before are logged), BadValue if the line is
+        not printable ASCII, or a frame or a stop; MoveEnded as start(); NoAnswer.
         """
-        if not (line.isascii() and line.isprintable() and line.strip()):
-            raise BadValue(f"a command line is printable ASCII, not {line!r}")
-        if not _COMMAND_LINE.match(line):
-            raise BadValue(f"{line!r} is no command line: a frame is sent by drive, a stop by stop")
-        return self._send(line)
+        check_line(line)
+        if not (keep_alive and starts_motion(line)) or keep_alives_ms(line):
+            return self._send(line)
+        last_stop = self.gate.last_stop()
+        self.keep_alive.check()
+        with self.stopped_by_interrupt():
+            answers = self._send(with_keep_alive(line), self.gate.starting(last_stop))
+            self.keep_alive.start()
+        return answers
 
     def start(self, command: str, last_stop: int) -> None:
         """Send a command that starts a motion, with its keep-alive. Raises BoardError if refused.
@@ -180,6 +211,7 @@ class Session:
 
     def start_frame(self, frame: bytes, last_stop: int) -> Status:
         """Send a frame of the paper's protocol with a keep-alive; returns the status after it. Raises as start()."""
+        self._check_open()
         self.keep_alive.check()
         with self.link.lock:
             self._log_old_errors()
@@ -222,17 +254,13 @@ class Session:
                 self.keep_alive.check()
                 self.link.sleep(min(left, FEED_S))
 
-    def board_error(self, line: str) -> BoardError:
-        """An entry of the error queue as an exception."""
-        error = self.board.parse_error(line)
-        return BoardError(error.code, error.text)
-
     def _exchange(self, data: bytes, gate: AbstractContextManager[object] | None = None) -> str:
         """Send, and return the board's next line, safe to print."""
         self._check_open()
         return printable(self.link.ask(data, ANSWER_S, gate), _LONGEST_ANSWER)
 
     def _send(self, line: str, gate: AbstractContextManager[object] | None = None) -> str:
+        self._check_open()
         with self.link.lock:
             self._log_old_errors()
             try:
@@ -245,10 +273,12 @@ class Session:
                 self.board.expect_restart()
             if not error.startswith("0,"):
                 self.take_errors()
-                raise self.board_error(error.rpartition(">")[2])
+                raise self.board.exception(error.rpartition(">")[2])
             return "; ".join(answers)
 
     def _check_open(self) -> None:
+        if self._process != os.getpid():
+            raise ConnectionLost("this Mount was opened by another process: use it there")
         if self._closed:
             raise ConnectionLost("this Mount was closed: open it again")
 

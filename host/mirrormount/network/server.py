@@ -23,7 +23,8 @@ from mirrormount.network.relay import Relay
 from mirrormount.transport.find import find_one
 from mirrormount.transport.first_bytes import NotAClient
 from mirrormount.transport.refusals import NO_BOARD, TAKEN, refusal_line
-from mirrormount.transport.stop_socket import SENT, STOPPED, Stoppable
+from mirrormount.transport.stop_socket import SENT, STOPPED
+from mirrormount.transport.stoppable import Stoppable
 from mirrormount.transport.tcp_port import acknowledge
 from mirrormount.transport.telnet import GREETING
 
