@@ -153,7 +153,7 @@ class Records:
                 return None
             axis = self._axes[number - 1] if number <= len(self._axes) else None
             entry = axis and named(name, entries_of(axis))
-            if entry is None:
+            if axis is None or entry is None:
                 continue
             if not allowed(entry, value) or (name == "switches" and not axis.can_fit(value)):
                 return None

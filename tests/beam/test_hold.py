@@ -210,6 +210,7 @@ def test_a_goal_that_is_not_met_is_no_success(tmp_path):
         ["align", "--virtual", "--within", "0"],
         ["align", "--virtual", "--most", "0"],
         ["hold", "--virtual", "--duration", "x"],
+        ["hold", "--virtual", "--duration", ""],
         ["align", "--virtual", "--most", "1.5"],
         ["hold", "--profile", "rough"],
         ["hold", "--virtual", "--cameras", "1"],

@@ -83,7 +83,8 @@ def _goals(verb: str, args: argparse.Namespace) -> dict[str, Any]:
             raise BadValue(f"--most is 1 or more, not {most}")
         return {"within_um": positive(args.within, "--within"), "most": most}
     if verb == "hold":
-        seconds = positive(args.duration, "--duration") if args.duration else _VIRTUAL_S if args.virtual else None
+        unbounded = _VIRTUAL_S if args.virtual else None
+        seconds = unbounded if args.duration is None else positive(args.duration, "--duration")
         goals = positive(args.rms_urad, "--rms-urad"), positive(args.max_um, "--max-um")
         return {"seconds": seconds, "rms_urad": goals[0], "most_um": goals[1]}
     return {}

@@ -21,11 +21,12 @@ class StopGate:
         self._lock = threading.Lock()
         self._numbers = itertools.count(1)
         self._last = 0  # each stop has its own number, so that none is lost between two threads
-        self._since: int | None = None  # the last stop before unless_stopped() began
+        self._blocks = threading.local()  # since: the last stop before this thread's outermost unless_stopped() began
 
     def last_stop(self) -> int:
         """The number of the last stop: in a block of unless_stopped() the last one before the block."""
-        return self._last if self._since is None else self._since
+        since: int | None = getattr(self._blocks, "since", None)
+        return self._last if since is None else since
 
     @contextlib.contextmanager
     def starting(self, last_stop: int) -> Iterator[None]:
@@ -48,9 +49,10 @@ class StopGate:
 
     @contextlib.contextmanager
     def unless_stopped(self) -> Iterator[None]:
-        """A motion inside starts only if no thread has stopped since the block began."""
-        self._since = self._last
+        """A motion of this thread inside starts only if no thread has stopped since the outermost such block began."""
+        before: int | None = getattr(self._blocks, "since", None)
+        self._blocks.since = self._last if before is None else before
         try:
             yield
         finally:
-            self._since = None
+            self._blocks.since = before
