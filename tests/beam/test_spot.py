@@ -1,5 +1,6 @@
 """find_spot on pictures of which the true place of the spot is known."""
 
+import cv2
 import numpy as np
 import pytest
 import scenes
@@ -58,6 +59,21 @@ def test_a_second_spot_of_which_the_fit_sees_a_flank_only_is_a_second_spot():
     found = find_spot(scene.image, scene.dark)
     assert not found
     assert found.reason is Reason.SPLIT
+
+
+def test_the_error_of_a_spot_of_few_speckles_is_that_of_the_speckle():
+    pulls = []
+    for seed in range(60):
+        noise = rng(seed)
+        x, y = noise.uniform(100, 380, 2)
+        grain = cv2.GaussianBlur(noise.normal(size=(480, 640)), (0, 0), 1.5)
+        light = 8 + 50 * scenes.gaussian(x, y, 4.0, 4.0) * (1 + 0.07 * grain / grain.std())
+        found = find_spot(scenes.expose(light, noise))
+        if found:
+            pulls.append(((found.x - x) / found.sigma_x, (found.y - y) / found.sigma_y))
+    assert len(pulls) > 50
+    assert np.sqrt(np.square(pulls).mean()) < 1
+    assert np.abs(pulls).max() < 5
 
 
 def test_two_spots_that_have_come_to_lie_on_each_other_are_no_fit():

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrormount.beam import blobs, gaussian
+from mirrormount.beam import blobs, gaussian, speckle
 from mirrormount.beam.located import GHOST, WIDEST, Located, is_double, locate, one_sided
 from mirrormount.beam.picture import Dark, Grey, grey
 from mirrormount.beam.reasons import Reason
@@ -30,7 +30,7 @@ _MARGIN = 2.0  # standard deviations between the centre and the picture's edge
 _SATURATED = 0.25  # saturated area at most, in parts of 2 pi sigma_x sigma_y
 _SIGNIFICANT = 8.0  # peak at least, in its own standard errors
 _NOT_LINEAR = 0.3  # part of a slope of the background that is not below the spot too, as a camera's gamma has it
-_UNEVEN = 0.06  # px times width: pixels, speckle and compression are uneven over few pixels; assumed
+_HIDDEN = 0.7  # of the error with all the speckle that noise may hide: 3.5 of that one are within 5 of what is stated
 _UNSURE = 0.25  # standard error at most, in standard deviations of the spot
 
 
@@ -137,14 +137,16 @@ def _judge(found: Located, picture: Grey, seen: blobs.Detection) -> Spot | NoSpo
     groups = part.groups(found.keep, math.sqrt(size))
     expected, grouped = gaussian.errors(fit, found.bins, groups)
     student = 1 + 3.6 / len(np.unique(groups))  # 2 sigma of Student's t for a third of the groups, which see the spot
-    variance = np.maximum(np.diag(expected), np.diag(grouped)) * student**2 + found.shift**2
+    variance = np.maximum(np.diag(expected), np.diag(grouped) * student**2) + found.shift**2
     curved, deviation = gaussian.background_shift(fit, found.bins)
     modes = gaussian.modes(fit, found.bins)
     sides = one_sided(modes)
-    variance += (sides * np.array([wide, high])) ** 2 + _UNEVEN**2 / size
+    variance += (sides * np.array([wide, high])) ** 2
     slope = np.array(part.slope) + fit.p[7:9]
     variance += (_NOT_LINEAR * (covariance @ slope) / fit.peak) ** 2
     variance += np.where(np.abs(curved) > 2.5 * deviation, curved, 0) ** 2
+    seen_grains, hidden_grains = speckle.variances(fit, found.bins, part.bin)
+    variance = np.maximum(variance + seen_grains, _HIDDEN**2 * (variance + hidden_grains))
     sigma_x, sigma_y = (float(v) ** 0.5 for v in variance)
     short, long = np.sqrt(np.linalg.eigvalsh(covariance))
     if long > _LONGISH * short or sides > _UNSURE:
