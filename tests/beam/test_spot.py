@@ -61,6 +61,15 @@ def test_a_second_spot_of_which_the_fit_sees_a_flank_only_is_a_second_spot():
     assert found.reason is Reason.SPLIT
 
 
+def test_a_second_spot_that_has_merged_with_the_first_ones_blob_beyond_the_fit_is_a_second_spot():
+    scene = scenes.nasty(rng(614_928))
+    assert "two" in scene.parts and scene.truth is None
+    found = find_spot(scene.image, scene.dark)
+    assert not found
+    assert found.reason is Reason.SPLIT
+    assert len(found.detection.blobs) == 1
+
+
 def test_the_error_of_a_spot_of_few_speckles_is_that_of_the_speckle():
     pulls = []
     for seed in range(60):

@@ -27,6 +27,7 @@ _ALONE = 3.0  # peak at least, in thresholds: a second spot of 40 % would be see
 _FAINT = 0.1  # a blob with less of the first one's light is none: some hot pixels
 _TIP = 0.05  # part of a blob's light above the threshold, at least: a peak there has noise
 _MARGIN = 2.0  # standard deviations between the centre and the picture's edge
+_BESIDE = 0.5  # standard deviations between a spot and the centroid of its blob at most; of a single one 0.3
 _SATURATED = 0.25  # saturated area at most, in parts of 2 pi sigma_x sigma_y
 _SIGNIFICANT = 8.0  # peak at least, in its own standard errors
 _NOT_LINEAR = 0.3  # part of a slope of the background that is not below the spot too, as a camera's gamma has it
@@ -152,6 +153,9 @@ def _judge(found: Located, picture: Grey, seen: blobs.Detection) -> Spot | NoSpo
     if long > _LONGISH * short or sides > _UNSURE:
         return NoSpot(Reason.SHAPE, seen)
     if is_double(modes, float(long / short)):
+        return NoSpot(Reason.SPLIT, seen)
+    blob = seen.blobs[0]
+    if max(abs(x - blob.x) / wide, abs(y - blob.y) / high) > _BESIDE:  # it has merged with one beyond the fit's window
         return NoSpot(Reason.SPLIT, seen)
     if short < _SMALLEST:
         return NoSpot(Reason.SMALL, seen)
