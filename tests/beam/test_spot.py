@@ -70,6 +70,15 @@ def test_a_second_spot_that_has_merged_with_the_first_ones_blob_beyond_the_fit_i
     assert len(found.detection.blobs) == 1
 
 
+@pytest.mark.parametrize("seed", [501_141, 620_062])
+def test_a_spot_that_something_dark_touches_is_refused_for_its_shape(seed):
+    scene = scenes.nasty(rng(seed))
+    assert "fly" in scene.parts
+    found = find_spot(scene.image, scene.dark)
+    assert not found
+    assert found.reason is Reason.SHAPE
+
+
 def test_the_error_of_a_spot_of_few_speckles_is_that_of_the_speckle():
     pulls = []
     for seed in range(60):

@@ -1,5 +1,6 @@
 """Blobs that are brighter than an uneven background, in a picture reduced by four."""
 
+import math
 from dataclasses import dataclass
 
 import cv2
@@ -9,6 +10,8 @@ from numpy.typing import NDArray
 REDUCED = 4  # pixels of the picture for one of the reduced one
 _TILE = 12  # reduced pixels of a tile, the median of which is one value of the background
 ABOVE = 5.0  # threshold in standard deviations of the background's noise
+_DARK = 3  # reduced pixels that are darker than the background by the threshold, at least: fewer are noise
+_WIDEST_BESIDE = _TILE * REDUCED / 6  # standard deviation of a spot, px, of which a tile holds three to each side
 _OF_PEAK = 0.12  # threshold as a part of the brightest value: two spots that touch in their flanks are two blobs
 
 
@@ -33,13 +36,14 @@ class Detection:
     """blobs: the greatest product of peak and flux first.
 
     threshold, noise: grey values above the background, of a reduced pixel. background: reduced picture of the light
-    that is uneven over the whole picture or over its rows.
+    that is uneven over the whole picture or over its rows. above: the reduced picture less all background.
     """
 
     blobs: list[Blob]
     threshold: float
     noise: float
     background: NDArray[np.float32]
+    above: NDArray[np.float32]
 
     def background_in(self, left: int, top: int, width: int, height: int) -> NDArray[np.float32]:
         """The background of a part of the picture."""
@@ -50,6 +54,22 @@ class Detection:
             self.background, to_reduced, (width, height), flags=flags, borderMode=cv2.BORDER_REPLICATE
         )
         return np.asarray(part, np.float32)
+
+    def is_dark_beside(self, x: float, y: float, width: float) -> bool:
+        """Whether something darker than the background touches a spot of this standard deviation, px.
+
+        False for a spot that is wider than a tile: the tile's median is that of the spot, which leaves a dark rim.
+        """
+        if width > _WIDEST_BESIDE:
+            return False
+        rows, columns = self.above.shape
+        reach = 3 * width + REDUCED  # a reduced pixel at the rim has light of the spot, too
+        half, middle_x, middle_y = reach / REDUCED, (x + 0.5) / REDUCED - 0.5, (y + 0.5) / REDUCED - 0.5
+        left, right = max(math.ceil(middle_x - half), 0), min(math.floor(middle_x + half) + 1, columns)
+        top, bottom = max(math.ceil(middle_y - half), 0), min(math.floor(middle_y + half) + 1, rows)
+        across, down = np.arange(left, right) - middle_x, np.arange(top, bottom)[:, None] - middle_y
+        dark = self.above[top:bottom, left:right] < -ABOVE * self.noise
+        return int((dark & (across**2 + down**2 < half**2)).sum()) >= _DARK
 
 
 def detect(image: NDArray[np.uint8] | NDArray[np.uint16]) -> Detection:
@@ -78,7 +98,7 @@ def detect(image: NDArray[np.uint8] | NDArray[np.uint16]) -> Detection:
     labels, stats = np.asarray(found, np.int32), np.asarray(areas, np.int32)
     order = sorted(range(1, count), key=lambda i: -stats[i, cv2.CC_STAT_AREA])[:8]
     blobs = [_blob(above, labels, stats[i], i, (width / small.shape[1], height / small.shape[0])) for i in order]
-    return Detection(sorted(blobs, key=lambda blob: -blob.peak * blob.flux), threshold, noise, background)
+    return Detection(sorted(blobs, key=lambda blob: -blob.peak * blob.flux), threshold, noise, background, above)
 
 
 def _background(small: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

@@ -150,7 +150,7 @@ def _judge(found: Located, picture: Grey, seen: blobs.Detection) -> Spot | NoSpo
     variance = np.maximum(variance + seen_grains, _HIDDEN**2 * (variance + hidden_grains))
     sigma_x, sigma_y = (float(v) ** 0.5 for v in variance)
     short, long = np.sqrt(np.linalg.eigvalsh(covariance))
-    if long > _LONGISH * short or sides > _UNSURE:
+    if long > _LONGISH * short or sides > _UNSURE or seen.is_dark_beside(x, y, max(wide, high)):
         return NoSpot(Reason.SHAPE, seen)
     if is_double(modes, float(long / short)):
         return NoSpot(Reason.SPLIT, seen)
