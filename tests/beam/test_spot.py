@@ -70,6 +70,15 @@ def test_a_second_spot_that_has_merged_with_the_first_ones_blob_beyond_the_fit_i
     assert len(found.detection.blobs) == 1
 
 
+@pytest.mark.parametrize("seed", [625_787, 700_328])
+def test_two_spots_of_different_brightness_that_look_like_a_long_one_are_two(seed):
+    scene = scenes.nasty(rng(seed))
+    assert "two" in scene.parts and scene.truth is None
+    found = find_spot(scene.image, scene.dark)
+    assert not found
+    assert found.reason is Reason.SPLIT
+
+
 @pytest.mark.parametrize("seed", [501_141, 620_062])
 def test_a_spot_that_something_dark_touches_is_refused_for_its_shape(seed):
     scene = scenes.nasty(rng(seed))

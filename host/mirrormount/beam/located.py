@@ -156,8 +156,11 @@ def one_sided(seen: gaussian.Modes) -> float:
 
 
 def is_double(seen: gaussian.Modes, ratio: float) -> bool:
-    """Whether a spot of this ratio of its axes has the fourth order of two side by side, which no fit of two showed."""
-    return ratio > _LONG and seen.even > _TWO and seen.even_chi2 > _EVEN
+    """Whether a spot of this ratio of its axes has the fourth order of two side by side, which no fit of two showed.
+
+    Two that differ in brightness have less of it, but the third order with it.
+    """
+    return ratio > _LONG and seen.even_chi2 > _EVEN and (seen.even > _TWO or seen.odd_chi2 > _ODD)
 
 
 def _only_modes(found: gaussian.Fit, bins: gaussian.Bins) -> bool:
