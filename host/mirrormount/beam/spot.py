@@ -154,9 +154,6 @@ def _judge(found: Located, picture: Grey, seen: blobs.Detection) -> Spot | NoSpo
         return NoSpot(Reason.SHAPE, seen)
     if is_double(modes, float(long / short)):
         return NoSpot(Reason.SPLIT, seen)
-    blob = seen.blobs[0]
-    if max(abs(x - blob.x) / wide, abs(y - blob.y) / high) > _BESIDE:  # it has merged with one beyond the fit's window
-        return NoSpot(Reason.SPLIT, seen)
     if short < _SMALLEST:
         return NoSpot(Reason.SMALL, seen)
     if max(wide, high) > WIDEST:
@@ -166,6 +163,9 @@ def _judge(found: Located, picture: Grey, seen: blobs.Detection) -> Spot | NoSpo
     saturated = _saturated_around(picture, (x, y), (wide, high))
     if saturated > _SATURATED * 2 * math.pi * size:
         return NoSpot(Reason.SATURATED, seen)
+    blob = seen.blobs[0]
+    if max(abs(x - blob.x) / wide, abs(y - blob.y) / high) > _BESIDE:  # it has merged with one beyond the fit's window
+        return NoSpot(Reason.SPLIT, seen)
     weighted = fit.jacobian * found.bins.weight[:, None]
     sigma_peak = float(np.linalg.inv(weighted.T @ fit.jacobian)[0, 0]) ** 0.5
     if fit.peak < _SIGNIFICANT * sigma_peak or max(sigma_x / wide, sigma_y / high) > _UNSURE:
