@@ -27,7 +27,8 @@ CHANGED = {
     b"ZH": (b"8", b"9"),
     b"QM": (b"0", b"2"),
 }
-NAMES = [entry[0] for entry in SETTINGS]
+DECLARED = [entry[0] for entry in SETTINGS]
+NAMES = [name for name in DECLARED if name in CHANGED]  # in the order in which they are to be set
 
 
 def restart(rig):
@@ -68,6 +69,10 @@ def assert_as_made(rig, error):
 
 _fresh = Rig()
 AS_MADE = [getattr(axis, entry[1]) for axis in (_fresh.axis1, _fresh.axis2) for entry in SETTINGS]
+
+
+def test_every_setting_has_a_value_that_is_not_the_factorys():
+    assert set(CHANGED) == set(DECLARED), "add it to CHANGED"
 
 
 def test_every_setting_that_is_saved_is_there_after_a_restart():

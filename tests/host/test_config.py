@@ -39,7 +39,9 @@ OTHER = {
 
 def test_every_setting_can_be_changed_and_is_read_as_it_was_written(mount):
     before = mount.settings()
-    assert list(before["x"]) == [name for name in SETTINGS if name not in ENCODER] == list(OTHER)
+    declared = [name for name in SETTINGS if name not in ENCODER]
+    assert list(OTHER) == declared, "add it to OTHER, in the order of settings.py"
+    assert list(before["x"]) == declared
     mount.apply({"x": OTHER})
     assert mount.settings() == {"x": OTHER, "y": before["y"]}
 
