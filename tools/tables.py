@@ -175,7 +175,7 @@ def main(arguments: list[str]) -> int:
             if "--check" not in arguments:
                 (ROOT / name).write_text(wanted, encoding="utf-8")
     for name in different:
-        print(f"{name} {'differs: python tools/tables.py' if '--check' in arguments else 'is written anew'}")
+        print(f"{name} {f'differs: {sys.executable} {__file__}' if '--check' in arguments else 'is written anew'}")
     return 1 if different and "--check" in arguments else 0
 
 
