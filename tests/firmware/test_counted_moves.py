@@ -253,6 +253,18 @@ def test_a_run_ends_at_the_soft_limit_where_the_encoder_says_that_it_is():
             assert why(rig) == (codes.DONE, [])
 
 
+def test_another_soft_limit_counts_from_the_next_run_on():
+    rig = encoded()
+    rig.ask(b"1DH0;1SR5;1ZH8\n")
+    rig.ask(b"1MV+\n")
+    rig.ask(b"1SR9\n")
+    rig.run(5_000_000)
+    assert 0 <= status(rig)[0] - 5000 < 250
+    assert why(rig) == (codes.SOFT_LIMIT, [106])
+    move(rig, b"1MV+\n")
+    assert 0 <= status(rig)[0] - 9000 < 250
+
+
 def test_a_frame_in_the_closed_loop_has_no_soft_limit_also_after_a_run_that_had_one():
     rig = encoded()
     rig.ask(b"1DH0;1SR5;1ZH8;1XM3000\n")

@@ -123,6 +123,12 @@ def test_a_motor_far_too_slow_is_a_following_error():
         assert why(rig) == (codes.FOLLOWING, [144])
     rig = encoded()
     rig.motor1.supply = 0.15
+    rig.ask(b"1MV+\n")
+    rig.ask(b"1XD254\n")  # counts from the next move on
+    rig.run(1_000_000)
+    assert why(rig) == (codes.FOLLOWING, [144])
+    rig = encoded()
+    rig.motor1.supply = 0.15
     rig.ask(b"1ZH2;1MV+\n")
     rig.run(1_000_000)
     assert rig.drives()[0] == 255

@@ -307,6 +307,16 @@ def test_pins_that_cannot_work_are_refused_before_a_board_is_looked_for(tmp_path
         deploy(Options(port="/nowhere", pins=pins))
 
 
+@pytest.mark.parametrize("name", ["GATE", "LANE", "ONE_CHANNEL"])
+def test_what_a_board_file_may_switch_off_is_a_truth_value(tmp_path, name):
+    pins = tmp_path / "pins.py"
+    pins.write_text(FROM_PICO + f"{name} = False\n")
+    assert read_pins(pins) == pins.read_bytes()
+    pins.write_text(FROM_PICO + f"{name} = 0\n")
+    with pytest.raises(errors.DeployError, match=f"{name} is True or False"):
+        read_pins(pins)
+
+
 @pytest.mark.parametrize("fitted", [{"encoder": (8, 9)}, {"shaft": (8, 9)}])
 def test_pins_of_an_encoder_are_taken(tmp_path, fitted):
     pins = tmp_path / "pins.py"

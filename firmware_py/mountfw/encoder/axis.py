@@ -55,7 +55,7 @@ class EncodedAxis(Axis):
         self._pulses = False  # is the move under way one of the closed loop?
         self._rested_at = 0  # counts of the motor while the position is on the flash
         self._gone = False  # was it told that the encoder does not answer?
-        self._limited = False  # does the run under way end at a soft limit?
+        self._limit = None  # steps: the soft limit at which the run under way ends
         self.measured = MeasuredPosition(reader)  # its position
         super().__init__(number, bridge, positive_stop, negative_stop, homing, error_queue, ticks_us, self.measured)
         self._stall_homing = StallHoming(self)
@@ -77,6 +77,8 @@ class EncodedAxis(Axis):
             self.resting = self.resting or _LOOKS
         per_step = self.measured.per_step
         self._loop.set_up(self.dead_band, per_step, self.pulse_us, self.step_duty, self.reader.play_us > 0)
+        self._full_duty = self.step_duty  # of the next move, as all here
+        self._settle_us = self.correction_s * 10_000
         self._watch.stall_us = 0 if self.unchecked else self.stall_ms * 1000
         self._watch.follow(per_step, self.pulse_us, self.following_error or per_step * 3 >> 2)
 
@@ -135,7 +137,8 @@ class EncodedAxis(Axis):
     def jog(self, direction):
         begun = super().jog(direction)
         if begun:
-            self._limited = self.state == RUN and self.measured.closed and self.checking & 8 != 0
+            limited = self.state == RUN and self.measured.closed and self.checking & 8
+            self._limit = (self.soft_maximum if direction > 0 else self.soft_minimum) if limited else None
         return begun
 
     def by_counts(self, n):
@@ -230,7 +233,7 @@ class EncodedAxis(Axis):
         if self._pulses:
             self._pulses = False
             self.measured.done()
-        self._limited = False
+        self._limit = None
         super()._close(reason)
         self.resting = self.resting or _LOOKS
 
@@ -257,7 +260,7 @@ class EncodedAxis(Axis):
                 return NEVER_US
             if reason:
                 return self._failed(reason)
-            if self._limited and self._at_limit():
+            if self._limit is not None and self.measured.reached(self._limit, self.drive.direction):
                 self.handle(END, codes.SOFT_LIMIT)
         return self._go_on(now_us)
 
@@ -273,10 +276,6 @@ class EncodedAxis(Axis):
             near = self._pulses and self._loop.near(self._watch.counts)
             return min(left_us, _LOOK_US if near else _LOOK_AT_RUN_US)
         return left_us
-
-    def _at_limit(self):
-        direction = self.drive.direction
-        return self.measured.reached(self.soft_maximum if direction > 0 else self.soft_minimum, direction)
 
     def _look(self, now_us):
         """Look at the encoder in a drive. Returns the reason why it must end, or 0."""
@@ -301,7 +300,7 @@ class EncodedAxis(Axis):
         if self._watch.lost(self.reader):
             return codes.ENCODER_LOST
         reason = self._watch.look(self.measured.motor, now_us)
-        if not (reason or self.drive.duty != self.step_duty or self.checking & 2 or self._watch.follows(now_us)):
+        if not (reason or self.drive.duty != self._full_duty or self.checking & 2 or self._watch.follows(now_us)):
             return codes.FOLLOWING
         return reason
 
@@ -323,7 +322,7 @@ class EncodedAxis(Axis):
     def _rest(self):
         """A pulse is over: the rest before the next one, or before the end is judged."""
         self._loop.drive_us = diff(self.drive.cut_at, self.drive.on_at)
-        settled_at = add(self.drive.cut_at, self.correction_s * 10_000)
+        settled_at = add(self.drive.cut_at, self._settle_us)
         if not self._loop.left or diff(settled_at, self.next_at) > 0:
             self.next_at = settled_at
 

@@ -10,12 +10,14 @@ from mirrormount.common.errors import DeployError
 from mirrormount.common.printable import printable
 from mirrormount.deploy.fileset import THIS, boards
 from mountfw import board_file as on_board
+from mountfw.boards import DRIVES
 
-_REQUIRED = {"NAME", "BRIDGE", "AXIS_1", "AXIS_2", "PWM_HZ", "DEAD_TIME_US", "LED"}
-_OPTIONAL = {"AXIS_3", "AXIS_4", "EMERGENCY_STOP", "ONE_CHANNEL"}
-_BRIDGES = ("enable", "two-pwm")
-_PINS = ("en", "pos", "neg", "stop_pos", "stop_neg")
-_ENCODERS = ("encoder", "shaft")  # of an axis that has one: two GPIO numbers
+_REQUIRED = set(on_board.REQUIRED)
+_OPTIONAL = set(on_board.OPTIONAL)
+_BRIDGES = tuple(on_board.BRIDGES)
+_PINS = DRIVES + on_board.STOPS
+_ENCODERS = on_board.ENCODERS  # of an axis that has one: two GPIO numbers
+_SWITCHES = ("ONE_CHANNEL", "GATE", "LANE")
 _NAME = re.compile(rb"[ -+\--:<-~]{1,40}")  # printable, without the comma and the semicolon of an answer
 _RANGES = {"PWM_HZ": (100, 100_000), "DEAD_TIME_US": (0, 1000)}
 _HIGHEST_GPIO = 48
@@ -120,8 +122,9 @@ def _faults(found: dict[str, object]) -> str:
         value = found[key]
         if not isinstance(value, int) or not least <= value <= most:
             return f"{key} is a whole number, {least} to {most}"
-    if not isinstance(found.get("ONE_CHANNEL", False), bool):
-        return "ONE_CHANNEL is True or False"
+    for key in _SWITCHES:
+        if not isinstance(found.get(key, False), bool):
+            return f"{key} is True or False"
     return _faults_of_pins(found)
 
 
