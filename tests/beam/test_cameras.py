@@ -13,8 +13,9 @@ from mirrormount.beam import Spot, find_spot, webcam
 from mirrormount.beam.camera import OF_DRIVER, Controls, Frame, Size
 from mirrormount.beam.checked import Limits, Picture, checked
 from mirrormount.beam.open_camera import open_camera
-from mirrormount.beam.recording import record
+from mirrormount.beam.recording import open_folder, record
 from mirrormount.beam.webcam import Webcam
+from mirrormount.cli import camera_work
 from mirrormount.cli.camera_work import line
 from mirrormount.cli.main import main
 from mirrormount.common.beam_errors import (
@@ -280,6 +281,22 @@ def test_record_writes_a_recording(tmp_path, capsys):
     address = "virtual-table://?mounts=1&cameras=1"
     assert main(["camera", "record", str(folder), "--camera", address, "--frames", "2"]) == 0
     assert capsys.readouterr().out == f"2 frames in {folder}\n"
+
+
+def test_record_says_at_ctrl_c_how_many_frames_there_are(tmp_path, capsys, monkeypatch):
+    camera = open_camera("virtual-table://?mounts=1&cameras=1")
+    pictures = camera.frames()
+
+    def interrupted():
+        yield next(pictures)
+        yield next(pictures)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(camera, "frames", interrupted)
+    monkeypatch.setattr(camera_work, "open_camera", lambda _address: camera)
+    assert main(["camera", "record", str(tmp_path / "run")]) == 130
+    assert capsys.readouterr().out == f"2 frames in {tmp_path / 'run'}\n"
+    assert len([*open_folder(str(tmp_path / "run")).frames()]) == 2
 
 
 def test_list_names_each_camera_that_linux_knows(tmp_path, capsys, monkeypatch):

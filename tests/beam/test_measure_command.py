@@ -178,6 +178,7 @@ def test_no_setting_of_the_board_is_ever_changed_so_a_killed_measurement_leaves_
         (("drift", *SEED, "--apply"), "--apply is of the experiments steps, backlash, pulses"),
         (("steps", *SEED, "--camera", "3"), "cameras 1 and 2"),
         (("steps", *SEED, "--step", "0", "px"), "--step is more than 0"),
+        (("steps", *SEED, "--mm-per-px", "0.05", "--step", "1e6", "px"), "too large for a picture of 640 x 480"),
         (("steps", *SEED, "--step", "1", "inch"), "the unit of --step is px, mm"),
         (("steps", *SEED, "--step", "many", "px"), "--step is a number"),
         (("square", *SEED, "--step", "1", "px"), "--step is of the experiment steps"),

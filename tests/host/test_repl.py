@@ -450,9 +450,7 @@ def test_a_stop_ends_a_move_at_the_prompt_that_nobody_has_open_any_more(serve_vm
     port.close()
     run = run_cli("stop", "--port", str(served.link))
     assert not served.driving()
-    assert run.returncode == 0 and run.stdout.startswith("stopped: the program at"), (
-        run.stderr
-    )
+    assert run.returncode == 0 and run.stdout.startswith("stopped: the program at"), run.stderr
 
 
 def test_no_python_of_the_current_folder_is_run_by_repl(serve_vm, tmp_path):

@@ -53,11 +53,13 @@ def record(args: argparse.Namespace) -> None:
     """Write a recording."""
     shown = StatusLine()
     with _opened(args) as (camera, frames):
+        counted = _Counted(frames, shown)
         try:
-            count = write_recording(camera, args.folder, _counted(frames, shown))
+            write_recording(camera, args.folder, counted)
         finally:
             shown.end()
-    print(f"{count} frames in {args.folder}")
+            if counted.count:
+                print(f"{counted.count} frames in {args.folder}")
 
 
 def line(frame: Frame, found: Spot | NoSpot) -> str:
@@ -96,7 +98,16 @@ def _tell_controls(camera: Camera) -> None:
             note(f"{what} {state}; fix it in the camera's own program")
 
 
-def _counted(frames: Iterator[Frame], shown: StatusLine) -> Iterator[Frame]:
-    for count, frame in enumerate(frames, 1):
-        shown.show(f"{count} frames; Ctrl-C ends the recording")
-        yield frame
+class _Counted(Iterator[Frame]):
+    """Frames; count: those before the one that was returned last, so they are written; all of them at the end."""
+
+    def __init__(self, frames: Iterator[Frame], shown: StatusLine) -> None:
+        self._frames, self._shown = frames, shown
+        self._returned = self.count = 0
+
+    def __next__(self) -> Frame:
+        self.count = self._returned
+        frame = next(self._frames)
+        self._returned += 1
+        self._shown.show(f"{self._returned} frames; Ctrl-C ends the recording")
+        return frame

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from mirrormount.beam import html_page
 from mirrormount.beam import scale as camera_scale
-from mirrormount.beam.camera import Camera
+from mirrormount.beam.camera import Camera, Size
 from mirrormount.beam.experiments import backlash, pulses, square, step_size, steps, waiting
 from mirrormount.beam.observer import Observer
 from mirrormount.beam.open_camera import open_beside_mount
@@ -53,7 +53,7 @@ def measure(args: argparse.Namespace) -> None:
     with ended_in_order(interrupts=True), _opened(args) as (mount, camera, optics):
         axes = _axes(args.axes, mount)
         if wanted:
-            work = partial(_steps_of_size, wanted_px=_in_px(*wanted, axes, optics))
+            work = partial(_steps_of_size, wanted_px=_in_px(*wanted, axes, optics, camera.size))
         result = Result(args.experiment)
         began = datetime.now().astimezone()
         observer = Observer(camera)
@@ -115,10 +115,13 @@ def _wanted(args: argparse.Namespace) -> tuple[float, str] | None:
     return size, unit
 
 
-def _in_px(size: float, unit: str, axes: tuple[str, ...], optics: Optics) -> dict[str, float]:
-    """The wanted size for each axis. Raises NotCalibrated."""
-    found = {axis: optics.per_px(unit, axis) for axis in axes}
-    return {axis: size / _known(of_px, unit) for axis, of_px in found.items()}
+def _in_px(size: float, unit: str, axes: tuple[str, ...], optics: Optics, picture: Size) -> dict[str, float]:
+    """The wanted size for each axis. Raises NotCalibrated; BadValue if a picture of this size cannot show it."""
+    found = {axis: size / _known(optics.per_px(unit, axis), unit) for axis in axes}
+    for axis, px in found.items():
+        if px > min(picture) / 2:
+            raise BadValue(f"a step of {size:g} {unit} is {px:.4g} px of {axis}: too large for a picture of {picture}")
+    return found
 
 
 def _known(of_px: float | None, unit: str) -> float:
