@@ -21,7 +21,7 @@ from mountfw.wire.ticks import add, diff
 _MANY = const(1 << 20)  # pulses left, for the table: the closed loop counts its own
 _LOOKS = const(2)  # of resting: no pulse's rest, but the encoder is looked at
 _LOOK_US = const(4_000)  # between two looks near a pulse's end, at most: the loop sleeps less than that
-_LOOK_AT_RUN_US = const(10_000)  # else
+_LOOK_AT_RUN_US = const(13_000)  # else: the loop wakes 3 ms before, for a drive that might end then
 _LATE_US = const(15_000)  # in a run what was received is obeyed before a look, but so long at most
 
 
