@@ -113,7 +113,7 @@ def test_a_mount_that_was_closed_sends_nothing_when_it_is_forgotten(board):
     mount = Mount.open(str(board.link))
     mount.close()
     with Mount.open(str(board.link)) as other:
-        other.x.jog(1)
+        other.send("2XM60000;XK0;2MV+")
         del mount
         gc.collect()
         assert other.status().moving

@@ -64,6 +64,7 @@ class Mount:
             try:
                 mount = cls(link, x_axis=x_axis_of(place, x_axis))
                 mount.accept_stops(address)
+                mount.session.end_when_forgotten()
                 return mount
             except BaseException:
                 link.close()

@@ -30,8 +30,7 @@ from mirrormount.transport.stoppable import Stoppable
 
 _LOCK_S = 1.0  # longest wait of another program's stop for the answers of this one
 _GATE_S = 0.05  # longest wait of another program's stop for a thread that writes a line
-_ECHO_LINES = 5  # of a frame
-_LONGEST_ANSWER = 4096
+_ECHO_LINES, _LONGEST_ANSWER = 5, 4096  # of a frame; characters
 _ERRORS_MOST = 20  # of a board's queue
 
 _log = logging.getLogger("mirrormount")
@@ -41,9 +40,7 @@ class Session:
     """An open session. Identifying the board stops it. x_axis: the board's number of the axis called x.
 
     Attributes: link; board (identity, axes, last status); gate (stops before starts); keep_alive.
-    A session that nobody refers to any more stops the board and closes the port. In a forked process it does nothing
-    but raise ConnectionLost: the port is the parent's.
-    Raises what identify() raises.
+    In a forked process it only raises ConnectionLost: the port is the parent's. Raises what identify() raises.
     """
 
     def __init__(self, link: Link, *, x_axis: int = 2) -> None:
@@ -56,8 +53,7 @@ class Session:
         this = weakref.ref(self)  # threads must not keep it
         self.keep_alive = KeepAlive(lambda: (own := this()) is not None and own.status().moving, not link.lockstep)
         self._stoppables: list[Stoppable] = []
-        self._abandoned = weakref.finalize(self, abandon, self._process, link, self.keep_alive, self._stoppables)
-        self._abandoned.atexit = False  # a program that ends stops the board, too: by the keep-alive
+        self._end: weakref.finalize | None = None
         self.status()
 
     @classmethod
@@ -84,12 +80,18 @@ class Session:
         finally:
             self.close()
 
+    def end_when_forgotten(self) -> None:
+        """Stop the board and close the port when nobody refers to this session any more; not at the program's end."""
+        self._end = weakref.finalize(self, abandon, self._process, self.link, self.keep_alive, self._stoppables)
+        self._end.atexit = False
+
     def close(self) -> None:
         """Close the port. Does not stop: the board's keep-alive will."""
         if self._process != os.getpid():
             return
         self._closed = True
-        self._abandoned.detach()
+        if self._end:
+            self._end.detach()
         self.keep_alive.end()
         self.keep_alive.join()
         for stoppable in self._stoppables:
@@ -98,7 +100,7 @@ class Session:
 
     @property
     def stoppable(self) -> Stoppable | None:
-        """What takes the stops of other programs; None before accept_stops()."""
+        """What takes other programs' stops."""
         return self._stoppables[0] if self._stoppables else None
 
     def age(self) -> str:
@@ -114,7 +116,7 @@ class Session:
     def stop(self) -> None:
         """All motors off, at once; returns when the board has confirmed it.
 
-        Sent without waiting for any other thread's exchange. Raises ConnectionLost, NoAnswer.
+        It waits for no other thread's exchange. Raises ConnectionLost, NoAnswer.
         """
         self.halt()
         with self.link.lock:
@@ -236,7 +238,7 @@ class Session:
         return errors
 
     def errors(self) -> list[QueuedError]:
-        """The same as take_errors(), each with its number and its text. They are taken from the board's queue."""
+        """The same, each with its number and its text."""
         return [self.board.parse_error(line) for line in self.take_errors()]
 
     def sleep(self, seconds: float) -> None:
