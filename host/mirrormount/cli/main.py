@@ -5,7 +5,6 @@ wrong usage is 2; Ctrl-C stops the motors and is 130; SIGTERM or SIGHUP, where a
 number. Each command is a file here that imports the modules of its work when it runs.
 """
 
-import argparse
 import contextlib
 import io
 import os
@@ -35,6 +34,7 @@ from mirrormount.cli import (
     virtual,
 )
 from mirrormount.cli.command import Command, table_option
+from mirrormount.cli.parser import Parser
 from mirrormount.common.errors import MountError
 from mirrormount.common.names import TABLE_VARIABLE
 from mirrormount.common.printable import printable
@@ -121,9 +121,9 @@ def _abandon_stdout() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def parser() -> argparse.ArgumentParser:
+def parser() -> Parser:
     """The parser of the whole command line, from the table."""
-    whole = argparse.ArgumentParser(
+    whole = Parser(
         prog="mirrormount",
         description="Drive a motorised mirror mount.",
         epilog="AXIS is x (right +) or y (up +).",

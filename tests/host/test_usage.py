@@ -1,0 +1,68 @@
+"""What cannot be a command line: told by the command that it is of, with exit status 2, before a port is opened."""
+
+import argparse
+from collections.abc import Iterator
+
+import pytest
+
+from mirrormount.cli import main
+
+PORT = ("--port", "/dev/does-not-exist")
+
+
+def parsers(of: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:
+    """The parser, and those of all commands, verbs and sources below it."""
+    yield of
+    for action in of._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for below in action.choices.values():
+                yield from parsers(below)
+
+
+def refused(capsys, *words: str) -> str:
+    """What is said of a command line that is none."""
+    with pytest.raises(SystemExit) as ended:
+        main.main([*words])
+    assert ended.value.code == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    return err
+
+
+def test_no_command_takes_a_part_of_an_option_for_the_option():
+    every = list(parsers(main.parser()))
+    assert len(every) > 40
+    assert [each.prog for each in every if each.allow_abbrev] == []
+
+
+@pytest.mark.parametrize(
+    ("words", "full"),
+    [
+        (("check", "--mov", *PORT), "--move"),
+        (("config", "set", "--sav", "x.pulse_us", "150000", *PORT), "--save"),
+        (("config", "restore", "--fact", *PORT), "--factory"),
+        (("deploy", "--repl", *PORT), "--replace-main"),
+        (("jog", "x", "0.5", "--sec=3", *PORT), "--seconds"),
+        (("undeploy", "--dri", "x"), "--drive"),
+    ],
+)
+def test_a_part_of_an_option_does_nothing_and_the_option_is_named(words, full, capsys):
+    said = refused(capsys, *words)
+    assert "unrecognized arguments: --" in said and f"(an option is written in full: {full})" in said
+
+
+@pytest.mark.parametrize(
+    ("words", "command"),
+    [
+        (("ports", "x"), "ports"),
+        (("home", "x", "y"), "home"),
+        (("config", "get", "a", "b"), "config get"),
+        (("table", "remove", "a", "b"), "table remove"),
+        (("camera", "scale", "show", "b"), "camera scale show"),
+        (("check", "--fast"), "check"),
+    ],
+)
+def test_a_word_too_many_is_told_with_the_usage_of_its_command(words, command, capsys):
+    said = refused(capsys, *words)
+    assert said.startswith(f"usage: mirrormount {command} [-h]")
+    assert said.splitlines()[-1] == f"mirrormount {command}: error: unrecognized arguments: {words[-1]}"
