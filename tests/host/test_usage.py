@@ -66,3 +66,20 @@ def test_a_word_too_many_is_told_with_the_usage_of_its_command(words, command, c
     said = refused(capsys, *words)
     assert said.startswith(f"usage: mirrormount {command} [-h]")
     assert said.splitlines()[-1] == f"mirrormount {command}: error: unrecognized arguments: {words[-1]}"
+
+
+@pytest.mark.parametrize("option", ["--port", "--port=virtual://", "--sketch", "--virtual"])
+def test_an_option_before_its_command_is_told_where_it_stands(option, capsys):
+    said = refused(capsys, option, "virtual://", "status").splitlines()[-1]
+    name = option.partition("=")[0]
+    assert said == f"mirrormount: error: {name} stands behind the command: mirrormount COMMAND {name}"
+
+
+def test_the_file_of_names_may_still_stand_before_the_command(capsys):
+    assert "required: AXIS" in refused(capsys, "--table", "table.toml", "home", *PORT)
+
+
+def test_no_command_at_all_prints_the_list_of_commands(capsys):
+    assert main.main([]) == 2
+    out, err = capsys.readouterr()
+    assert out == "" and all(f"\n    {command.name} " in err for command in main.COMMANDS)

@@ -1,8 +1,9 @@
 """The shell command `mirrormount`: the table of commands, the parser made of it, and the exit status.
 
 An error is one line on stderr, with two more for cause and remedy if the board has numbered it, and exit status 1;
-wrong usage is 2; Ctrl-C stops the motors and is 130; SIGTERM or SIGHUP, where a command ends in order on it, 128 + its
-number. Each command is a file here that imports the modules of its work when it runs.
+wrong usage is 2, and so is no command at all, which prints the list of them; Ctrl-C stops the motors and is 130;
+SIGTERM or SIGHUP, where a command ends in order on it, 128 + its number. Each command is a file here that imports the
+modules of its work when it runs.
 """
 
 import contextlib
@@ -34,7 +35,7 @@ from mirrormount.cli import (
     virtual,
 )
 from mirrormount.cli.command import Command, table_option
-from mirrormount.cli.parser import Parser
+from mirrormount.cli.parser import WholeParser
 from mirrormount.common.errors import MountError
 from mirrormount.common.names import TABLE_VARIABLE
 from mirrormount.common.printable import printable
@@ -74,7 +75,11 @@ def main(argv: list[str] | None = None) -> int:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # a terminal without … or ± shows their numbers
-    args = parser().parse_args(argv)
+    whole = parser()
+    args = whole.parse_args(argv)
+    if args.command is None:
+        whole.print_help(sys.stderr)
+        return 2
     if "table" in args:
         os.environ[TABLE_VARIABLE] = args.table  # for this process, and for those that it starts
     try:
@@ -121,16 +126,16 @@ def _abandon_stdout() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def parser() -> Parser:
+def parser() -> WholeParser:
     """The parser of the whole command line, from the table."""
-    whole = Parser(
+    whole = WholeParser(
         prog="mirrormount",
         description="Drive a motorised mirror mount.",
         epilog="AXIS is x (right +) or y (up +).",
     )
     whole.add_argument("--version", action="version", version=f"mirrormount {__version__}")
     table_option(whole)
-    commands = whole.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    commands = whole.add_subparsers(dest="command", metavar="COMMAND")
     for command in COMMANDS:
         sub = commands.add_parser(command.name, help=command.summary, description=command.summary)
         command.arguments(sub)

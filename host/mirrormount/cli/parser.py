@@ -1,6 +1,7 @@
 """The parser of the command line and of each command: no abbreviations, and each fault with its own command's usage."""
 
 import argparse
+import sys
 from collections.abc import Sequence
 from typing import Any
 
@@ -27,3 +28,19 @@ class Parser(argparse.ArgumentParser):
         begun = [word.partition("=")[0] for word in unknown if word.startswith("--")]
         meant = [name for name in self._option_string_actions if any(name.startswith(word) for word in begun)]
         return f" (an option is written in full: {' or '.join(meant)})" if meant else ""
+
+
+class WholeParser(Parser):
+    """The parser of the whole command line."""
+
+    def parse_known_args(self, *given: Any, **named: Any) -> Any:
+        """As Parser's. An option that stands before its command is told as such."""
+        words = sys.argv[1:] if not given or given[0] is None else given[0]
+        option = words[0].partition("=")[0] if words else ""
+        if option.startswith("--") and option not in self._option_string_actions:
+            self.error(f"{option} stands behind the command: mirrormount COMMAND {option}")
+        return super().parse_known_args(*given, **named)
+
+    def add_subparsers(self, **options: Any) -> Any:
+        """As argparse's: for commands, which are plain parsers."""
+        return super().add_subparsers(parser_class=Parser, **options)
