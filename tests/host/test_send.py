@@ -70,6 +70,21 @@ def test_a_frame_or_a_stop_is_no_command_line_and_is_not_sent(tmp_path, line):
     assert "_en" not in (tmp_path / "edges").read_text()
 
 
+@pytest.mark.parametrize(
+    ("line", "says"),
+    [
+        ("", "the command line is empty"),
+        ("  ", "the command line is empty"),
+        ("2PR3;", "a ; stands between two commands: leave out the one that has nothing behind it"),
+        ("VE?; ;2PR3", "a ; stands between two commands"),
+    ],
+)
+def test_a_line_in_which_a_command_is_missing_is_not_sent(tmp_path, line, says):
+    run, edges = send(line, tmp_path / "edges")
+    assert run.returncode == 1 and f"mirrormount: {says}" in run.stderr and run.stderr.count("\n") == 1
+    assert edges == []
+
+
 def test_a_line_that_would_not_fit_is_refused_before_it_is_sent():
     run = run_cli("send", "VE?;" * 40, "--port", MAX)
     assert run.returncode == 1 and "characters" in run.stderr

@@ -14,13 +14,17 @@ _KEEP_ALIVE = re.compile(r"XK *([0-9]+)", re.IGNORECASE)
 
 
 def check_line(line: str) -> None:
-    """Raises BadValue for a text that is no command line."""
+    """Raises BadValue for a text that is no command line, one with nothing behind a ; included."""
     if not isinstance(line, str):
         raise BadValue(f"a command line is text, not {line!r}")
-    if not (line.isascii() and line.isprintable() and line.strip()):
+    if not line.strip(" "):
+        raise BadValue("the command line is empty")
+    if not (line.isascii() and line.isprintable()):
         raise BadValue(f"a command line is printable ASCII, not {line!r}")
     if not _COMMAND_LINE.match(line):
         raise BadValue(f"{line!r} is no command line: a frame is sent by drive, a stop by stop")
+    if not all(command.strip(" ") for command in line.split(";")):
+        raise BadValue("a ; stands between two commands: leave out the one that has nothing behind it")
 
 
 def check_query(query: str) -> None:

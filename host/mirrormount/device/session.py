@@ -191,7 +191,7 @@ class Session:
         A motion that it starts is kept alive, unless the line sets a keep-alive itself (`XK`), which the caller then
         feeds, or keep_alive is False: then it outlives this program.
         Raises BoardError for the first command that is refused (errors from before are logged), BadValue if the line is
-        not printable ASCII, or a frame or a stop; MoveEnded as start(); NoAnswer.
+        no command line (command_lines.py:check_line); MoveEnded as start(); NoAnswer.
         """
         check_line(line)
         if not (keep_alive and starts_motion(line)) or keep_alives_ms(line):
