@@ -63,6 +63,15 @@ def test_what_the_board_says_of_a_line_is_read_with_cause_and_remedy(tmp_path, l
     assert says in message and cause.startswith("  cause: ") and remedy.startswith("  remedy: ")
 
 
+def test_a_refused_command_tells_what_became_of_the_motion_before_it(tmp_path):
+    run, edges = send("2PR5;2PR5", tmp_path / "edges")
+    message = run.stderr.splitlines()[0]
+    told = "the board says 214: x motion in progress; what the line had started before was stopped at x: +0."
+    assert run.returncode == 1 and message.startswith(f"mirrormount: {told}")
+    assert "cause: The axis moves" in run.stderr
+    assert len(edges) == 2 and edges[-1]["duty"] == 0
+
+
 @pytest.mark.parametrize("line", ["0255-100", "+100+100", "!", "-001-001"])
 def test_a_frame_or_a_stop_is_no_command_line_and_is_not_sent(tmp_path, line):
     run = run_cli("send", f"--port={MAX}&edges={tmp_path / 'edges'}", "--", line)

@@ -7,7 +7,7 @@ import contextlib
 import sys
 
 from mirrormount.cli.moving import place, watched
-from mirrormount.common.errors import REASONS, BadValue, MountError
+from mirrormount.common.errors import REASONS, BadValue, BoardError, MountError
 from mirrormount.device.command_lines import LONGEST, keep_alives_ms, starts_motion, with_keep_alive
 from mirrormount.device.mount import Axis, Mount, Status
 from mountfw import codes as wire
@@ -18,7 +18,8 @@ _POLL_S = 0.05
 def send(mount: Mount, line: str) -> None:
     """Send the line, print what it answers, and wait until nothing that it started moves any more.
 
-    Raises BoardError for the first command of it that cannot be done, MountError if a motion did not end as done.
+    Raises BoardError for the first command of it that cannot be done, MountError if something moved then, or if a
+    motion did not end as done.
     """
     _check_length(line)
     moves = starts_motion(line)
@@ -27,7 +28,7 @@ def send(mount: Mount, line: str) -> None:
         line = with_keep_alive(line)
     poll_s = min([_POLL_S, *(ms / 5000 for ms in keep_alives if ms)])
     with watched(mount, list(mount.by_name.values())) as shown:
-        status = _send(mount, line)
+        status = _sent(mount, line)
         axes = _moving(mount, status)
         while status.moving:
             shown.show(", ".join(place(axis, status.by_name[axis.name]) for axis in axes) + "; Ctrl-C stops")
@@ -55,7 +56,7 @@ def start(mount: Mount, line: str) -> None:
         raise BadValue("this virtual board ends with this program, and its motion too: leave --no-wait out")
     _check_length(line)
     try:
-        if axes := _moving(mount, _send(mount, line)):
+        if axes := _moving(mount, _sent(mount, line)):
             names = " and ".join(axis.name for axis in axes)
             print(f"{names}: still moving; {_bounds(mount, keep_alives_ms(line))}", file=sys.stderr)
     except BaseException:
@@ -73,6 +74,21 @@ def _send(mount: Mount, line: str) -> Status:
     if answers := mount.send(line, keep_alive=False):
         print(answers, flush=True)
     return mount.status()
+
+
+def _sent(mount: Mount, line: str) -> Status:
+    """As _send(). If a command is refused, what those before it have started is stopped, and that is told."""
+    try:
+        return _send(mount, line)
+    except BoardError as e:
+        if not (axes := _moving(mount, mount.status())):
+            raise
+        mount.stop()
+        status = mount.status()
+        places = ", ".join(place(axis, status.by_name[axis.name]) for axis in axes)
+        ended = MountError(f"{e}; what the line had started before was stopped at {places}")
+        ended.codes = e.codes
+        raise ended from e
 
 
 def _moving(mount: Mount, status: Status) -> list[Axis]:
