@@ -68,6 +68,16 @@ def test_a_setting_that_is_set_to_be_kept_is_there_at_the_next_start(tmp_path, c
     assert values == ["150000", "255"]
 
 
+@pytest.mark.parametrize("words", [("set", "--save", "x.pulse_us", "150000"), ("save",), ("import", "--save", "-")])
+def test_what_is_saved_on_a_board_that_ends_with_the_command_is_not_called_kept(monkeypatch, tmp_path, capsys, words):
+    gone = "it is a virtual board that ends with this command: virtual://?files=FOLDER keeps what it saves"
+    for options, told in (("", True), (f"&files={tmp_path}", False)):
+        monkeypatch.setattr("sys.stdin", io.StringIO("[y]\nvelocity = 1.5\n"))
+        assert main.main(["config", *words, "--port", f"virtual://?speed=max{options}"]) == 0
+        said = capsys.readouterr().out
+        assert "saved on the board" in said and (gone in said) is told
+
+
 @pytest.mark.parametrize("machine", ["cpython", "circuitpython"])
 def test_what_save_calls_saved_on_a_served_board_outlives_its_being_killed(serve, tmp_path, capsys, machine):
     options = ("--machine", machine, "--files", str(tmp_path / "files"))

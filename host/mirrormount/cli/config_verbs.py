@@ -1,6 +1,7 @@
 """The verbs of `mirrormount config`: settings of all axes, shown, changed, saved on the board, kept in a file."""
 
 import argparse
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -8,38 +9,48 @@ from typing import Any
 from mirrormount.common import toml_file
 from mirrormount.common.errors import BadFile, BadValue, NotSupported
 from mirrormount.device.mount import Mount
+from mirrormount.device.named import place_of
 from mirrormount.device.settings import SETTINGS, check, setting
 
 _LASTS = "until the board restarts; to keep it: mirrormount config save"
 _SAVED = "saved on the board"
+_GONE = "; it is a virtual board that ends with this command: virtual://?files=FOLDER keeps what it saves"
+_KEEPS = re.compile(r"[?&](files|flash)=")  # in the address of a virtual board
 
 
 def carry_out(mount: Mount, args: argparse.Namespace) -> None:
     """Carry out the verb of the command line. Raises MountError."""
+    saved = _saved(mount, args.port)
     if args.verb == "get":
         get(mount, args.name)
     elif args.verb == "set":
         axis, _, name = args.name.partition(".")
         value = number(args.name, args.value)
         mount.apply({axis: {name: value}})
-        print(f"{args.name} = {value} ({_kept(mount, args.save)})")
+        print(f"{args.name} = {value} ({_kept(mount, args.save, saved)})")
     elif args.verb == "save":
-        mount.save()
-        print(_SAVED)
+        print(_kept(mount, True, saved))
     elif args.verb == "restore":
         mount.recall(factory=args.factory)
         print("the factory's settings are in use" if args.factory else "the saved settings are in use")
     elif args.verb == "export":
         export(mount, args.file)
     else:
-        import_(mount, args.file, save=args.save)
+        import_(mount, args.file, save=args.save, saved=saved)
 
 
-def _kept(mount: Mount, save: bool) -> str:
+def _kept(mount: Mount, save: bool, saved: str) -> str:
     """Save if that is wanted. Returns for how long the settings last."""
     if save:
         mount.save()
-    return _SAVED if save else _LASTS
+    return saved if save else _LASTS
+
+
+def _saved(mount: Mount, address: str | None) -> str:
+    """What a save is called: on a virtual board that this command has started it may not last."""
+    if address is None or not hasattr(mount.link.port, "simulation") or _KEEPS.search(place_of(address).address):
+        return _SAVED
+    return _SAVED + _GONE
 
 
 def check_arguments(args: argparse.Namespace) -> None:
@@ -78,11 +89,11 @@ def export(mount: Mount, name: str) -> None:
         print(f"settings written to {name}")
 
 
-def import_(mount: Mount, name: str, *, save: bool = False) -> None:
+def import_(mount: Mount, name: str, *, save: bool = False, saved: str = _SAVED) -> None:
     """Take settings from a file, or from standard input: all that it names, or none. Raises BadFile, BadValue."""
     wanted = load(name)
     mount.apply(wanted)
-    print(f"{sum(map(len, wanted.values()))} settings taken ({_kept(mount, save)})")
+    print(f"{sum(map(len, wanted.values()))} settings taken ({_kept(mount, save, saved)})")
 
 
 def load(name: str) -> dict[str, Any]:
