@@ -30,6 +30,7 @@ def one_line(run: subprocess.CompletedProcess) -> str:
         (("drive", "fast", "0"), "M1 is a whole number, not 'fast'"),
         (("drive", "256", "0"), "within -255"),
         (("step", "x", "far"), "N is a number, not 'far'"),
+        (("step", "x", "99999999"), "N is out of range: within -1000000 … 1000000, not 99999999"),
         (("step", "x", "1", "mrad"), "no scale in the positive direction"),
         (("move", "y", "far"), "POSITION is a number, not 'far'"),
         (("move", "y", "nan"), "out of range"),

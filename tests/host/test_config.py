@@ -229,7 +229,11 @@ def test_a_file_that_is_wrong_is_one_line_that_names_it_before_a_port_is_opened(
     [
         (("get", "x.speed"), "no setting 'x.speed'"),
         (("set", "pulse_us", "3"), "no setting 'pulse_us'"),
-        (("set", "x.pulse_us", "fast"), "x.pulse_us is a number"),
+        (("get", "x.speed"), "zero_angle (from counts_per_step on: of an axis with an encoder)"),
+        (("set", "x.pulse_us", "fast"), "x.pulse_us is a whole number, such as 1000, without an exponent, not 'fast'"),
+        (("set", "x.take_up_us", "1e3"), "x.take_up_us is a whole number, such as 1000, without an exponent"),
+        (("set", "x.velocity", "1e1"), "x.velocity is a number, such as 1.5, without an exponent, not '1e1'"),
+        (("set", "x.velocity", "1.5e0"), "x.velocity is a number, such as 1.5, without an exponent, not '1.5e0'"),
         (("set", "x.pulse_us", "3"), "within 200"),
         (("import", "missing.toml"), "no such file"),
         (("save", "--sketch"), "needs mountfw"),

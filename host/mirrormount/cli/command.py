@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 AXIS_HELP = "x (right +), y (up +), or a further one: axis3 …"
 SECONDS_HELP = "how long, at most the board's run limit (10 s unless set otherwise)"
+_LARGEST = 1_000_000
 _DEFAULT_PORT = "serial port, or a mount's name (default: the one board there is)"
 
 
@@ -226,15 +227,15 @@ def whole(text: str, what: str) -> int:
 
 
 def number(text: str, what: str) -> float:
-    """A number as it was typed, at most 1e6 in magnitude. Raises BadValue."""
+    """A number as it was typed, at most _LARGEST in magnitude. Raises BadValue."""
     try:
         if not text.isascii():
             raise ValueError
         value = float(text)
     except ValueError:
         raise BadValue(f"{what} is a number, not {text!r}") from None
-    if not abs(value) <= 1e6:
-        raise BadValue(f"{what} is out of range: {text}")
+    if not abs(value) <= _LARGEST:
+        raise BadValue(f"{what} is out of range: within -{_LARGEST} … {_LARGEST}, not {text}")
     return value
 
 

@@ -10,7 +10,7 @@ from mirrormount.common import toml_file
 from mirrormount.common.errors import BadFile, BadValue, NotSupported
 from mirrormount.device.mount import Mount
 from mirrormount.device.named import place_of
-from mirrormount.device.settings import SETTINGS, check, setting
+from mirrormount.device.settings import ENCODER, SETTINGS, Setting, check, setting
 
 _LASTS = "until the board restarts; to keep it: mirrormount config save"
 _SAVED = "saved on the board"
@@ -57,7 +57,7 @@ def check_arguments(args: argparse.Namespace) -> None:
     """Find out before a port is opened that something cannot be. Raises BadValue, BadFile."""
     name = getattr(args, "name", None)
     if name is not None:
-        known = setting(name)
+        known = _setting(name)
         if args.verb == "set":
             known.check(name, number(name, args.value))
     elif args.verb == "import" and args.file != "-":
@@ -117,11 +117,21 @@ def load(name: str) -> dict[str, Any]:
     return tables
 
 
-def number(name: str, text: str) -> int | float:
-    """A value as it was typed. Raises BadValue."""
+def _setting(name: str) -> Setting:
+    """The setting called "x.pulse_us". Raises BadValue with the names of all, and which of them are an encoder's."""
     try:
-        if not text.isascii():
+        return setting(name)
+    except BadValue as e:
+        raise BadValue(f"{e} (from {next(iter(ENCODER))} on: of an axis with an encoder)") from None
+
+
+def number(name: str, text: str) -> int | float:
+    """A value of a setting as it was typed. Raises BadValue."""
+    try:
+        if not text.isascii() or "e" in text.lower():
             raise ValueError
         return float(text) if "." in text else int(text)
     except ValueError:
-        raise BadValue(f"{name} is a number, not {text!r}") from None
+        whole = _setting(name).decimals == 0
+        kind = "a whole number, such as 1000" if whole else "a number, such as 1.5"
+        raise BadValue(f"{name} is {kind}, without an exponent, not {text!r}") from None
