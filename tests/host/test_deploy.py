@@ -24,6 +24,14 @@ from mirrormount.deploy.mpremote import Mpremote
 PACKAGE = Path(mountfw.__file__).parent / "package.json"
 
 
+@pytest.mark.parametrize("command", ["deploy", "undeploy"])
+def test_an_address_that_is_no_serial_port_is_told_to_both_commands_by_name(command):
+    run = run_cli(command, "--port", "virtual://")
+    assert run.returncode == 1
+    told = "deploy and undeploy need a serial port, not virtual://: mirrormount ports lists them"
+    assert run.stderr == f"mirrormount: {told}\n"
+
+
 def test_deploy_to_a_blank_board_makes_it_a_mount(boot):
     board = boot()
     done = board.deploy()

@@ -194,7 +194,9 @@ def _find(address: str | None) -> str:
             loaders = "".join(f" The drive {path} is a bootloader, not yet a board." for path in find_bootloaders())
             raise NoBoardFound(f"no board found.{loaders} A new one shows no port: {FLASH_IT}{OR_CIRCUITPYTHON}") from e
     if "://" in address:
-        raise DeployError(f"deploy needs a serial port, not {address}")
+        raise DeployError(
+            f"deploy and undeploy need a serial port, not {printable(address)}: mirrormount ports lists them"
+        )
     return address
 
 
