@@ -179,6 +179,24 @@ def test_the_port_may_come_from_the_environment(board, monkeypatch, capsys):
     assert capsys.readouterr().out == "y: +1.000 steps\n"
 
 
+@pytest.mark.parametrize(
+    ("words", "port", "told"),
+    [
+        (("status",), "/dev/does-not-exist", "there is no such port (see: mirrormount ports)"),
+        (("stop",), "/dev/does-not-exist", "there is no such port (see: mirrormount ports)"),
+        (("step", "x", "5"), "", "leave it out, or give one (see: mirrormount ports)"),
+        (("undeploy",), "virtual://", "virtual://: mirrormount ports lists them"),
+        (("status",), "socket://127.0.0.1:9", "nothing listens there"),
+    ],
+)
+def test_a_wrong_port_of_the_environment_is_told_with_the_variables_name(words, port, told, monkeypatch, capsys):
+    monkeypatch.setenv("MIRRORMOUNT_PORT", port)
+    assert main.main([*words]) == 1
+    assert capsys.readouterr().err.endswith(f"{told}; MIRRORMOUNT_PORT names that port\n")
+    assert main.main([*words, "--port", port or "/dev/does-not-exist"]) == 1
+    assert "MIRRORMOUNT_PORT" not in capsys.readouterr().err
+
+
 def test_stopping_a_board_imports_nothing_heavy():
     code = (
         "import sys; from mirrormount.cli import main; import mirrormount.device.mount;"

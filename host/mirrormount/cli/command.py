@@ -23,8 +23,13 @@ if TYPE_CHECKING:
 
 AXIS_HELP = "x (right +), y (up +), or a further one: axis3 …"
 SECONDS_HELP = "how long, at most the board's run limit (10 s unless set otherwise)"
+PORT_VARIABLE = "MIRRORMOUNT_PORT"  # of the environment: the port where none is named
 _LARGEST = 1_000_000
 _DEFAULT_PORT = "serial port, or a mount's name (default: the one board there is)"
+
+
+class PortOfEnvironment(str):
+    """A port that nobody has typed: PORT_VARIABLE names it, and an error that names it says so."""
 
 
 class Command(NamedTuple):
@@ -66,13 +71,26 @@ def table_option(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def _port_of_environment() -> PortOfEnvironment | None:
+    port = os.environ.get(PORT_VARIABLE)
+    return None if port is None else PortOfEnvironment(port)
+
+
+def whence(args: argparse.Namespace, told: str) -> str:
+    """To follow an error: where its port comes from, if nobody has typed it; else ""."""
+    port = getattr(args, "port", None)
+    if getattr(args, "at", None) or not isinstance(port, PortOfEnvironment) or port not in told:
+        return ""
+    return f"; {PORT_VARIABLE} names that port"
+
+
 def port_options(parser: argparse.ArgumentParser) -> None:
     """--port, --table and --sketch, for commands that run on any mount."""
     table_option(parser)
     parser.add_argument(
         "--port",
-        default=os.environ.get("MIRRORMOUNT_PORT"),
-        help="serial port, a mount's name, socket://HOST:PORT or virtual:// (default: $MIRRORMOUNT_PORT, else the one)",
+        default=_port_of_environment(),
+        help=f"serial port, a mount's name, socket://HOST:PORT or virtual:// (default: ${PORT_VARIABLE}, else the one)",
     )
     parser.add_argument("--sketch", action="store_true", help="the port is an Arduino that runs the paper's sketch")
 
@@ -95,9 +113,7 @@ def virtual_options(parser: argparse.ArgumentParser, what: str) -> None:
 
 def mount_and_camera(parser: argparse.ArgumentParser) -> None:
     """--port and --camera of a command that looks at what one mount does, and virtual_options for both."""
-    parser.add_argument(
-        "--port", default=os.environ.get("MIRRORMOUNT_PORT"), help="the mount (default: the only board)"
-    )
+    parser.add_argument("--port", default=_port_of_environment(), help="the mount (default: the only board)")
     parser.add_argument(
         "--camera",
         metavar="CAMERA",
@@ -138,7 +154,7 @@ def board_port(parser: argparse.ArgumentParser) -> None:
     """The port of a board that the command needs for itself: PORT, or --port, and --table. See port_of."""
     table_option(parser)
     parser.add_argument("at", nargs="?", metavar="PORT", help=_DEFAULT_PORT)
-    parser.add_argument("--port", default=os.environ.get("MIRRORMOUNT_PORT"), help="the same")
+    parser.add_argument("--port", default=_port_of_environment(), help="the same")
 
 
 def port_of(args: argparse.Namespace) -> str | None:

@@ -34,7 +34,7 @@ from mirrormount.cli import (
     undeploy,
     virtual,
 )
-from mirrormount.cli.command import Command, table_option
+from mirrormount.cli.command import Command, table_option, whence
 from mirrormount.cli.parser import WholeParser
 from mirrormount.common.errors import MountError
 from mirrormount.common.names import TABLE_VARIABLE
@@ -88,7 +88,7 @@ def main(argv: list[str] | None = None) -> int:
             sys.stdout.flush()  # what cannot be written is told now, not when Python ends
         return status
     except MountError as e:
-        _complain(str(e), *explain(e.codes))
+        _complain(f"{e}{whence(args, str(e))}", *explain(e.codes))
         return 1
     except KeyboardInterrupt as e:
         _complain(str(e) or "stopped")

@@ -5,7 +5,7 @@ import dataclasses
 import os
 from collections.abc import Container
 
-from mirrormount.cli.command import number, whole
+from mirrormount.cli.command import PORT_VARIABLE, number, whole
 from mirrormount.common.axis_names import paired
 from mirrormount.common.errors import BadValue, NoBoardFound
 from mirrormount.common.printable import printable
@@ -141,7 +141,7 @@ def _camera_is_there(address: str) -> tuple[bool, str]:
 
 def _place(address: str | None) -> dict[str, str | None]:
     """Board or port of an entry, from where the mount is now."""
-    at = address or os.environ.get("MIRRORMOUNT_PORT") or find_one()
+    at = address or os.environ.get(PORT_VARIABLE) or find_one()
     ids = {device: board for board, device in named.boards().items()}
     if at in ids:
         return {"board": ids[at].lower(), "port": None}
