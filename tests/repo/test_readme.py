@@ -12,6 +12,8 @@ import pytest
 
 README = (Path(__file__).parent.parent.parent / "README.md").read_text()
 UNTIL_CTRL_C = ("panel", "serve")
+# what is shown in mrad says whose angle it is: the beam turns about twice as far as the mirror
+SAYS = {"measure": ("urad of the beam", "mrad a step (of the mirror)")}
 ANSWERS = {"setup": "yes\nright\nup\nnone\nnone\n0\nno\n"}
 
 
@@ -59,3 +61,4 @@ def test_every_command_of_the_readme_works_in_its_order_on_the_readmes_board(tmp
         status, said = run(words, tmp_path, port)
         assert status == 0 or (status == 130 and words[0] in UNTIL_CTRL_C), (words, status, said)
         assert "Traceback" not in said, said
+        assert all(part in said for part in SAYS.get(words[0], ())), said

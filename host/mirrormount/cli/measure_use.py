@@ -132,7 +132,7 @@ def _scales(mount: Mount, axes: Sequence[str], result: Result, optics: Optics) -
         for way in ("positive", "negative"):
             was = getattr(before, way) if before else None
             known = "not known" if was is None else f"{was:g}"
-            changes.append(f"{axis}, {way}: {known} → {getattr(scale, way):g} mrad a step")
+            changes.append(f"{axis}, {way}: {known} → {getattr(scale, way):g} mrad a step (of the mirror)")
 
     def save() -> str:
         path = calibration.write(mount.board_id, {numbers[axis]: scale for axis, scale in found.items()})
