@@ -83,3 +83,14 @@ def test_no_command_at_all_prints_the_list_of_commands(capsys):
     assert main.main([]) == 2
     out, err = capsys.readouterr()
     assert out == "" and all(f"\n    {command.name} " in err for command in main.COMMANDS)
+
+
+@pytest.mark.parametrize("words", [("step", "z", "1"), ("step", "x"), ("step", "x", "1", "ells"), ("walk", "x")])
+def test_what_is_no_form_of_a_command_is_wrong_usage(words, capsys):
+    assert refused(capsys, *words).startswith("usage: mirrormount ")
+
+
+@pytest.mark.parametrize("words", [("step", "x", "far"), ("config", "set", "x.pulse_us", "3"), ("drive", "256", "0")])
+def test_a_value_that_cannot_be_is_an_error_like_any_other(words, capsys):
+    assert main.main([*words, "--port", "virtual://?speed=max"]) == 1
+    assert capsys.readouterr().err.startswith("mirrormount: ")
