@@ -103,7 +103,9 @@ def test_a_step_of_the_third_axis_waits_for_that_axis(monkeypatch):
 
 def test_an_error_of_the_third_axis_has_its_name(monkeypatch):
     monkeypatch.setattr(transcript, "AT_REST", THREE_AT_REST)
-    mount = opened([*sent("3PR1", error="304, AXIS 3 POSITIVE END-STOP REACHED"), ("TB?", "0, NO ERROR DETECTED")])
+    mount = opened(
+        [*sent("XK500;3PR1", error="304, AXIS 3 POSITIVE END-STOP REACHED"), ("TB?", "0, NO ERROR DETECTED")]
+    )
     with pytest.raises(errors.BoardError, match="304: axis3 positive end-stop reached"):
         mount.send("3PR1")
     mount.close()
