@@ -10,12 +10,11 @@ from mirrormount.common.errors import DeployError
 from mirrormount.common.printable import printable
 from mirrormount.deploy.fileset import THIS, boards
 from mountfw import board_file as on_board
-from mountfw.boards import DRIVES
 
 _REQUIRED = set(on_board.REQUIRED)
 _OPTIONAL = set(on_board.OPTIONAL)
 _BRIDGES = tuple(on_board.BRIDGES)
-_PINS = DRIVES + on_board.STOPS
+_PINS = on_board.DRIVES + on_board.STOPS
 _ENCODERS = on_board.ENCODERS  # of an axis that has one: two GPIO numbers
 _SWITCHES = ("ONE_CHANNEL", "GATE", "LANE")
 _NAME = re.compile(rb"[ -+\--:<-~]{1,40}")  # printable, without the comma and the semicolon of an answer
