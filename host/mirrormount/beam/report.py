@@ -19,7 +19,7 @@ from mirrormount.beam.estimate import Estimate
 from mirrormount.beam.html_page import chart, page, table, text
 from mirrormount.beam.optics import Optics
 from mirrormount.beam.result import Result, Series
-from mirrormount.common import toml_file
+from mirrormount.common import whole_file
 
 NUMBERS_BEGIN = '{\n "began": "'  # the file of write_json()
 _SYMBOLS = {"us": "µs", "urad": "µrad", "sqrt(s)": "√s"}
@@ -48,7 +48,7 @@ def write_json(path: Path, result: Result, origin: Origin) -> None:
         "optics": origin.optics.to_json(),
         **result.to_json(),
     }
-    toml_file.write(path, json.dumps(_finite(data), indent=1, allow_nan=False) + "\n")
+    whole_file.write(path, json.dumps(_finite(data), indent=1, allow_nan=False) + "\n")
 
 
 def write_page(path: Path, result: Result, origin: Origin, last: tuple[NDArray[np.uint8], Spot] | None) -> None:
@@ -74,7 +74,7 @@ def write_page(path: Path, result: Result, origin: Origin, last: tuple[NDArray[n
     if last:
         parts += ["<h2>The camera's last picture, with the spot that was found</h2>", _picture(*last)]
     parts += ["<h2>Settings of the mount</h2>", _settings(origin.settings)]
-    toml_file.write(path, page(f"measure {result.experiment}", parts))
+    whole_file.write(path, page(f"measure {result.experiment}", parts))
 
 
 def _readings(result: Result) -> Iterator[Series]:

@@ -12,7 +12,7 @@ from mirrormount.beam.html_page import chart, page, table, text
 from mirrormount.beam.over_time import Sums, joined
 from mirrormount.beam.run_minutes import MINUTE_S, Minute
 from mirrormount.beam.run_reader import Run, spectrum
-from mirrormount.common import toml_file
+from mirrormount.common import whole_file
 
 _COLOURS = ("#1f5fa8", "#b5521b", "#3c7d3c", "#7d3c7d")
 _LOOKS_LEAST = 64  # for a spectrum
@@ -23,7 +23,7 @@ _LONG_S = 3600.0  # from here on in hours
 
 def write_report(path: Path, run: Run) -> None:
     """Write the page. Raises CannotWrite."""
-    toml_file.write(path, page("mirrormount hold", list(_parts(run))))
+    whole_file.write(path, page("mirrormount hold", list(_parts(run))))
 
 
 def _parts(run: Run) -> Iterator[str]:

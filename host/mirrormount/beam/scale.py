@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from mirrormount.beam.camera import Camera, Size
 from mirrormount.beam.picture import to_grey
-from mirrormount.common import toml_file
+from mirrormount.common import toml_file, whole_file
 from mirrormount.common.errors import BadFile, BadValue, NotCalibrated
 from mirrormount.device import calibration
 
@@ -173,7 +173,7 @@ def write(camera: Camera, scale: Scale) -> Path:
         raise BadValue(f"the scale is of {scale.width} x {scale.height} pixels, the camera has {camera.size}")
     tables = toml_file.read(path())
     tables[camera.name] = {key: value for key, value in asdict(scale).items() if value is not None}
-    toml_file.write(path(), toml_file.text(tables, _HEADING), make_folder=True)
+    whole_file.write(path(), toml_file.text(tables, _HEADING), make_folder=True)
     return path()
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from mirrormount.beam.html_page import BEGINS, page, text
 from mirrormount.beam.patterns import Pattern
 from mirrormount.beam.scan import Sample, Signal
-from mirrormount.common import toml_file
+from mirrormount.common import whole_file
 
 _RELOAD_S = 2
 _EVERY_S = 1.0  # at least, between two pages; a large one that takes long to write comes less often
@@ -27,7 +27,7 @@ class ScanPage:
 
     def __init__(self, path: Path, pattern: Pattern, signal: Signal) -> None:
         """Write the empty page. Raises CannotWrite, also if a file is there that is no page."""
-        toml_file.check_replaceable(path, BEGINS)
+        whole_file.check_replaceable(path, BEGINS)
         self._path, self._pattern, self._signal = path, pattern, signal
         self._samples: list[Sample] = []
         measured = [place for place in pattern.places if place.measured]
@@ -62,7 +62,7 @@ class ScanPage:
         missing = [sample.missing for sample in self._samples if sample.missing]
         if missing:
             parts.append(f"<p>{len(missing)} without a value; the last: {text(missing[-1])}</p>")
-        toml_file.write(self._path, page("mirrormount scan", parts, None if ended else _RELOAD_S))
+        whole_file.write(self._path, page("mirrormount scan", parts, None if ended else _RELOAD_S))
         self._next_s = time.monotonic() + max(_EVERY_S, _SHARE * (time.monotonic() - begun_s))
 
     def _map(self, k: int, name: str, unit: str) -> Sequence[str]:

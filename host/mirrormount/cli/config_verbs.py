@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from mirrormount.common import toml_file
+from mirrormount.common import toml_file, whole_file
 from mirrormount.common.errors import BadFile, BadValue, NotSupported
 from mirrormount.device.mount import Mount
 from mirrormount.device.named import place_of
@@ -85,7 +85,7 @@ def export(mount: Mount, name: str) -> None:
     if name == "-":
         print(text, end="")
     else:
-        toml_file.write(Path(name), text)
+        whole_file.write(Path(name), text)
         print(f"settings written to {name}")
 
 

@@ -7,7 +7,6 @@ board's settings are never changed.
 import argparse
 import contextlib
 import os
-import tempfile
 from collections.abc import Callable, Iterator
 from datetime import datetime
 from functools import partial
@@ -26,7 +25,7 @@ from mirrormount.beam.rig import MountRig, Rig
 from mirrormount.beam.scale import Scale
 from mirrormount.cli.command import note, number, positive, virtual_address, virtual_camera
 from mirrormount.cli.measure_use import OF_USE, use
-from mirrormount.common import toml_file
+from mirrormount.common import whole_file
 from mirrormount.common.errors import BadValue, CannotWrite, MountError, NotCalibrated
 from mirrormount.common.progress import StatusLine
 from mirrormount.common.signals import ended_in_order
@@ -77,13 +76,8 @@ def _check_writable(path: Path, begins: str) -> None:
     """Raises CannotWrite now, and not after the measurement. begins: a file that does is replaced, another one kept."""
     if not path.name or not os.access(path.parent, os.W_OK) or path.is_dir() or path.is_symlink():
         raise CannotWrite(f"cannot write {path}: no such folder, no right to, or a link or folder of that name")
-    toml_file.check_replaceable(path, begins)
-    try:
-        handle, trial = tempfile.mkstemp(dir=path.parent)  # beside it, as the file itself comes: /proc lets nobody
-        os.close(handle)
-        os.unlink(trial)
-    except OSError as e:
-        raise CannotWrite(f"cannot write {path}: {e.strerror}") from e
+    whole_file.check_replaceable(path, begins)
+    whole_file.check_writable(path)  # /proc lets nobody
 
 
 def _experiment(args: argparse.Namespace) -> Callable[[Rig, Result, Tell], None]:

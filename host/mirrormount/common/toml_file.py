@@ -1,17 +1,15 @@
-"""Small TOML files: read with a clear error, written whole or not at all. Imports errors."""
+"""Small TOML files: read with a clear error, written by whole_file.py. Imports errors, whole_file."""
 
-import contextlib
 import json
-import os
 import re
-import tempfile
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from mirrormount.common.errors import BadFile, CannotWrite
+from mirrormount.common.errors import BadFile
 from mirrormount.common.printable import printable
+from mirrormount.common.whole_file import write as write
 
 _LONGEST = 1 << 18  # bytes of a file
 _LONGEST_LINE = 1000  # characters; the parser's time grows with the square of the dots in a key
@@ -97,52 +95,3 @@ def _value(value: object) -> str:
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")  # a TOML string escapes as JSON does
     raise BadFile(f"{value!r} is none of the values that these files hold: number, truth value, text")
-
-
-def write(path: Path, content: str, *, make_folder: bool = False) -> None:
-    """Put content into a file: it then holds the old or the new, never a part.
-
-    Nothing is written through a link. A folder is made only if make_folder says so. Raises CannotWrite.
-    """
-    new = None
-    try:
-        if path.is_symlink():
-            raise CannotWrite(f"cannot write {path}: it is a link; name the file itself")
-        if not path.name or (path.exists() and not path.is_file()):
-            raise CannotWrite(f"cannot write {path}: it is not a file")
-        if make_folder:
-            path.parent.mkdir(parents=True, exist_ok=True)
-        descriptor, name = tempfile.mkstemp(prefix=f".{path.name[:80]}.", dir=path.parent)
-        new = Path(name)  # made by us alone: nobody can have put a link in its place
-        with os.fdopen(descriptor, "w", encoding="utf-8") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        new.chmod(0o666 & ~_umask())
-        new.replace(path)
-    except OSError as e:
-        if new:
-            with contextlib.suppress(OSError):
-                new.unlink()
-        raise CannotWrite(f"cannot write {path}: {e.strerror}") from e
-
-
-def check_replaceable(path: Path, begins: str) -> None:
-    """Raise CannotWrite if what is at path would be lost: a file that does not begin like its own kind, or no file."""
-    try:
-        if path.is_symlink() or (path.exists() and not path.is_file()):
-            raise CannotWrite(f"cannot write {path}: it is a link, or not a file")
-        if not path.exists():
-            return
-        with path.open("rb") as file:
-            begun = file.read(len(begins))
-    except OSError as e:
-        raise CannotWrite(f"cannot write {path}: {e.strerror}") from e
-    if begun and begun != begins.encode():
-        raise CannotWrite(f"cannot write {path}: a file of that name exists, and is no report; name another one")
-
-
-def _umask() -> int:
-    mask = os.umask(0o077)
-    os.umask(mask)
-    return mask
