@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from mirrormount.beam.gap import Width
 from mirrormount.beam.loop_table import LoopTable
-from mirrormount.common import json_text
+from mirrormount.common import json_text, whole_file
 from mirrormount.common.beam_errors import ResponseOfOther
-from mirrormount.common.errors import BadFile, CannotWrite
+from mirrormount.common.errors import BadFile
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -198,13 +198,12 @@ def check_belongs(response: Response, table: LoopTable) -> None:
 
 def save(response: Response, path: Path) -> None:
     """Write it, complete or not at all. Raises CannotWrite."""
-    part = path.with_name(path.name + ".part")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        part.write_text(json.dumps(response.to_json(), indent=1) + "\n", encoding="utf-8")
-        part.replace(path)
-    except OSError as e:
-        raise CannotWrite(f"{path}: {e.strerror or e}") from e
+    whole_file.write(whole_file.behind(path), json.dumps(response.to_json(), indent=1) + "\n", make_folder=True)
+
+
+def check_place(path: Path) -> None:
+    """Raises CannotWrite if save() would: for a caller that has not measured yet."""
+    whole_file.check_writable(whole_file.behind(path), make_folder=True)
 
 
 def load(path: Path, table: LoopTable) -> Response | None:

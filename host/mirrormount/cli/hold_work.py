@@ -16,7 +16,7 @@ from mirrormount.beam.gap import Gap
 from mirrormount.beam.hold import Hold
 from mirrormount.beam.loop_table import LoopTable
 from mirrormount.beam.optical_table import Table
-from mirrormount.beam.response import Response, load, save
+from mirrormount.beam.response import Response, check_place, load, save
 from mirrormount.beam.run_log import RunLog
 from mirrormount.beam.summary import Summary
 from mirrormount.cli.command import from_extra, number, patience_of, positive, virtual_address, whole
@@ -41,6 +41,8 @@ def work(verb: str, args: argparse.Namespace) -> int:
     goals = _goals(verb, args)
     _check_writable(args.json)
     path = args.calibration or (None if args.virtual else calibration.path().with_name("table-calibration.json"))
+    if path:
+        check_place(path)
     with ended_in_order(), contextlib.ExitStack() as stack:
         table, halt = stack.enter_context(_virtual(args) if args.virtual else _real(args))
         check_controllable(table)
@@ -48,10 +50,11 @@ def work(verb: str, args: argparse.Namespace) -> int:
         table = page.table if page else table
         tell = stack.enter_context(_told(args, page.board.listen if page else None))
         if verb == "calibrate":
-            response, _ = _calibrated(table, tell, path)
+            response, _ = _calibrated(table, tell)
             result = response.to_json() | {"reached": True, "seconds": round(table.now_s(), 3)}
-            _write(args.json, result)
-            _tell_response(response, path)
+            _keep(response, path, args.json, result)
+            if path:
+                print(path)
             return 0
         response, gaps, fresh = _response(table, tell, path)
         summary = Summary(table.eyes)
@@ -67,9 +70,7 @@ def work(verb: str, args: argparse.Namespace) -> int:
             with contextlib.suppress(KeyboardInterrupt):
                 hold.run(goals["seconds"])
             _tell_hold(summary)
-        if path:
-            save(response, path)
-        _write(args.json, summary.to_json(final=verb == "align"))
+        _keep(response, path, args.json, summary.to_json(final=verb == "align"))
         return 0 if summary.reached else 1
 
 
@@ -137,18 +138,29 @@ def _response(table: LoopTable, tell: Listen, path: Path | None) -> tuple[Respon
         print(f"calibration of {response.measured} ({path})")
         return response, None, False
     print("there is no calibration yet: measuring it first")
-    response, gaps = _calibrated(table, tell, path)
+    response, gaps = _calibrated(table, tell)
+    if path:
+        save(response, path)
     return response, gaps, True
 
 
-def _calibrated(table: LoopTable, tell: Listen, path: Path | None) -> tuple[Response, Sequence[Gap]]:
+def _calibrated(table: LoopTable, tell: Listen) -> tuple[Response, Sequence[Gap]]:
+    """Measure, and show what was found: it is told even if it cannot be saved."""
     begin_s = table.now_s()
     measuring = Calibration(table, tell)
     response = measuring.run()
     print(f"calibrated in {table.now_s() - begin_s:.0f} s of the mounts' time")
-    if path:
-        save(response, path)
+    _tell_response(response)
     return response, measuring.gaps
+
+
+def _keep(response: Response, path: Path | None, numbers: Path | None, result: dict[str, Any]) -> None:
+    """Save the calibration, and write --json: each, even if the other one cannot be written. Raises CannotWrite."""
+    try:
+        if path:
+            save(response, path)
+    finally:
+        _write(numbers, result)
 
 
 # ---- what is said
@@ -186,13 +198,11 @@ def _told(args: argparse.Namespace, also: Listen | None) -> Iterator[Listen]:
         yield tell
 
 
-def _tell_response(response: Response, path: Path | None) -> None:
+def _tell_response(response: Response) -> None:
     for i, (name, *_) in enumerate(response.belongs["actuators"]):
         gaps = " and ".join(f"{response.widths[i][way].mean:.2f}" for way in (1, -1))
         um = ", ".join(f"{value:+.0f}" for value in response.matrices[1][:, i])
         print(f"{name}: a step moves the spots by {um} um; gap {gaps} steps")
-    if path:
-        print(path)
 
 
 def _tell_align(summary: Summary) -> None:
