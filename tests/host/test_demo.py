@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import pytest
+from full_disk import run_with_room
 from closed_loop import ClosedLoop
 
 from mirrormount.cli import demo_square as demo
@@ -149,3 +150,12 @@ def test_a_spot_is_found_to_a_fraction_of_a_pixel_and_darkness_is_not_a_spot():
     x, y = demo.VIEW.centroid(picture)
     assert (x, y) == pytest.approx((12.34, -56.78), abs=0.02)
     assert demo.VIEW.centroid(demo.VIEW.picture((1000, 1000), noise)) is None
+
+
+def test_a_picture_that_the_disk_has_no_room_for_is_told_by_its_name_and_leaves_no_file(tmp_path):
+    pytest.importorskip("resource")
+    picture = tmp_path / "square.png"
+    run = run_with_room(100_000, "demo", "--output", str(picture))
+    assert run.returncode == 1 and "NOT OK" not in run.stdout
+    assert run.stderr == f"mirrormount: cannot write {picture}: File too large\n"
+    assert list(tmp_path.iterdir()) == []

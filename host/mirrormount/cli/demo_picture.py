@@ -1,11 +1,13 @@
 """The picture of `mirrormount demo`: the paper's square, its gap, and the same corner with the backlash taken up."""
 
+import io
 import math
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
+from mirrormount.common import whole_file
 from mirrormount.virtual.optics import View
 
 VIEW = View(-100, 100, -100, 100, pixel=0.4)  # mm: the square fits whichever way a swapped wire turns it
@@ -15,7 +17,7 @@ WIDE = View(-130, 130, -130, 130, VIEW.pixel)  # the same at up to 130 % of the 
 def draw(title: str, first, second, gaps: Sequence[tuple[str, str]], output: Path) -> None:
     """Like the paper's Fig. 5: the pictures of the corners laid over each other, centroids in red.
 
-    first and second are what square() returns; gaps tells of both what is left open across and up.
+    first and second are what square() returns; gaps tells of both what is left open across and up. Raises CannotWrite.
     """
     import matplotlib
 
@@ -35,8 +37,10 @@ def draw(title: str, first, second, gaps: Sequence[tuple[str, str]], output: Pat
     for a in (ax, zoom, after):
         a.set_xlabel("right on the screen (mm)")
         a.set_ylabel("up on the screen (mm)")
-    figure.savefig(output, dpi=120)
+    picture = io.BytesIO()
+    figure.savefig(picture, dpi=120, format=output.suffix.lower().removeprefix("."))
     plt.close(figure)
+    whole_file.write(whole_file.behind(output), picture.getvalue())
 
 
 def _show(ax, pictures) -> None:

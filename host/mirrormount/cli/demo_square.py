@@ -18,7 +18,8 @@ from pathlib import Path
 import numpy as np
 
 from mirrormount.cli.demo_picture import VIEW, WIDE, draw
-from mirrormount.common.errors import BadValue, CannotWrite, DemoFailed, ExtraMissing
+from mirrormount.common import whole_file
+from mirrormount.common.errors import BadValue, DemoFailed, ExtraMissing
 from mirrormount.common.extras import install
 from mirrormount.device.encoder import Counted
 from mirrormount.device.mount import Mount
@@ -276,10 +277,7 @@ def _check_writable(output: Path) -> None:
     """Find out before the square, not after it, that the picture cannot be written."""
     if output.suffix.lower() not in (".png", ".svg", ".pdf"):
         raise BadValue(f"the picture's name must end in .png, .svg or .pdf, not {str(output)!r}")
-    try:
-        output.open("ab").close()
-    except OSError as e:
-        raise CannotWrite(f"cannot write {output}: {e.strerror}") from e
+    whole_file.check_writable(whole_file.behind(output))
 
 
 def _progress(text: str) -> None:
