@@ -139,3 +139,11 @@ def test_a_demo_without_matplotlib_says_what_to_install_from_this_copy(monkeypat
     with pytest.raises(errors.ExtraMissing, match=r'pip install -e ".*\[plot\]"'):
         demo.demonstrate("virtual://", tmp_path / "square.png")
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no full device here")
+@pytest.mark.parametrize(("option", "what"), [("edges", "pin edges"), ("truth", "the truth")])
+@pytest.mark.parametrize("speed", ["1", "max"])
+def test_a_virtual_board_whose_file_cannot_be_written_says_so(option, what, speed):
+    run = run_cli("step", "x", "2", "--port", f"virtual://?{option}=/dev/full&speed={speed}")
+    assert f"cannot write {what} to /dev/full: No space left on device" in one_line(run)
