@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 import pytest
-from full_disk import run_with_room
 from closed_loop import ClosedLoop
+from full_disk import run_with_room
 
 from mirrormount.cli import demo_square as demo
 from mirrormount.common.errors import BadValue, DemoFailed
