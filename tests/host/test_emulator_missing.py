@@ -1,13 +1,15 @@
 """The rp2040 machine says in one line what it lacks."""
 
 import subprocess
+import sys
 import zipfile
 from pathlib import Path
 
 import pytest
 
 from mirrormount.common import errors
-from mirrormount.virtual import emulator
+from mirrormount.virtual import board, emulator
+from mirrormount.virtual.simulation import BoardGone, Simulation
 
 
 def test_without_node_it_says_so(monkeypatch):
@@ -67,3 +69,27 @@ def test_each_version_of_the_emulator_is_rewritten_once_in_a_folder_of_its_own(m
     (tools / "core.mjs").write_text("the second core.mjs")
     second = emulator._modules("node")
     assert made == [first.parent, second.parent] and first != second
+
+
+@pytest.mark.parametrize("name", ["", "absent/flash.bin", "link"])
+def test_a_flash_that_cannot_be_written_is_refused_before_the_board_starts(monkeypatch, tmp_path, name):
+    (tmp_path / "link").symlink_to(tmp_path)
+    monkeypatch.setattr(emulator.npm, "node", lambda: pytest.fail("the board was started"))
+    with pytest.raises(errors.CannotWrite, match=r"cannot write .*: (it is not a file|No such file)"):
+        emulator.command(None, tmp_path / name, 0)
+
+
+def test_a_board_that_ends_at_its_start_gives_its_last_line_as_the_cause(monkeypatch, capfd):
+    code = "import sys; sys.stdin.close(); print('at line 3', file=sys.stderr); sys.exit('the flash does not fit\\n')"
+    monkeypatch.setattr(board.machines, "rp2040", lambda *_args, **_kw: [sys.executable, "-c", code])
+    with pytest.raises(errors.CannotOpen, match=r"has ended at its start: the flash does not fit$"):
+        board.make_simulation(board.Options(machine="rp2040"))
+    assert capfd.readouterr().err == ""
+
+
+def test_a_process_that_complains_without_end_does_not_wait_for_anybody_to_read_it():
+    code = "import sys; sys.stderr.write('read from address 0\\n' * 100_000 + 'the end'); sys.stdout.close()"
+    simulation = Simulation([sys.executable, "-c", code], quiet=True)
+    with pytest.raises(BoardGone, match=r"^the end$"):
+        simulation.next_wait()
+    simulation.close()

@@ -3,6 +3,7 @@
 import hashlib
 import os
 import socket
+import struct
 import threading
 from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -81,7 +82,7 @@ def test_an_image_that_is_named_goes_before_all(site, images, tmp_path):
     images.mkdir()
     (images / NAME).write_bytes(b"kept")
     named = tmp_path / "mine.bin"
-    named.write_bytes(b"")
+    named.write_bytes(bytes(256) + struct.pack("<II", 0x20042000, 0x100001F7))
     assert emulator.find_image(named) == named
     assert site.asked == 0
 
@@ -89,6 +90,23 @@ def test_an_image_that_is_named_goes_before_all(site, images, tmp_path):
 def test_an_image_that_is_named_and_not_there_is_told(tmp_path):
     with pytest.raises(errors.EmulatorMissing, match="no such image"):
         emulator.find_image(tmp_path / "RPI_PICO.uf2")
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"root:x:0:0:root:/root:/bin/bash\n" * 100,
+        b"",
+        bytes(512),
+        b"UF2\n" + bytes(24) + struct.pack("<I", 0xE48BFF59) + bytes(256) + struct.pack("<II", 0x20042000, 0x100001F7),
+    ],
+    ids=["a text", "nothing", "zeros", "of an RP2350"],
+)
+def test_a_file_that_no_rp2040_starts_from_is_refused(tmp_path, content):
+    named = tmp_path / "passwd"
+    named.write_bytes(content)
+    with pytest.raises(errors.EmulatorMissing, match="passwd: that is no image for an RP2040"):
+        emulator.find_image(named)
 
 
 def test_an_image_in_the_cache_is_taken(site, images):

@@ -23,6 +23,12 @@ const RECORD = 16;
 const [EDGE, SENT, WAIT, USB, FLASH, LANDED] = Buffer.from('ETSUFL');
 const [RECEIVED, PIN, COLLECTS, GO, OPEN, RESET, CUT, REMEMBER, EJECT, CHANGE, ENDS] = Buffer.from('RPWGDXCMJQN');
 
+process.on('uncaughtException', error => { // the host shows the last line
+  console.error(error.stack);
+  console.error(error.message);
+  process.exit(1);
+});
+
 const out = [];
 function record(kind, a, b, dt) {
   const r = Buffer.alloc(RECORD);
@@ -56,8 +62,13 @@ const board = new Board(
   () => record(FLASH, 0, 0, 0),
   () => record(LANDED, 0, Math.min(board.host.waiting, 65535), 0),
 );
-if (fs.existsSync(flashFile)) board.flash.memory.set(fs.readFileSync(flashFile));
-else for (const [address, data] of image(imageFile)) board.flash.memory.set(data, address);
+function put(data, address, file) {
+  const size = board.flash.memory.length;
+  if (address < 0 || address + data.length > size) throw new Error(`${file} does not fit into a flash of ${size} bytes`);
+  board.flash.memory.set(data, address);
+}
+if (fs.existsSync(flashFile)) put(fs.readFileSync(flashFile), 0, flashFile);
+else for (const [address, data] of image(imageFile)) put(data, address, imageFile);
 const remembered = Uint8Array.from(board.flash.memory);
 board.boot('power');
 

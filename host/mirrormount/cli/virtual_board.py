@@ -42,8 +42,8 @@ def serve_board(args: argparse.Namespace) -> None:
                 Lockstep(simulation).boot()
             print("ready " + " ".join(port.address for port in ports), flush=True)
             serve(simulation, ports, lambda: False)
-        except BoardGone:
-            raise MountError("the virtual board's firmware has ended unexpectedly") from None
+        except BoardGone as e:
+            raise MountError(f"the virtual board's firmware has ended unexpectedly{e.why}") from None
         except (KeyboardInterrupt, SystemExit):
             pass
         finally:

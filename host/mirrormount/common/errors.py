@@ -213,8 +213,8 @@ class SetupEnded(MountError):
 
 
 class EmulatorMissing(MountError):
-    """The machine of a virtual board cannot be started: no MicroPython VM, no Node.js, no `adafruit_motor`, no image,
-    or what came in place of the official image is not that image (a portal that wants a login, a damaged file).
+    """The machine of a virtual board cannot be started: no MicroPython VM, no Node.js, no `adafruit_motor`, no image
+    for an RP2040, or what came in place of the official image is not that image (a portal that wants a login, damage).
     Remedy: The line says what to install, or name an image with `--image FILE`; `--machine cpython` needs nothing.
     """
 
@@ -288,8 +288,8 @@ class NotSeenRunning(DeployError):
 
 
 class CannotWrite(MountError):
-    """The demo's picture, the file of pin edges, of settings or of scales cannot be written: no such folder, no
-    room, or a link stands in its place, which is not followed. Standard output, too.
+    """The demo's picture, or the file of pin edges, of a flash, of settings, scales or a calibration cannot be written:
+    no such folder, no room, or a link stands in its place, which is not followed. Standard output, too.
     Remedy: Another place, or room on the disk.
     """
 

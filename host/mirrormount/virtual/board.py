@@ -80,18 +80,21 @@ def make_simulation(options: Options | None = None, bench: Bench | None = None) 
         encoder=options.encoder,
         orders=[replace(order, us=START_US + order.us) for order in options.orders],
     )
-    simulation = Simulation(command, bench, edges=file, truth=truth, scratch=scratch, start_us=start_us)
-    if options.machine == "rp2040":  # a real image starts slowly: in lockstep, not in real time
-        board = Lockstep(simulation)
-        try:
+    emulated = options.machine == "rp2040"
+    simulation = Simulation(command, bench, edges=file, truth=truth, scratch=scratch, start_us=start_us, quiet=emulated)
+    try:
+        if emulated:  # a real image starts slowly: in lockstep, not in real time
+            board = Lockstep(simulation)
             if options.image and is_circuitpython(options.image):
                 board.run(_CIRCUITPYTHON_US)
             else:
                 board.boot()
-        except BoardGone:
-            simulation.close()
-            image = options.image or "its image"
-            raise CannotOpen(f"the virtual board has ended at its start: {image} does not run on it") from None
+    except BaseException as e:  # Ctrl-C, too
+        simulation.close()
+        if isinstance(e, BoardGone):
+            why = e.why or f": {options.image or 'its image'} does not run on it"
+            raise CannotOpen(f"the virtual board has ended at its start{why}") from None
+        raise
     return simulation
 
 
@@ -147,7 +150,14 @@ def open_virtual(url: str) -> "RealtimePort | LockstepPort":
         seed=seed, profile=profile, axes=int(axes), flash_cache=flash_cache == "on", encoder=encoder, orders=orders
     )
     simulation = make_simulation(replace(options, **texts, **paths))
-    return LockstepPort(simulation) if speed == "max" else RealtimePort(simulation)
+    try:
+        return LockstepPort(simulation) if speed == "max" else RealtimePort(simulation)
+    except BoardGone as e:
+        simulation.close()
+        raise CannotOpen(f"the virtual board has ended at its start{e.why}") from None
+    except BaseException:  # Ctrl-C
+        simulation.close()
+        raise
 
 
 class RealtimePort(SocketPort):
@@ -157,7 +167,7 @@ class RealtimePort(SocketPort):
         ours, theirs = socket.socketpair()
         super().__init__(ours, "the virtual board")
         self.simulation = simulation
-        self._failed: MountError | None = None  # why the board has gone, if it told
+        self._failed: Exception | None = None  # why the board has gone
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._live, args=(PairPort(theirs),), name="virtual board", daemon=True)
         self._thread.start()
@@ -165,12 +175,10 @@ class RealtimePort(SocketPort):
     def _live(self, port: PairPort) -> None:
         try:
             serve(self.simulation, [port], self._stopping.is_set)
-        except BoardGone:
-            pass  # its client's port is closed
-        except MountError as e:
+        except (BoardGone, MountError) as e:
             self._failed = e
         finally:
-            port.close()
+            port.close()  # its client finds it closed
 
     def read(self, timeout_s: float) -> bytes:
         """As SocketPort's; the error has the cause."""
@@ -187,7 +195,7 @@ class RealtimePort(SocketPort):
         try:
             yield
         except ConnectionLost as e:
-            if self._failed is None:
+            if not str(self._failed or ""):
                 raise
             raise ConnectionLost(f"{e}: {self._failed}") from self._failed
 
@@ -241,4 +249,4 @@ class LockstepPort:
         try:
             self._run(max(round(seconds * 1e6), 1) if seconds > 0 else 0, until)
         except BoardGone as e:
-            raise ConnectionLost("the virtual board is gone") from e
+            raise ConnectionLost(f"the virtual board is gone{e.why}") from e

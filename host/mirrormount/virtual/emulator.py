@@ -14,6 +14,7 @@ import tempfile
 import zipfile
 from pathlib import Path
 
+from mirrormount.common import whole_file
 from mirrormount.common.child_python import python_module
 from mirrormount.common.errors import DeployError, EmulatorMissing
 from mirrormount.deploy.fileset import firmware, folders, sources
@@ -43,8 +44,10 @@ def command(
 
     flash: a file that holds the flash's content, written back if keep; without one, a flash with the
     firmware on it, and with board as the text of its board file. flash_cache: misses of the flash's cache take
-    their time. Raises EmulatorMissing.
+    their time. Raises EmulatorMissing, CannotWrite.
     """
+    if flash and keep:
+        whole_file.check_writable(flash := whole_file.behind(flash))
     node = npm.node()
     with held("emulator"):
         modules, bootrom, found = _modules(node), _bootrom(), find_image(image)

@@ -11,6 +11,7 @@ import os
 import queue
 import re
 import shutil
+import struct
 import subprocess
 import sys
 import threading
@@ -28,6 +29,9 @@ from mirrormount.deploy.fileset import MPY_OF_PICO
 
 TOOLS = Path(__file__).parents[3] / "tools" / "emulator"
 _MOST_BYTES = 32 << 20  # a .uf2 is twice as long as what it holds, and no RP2040 has more than 16 MB of flash
+_RP2040 = struct.pack("<I", 0xE48BFF56)  # the family of a .uf2's blocks
+_VECTORS = 0x100  # behind the second stage of the boot loader: the stack's end and the first instruction
+_FLASH, _RAM, _RAM_BYTES = 0x10000000, 0x20000000, 0x42000
 _PATIENCE_S = 5.0  # until the site answers, and between two pieces of what it sends
 
 
@@ -97,7 +101,7 @@ def find_image(image: Path | None) -> Path:
     Raises EmulatorMissing.
     """
     if image is not None:
-        _check(image)
+        _check_boots(image)
         return image
     folder = cache() / "images"
     found = sorted([*folder.glob("*.uf2"), *folder.glob("*.bin")])
@@ -139,12 +143,24 @@ def _check(image: Path) -> None:
 
 
 def _content(image: Path) -> bytes:
-    """The contents of the blocks of a .uf2, joined; of any other file all of it. Raises EmulatorMissing."""
+    """The contents of the blocks of a .uf2 for the RP2040, joined; of any other file all. Raises EmulatorMissing."""
     _check(image)
-    data = image.read_bytes()
+    try:
+        data = image.read_bytes()
+    except OSError as e:
+        raise EmulatorMissing(f"{image}: {e.strerror}") from e
     if not data.startswith(b"UF2\n"):
         return data
-    return b"".join(data[at + 32 : at + 32 + 256] for at in range(0, len(data), 512))
+    blocks = (data[at : at + 512] for at in range(0, len(data), 512))
+    return b"".join(block[32 : 32 + 256] for block in blocks if block[28:32] == _RP2040)
+
+
+def _check_boots(image: Path) -> None:
+    """Raise EmulatorMissing if an RP2040 could not start with it."""
+    start = _content(image)[_VECTORS : _VECTORS + 8]
+    stack, first = struct.unpack("<II", start) if len(start) == 8 else (0, 0)
+    if not (_RAM < stack <= _RAM + _RAM_BYTES and _FLASH < first < _FLASH + _MOST_BYTES // 2 and first % 2):
+        raise EmulatorMissing(f"{image}: that is no image for an RP2040")
 
 
 def fetch(official: Official, folder: Path) -> Path:

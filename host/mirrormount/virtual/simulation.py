@@ -18,6 +18,7 @@ from typing import IO
 from mirrormount.common.errors import CannotOpen, CannotWrite
 from mirrormount.virtual.bench import Bench
 from mirrormount.virtual.encoder_wires import EncoderWires
+from mirrormount.virtual.last_words import LastWords
 from mirrormount.virtual.truth import Truth
 from mirrormount.virtual.wiring import LED, SWITCHES
 
@@ -33,7 +34,12 @@ CLOSING_US = 1_000_000  # of the truth, after the power went
 
 
 class BoardGone(Exception):
-    """The firmware's process has ended."""
+    """The firmware's process has ended. Its text is the process's last line on stderr, if that was kept."""
+
+    @property
+    def why(self) -> str:
+        """ ": " and that line, or nothing: for the end of a sentence."""
+        return f": {self}" if str(self) else ""
 
 
 class Simulation:
@@ -41,7 +47,8 @@ class Simulation:
 
     machine: the command line of the child that is the board (see machines.py). edges: a text file
     that gets one JSON object per pin edge. truth: gets the ends of motions. scratch: folders that go when the board
-    does. start_us: its clock at power-up, as in machine.
+    does. start_us: its clock at power-up, as in machine. quiet: nothing that the child writes on stderr is shown, but
+    for its last line in BoardGone.
     on_sent is called with each byte that the board sends, on_console with those of a console beside its port.
     probes, {GPIO number: name}, may be filled with other pins whose edges are to be kept; nothing is connected to
     those.
@@ -57,6 +64,7 @@ class Simulation:
         truth: Truth | None = None,
         scratch: Iterable[TemporaryDirectory] = (),
         start_us: int = START_US,
+        quiet: bool = False,
     ) -> None:
         self.bench = bench or Bench()
         self.bench.advance(start_us)
@@ -75,20 +83,20 @@ class Simulation:
         self._opened = True
         self.usb = True
         self.flash_operations = 0  # erases and programs so far, of a machine that has a flash
-        self.landed = (
-            0,
-            0,
-        )  # the last packet's landing in an emulated board: (us since power-up, bytes that still waited)
+        self.landed = 0, 0  # the last packet's, in an emulated board: (us since power-up, bytes that still waited)
         self._wants_us: int | None = None  # while the firmware waits to go on
         self.lit = False  # the board's LED
         self.at_prompt = False  # of Python, on the port: input is executed as Python
         self._tail = bytearray()  # what the board sent last
         try:
-            self._child = subprocess.Popen(machine, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+            pipe = subprocess.PIPE
+            self._child = subprocess.Popen(machine, stdin=pipe, stdout=pipe, stderr=pipe if quiet else None)
         except OSError as e:
             raise CannotOpen(f"the virtual board cannot be started: {machine[0]}: {e.strerror}") from e
         assert self._child.stdin and self._child.stdout
         self._to_child, self._from_child = self._child.stdin, self._child.stdout
+        self._words = LastWords(self._child.stderr) if self._child.stderr else None
+        self._child.stderr = None  # close() leaves it to the reader
         self.now_us = start_us
         # for another thread, in one piece: a time of the board, the same on the wall, and until when no pin changes
         self._paced = start_us, time.monotonic(), start_us
@@ -123,7 +131,7 @@ class Simulation:
         while self._wants_us is None:
             record = self._from_child.read(_RECORD.size)
             if len(record) < _RECORD.size:
-                raise BoardGone
+                raise self._gone()
             kind, a, b, dt, t = _RECORD.unpack(record)
             if kind == _WAIT:
                 self.now_us = t
@@ -150,6 +158,9 @@ class Simulation:
             elif kind == _EDGE and a in self.probes:
                 self._note(t, self.probes[a], b)
         return self._wants_us
+
+    def _gone(self) -> BoardGone:
+        return BoardGone(self._words.line() if self._words else "")
 
     def _watch_prompt(self, c: int) -> None:
         """Set at_prompt from the output: no answer of the firmware resembles a prompt or a soft reset."""
@@ -193,7 +204,7 @@ class Simulation:
             self._to_child.write(out)
             self._to_child.flush()
         except (OSError, ValueError) as e:  # ValueError: closed by ourselves
-            raise BoardGone from e
+            raise self._gone() from e
 
     def next_event_us(self, horizon_us: int) -> int:
         """Microseconds from now, at most horizon_us, in which nothing outside the firmware happens."""
