@@ -129,6 +129,17 @@ def test_a_named_file_that_is_missing_is_no_empty_table(table, monkeypatch):
         table_file.read()
 
 
+def test_an_empty_variable_names_no_file(table, monkeypatch):
+    monkeypatch.setenv("MIRRORMOUNT_TABLE", "")
+    assert table_file.read() == TableFile()
+
+
+def test_a_folder_that_is_named_as_the_file_is_told_from_a_missing_one(tmp_path, table, capsys, monkeypatch):
+    monkeypatch.setenv("MIRRORMOUNT_TABLE", str(tmp_path))
+    assert main.main(["table"]) == 1
+    assert capsys.readouterr().err == f"mirrormount: {tmp_path}: a folder or a device is there, no file of a table\n"
+
+
 def test_stop_takes_a_name_and_without_one_goes_to_every_mount_of_the_table(table, serve):
     boards = [serve(), serve()]
     table.write_text("".join(f'[mounts.m{i}]\nport = "{board.link}"\n' for i, board in enumerate(boards)))

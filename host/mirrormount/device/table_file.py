@@ -90,8 +90,9 @@ def path() -> Path:
 def read() -> TableFile:
     """The file's mounts and cameras; empty if there is no file and none was named. Raises BadFile."""
     where = path()
-    if TABLE_VARIABLE in os.environ and not where.is_file():
-        raise BadFile(f"{where}: there is no such file of a table")
+    if os.environ.get(TABLE_VARIABLE) and not where.is_file():
+        found = "a folder or a device is there, no" if where.exists() else "there is no such"
+        raise BadFile(f"{where}: {found} file of a table")
     tables = toml_file.read(where)
     for key in tables:
         if key not in ("mounts", "cameras"):
