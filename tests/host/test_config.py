@@ -1,6 +1,8 @@
 """Settings: all that are named are changed, or none; they are shown, saved, exported and imported."""
 
 import io
+import os
+import threading
 import tomllib
 
 import pytest
@@ -186,7 +188,7 @@ def test_what_is_exported_can_be_imported(mount, tmp_path, capsys):
     mine = mount.settings()
     assert tomllib.loads(file.read_text()) == mine
     mount.recall(factory=True)
-    import_(mount, str(file))
+    import_(mount, load(str(file)))
     assert mount.settings() == mine
     export(mount, "-")
     assert tomllib.loads(capsys.readouterr().out.split("restarts; to keep it: mirrormount config save)\n")[1]) == mine
@@ -194,8 +196,20 @@ def test_what_is_exported_can_be_imported(mount, tmp_path, capsys):
 
 def test_settings_come_from_standard_input_too(mount, monkeypatch):
     monkeypatch.setattr("sys.stdin", io.StringIO("[y]\nvelocity = 1.5\n"))
-    import_(mount, "-")
+    import_(mount, load("-"))
     assert mount.settings()["y"]["velocity"] == 1.5
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
+def test_a_pipe_is_waited_for_with_a_word_and_read_once(tmp_path, capsys):
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    writer = threading.Thread(target=pipe.write_text, args=("[x]\nvelocity = 1.5\n",), daemon=True)
+    writer.start()
+    assert main.main(["config", "import", str(pipe), "--port", "virtual://?speed=max"]) == 0
+    writer.join()
+    out, err = capsys.readouterr()
+    assert out.startswith("1 settings taken") and err.startswith(f"note: {pipe} is a pipe: waiting")
 
 
 @pytest.mark.parametrize(
@@ -205,6 +219,8 @@ def test_settings_come_from_standard_input_too(mount, monkeypatch):
         ("[x]\npulse_us = 1e", "line 2"),
         ("[x]\npulse_us = 3", r"x\.pulse_us"),
         ("[z]\n", "no 'z'"),
+        ("[[x]]\n", r"\[x\] is not a table of settings"),
+        ("x = 3\n", r"\[x\] is not a table of settings"),
         ("[x]\ntilt = 3", r"x\.tilt"),
         ("[x]\npulse_us = 2020-01-01", r"x\.pulse_us"),
         ("[x]\npulse_us = 0x" + "F" * 900, "too long"),  # the parser takes it, and nothing can print longer ones
@@ -236,6 +252,8 @@ def test_a_file_that_is_wrong_is_one_line_that_names_it_before_a_port_is_opened(
         (("set", "x.velocity", "1.5e0"), "x.velocity is a number, such as 1.5, without an exponent, not '1.5e0'"),
         (("set", "x.pulse_us", "3"), "within 200"),
         (("import", "missing.toml"), "no such file"),
+        (("import", ""), "FILE is an empty text"),
+        (("export", ""), "FILE is an empty text"),
         (("save", "--sketch"), "needs mountfw"),
     ],
 )

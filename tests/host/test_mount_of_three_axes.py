@@ -11,7 +11,7 @@ from transcript import AT_REST, IDENTITY, TranscriptPort, opened, sent, started
 
 from mirrormount import Limits, Mount
 from mirrormount.cli import main
-from mirrormount.cli.config_verbs import export, import_
+from mirrormount.cli.config_verbs import export, import_, load
 from mirrormount.common import errors
 from mirrormount.device import calibration
 from mirrormount.device.calibration import Scale, Step
@@ -141,7 +141,7 @@ def test_settings_of_all_axes_are_read_written_exported_and_imported(mount, tmp_
     export(mount, str(tmp_path / "mine.toml"))
     mount.recall(factory=True)
     assert mount.settings() != mine
-    import_(mount, str(tmp_path / "mine.toml"))
+    import_(mount, load(str(tmp_path / "mine.toml")))
     assert mount.settings() == mine
     with pytest.raises(errors.BoardError, match="axis3 positive soft limit"):
         mount.axes[2].step(6)

@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from mirrormount.cli.command import note
 from mirrormount.common import toml_file, whole_file
 from mirrormount.common.errors import BadFile, BadValue, NotSupported
 from mirrormount.device.mount import Mount
@@ -36,7 +37,7 @@ def carry_out(mount: Mount, args: argparse.Namespace) -> None:
     elif args.verb == "export":
         export(mount, args.file)
     else:
-        import_(mount, args.file, save=args.save, saved=saved)
+        import_(mount, args.wanted, save=args.save, saved=saved)
 
 
 def _kept(mount: Mount, save: bool, saved: str) -> str:
@@ -54,14 +55,19 @@ def _saved(mount: Mount, address: str | None) -> str:
 
 
 def check_arguments(args: argparse.Namespace) -> None:
-    """Find out before a port is opened that something cannot be. Raises BadValue, BadFile."""
+    """Find out before a port is opened that something cannot be. Raises BadValue, BadFile.
+
+    The settings to import are args.wanted from then on: a pipe can be read only once.
+    """
+    if getattr(args, "file", None) == "":
+        raise BadValue("FILE is an empty text: name a file, or - for standard input and output")
     name = getattr(args, "name", None)
     if name is not None:
         known = _setting(name)
         if args.verb == "set":
             known.check(name, number(name, args.value))
-    elif args.verb == "import" and args.file != "-":
-        load(args.file)
+    elif args.verb == "import":
+        args.wanted = load(args.file)
 
 
 def get(mount: Mount, name: str | None) -> None:
@@ -89,9 +95,8 @@ def export(mount: Mount, name: str) -> None:
         print(f"settings written to {name}")
 
 
-def import_(mount: Mount, name: str, *, save: bool = False, saved: str = _SAVED) -> None:
-    """Take settings from a file, or from standard input: all that it names, or none. Raises BadFile, BadValue."""
-    wanted = load(name)
+def import_(mount: Mount, wanted: dict[str, Any], *, save: bool = False, saved: str = _SAVED) -> None:
+    """Take settings that load() has read: all of them, or none. Raises BadValue."""
     mount.apply(wanted)
     print(f"{sum(map(len, wanted.values()))} settings taken ({_kept(mount, save, saved)})")
 
@@ -107,6 +112,8 @@ def load(name: str) -> dict[str, Any]:
     else:
         if not Path(name).exists():
             raise BadFile(f"{name}: there is no such file")
+        if Path(name).is_fifo():
+            note(f"{name} is a pipe: waiting for what another program writes into it; Ctrl-C ends that")
         tables = toml_file.read(Path(name))
     if not tables:
         raise BadFile(f"{name}: no settings in it: a table [x] or [y] is missing")

@@ -196,8 +196,10 @@ def check(wanted: Mapping[str, Any]) -> None:
     if not isinstance(wanted, Mapping):
         raise BadValue(f"settings are a dict of axes, not {wanted!r}")
     for axis, values in wanted.items():
-        if not is_axis(axis) or not isinstance(values, Mapping):
+        if not is_axis(axis):
             raise _no_axis(axis, ("x", "y"))
+        if not isinstance(values, Mapping):
+            raise BadValue(f"[{axis}] is not a table of settings, as [{axis}] and a line such as velocity = 1 are")
         for name, value in values.items():
             setting(f"{axis}.{name}").check(f"{axis}.{name}", value)
 
