@@ -5,11 +5,10 @@ with Mount.open() as mount:
     mount.x.step(5)
 """
 
-from typing import TYPE_CHECKING
-
 from mirrormount.common.errors import MountError
 from mountfw import __version__
 
+TYPE_CHECKING = False  # typing has it, too, and takes longer than all else here
 if TYPE_CHECKING:
     from mirrormount.device.mount import Limits, Mount
 

@@ -6,6 +6,7 @@ SIGTERM or SIGHUP, where a command ends in order on it, 128 + its number. Each c
 modules of its work when it runs.
 """
 
+import argparse
 import contextlib
 import io
 import os
@@ -36,11 +37,11 @@ from mirrormount.cli import (
 )
 from mirrormount.cli.command import Command, table_option, whence
 from mirrormount.cli.parser import WholeParser
-from mirrormount.common.errors import MountError
+from mirrormount.common.errors import BadValue, MountError
 from mirrormount.common.names import TABLE_VARIABLE
 from mirrormount.common.printable import printable
 from mirrormount.common.remedies import explain
-from mirrormount.common.signals import Terminated
+from mirrormount.common.signals import INTERRUPTS, Terminated
 from mountfw import __version__
 
 COMMANDS: tuple[Command, ...] = (
@@ -75,14 +76,17 @@ def main(argv: list[str] | None = None) -> int:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # a terminal without … or ± shows their numbers
-    whole = parser()
-    args = whole.parse_args(argv)
-    if args.command is None:
-        whole.print_help(sys.stderr)
-        return 2
-    if "table" in args:
-        os.environ[TABLE_VARIABLE] = args.table  # for this process, and for those that it starts
+    args = argparse.Namespace()
     try:
+        whole = parser()
+        args = whole.parse_args(argv)
+        if args.command is None:
+            whole.print_help(sys.stderr)
+            return 2
+        if "table" in args:
+            if not args.table:
+                raise BadValue("--table needs a file's name")
+            os.environ[TABLE_VARIABLE] = args.table  # for this process, and for those that it starts
         status = args.run(args) or 0
         if sys.stdout:
             sys.stdout.flush()  # what cannot be written is told now, not when Python ends
@@ -91,8 +95,7 @@ def main(argv: list[str] | None = None) -> int:
         _complain(f"{e}{whence(args, str(e))}", *explain(e.codes))
         return 1
     except KeyboardInterrupt as e:
-        _complain(str(e) or "stopped")
-        return 130
+        return _stopped(str(e))
     except Terminated as e:
         _complain(str(e))
         return 128 + e.number
@@ -104,6 +107,8 @@ def main(argv: list[str] | None = None) -> int:
         _complain(f"{e.filename or 'standard output'}: {e.strerror or e}")
         return 1
     except Exception as e:
+        if INTERRUPTS.came:
+            return _stopped()
         if os.environ.get("MIRRORMOUNT_TRACEBACK"):
             raise
         _complain(
@@ -111,6 +116,13 @@ def main(argv: list[str] | None = None) -> int:
             " with MIRRORMOUNT_TRACEBACK=1 it says where"
         )
         return 1
+
+
+def _stopped(where: str = "") -> int:
+    """Tell of Ctrl-C: further ones do nothing. Returns the exit status."""
+    INTERRUPTS.over = True
+    _complain(where or "stopped")
+    return 130
 
 
 def _complain(message: str, *more: str) -> None:

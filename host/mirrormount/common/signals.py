@@ -2,10 +2,49 @@
 
 import contextlib
 import signal
+import threading
 from collections.abc import Iterator
 from types import FrameType
 
 NAMES = ("SIGTERM", "SIGHUP")
+
+
+class Interrupts:
+    """Ctrl-C in a process of ours, once note() was called. It raises KeyboardInterrupt, as ever.
+
+    came: there has been one; NumPy's import, for one, makes another error of it. over: further ones do nothing. Where
+    that is assigned, and no function called, no further one comes between.
+    """
+
+    came = False
+    over = False
+
+    def note(self) -> None:
+        """Begin, in the main thread."""
+        if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+            signal.signal(signal.SIGINT, self.handle)
+
+    def handle(self, number: int, frame: FrameType | None) -> None:
+        """The handler."""
+        self.came = True
+        if not self.over:
+            signal.default_int_handler(number, frame)
+
+    @contextlib.contextmanager
+    def left_to_python(self) -> Iterator[None]:
+        """Python's own handler is there within this: asyncio leaves every other one alone."""
+        before = signal.getsignal(signal.SIGINT)
+        if before != self.handle or threading.current_thread() is not threading.main_thread():
+            yield
+            return
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        try:
+            yield
+        finally:
+            signal.signal(signal.SIGINT, before)
+
+
+INTERRUPTS = Interrupts()
 
 
 class Terminated(BaseException):

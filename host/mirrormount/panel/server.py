@@ -11,6 +11,7 @@ from nicegui import core, ui
 from starlette.types import ASGIApp
 
 from mirrormount.common.errors import CannotListen
+from mirrormount.common.signals import INTERRUPTS
 from mirrormount.panel import camera_route, page
 from mirrormount.panel.auth import Auth
 from mirrormount.panel.log_file import log_to_file
@@ -52,7 +53,8 @@ class Server(uvicorn.Server):
 
     def run(self, sockets: list[socket.socket] | None = None) -> None:
         """Serve. Returns when told to end. Raises CannotListen, KeyboardInterrupt."""
-        super().run(sockets)
+        with INTERRUPTS.left_to_python():
+            super().run(sockets)
         if not self.started:
             raise CannotListen("the panel's web server did not start")
 
