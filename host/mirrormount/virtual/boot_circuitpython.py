@@ -94,7 +94,10 @@ def _install():
     rd, wr = _prepare_cpython() if ON_CPYTHON else _prepare_vm()
     own = list(sys.path) if ON_CPYTHON else []
     sys.path[:] = [FAKES + "_circuitpython", FAKES] + own
-    os.chdir(FILES)
+    try:
+        os.chdir(FILES)
+    except OSError:  # Ctrl-C has ended the host meanwhile, and its folder went
+        sys.exit(1)
     import _seam
 
     _seam.seam = _seam.Seam(rd, wr, START_US)

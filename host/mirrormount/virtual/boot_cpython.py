@@ -48,7 +48,10 @@ def _install():
     sys.modules["micropython"] = mp
     gc.mem_free = lambda: 0  # CPython has no such number
     sys.path[:0] = [FAKES, os.path.abspath(FIRMWARE_DIR)]
-    os.chdir(FILES_DIR)
+    try:
+        os.chdir(FILES_DIR)
+    except FileNotFoundError:  # Ctrl-C has ended the host meanwhile, and its folder went
+        sys.exit(1)
     os.urandom = _boot_id_of_nine_digits
     os.rename = os.replace  # a board's renames onto a file that is there, Windows's does not
     import _seam

@@ -7,6 +7,7 @@ lockstep.py and realtime.py choose the length of the interval: as far as the cal
 
 import contextlib
 import json
+import os
 import struct
 import subprocess
 import threading
@@ -31,6 +32,9 @@ _RECEIVED, _PIN, _COLLECTS, _GO, _OPEN, _RESET, _CUT, _REMEMBER, _EJECT = b"RPWG
 START_US = (1 << 30) - 500_000
 EDGES_KEPT = 5_000  # at least
 CLOSING_US = 1_000_000  # of the truth, after the power went
+
+# Ctrl-C in a terminal is the host's, also while its child has only begun to start
+_APART: dict = {"process_group": 0} if os.name == "posix" else {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP}
 
 
 class BoardGone(Exception):
@@ -90,7 +94,7 @@ class Simulation:
         self._tail = bytearray()  # what the board sent last
         try:
             pipe = subprocess.PIPE
-            self._child = subprocess.Popen(machine, stdin=pipe, stdout=pipe, stderr=pipe if quiet else None)
+            self._child = subprocess.Popen(machine, stdin=pipe, stdout=pipe, stderr=pipe if quiet else None, **_APART)
         except OSError as e:
             raise CannotOpen(f"the virtual board cannot be started: {machine[0]}: {e.strerror}") from e
         assert self._child.stdin and self._child.stdout
