@@ -29,6 +29,9 @@ def one_line(run: subprocess.CompletedProcess) -> str:
     [
         (("drive", "fast", "0"), "M1 is a whole number, not 'fast'"),
         (("drive", "256", "0"), "within -255"),
+        (("drive", "1_00", "0"), "M1 is a whole number, not '1_00'"),
+        (("step", "x", "1_000"), "N is a number, not '1_000'"),
+        (("step", "x", "1e-400"), "nearer to 0"),
         (("step", "x", "far"), "N is a number, not 'far'"),
         (("step", "x", "99999999"), "N is out of range: within -1000000 … 1000000, not 99999999"),
         (("step", "x", "1", "mrad"), "no scale in the positive direction"),

@@ -251,6 +251,8 @@ def test_a_file_that_is_wrong_is_one_line_that_names_it_before_a_port_is_opened(
         (("set", "x.velocity", "1e1"), "x.velocity is a number, such as 1.5, without an exponent, not '1e1'"),
         (("set", "x.velocity", "1.5e0"), "x.velocity is a number, such as 1.5, without an exponent, not '1.5e0'"),
         (("set", "x.pulse_us", "3"), "within 200"),
+        (("set", "x.velocity", "1_0"), "without an exponent, not '1_0'"),
+        (("set", "x.velocity", "0." + "0" * 400 + "1"), "x.velocity is a number"),
         (("import", "missing.toml"), "no such file"),
         (("import", ""), "FILE is an empty text"),
         (("export", ""), "FILE is an empty text"),

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mirrormount.common.errors import BadValue
-from mirrormount.common.validation import real_number, whole_number
+from mirrormount.common.validation import real_number, typed_number, whole_number
 
 
 @pytest.mark.parametrize("value", [5, 5.0, np.int64(5), np.uint8(5), np.float32(5), Decimal(5), Fraction(10, 2)])
@@ -28,6 +28,22 @@ def test_what_is_no_whole_number_is_refused(value):
 def test_what_is_no_number_is_refused(value):
     with pytest.raises(BadValue, match="p is a number, not"):
         real_number(value, 10, "p")
+
+
+@pytest.mark.parametrize("text", ["1_000", "1_0.5", "\u0661", "five", "", "5mm"])
+def test_what_no_person_types_as_a_number_is_refused(text):
+    with pytest.raises(BadValue, match="p is a number, not"):
+        typed_number(text, "p")
+
+
+@pytest.mark.parametrize("text", ["1e-400", "-0.01E-330", "0." + "0" * 400 + "1"])
+def test_a_number_that_would_become_0_is_refused(text):
+    with pytest.raises(BadValue, match="p is nearer to 0 than"):
+        typed_number(text, "p")
+
+
+def test_0_is_0_however_it_is_typed():
+    assert [typed_number(text, "p") for text in ("0", "-0.0", "0e5", "+.0E-9")] == [0, 0, 0, 0]
 
 
 def test_a_number_is_whole_if_its_value_is():

@@ -16,6 +16,7 @@ from urllib.parse import urlencode
 from mirrormount.common.axis_names import is_axis
 from mirrormount.common.errors import BadValue, NotSupported
 from mirrormount.common.keep_alive import LEAST_PATIENCE_S, MOST_PATIENCE_S, PATIENCE_S
+from mirrormount.common.validation import typed_number
 
 if TYPE_CHECKING:
     from mirrormount.device.arduino_sketch import SketchMount
@@ -194,7 +195,7 @@ def patience_option(parser: argparse.ArgumentParser, whose: str) -> None:
 def patience_of(args: argparse.Namespace) -> float:
     """The patience in seconds. Raises BadValue."""
     with contextlib.suppress(ValueError):
-        if LEAST_PATIENCE_S <= (seconds := float(args.patience)) <= MOST_PATIENCE_S:
+        if LEAST_PATIENCE_S <= (seconds := typed_number(args.patience, "--patience")) <= MOST_PATIENCE_S:
             return seconds
     raise BadValue(f"--patience is {LEAST_PATIENCE_S:g} to {MOST_PATIENCE_S:g} seconds, not {args.patience!r}")
 
@@ -235,7 +236,7 @@ def open_mount(args: argparse.Namespace) -> "Mount":
 def whole(text: str, what: str) -> int:
     """A whole number as it was typed. Raises BadValue."""
     try:
-        if not text.isascii():
+        if not text.isascii() or "_" in text:
             raise ValueError
         return int(text)
     except ValueError:
@@ -244,12 +245,7 @@ def whole(text: str, what: str) -> int:
 
 def number(text: str, what: str) -> float:
     """A number as it was typed, at most _LARGEST in magnitude. Raises BadValue."""
-    try:
-        if not text.isascii():
-            raise ValueError
-        value = float(text)
-    except ValueError:
-        raise BadValue(f"{what} is a number, not {text!r}") from None
+    value = typed_number(text, what)
     if not abs(value) <= _LARGEST:
         raise BadValue(f"{what} is out of range: within -{_LARGEST} … {_LARGEST}, not {text}")
     return value

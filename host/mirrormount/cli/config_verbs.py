@@ -9,6 +9,7 @@ from typing import Any
 from mirrormount.cli.command import note
 from mirrormount.common import toml_file, whole_file
 from mirrormount.common.errors import BadFile, BadValue, NotSupported
+from mirrormount.common.validation import typed_number
 from mirrormount.device.mount import Mount
 from mirrormount.device.named import place_of
 from mirrormount.device.settings import ENCODER, SETTINGS, Setting, check, setting
@@ -135,9 +136,10 @@ def _setting(name: str) -> Setting:
 def number(name: str, text: str) -> int | float:
     """A value of a setting as it was typed. Raises BadValue."""
     try:
-        if not text.isascii() or "e" in text.lower():
+        if "e" in text.lower():
             raise ValueError
-        return float(text) if "." in text else int(text)
+        value = typed_number(text, name)
+        return value if "." in text else int(text)
     except ValueError:
         whole = _setting(name).decimals == 0
         kind = "a whole number, such as 1000" if whole else "a number, such as 1.5"

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from typing import TypeVar
 
 from mirrormount.common.errors import BadValue
+from mirrormount.common.validation import typed_number
 
 T = TypeVar("T")
 _THOUSANDS = re.compile(r"[+-]?[0-9]{1,3}(,[0-9]{3})+(\.[0-9]*)?")
@@ -53,7 +54,7 @@ class Dialogue:
                 return float(default)
             meant = self._without_comma(answer) if "," in answer else answer
             try:
-                value = float(meant) if meant.isascii() and "_" not in meant else float("nan")
+                value = typed_number(meant, question)
             except ValueError:
                 value = float("nan")
             if not least <= value <= most:

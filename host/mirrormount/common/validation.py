@@ -47,6 +47,19 @@ def _number(value: object) -> int | float | None:
     return number if abs(number) < float("inf") else None  # no NaN either
 
 
+def typed_number(text: str, what: str) -> float:
+    """The number that a person has typed. Raises BadValue, also for 1_000, which only Python takes for one."""
+    try:
+        if not text.isascii() or "_" in text:
+            raise ValueError
+        value = float(text)
+    except ValueError:
+        raise BadValue(f"{what} is a number, not {text!r}") from None
+    if not value and any(digit in text.lower().partition("e")[0] for digit in "123456789"):
+        raise BadValue(f"{what} is nearer to 0 than numbers here can be: {text}")
+    return value
+
+
 def digits(text: str, most: int) -> int:
     """The number 0 … most that ASCII digits stand for. Raises BadValue."""
     if not (text.isascii() and text.isdecimal()) or len(text) > 18 or int(text) > most:

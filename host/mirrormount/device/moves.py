@@ -146,7 +146,11 @@ class Moves(AxisProperties):
         return n, part_us, (n + part_us / pulse_us) * per_step
 
     def parts_to(self, steps: float) -> tuple[int, int]:
-        """How move_to() moves from the present position: whole steps, and the length of a pulse after them (us)."""
+        """How move_to() moves from the present position: whole steps, and the length of a pulse after them (us).
+
+        Raises BadValue.
+        """
+        steps = real_number(steps, 1_000_000, "position")
         (pulse_us,) = self.ask_whole("XP?")
         left = round(steps * 1000) - round(self.position * 1000)  # thousandths of a step
         return _split(left / 1000, pulse_us)

@@ -16,6 +16,7 @@ from mirrormount.beam.live import LiveCamera
 from mirrormount.beam.observer import Observer, Sighting
 from mirrormount.beam.pointing import CORRECTIONS, GAP_STEPS, LEARN_STEPS, WITHIN_PX, Learned, approach, learn
 from mirrormount.common.errors import BadValue, MountError, MoveEnded, NoAnswer, NotInControl
+from mirrormount.common.validation import typed_number
 from mirrormount.device.mount import Mount
 from mirrormount.panel.camera_view import CameraView
 from mirrormount.supervise.lease import Client
@@ -238,8 +239,8 @@ def _number(message: Mapping[str, Any], key: str, below: int) -> float:
     value = message.get(key)
     if isinstance(value, str):
         try:
-            value = float(value.strip()) if len(value) < 20 and value.isascii() else None
-        except ValueError:
+            value = typed_number(value.strip(), key) if len(value) < 20 else None
+        except BadValue:
             value = None
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value <= below - 1:
         raise BadValue(f"{key} is a number from 0 to {below - 1}, in the picture")

@@ -4,7 +4,7 @@ import math
 from dataclasses import replace
 
 from mirrormount.common.errors import BadAddress, BadValue
-from mirrormount.common.validation import digits
+from mirrormount.common.validation import digits, typed_number
 from mirrormount.virtual.bench import Order
 from mirrormount.virtual.encoder import FAULTS
 from mirrormount.virtual.profile import PROFILES, Profile
@@ -22,7 +22,7 @@ def profile_named(name: str, supply: str | None = None) -> Profile:
     if supply is None:
         return profile
     try:
-        value = float(supply) if supply.isascii() else math.nan
+        value = typed_number(supply, "supply")
     except ValueError:
         value = math.nan
     if not LEAST_SUPPLY <= value <= MOST_SUPPLY:
@@ -48,7 +48,7 @@ def orders_of(text: str) -> tuple[Order, ...]:
         motor, _, rest = word.rpartition(":")
         name, at, seconds = rest.partition("@")
         try:
-            begins_s = float(seconds) if at and seconds.isascii() else 0.0 if not at else math.nan
+            begins_s = typed_number(seconds, "a fault's time") if at else 0.0
         except ValueError:
             begins_s = math.nan
         if name not in FAULTS or motor not in ("", "m1", "m2") or not 0 <= begins_s <= _MOST_S:
