@@ -144,6 +144,14 @@ def test_undeploy_leaves_what_the_user_has_put_there(deployed):
     assert contents(deployed.root) == {name: text.encode() for name, text in theirs.items()}
 
 
+def test_undeploy_removes_what_a_save_left_that_found_the_flash_full(deployed):
+    (deployed.root / "mountfw.settings.new").write_text("1 pulse_us")
+    (deployed.root / "mine.new").write_text("mine")
+    done = run_cli("undeploy", deployed.port)
+    assert done.returncode == 0, done.stderr
+    assert contents(deployed.root) == {"mine.new": b"mine"}
+
+
 def test_undeploy_keeps_a_file_that_was_changed_since_and_says_so(deployed):
     (deployed.root / "mountfw" / "boards" / "pico.mpy").write_bytes(b"mine")
     done = run_cli("undeploy", deployed.port)
@@ -155,7 +163,7 @@ def test_undeploy_of_a_board_that_was_not_deployed_to_removes_nothing(boot, tmp_
     root = Path(shutil.copytree(PACKAGE.parent, tmp_path / "files" / "mountfw")).parent
     before = contents(root)
     done = run_cli("undeploy", boot(root).port)
-    assert done.returncode == 1 and "nothing was removed" in done.stderr
+    assert done.returncode == 1 and "nothing was removed" in done.stderr and "removing" not in done.stderr
     assert contents(root) == before
 
 

@@ -78,7 +78,7 @@ class Stopping(Progress):
 
 
 @pytest.mark.parametrize(
-    ("command", "phases"), [(deploy, {"compiling", "uploading", "restarting"}), (undeploy, {"removing"})]
+    ("command", "phases"), [(deploy, {"compiling", "uploading", "restarting"}), (undeploy, {"looking"})]
 )
 def test_a_stop_gets_through_while_the_board_is_worked_on(deployed, command, phases):
     progress = Stopping(deployed.port)

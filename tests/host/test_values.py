@@ -6,6 +6,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
+from mirrormount import Mount
 from mirrormount.common.errors import BadValue
 from mirrormount.common.validation import real_number, typed_number, whole_number
 
@@ -40,6 +41,12 @@ def test_what_no_person_types_as_a_number_is_refused(text):
 def test_a_number_that_would_become_0_is_refused(text):
     with pytest.raises(BadValue, match="p is nearer to 0 than"):
         typed_number(text, "p")
+
+
+@pytest.mark.parametrize("position", [float("nan"), float("inf"), "5", None, 1_000_001])
+def test_the_way_to_what_is_no_position_is_refused(position):
+    with Mount.open("virtual://?speed=max") as mount, pytest.raises(BadValue):
+        mount.x.parts_to(position)
 
 
 def test_0_is_0_however_it_is_typed():

@@ -90,7 +90,7 @@ def undeploy(options: Options, progress: Progress | None = None) -> str:
     port = _find(options.port)
     with stop_answered(port) as answer:
         _approach(port, options.stop, answer)
-        progress.phase("removing")
+        progress.phase("looking for what deploy has put there, to remove it")
         board = Mpremote(port)
         with board.reset_if_it_fails():
             done = board.undeploy()

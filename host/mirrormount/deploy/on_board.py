@@ -251,6 +251,9 @@ def undeploy(replay):
             os.rename(aside[path][0], path)
             restored.append(path)
     if manifest:
+        for name in os.listdir():
+            if name.startswith("mountfw.") and name.endswith(".new"):  # what the firmware saved, cut by a full flash
+                remove(name)
         remove(MANIFEST)
     remove_empty_folders()
     return {"removed": removed, "kept": kept, "restored": restored, "found": bool(manifest)}
