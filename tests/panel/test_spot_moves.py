@@ -151,10 +151,11 @@ def test_a_click_on_a_picture_that_is_not_of_now_is_refused(bench, desk):
     assert "the picture is not of now: virtual camera 2 was unplugged" in desk.first.notices[0]
 
 
+@pytest.mark.wall_clock  # some steps, each with pictures after it, in real time
 def test_learn_then_a_click_and_the_spot_is_there(bench, desk):
     learned(bench, desk)
     ask(bench, desk.drive, **CLICK)
-    wait_for(lambda: any("the spot is " in text for text in told(bench)), "the end")
+    wait_for(lambda: any("the spot is " in text for text in told(bench)), "the end", lambda: told(bench))
     announced = next(text for text in told(bench) if "the spot goes to" in text)
     assert "about" in announced and "STOP ends it" in announced
     assert "within 0.5 px" in told(bench)[-1]

@@ -19,7 +19,8 @@ RESTART = b"\x04"  # Ctrl-D: a soft reset, which runs the program in the root ag
 STOP = b"\r" + 2 * INTERRUPT  # the first may come within a `finally` of what runs
 
 _QUIET_S = 0.2
-_PROMPT_S = 3.0  # the longest time until a prompt
+_PROMPT_S = 5.0  # the longest time until a prompt
+_AGAIN_S = 0.5  # until the raw prompt is asked for again
 
 
 def receive(link: Link, text: bytes, longest_s: float = _PROMPT_S) -> bytes:
@@ -52,8 +53,10 @@ def takes_programs(link: Link) -> tuple[bool, bytes]:
     """
     link.write(STOP)
     received = link.drain(_QUIET_S)
-    link.write(RAW)
-    received += receive(link, b"raw REPL")
+    end = time.monotonic() + _PROMPT_S
+    while b"raw REPL" not in received and time.monotonic() < end:
+        link.write(RAW)  # again: the program may have taken the one before, on its way out
+        received += receive(link, b"raw REPL", _AGAIN_S)
     link.write(FRIENDLY)
     link.drain(0.1)
     works = b"raw REPL" in received
