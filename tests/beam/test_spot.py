@@ -45,16 +45,11 @@ def test_a_spot_that_is_mostly_saturated_is_refused_for_that(width, peak):
     assert found.reason is Reason.SATURATED
 
 
-def test_a_second_spot_of_which_only_the_tip_is_above_the_threshold_is_a_second_spot():
-    scene = scenes.nasty(rng(600_844))
-    assert "two" in scene.parts and scene.truth is None
-    found = find_spot(scene.image, scene.dark)
-    assert not found
-    assert found.reason is Reason.SPLIT
-
-
-def test_a_second_spot_of_which_the_fit_sees_a_flank_only_is_a_second_spot():
-    scene = scenes.nasty(rng(715_516))
+@pytest.mark.parametrize(
+    "seed", [600_844, 715_516], ids=["only its tip is above the threshold", "the fit sees a flank"]
+)
+def test_a_second_spot_of_which_little_is_seen_is_a_second_spot(seed):
+    scene = scenes.nasty(rng(seed))
     assert "two" in scene.parts and scene.truth is None
     found = find_spot(scene.image, scene.dark)
     assert not found

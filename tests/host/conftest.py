@@ -2,6 +2,8 @@
 
 import itertools
 import shutil
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -59,3 +61,40 @@ def deployed_files(tmp_path_factory) -> Path:
 def deployed(boot, deployed_files: Path, tmp_path: Path) -> Served:
     """A board that was deployed to, as it is after power-up."""
     return boot(Path(shutil.copytree(deployed_files, tmp_path / "deployed")))
+
+
+HOLDER = """
+import os, sys, threading
+from mirrormount import Mount
+m = Mount.open(sys.argv[1])
+exec(sys.argv[2])
+print('ready', flush=True)
+input()
+"""
+
+
+@pytest.fixture
+def runtime(tmp_path_factory, monkeypatch):
+    """The folder of stop sockets, of this test's own: other boards on this computer are not meant."""
+    folder = tmp_path_factory.mktemp("run")
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(folder))
+    return folder / "mirrormount"
+
+
+@pytest.fixture
+def holder():
+    """Starts a program that opens a mount and runs some code with it."""
+    started = []
+
+    def start(address: str, code: str = "") -> subprocess.Popen:
+        process = subprocess.Popen(
+            [sys.executable, "-c", HOLDER, address, code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+        started.append(process)
+        assert process.stdout.readline() == "ready\n"
+        return process
+
+    yield start
+    for process in started:
+        process.kill()
+        process.communicate()

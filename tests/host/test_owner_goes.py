@@ -17,48 +17,15 @@ from mirrormount.virtual.simulation import BoardGone
 if os.name != "posix":
     pytest.skip("fork and Unix sockets need POSIX", allow_module_level=True)
 
-pytestmark = pytest.mark.wall_clock  # on a busy computer a board in real time answers later than its client waits
+# on a busy computer a board in real time answers later than its client waits
+LONG = "m.send('1XM60000;2XM60000'); "  # runs
 
-HOLDER = """
-import os, sys, time
-from mirrormount import Mount
-m = Mount.open(sys.argv[1])
-m.send('1XM60000;2XM60000')
-exec(sys.argv[2])
-print('ready', flush=True)
-input()
-"""
-
-
-@pytest.fixture(autouse=True)
-def runtime(tmp_path_factory, monkeypatch):
-    """A runtime folder of this test's own: other boards on this computer are not meant."""
-    folder = tmp_path_factory.mktemp("run")
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(folder))
-    return folder / "mirrormount"
-
-
-@pytest.fixture
-def holder(board):
-    """Starts a program that opens the mount and runs some code with it."""
-    started = []
-
-    def start(code: str) -> subprocess.Popen:
-        command = [sys.executable, "-c", HOLDER, str(board.link), code]
-        process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-        started.append(process)
-        assert process.stdout.readline() == "ready\n"
-        return process
-
-    yield start
-    for process in started:
-        process.kill()
-        process.communicate()
+pytestmark = [pytest.mark.wall_clock, pytest.mark.usefixtures("runtime")]
 
 
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP])
 def test_a_motion_that_send_started_ends_with_the_program(board, holder, how):
-    process = holder("m.send('1MV+')")
+    process = holder(str(board.link), f"{LONG}m.send('1MV+')")
     wait_for(board.driving, "the motor to run")
     process.send_signal(how)
     wait_for(lambda: not board.driving(), "the keep-alive")
@@ -78,7 +45,7 @@ assert os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) == 7
 
 
 def test_a_forked_process_is_refused_and_takes_nothing_from_its_parent(board, holder):
-    process = holder(FORK + "m.x.jog(1)")
+    process = holder(str(board.link), f"{LONG}{FORK}m.x.jog(1)")
     wait_for(board.driving, "the motor to run")
     run = run_cli("stop", "--port", str(board.link))
     assert not board.driving()
@@ -86,7 +53,7 @@ def test_a_forked_process_is_refused_and_takes_nothing_from_its_parent(board, ho
 
 
 def test_a_stop_socket_whose_folder_was_removed_comes_back(board, holder, runtime):
-    holder("m.x.jog(1)")
+    holder(str(board.link), f"{LONG}m.x.jog(1)")
     wait_for(board.driving, "the motor to run")
     shutil.rmtree(runtime)
     wait_for(lambda: owners(str(board.link)), "the socket")

@@ -22,43 +22,8 @@ from mirrormount.transport.stoppable import Stoppable, held_here
 if os.name != "posix":
     pytest.skip("Unix sockets need POSIX", allow_module_level=True)
 
-pytestmark = pytest.mark.wall_clock  # on a busy computer a board in real time answers later than its client waits
-
-HOLDER = """
-import sys, threading
-from mirrormount import Mount
-m = Mount.open(sys.argv[1])
-exec(sys.argv[2])
-print('ready', flush=True)
-input()
-"""
-
-
-@pytest.fixture(autouse=True)
-def runtime(tmp_path_factory, monkeypatch):
-    """A runtime folder of this test's own: other boards on this computer are not meant."""
-    folder = tmp_path_factory.mktemp("run")
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(folder))
-    return folder / "mirrormount"
-
-
-@pytest.fixture
-def holder():
-    """Starts a program that opens a mount and runs some code with it."""
-    started = []
-
-    def start(address: str, code: str = "") -> subprocess.Popen:
-        process = subprocess.Popen(
-            [sys.executable, "-c", HOLDER, address, code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-        )
-        started.append(process)
-        assert process.stdout.readline() == "ready\n"
-        return process
-
-    yield start
-    for process in started:
-        process.kill()
-        process.communicate()
+# on a busy computer a board in real time answers later than its client waits
+pytestmark = [pytest.mark.wall_clock, pytest.mark.usefixtures("runtime")]
 
 
 @pytest.mark.parametrize("port", [True, False])

@@ -126,7 +126,7 @@ def _open(address: str | None, name: str) -> list[MountError]:
             holder = now or holder
             if time.monotonic() > end:
                 raise PortBusy(f"{e}; that program takes no stop from here{_way(holder)}") from e
-            time.sleep(_LOOK_S)
+            time.sleep(_LOOK_S)  # no event shows that another process has closed a port
             if has := owners(one):
                 problems = _ask(has)
                 if not problems or not _have_left(has):
