@@ -5,8 +5,7 @@ Pins that it forces stay low whatever the firmware writes. Runs under CPython an
 
 from rig import START_US, WRAP, Output, Port, Rig
 
-from mountfw import codes
-from mountfw.ports import shared
+from mountfw import board_file, codes
 
 MASK = WRAP - 1
 SILENCE_US = 50_000
@@ -139,7 +138,7 @@ class GatedPort(Port):
         self.fitted = None
 
     def gate(self, board):
-        self.fitted = Gate(self, shared.gate_pins(board))
+        self.fitted = Gate(self, board_file.gate_pins(board))
         return self.fitted
 
     def output(self, number, pwm_hz=0):

