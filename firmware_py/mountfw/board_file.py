@@ -4,7 +4,7 @@ A motor must not turn because of a slip in a board file: a file that cannot be u
 says why, before any pin is touched, and no other file takes its place. `mirrormount deploy` calls fault(), too.
 """
 
-from mountfw.boards import AXES, DRIVES
+from mountfw.boards import AXES, DRIVES, axes
 
 # The file for a board, by the names that the platforms give it: CircuitPython's board id, and MicroPython's
 # MICROPY_HW_BOARD_NAME in small letters, with _ for what is neither letter nor digit. The file of a board that is not
@@ -30,23 +30,26 @@ OPTIONAL = ("AXIS_3", "AXIS_4", "EMERGENCY_STOP", "ONE_CHANNEL", "GATE", "LANE")
 
 _PINS = DRIVES + STOPS
 
-checked = None  # the board file that find() has returned last: it has no fault
+checked = None  # the board file that find_board() has returned last: it has no fault
 
 _MOST_PWM_HZ = 200_000
 _MOST_DEAD_TIME_US = 10_000
 
 
-def find(candidates, listdir, rp2):
-    """The first of these board files that there is, as a module. None, after a printed line, if it cannot be used.
+def find_board(title, name, listdir, rp2):
+    """The board file, as a module: boards/this.py if there is one, else that of the board `name`, called title.
 
-    False if there is none. listdir is os.listdir; rp2: is this an RP2040 or RP2350?
+    None, after a printed line, if there is none or it cannot be used. listdir is os.listdir; rp2: is this an RP2040 or
+    RP2350?
     """
+    name = FILE_OF.get(name) or name
     path = __import__("mountfw.boards").boards.__path__
     files = listdir(path if isinstance(path, str) else path[0])
-    for name in candidates:
-        if name + ".py" in files or name + ".mpy" in files:
-            return _load(name, rp2)
-    return False
+    for candidate in ("this", name):
+        if candidate + ".py" in files or candidate + ".mpy" in files:
+            return _load(candidate, rp2)
+    print("mountfw: no board file for '%s': write mountfw/boards/%s.py (copy pico.py)" % (title, name))
+    return None
 
 
 def _load(name, rp2):
@@ -62,6 +65,16 @@ def _load(name, rp2):
         return board
     print("mountfw: boards/%s.py cannot be used, so no pin is driven: %s" % (name, wrong))
     return None
+
+
+def led_of(board, radio):
+    """The LED of a board file, or None. With a radio chip "LED" is the chip's, too slow to switch in the loop."""
+    return None if radio and board.LED == "LED" else board.LED
+
+
+def gate_pins(board):
+    """The pins of each axis of a board file that are low while it has no drive: those that carry its duty."""
+    return [tuple([pins[name] for name in BRIDGES[board.BRIDGE][1]]) for pins in axes(board)]
 
 
 def values(board):

@@ -132,8 +132,5 @@ class EntryPort(Port, Protocol):
     def motors_off(self, board: Any) -> None:
         """Every drive pin of every axis low, the enables first."""
 
-    def forget_start(self) -> None:
-        """Give back the memory of modules that only a start needs."""
-
     def leave(self, board: Any) -> None:
         """Motors and watchdog off, however often Ctrl-C comes meanwhile."""

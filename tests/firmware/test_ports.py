@@ -83,7 +83,7 @@ GIVEN = {"ticks_us", "ticks_ms", "pause_us", "rename"}  # the platform's own fun
 
 def test_the_protocol_has_the_verbs_of_the_loop_and_of_the_entry_files():
     assert {"any", "drain", "output", "load", "uninterrupted"} <= VERBS.keys()
-    assert ENTRY_VERBS.keys() - VERBS.keys() == {"find_board", "motors_off", "forget_start", "leave"}
+    assert ENTRY_VERBS.keys() - VERBS.keys() == {"find_board", "motors_off", "leave"}
     assert VERBS["output"] == (1, 2) and VERBS["drain"] == (2, 2) and VERBS["collect"] == (0, 0)
 
 

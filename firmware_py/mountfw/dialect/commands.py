@@ -19,7 +19,6 @@ _MD = key(b"MD")
 _XF = key(b"XF")
 _ST = key(b"ST")
 _STOPS = (_ST, key(b"AB"))
-_CHARACTERS = tuple([bytes((c,)) for c in range(0x20, 0x40)])  # digits, the space and the `>` of an address among them
 
 
 class Commands:
@@ -172,7 +171,8 @@ class Commands:
         else:
             r.begin()
             for i in range(self._line.address_length):
-                r.add(_CHARACTERS[self._line.text[i] - 0x20])
+                c = self._line.text[i]  # digits, spaces and the `>`
+                r.add(b">" if c == 0x3E else b" " if c == 0x20 else c - 0x30)
         self._answers += 1
 
     # ---- values

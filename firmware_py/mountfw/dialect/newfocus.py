@@ -10,19 +10,6 @@ from mountfw.dialect.line import key
 ADDRESS = const(1)  # of this controller, in a line that names one; 0 is the controller at the port, so this one as well
 AXES = const(4)  # of such a controller; an axis that this mount has not answers as not connected
 
-_CONSTANTS = {
-    "SA": b"%d" % ADDRESS,
-    "SC": b"%d" % (1 << ADDRESS),  # a bit for each address that is in use
-    "SD": b"1",
-    "RS": b"0",
-    "ZZ": b"0",
-    "IPMODE": b"0",
-    "HOSTNAME": b"mirrormount",
-    "IPADDR": b"0.0.0.0",
-    "GATEWAY": b"0.0.0.0",
-    "NETMASK": b"0.0.0.0",
-    "MACADDR": b"00,00,00,00,00,00",
-}
 _ENCODER = ("SN", "MM", "DB", "CL", "FE", "XN", "XG", "XA", "XZ")  # encoder/settings.py
 
 
@@ -36,13 +23,27 @@ class NewFocus:
         self._line = line
         self._replies = replies
         self._number = number
-        self._constants = {key(name.encode()): answer for name, answer in _CONSTANTS.items()}
+        self._constants = {}
 
     def rows(self):
         """{mnemonic: (needs an axis, set, query)}, as in Commands."""
+        constants = {
+            "SA": b"%d" % ADDRESS,
+            "SC": b"%d" % (1 << ADDRESS),  # a bit for each address that is in use
+            "SD": b"1",
+            "RS": b"0",
+            "ZZ": b"0",
+            "IPMODE": b"0",
+            "HOSTNAME": b"mirrormount",
+            "IPADDR": b"0.0.0.0",
+            "GATEWAY": b"0.0.0.0",
+            "NETMASK": b"0.0.0.0",
+            "MACADDR": b"00,00,00,00,00,00",
+        }
+        self._constants = {key(name.encode()): answer for name, answer in constants.items()}
         rows = {"MC": (False, self._accept, None), "MZ": (True, self._accept, self._zero)}
         rows.update(dict.fromkeys(_ENCODER, (True, self._open_loop, self._zero)))
-        rows.update(dict.fromkeys(_CONSTANTS, (False, self._accept, self._constant)))
+        rows.update(dict.fromkeys(constants, (False, self._accept, self._constant)))
         return rows
 
     def _accept(self, _axis, _line):

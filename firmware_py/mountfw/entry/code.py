@@ -12,10 +12,11 @@ if board:
         try:
             port.motors_off(board)
             from mountfw.build import build
+            from mountfw.memory import forget_start
 
             app = build(port, board)
-            build = None  # `del` alone would keep what it is
-            port.forget_start()
+            forget_start()
+            build = forget_start = None  # `del` alone would keep what they are
             app.run()
         finally:
             port.leave(board)

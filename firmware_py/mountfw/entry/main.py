@@ -49,6 +49,7 @@ try:
         if board:
             port.motors_off(board)
         from mountfw.build import build
+        from mountfw.memory import forget_start
     finally:
         listed.leave()
 finally:
@@ -57,8 +58,8 @@ if board:
     try:
         try:
             app = build(port, board)
-            build = listed = None  # `del` alone would keep what they are
-            port.forget_start()
+            forget_start()
+            build = listed = replay = forget_start = None  # pyright: ignore  # `del` alone would keep what they are
             app.run()
         finally:
             port.leave(board)

@@ -25,7 +25,6 @@ from mountfw.ports.circuitpython_pins import (  # noqa: F401 (likewise)
     output,
     reader,
 )
-from mountfw.ports.shared import forget_start  # noqa: F401 (a verb of this port, too)
 
 _WRAP_MASK = 0x3FFF_FFFF  # a literal: computed from 1 << 30 it would be a large integer, and allocate at each use
 _MS_MASK = (1 << 29) - 1  # supervisor.ticks_ms() wraps there

@@ -134,10 +134,12 @@ def led(on):
 
 
 def find_board():
-    """The board file by shared.find_board() for this board_id, or None. Sets its LED up."""
+    """The board file by board_file.find_board() for this board_id, or None. Sets its LED up."""
+    from mountfw import board_file  # needed at the start only
+
     global _led
-    found = shared.find_board(pins.board_id, pins.board_id, os.listdir, sys.platform[:3] == "RP2")
-    number = shared.led_of(found, pins.board_id.endswith("_w")) if found else None
+    found = board_file.find_board(pins.board_id, pins.board_id, os.listdir, sys.platform[:3] == "RP2")
+    number = board_file.led_of(found, pins.board_id.endswith("_w")) if found else None
     if _led is None and number is not None:
         try:
             _led = digitalio.DigitalInOut(pin_of(number))

@@ -13,21 +13,17 @@ import time
 
 import machine
 import micropython
-from machine import PWM, Pin
+from machine import Pin
 
 from mountfw import codes, const
 from mountfw.ports import shared
 from mountfw.ports.micropython_console import any, pack, writable, write  # noqa: F401 (verbs of this port, too)
-from mountfw.ports.shared import forget_start  # noqa: F401 (a verb of this port, too)
 
 ticks_us = time.ticks_us  # pyright: ignore[reportAttributeAccessIssue]
 ticks_ms = time.ticks_ms  # pyright: ignore[reportAttributeAccessIssue]
 pause_us = time.sleep_us  # pyright: ignore[reportAttributeAccessIssue]
 
 _CTRL_C = const(3)
-_OUT = Pin.OUT
-_ALT = Pin.ALT
-_ALT_PWM = Pin.ALT_PWM
 
 _HUNG_MS = const(1000)  # the watchdog waits so long: more than a flash sector's erase at its worst (400 ms, W25Q16JV)
 # The watchdog's registers: RP2040 data sheet 4.7.6, RP2350 data sheet 12.9.7. Another chip gets no watchdog.
@@ -45,43 +41,16 @@ _gate = None
 rp2_gate = None
 if getattr(sys, "platform", "") == "rp2" and getattr(sys.implementation, "_machine", "").endswith("RP2040"):
     from mountfw.ports import rp2_gate
+    from mountfw.ports.rp2_gate import DutyPin
     from mountfw.ports.rp2_lane import EnableBridge, look  # noqa: F401 (verbs, too)
 else:
     from mountfw.ports.micropython_drain import drain  # noqa: F401 (a verb, too)
+    from mountfw.ports.micropython_pin import DutyPin
 
 
 def output(number, pwm_hz=0):
     """An output pin, low from the start: low() and high(), and with pwm_hz level() too."""
-    if rp2_gate:
-        return rp2_gate.DutyPin(number, pwm_hz)
-    pin = Pin(number, Pin.OUT, value=0)
-    return _DutyPin(pin, pwm_hz) if pwm_hz else pin
-
-
-class _DutyPin:
-    """A pin that can carry a duty.
-
-    low() and high() go through the pin's function, at once. The PWM behind the pin keeps its old
-    duty to the end of its period, and shows it only while the pin's function is PWM.
-    """
-
-    def __init__(self, pin, pwm_hz):
-        self._function = pin.init
-        self._duty_u16 = PWM(pin, freq=pwm_hz, duty_u16=0).duty_u16
-        self.low()
-
-    def low(self):
-        """Pin low."""
-        self._function(_OUT, value=0)
-
-    def high(self):
-        """Pin high."""
-        self._function(_OUT, value=1)
-
-    def level(self, duty_u16):
-        """Pin at duty_u16, 0 ... 65535."""
-        self._duty_u16(duty_u16)
-        self._function(_ALT, alt=_ALT_PWM)
+    return DutyPin(number, pwm_hz) if pwm_hz or rp2_gate else Pin(number, Pin.OUT, value=0)
 
 
 def gate(board):
@@ -89,7 +58,9 @@ def gate(board):
     global _gate
     if not rp2_gate:
         return None
-    _gate = rp2_gate.Gate(shared.gate_pins(board), getattr(board, "GATE", True))
+    from mountfw.board_file import gate_pins  # needed at the start only
+
+    _gate = rp2_gate.Gate(gate_pins(board), getattr(board, "GATE", True))
     return _gate
 
 
@@ -204,12 +175,14 @@ def firmware_hash():
 
 
 def find_board():
-    """The board file, as shared.find_board() says, by the name of this board; its LED is set up."""
+    """The board file, as board_file.find_board() says, by the name of this board; its LED is set up."""
+    from mountfw import board_file  # needed at the start only
+
     global _led
     title = getattr(sys.implementation, "_machine", "unknown board").split(" with ")[0]
     name = "".join([c.lower() if c.isalpha() or c.isdigit() else "_" for c in title])
-    board = shared.find_board(title, name, os.listdir, True)
-    number = shared.led_of(board, title.endswith(" W")) if board else None
+    board = board_file.find_board(title, name, os.listdir, True)
+    number = board_file.led_of(board, title.endswith(" W")) if board else None
     if number is not None:
         try:
             _led = Pin(number, Pin.OUT, value=0)

@@ -13,7 +13,6 @@ from micropython import const
 
 from mountfw import codes
 from mountfw.ports.micropython_console import byte_in, ipoll_in, pack, readinto
-from mountfw.ports.shared import gate_pins
 from mountfw.wire.receiver import EIGHTH_ZERO, STOP, ZEROS
 
 # ---- registers
@@ -130,6 +129,8 @@ class EnableBridge:
 
 def look(lane, receiver, board):
     """Give a Lane the native look(), and more (docs/lane.md)."""
+    from mountfw.board_file import gate_pins  # needed at the start only
+
     Look(lane, receiver, [pin for axis in gate_pins(board) for pin in axis], getattr(board, "LANE", True))
 
 
@@ -158,7 +159,7 @@ class Look:
 
     @micropython.viper
     def look(self, most: int, wait_ms: int) -> int:
-        """As extras.Look.look()."""
+        """As look.Look.look()."""
         waits = 0
         clock = ptr32(_CLOCK)
         lane = self._lane
