@@ -11,7 +11,6 @@ from mountfw.wire import receiver as wire
 from mountfw.wire.ticks import diff
 
 _SPIN_US = const(3_000)  # a drive that ends within this is waited for: more than a pass takes
-_CLOCK_US = const(200)  # of that, the last stretch reads the clock only: more than polling the input takes
 _FREE_US = const(10_000)  # nothing is due for so long: a pass may read more, and take twice as long as others
 _SHOW_US = const(32_000)  # between two updates of the LED
 _SLEEP_MS = const(64)  # the longest sleep: half a slot of the LED's patterns
@@ -52,9 +51,11 @@ class App:
         self._about = commands.queries.about
         self._feed = None  # feeds the watchdog, while it runs
         self._tidy = False  # is what the start has left collected?
-        self._sleep_ms = self._lit = 0
+        self._streams = self._obeyed = False  # of this pass: is a stream coming in, has the lane taken a frame?
+        self._sleep_ms = self._lit = self._woke_at = 0
         self._most = _READ  # bytes read at once; fewer while something is due soon
         self._shown_at = port.ticks_us()
+        self._watch = self._poll_and_watch  # bound once: nothing is allocated in the loop
         self.poll_by(self.poll_input)
 
     def run(self):
@@ -87,7 +88,7 @@ class App:
 
     def run_once(self):
         """Run one pass of the loop."""
-        self._obeyed = False  # has the lane taken a frame in this pass?
+        self._obeyed = False
         received = self._receive()
         now_us = self._ticks_us()
         left_us = self.controller.service(now_us)
@@ -161,6 +162,11 @@ class App:
             self._halt(stop)
         return stop >= 0
 
+    def _poll_and_watch(self, most):
+        """The same, and look at the switches."""
+        self.poll_input(most)
+        self.controller.guard_stops()
+
     def _halt(self, stop):
         self.gated.received += 1
         self.controller.halt(_STOPS[stop])
@@ -202,14 +208,8 @@ class App:
         axis = controller.ending(now_us, _SPIN_US)
         watching = axis and controller.watching()
         while axis:
-            drive = axis.drive
-            while not drive.was_cut and diff(drive.ends_at, self._ticks_us()) > _CLOCK_US:
-                self.poll_input(_READ_SPINNING)
-                if watching:
-                    controller.guard_stops()
-            if not drive.was_cut:
-                drive.cut_on_time()
-                self.poll_input()
+            axis.drive.end_on_time(self._watch if watching else axis.poll_input, _READ_SPINNING)
+            self.poll_input()
             axis = controller.ending(self._ticks_us(), _SPIN_US)
         self.poll_input()
         return controller.service(self._ticks_us())

@@ -3,15 +3,15 @@
 from mountfw import board_file, boards, codes, extras
 from mountfw.app import App
 from mountfw.dialect.commands import Commands
+from mountfw.dialect.error_queue import ErrorQueue
 from mountfw.dialect.line import Line
 from mountfw.dialect.queries import About
+from mountfw.memory import presize
 from mountfw.motion.axis import Axis
 from mountfw.motion.controller import Controller
 from mountfw.motion.drive import EndStop
 from mountfw.own_reply import OwnReply, WaryReceiver
-from mountfw.presize import presize
 from mountfw.store import Records
-from mountfw.wire.error_queue import ErrorQueue
 from mountfw.wire.frame import Frame
 from mountfw.wire.replies import Replies
 
@@ -32,7 +32,10 @@ def make_bridge(port, board, pins):
 def make_axis(number, pins, port, board, error_queue, receiver):
     """Axis `number`, on these pins of a board file, with its interrupts, and its encoder if the port can read it."""
     stops = [EndStop(port.reader(pins[name])) for name in ("stop_pos", "stop_neg")]
-    parts = [number, make_bridge(port, board, pins)] + stops + [_homing(stops), error_queue, port.ticks_us]
+    homing = None
+    if stops[0].has_input or stops[1].has_input:
+        from mountfw.homing import Homing as homing  # only where there is an end-stop to find
+    parts = [number, make_bridge(port, board, pins)] + stops + [homing, error_queue, port.ticks_us]
     reader = port.encoder(number, pins) if "encoder" in pins or "shaft" in pins else None
     if reader is None:
         axis = Axis(*parts)
@@ -46,21 +49,12 @@ def make_axis(number, pins, port, board, error_queue, receiver):
     return axis
 
 
-def _homing(stops):
-    """What finds an end-stop of an axis: a class, and only where there is an input for one."""
-    if not (stops[0].has_input or stops[1].has_input):
-        return lambda _axis: None
-    from mountfw.homing import Homing
-
-    return Homing
-
-
 def build(port, board):
     """An App on a port (see ports/), wired and with as many axes as a board file says (see boards/).
 
     Raises ValueError if the board file has a fault; then no pin is touched.
     """
-    # the check takes a Pico 34 ms, and find() has done it
+    # the check takes a Pico 34 ms, and find_board() has done it
     wrong = "" if board is board_file.checked else board_file.fault(board_file.values(board), False)
     if wrong:
         raise ValueError(wrong)

@@ -223,10 +223,6 @@ class WaryReceiver(Receiver):
     def next(self):
         return self._decide(_AT_ONCE) if self.state == _DECIDING else super().next()
 
-    def deciding(self):
-        """True while a frame is held."""
-        return self.state == _DECIDING
-
     def silent_us(self, now_us):
         """Since the last byte; while a frame is held, in both directions."""
         silent_us = diff(now_us, self.received_at)
@@ -237,7 +233,7 @@ class WaryReceiver(Receiver):
     def obey(self, message, controller, now_us):
         """Act on SUSPECT, OWN_REPLY or WAS_OWN_REPLY."""
         if message == SUSPECT:
-            controller.suspect(self._frame.m1, self._frame.m2)
+            controller.off_first(self._frame.m1, self._frame.m2)
             return
         if message == WAS_OWN_REPLY:
             controller.errors.retract(codes.MALFORMED)

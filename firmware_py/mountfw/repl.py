@@ -133,7 +133,7 @@ class Mount:
             left_us = self._controller.service(now_us)
             ending = self._controller.ending(now_us, _SPIN_US)
             if ending:
-                ending.drive.cut_on_time()
+                ending.drive.end_on_time(poll_nothing, 0)
                 continue
             self._show()
             if left_us > _SPIN_US and not self._controller.watching():

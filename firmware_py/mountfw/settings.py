@@ -9,7 +9,11 @@ words have at most 59 characters), and below it what else protocol.md says.
 A compiler drops such a text, so it takes no memory of a board; the host reads it from this source.
 """
 
+# a Settings is a part of an axis
+# pyright: reportAttributeAccessIssue=false
+
 MAX_STEPS = 1_000_000  # either way; millisteps then still fit a small integer
+_REST_US = 1_000  # least rest after a pulse
 
 # flags of a setting
 HUNDREDTHS = 1  # kept in hundredths; the wire and the host have two decimals
@@ -102,7 +106,10 @@ Of `MT` and `OR`. `PR` and `PA` have no limit of time: their steps bound them, a
 
 
 class Settings:
-    """The settings as attributes, for type checkers: a compiler drops annotations. The values are those of an axis."""
+    """The settings as attributes of an axis, which has a position, and an apply() that is called after a change.
+
+    What stands here is for type checkers: a compiler drops it.
+    """
 
     # attributes: made by tools/tables.py
     inverted: int
@@ -120,6 +127,35 @@ class Settings:
     run_limit_ms: int
     search_limit_ms: int
     # end
+
+    def load(self, values):
+        """Reset to defaults, then apply these (name, value) pairs."""
+        inverted = self.inverted
+        for entry in SETTINGS:
+            setattr(self, entry[1], entry[4])
+        for name, value in values:
+            setattr(self, name, value)
+        if self.inverted != inverted:
+            self.position.mirror()
+        self.apply()
+
+    def set(self, name, value):
+        """Change the setting of this name to an allowed value."""
+        if name == "inverted" and value != self.inverted:
+            self.position.mirror()  # and the soft limits stay where they are
+            self.soft_minimum, self.soft_maximum = -self.soft_maximum, -self.soft_minimum
+        setattr(self, name, value)
+        self.apply()
+
+    def possible_velocity(self):
+        """Hundredths of a step per second: `velocity`, or less if that leaves no room for pulses and rests.
+
+        Then rounded down to whole steps if it is one at least: drivers of the dialect read whole numbers.
+        """
+        most = 100_000_000 // (self.pulse_us + _REST_US)
+        if self.velocity <= most:
+            return self.velocity
+        return most // 100 * 100 or most
 
 
 def entries_of(axis):

@@ -47,6 +47,7 @@ WORDS_OF_A_TRY = 3  # mp_exc_stack_t
     [
         "app",
         "codes",
+        "backlash",
         "bridges",
         "settings",
         "store",
@@ -57,7 +58,7 @@ WORDS_OF_A_TRY = 3  # mp_exc_stack_t
         "dialect/line",
         "wire/receiver",
         "wire/replies",
-        "wire/error_queue",
+        "dialect/error_queue",
         "own_reply",
         "homing",
     ]

@@ -28,7 +28,7 @@ FIRMWARE = ROOT / "firmware_py" / "mountfw"
 ALL = [*declared.SETTINGS, *ENCODER_SETTINGS]
 NAMES = [entry[1] for entry in ALL]
 MNEMONICS = [entry[0].decode() for entry in ALL]
-OF_AN_AXIS = ("motion/actions.py", "motion/axis.py", "encoder/axis.py")  # files whose `self` is an axis
+OF_AN_AXIS = ("settings.py", "motion/actions.py", "motion/axis.py", "encoder/axis.py")  # files whose `self` is an axis
 SET_BY_THE_AXIS = {"inverted", "soft_minimum", "soft_maximum", "closed_loop", "units"}  # settings that its code assigns
 
 

@@ -85,7 +85,7 @@ class EncodedAxis(Axis):
     def check_motor(self, checked):
         """Is a drive watched for a stall? From the next move on."""
         self.unchecked = not checked
-        self._apply()
+        self.apply()
 
     @property
     def zero_angle(self):

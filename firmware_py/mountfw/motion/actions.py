@@ -1,4 +1,4 @@
-"""The settings of an axis, and the actions of its table: begin, drive, count, end.
+"""What the settings of an axis make of it, and the actions of its table: begin, drive, count, end.
 
 An action takes the value of its event. It returns True if the table's next state is right; False if the state stays,
 or another event was handled meanwhile. Which action is due when stands in axis.py alone.
@@ -9,12 +9,10 @@ A changed setting counts from the next move on: the amounts of drive of a step a
 from mountfw import codes, const
 from mountfw.motion.drive import Drive
 from mountfw.motion.position import EDGE, Position
-from mountfw.settings import MAX_STEPS, SETTINGS, Settings
-from mountfw.wire.ticks import add, diff
+from mountfw.settings import MAX_STEPS, Settings
+from mountfw.wire.ticks import add
 
-_SHORT_US = const(1_500)  # a drive that may be over before the loop comes round is waited for where it begins;
-_CLOCK_US = const(200)  # the last stretch reads the clock only: more than polling the input takes
-_REST_US = const(1_000)  # least rest after a pulse
+_SHORT_US = const(1_500)  # a drive that may be over before the loop comes round is waited for where it begins
 _COUNT_US = const(1_000_000)  # a run is counted so often, so that its sums stay small, or more often: within
 _COUNT_STEPS = const(100)  # so many steps at duty 1, so that it ends where no more can be counted
 
@@ -30,7 +28,7 @@ class Actions(Settings):
         self._ticks_us = ticks_us
         self.position = position or Position()
         self.drive = Drive(bridge, self.stop_towards, ticks_us)
-        self.switch_homing = self.homing = homing(self)  # the homing of this axis, and the one under way
+        self.switch_homing = self.homing = homing and homing(self)  # the homing of this axis, and the one under way
         self.has_moved = False  # has a move ended, or was its position defined, since store.py asked last?
         self.poll_input = lambda most=0: None  # the App sets its own: a stop in the middle of longer work cuts
         self.inverted = 0
@@ -59,26 +57,8 @@ class Actions(Settings):
 
     # ---- settings
 
-    def load(self, values):
-        """Reset to defaults, then apply these (name, value) pairs."""
-        inverted = self.inverted
-        for entry in SETTINGS:
-            setattr(self, entry[1], entry[4])
-        for name, value in values:
-            setattr(self, name, value)
-        if self.inverted != inverted:
-            self.position.mirror()
-        self._apply()
-
-    def set(self, name, value):
-        """Change the setting of this name to an allowed value."""
-        if name == "inverted" and value != self.inverted:
-            self.position.mirror()  # and the soft limits stay where they are
-            self.soft_minimum, self.soft_maximum = -self.soft_maximum, -self.soft_minimum
-        setattr(self, name, value)
-        self._apply()
-
-    def _apply(self):
+    def apply(self):
+        """The settings have changed."""
         self.positive_stop.fitted = self.switches & 1 != 0
         self.negative_stop.fitted = self.switches & 2 != 0
         self.drive.watched = self.switches & 3 != 0 and not self.checking & 1
@@ -91,16 +71,6 @@ class Actions(Settings):
         """Compute the amounts of drive that make a step, and the gap."""
         self.position.scale(self.pulse_us * self.step_duty, self.take_up_us * self.step_duty)
         self.count_us = min(self.position.step, _COUNT_US // _COUNT_STEPS) * _COUNT_STEPS
-
-    def possible_velocity(self):
-        """Hundredths of a step per second: `velocity`, or less if that leaves no room for pulses and rests.
-
-        Then rounded down to whole steps if it is one at least: drivers of the dialect read whole numbers.
-        """
-        most = 100_000_000 // (self.pulse_us + _REST_US)
-        if self.velocity <= most:
-            return self.velocity
-        return most // 100 * 100 or most
 
     # ---- the end-stops
 
@@ -184,10 +154,7 @@ class Actions(Settings):
         if reason:
             self.forbidden(reason)  # pyright: ignore[reportAttributeAccessIssue] (Axis makes an event of it)
         elif us < _SHORT_US:
-            while not drive.was_cut and diff(drive.ends_at, self._ticks_us()) > _CLOCK_US:
-                self.poll_input(1)
-            if not drive.was_cut:
-                drive.cut_on_time()
+            drive.end_on_time(self.poll_input, 1)
         return not reason
 
     # ---- a drive is over

@@ -86,7 +86,7 @@ _SHORTEST_US = const(200)  # no pulse is shorter, so less than that is not taken
 class Axis(Actions):
     """Axis number (1, 2 ...) on a bridge, with its two EndStops named for the electrical direction.
 
-    homing(axis) makes what finds them: a Homing, or None. ticks_us is the clock. error_queue takes this axis's errors.
+    homing is None, or makes what finds them (a Homing). ticks_us is the clock. error_queue takes this axis's errors.
     """
 
     def handle(self, event, value):

@@ -97,7 +97,7 @@ class Controller:
         self.stop_all(codes.STOPPED)
         self.errors.push(code)
 
-    def suspect(self, m1, m2):
+    def off_first(self, m1, m2):
         """A frame that may be our own reply must wait; but what it turns off goes off now: no stop is late."""
         if m1 == 0:
             self._axis1.frame(0)
@@ -109,7 +109,7 @@ class Controller:
         if m1 == 0 and m2 == 0:
             self.stop_all(codes.STOPPED)
             return
-        self.suspect(m1, m2)  # what goes off goes first
+        self.off_first(m1, m2)  # what goes off goes first
         if m1:
             self._axis1.drive.begin(m1)
         if m2:

@@ -10,6 +10,7 @@ from mountfw.wire.ticks import add, diff
 
 NEVER_US = const(1 << 29)  # "no deadline"
 
+_CLOCK_US = const(200)  # the last stretch reads the clock only: more than polling the input takes
 _MOST_ON_US = const(1_000_000_000)  # a move's on-time is measured up to here: its sum stays a small integer
 
 
@@ -143,14 +144,17 @@ class Drive:
         if self.gate:
             self.gate.ended()
 
-    def cut_on_time(self):
-        """Wait for the deadline, which must be near, and cut."""
-        at_us = self.bridge.cut_at(self.ends_at)
-        if not self.was_cut:  # by guard(), meanwhile
-            self.cut_at = self.clock() if self.gate else at_us
-            self.was_cut = True
-            if self.gate:
-                self.gate.ended()
+    def end_on_time(self, poll_input, most):
+        """Wait for the deadline, which must be near, and cut. Up to the last stretch poll_input(most) is called."""
+        while not self.was_cut and diff(self.ends_at, self._ticks_us()) > _CLOCK_US:
+            poll_input(most)
+        if not self.was_cut:
+            at_us = self.bridge.cut_at(self.ends_at)
+            if not self.was_cut:  # by guard(), meanwhile
+                self.cut_at = self.clock() if self.gate else at_us
+                self.was_cut = True
+                if self.gate:
+                    self.gate.ended()
 
     def guard(self, _pin):
         """An end-stop has opened (a hard interrupt, maybe): cut the drive that goes into it."""

@@ -1,11 +1,10 @@
-"""Where an axis is: its position, what that is worth, and where in the backlash gap its drive stands. Imports codes.
+"""Where an axis is: its position, and what that is worth. Imports backlash, codes, settings.
 
-A drive is counted as microseconds times duty. `step` of it, one pulse's, is a step. A drive that has changed direction
-first turns through the gap, `gap` of it, while the mirror stands still: that much is no part of a step. `inside` is how
-far the drive is from the gap's negative end, 0 ... gap.
+A drive is counted as microseconds times duty. `step` of it, one pulse's, is a step.
 """
 
 from mountfw import codes, const
+from mountfw.backlash import Backlash
 from mountfw.settings import MAX_STEPS
 
 EDGE = MAX_STEPS * 1000  # millisteps: of what can be counted, either way
@@ -17,14 +16,14 @@ def rounded(millisteps):
     return (millisteps + 500) // 1000 if millisteps >= 0 else -((500 - millisteps) // 1000)
 
 
-class Position:
+class Position(Backlash):
     """Position of one axis in millisteps, and target in steps. If it is `closed` an encoder measures it."""
 
     closed = False
 
     def __init__(self):
         self.step = 1  # what makes a step
-        self.gap = 0
+        self.gap = 0  # 0: it has none
         self.reset()
 
     def reset(self):
@@ -48,7 +47,7 @@ class Position:
         self.millisteps += direction * 1000
         self.made += direction
         if self.gap:
-            self._through_gap(direction, self.step)
+            self.through_gap(direction, self.step)
 
     def worth(self, amount):
         """Millisteps that an amount of drive is worth."""
@@ -57,7 +56,7 @@ class Position:
     def driven(self, direction, amount, over):
         """A run, or a part of a pulse, has driven by amount. If it is over, the part of a step becomes millisteps."""
         if self.gap:
-            amount = self._through_gap(direction, amount)
+            amount = self.through_gap(direction, amount)
         if self.certainty and amount:  # unless it is unknown anyway
             self.certainty = codes.ESTIMATED
         part = self.part + amount
@@ -96,43 +95,6 @@ class Position:
         if us > 0:
             us += self.take_up(direction) // duty
         return min(us, MOST_US)
-
-    # ---- the gap
-
-    def lose_gap(self):
-        """Nobody knows where in the gap the drive stands: nothing is taken up until it is found."""
-        self.gap_known = False
-        self.inside = 0
-        self._way = 0  # the direction of the last drive ...
-        self._one_way = 0  # ... and how much went that way, to find an end of the gap
-
-    def take_up(self, direction):
-        """What must be driven in this direction before the mirror moves, as far as is known."""
-        if not self.gap_known:
-            return 0
-        return self.gap - self.inside if direction > 0 else self.inside
-
-    def taken_up(self, direction):
-        """The drive has turned through the gap."""
-        self.inside = self.gap if direction > 0 else 0
-
-    def _through_gap(self, direction, amount):
-        """What of a drive's amount has moved the mirror."""
-        if self.gap_known:
-            left = self.take_up(direction)
-            if amount < left:
-                self.inside += direction * amount
-                return 0
-            self.taken_up(direction)
-            return amount - left
-        if direction != self._way:
-            self._way = direction
-            self._one_way = 0
-        self._one_way += amount
-        if self._one_way >= self.gap:
-            self.gap_known = True
-            self.taken_up(direction)
-        return amount
 
     # ---- what is said of it
 
@@ -176,5 +138,4 @@ class Position:
         self.millisteps = -self.millisteps
         self.target = -self.target
         self.home = -self.home
-        self.inside = self.gap - self.inside if self.gap_known else 0
-        self._way = -self._way
+        self.mirror_gap()

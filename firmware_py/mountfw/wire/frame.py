@@ -48,33 +48,28 @@ class Frame:
     def __init__(self, pack=pack):
         self._pack = pack
         self.text = bytearray(LENGTH)
-        self.length = self._magnitude = 0
-        self.packed = self.m1 = self.m2 = 0
+        self.length = self.packed = self.m1 = self.m2 = 0
 
     def start(self):
         """Clear: the next byte is the first of a frame."""
         self.length = 0
+        for i in range(LENGTH):  # what has not come yet may be zeros
+            self.text[i] = _ZERO
 
     def feed(self, c):
         """Parse byte c. MORE, DONE (packed, m1 and m2 are set) or BAD."""
         i = self.length
-        place = i & 3
-        if place == 0:
-            if c != _ZERO and c != _PLUS and c != _MINUS:
-                return BAD
-            self._magnitude = 0
-        else:
-            if c < _ZERO or c > _ZERO + 9:
-                return BAD
-            self._magnitude = self._magnitude * 10 + c - _ZERO
-            # the hundreds digit alone may be above 2: `05` may still become the address `05>`
-            if self._magnitude > 255 or (place == 2 and self._magnitude > 25):
-                return BAD
+        before = self.text[i]
         self.text[i] = c
+        packed = self._pack(self.text, 0, LENGTH - 1)
+        # the hundreds digit alone may be above 2: `05` may still become the address `05>`
+        if packed < 0 and not (i & 3 == 1 and _ZERO <= c <= _ZERO + 9):
+            self.text[i] = before
+            return BAD
         self.length = i + 1
-        if i < LENGTH - 1:
+        if self.length < LENGTH:
             return MORE
-        self.unpack(self._pack(self.text, 0, LENGTH - 1))
+        self.unpack(packed)
         return DONE
 
     def unpack(self, packed):

@@ -92,12 +92,31 @@ class Receiver:
             self.unparsed -= LENGTH
             return self._whole()
         self.unparsed -= 1
-        if 0x22 <= c < 0x80:  # neither a stop nor mpremote's
-            if self.state == _IN_LINE:
-                return self._in_line(c)
-            if self.state == BOUNDARY:
-                return self._first_byte(c)
-        return self._parse(c)
+        state = self.state
+        zeros = NEED_BYTES
+        if c < 0x22 or c == EIGHTH_ZERO:
+            if c == _STOP or c == _CTRL_C:
+                self.stops_ahead -= 1
+                self._stopped()
+                return STOP
+            if c == 1 or c == 2 or c == 4 or c == 5 or c == 0x18:
+                return NEED_BYTES  # mpremote looks for a prompt
+            if c == EIGHTH_ZERO:
+                self.stops_ahead -= 1
+                c = _ZERO
+                zeros = ZEROS
+        message = NEED_BYTES
+        if state == _IN_LINE and zeros:  # in text, they would continue it
+            message = self._refuse(c, MALFORMED, self._line)
+        elif state == _IN_LINE:
+            message = self._in_line(c)
+        elif state == BOUNDARY:
+            message = self._first_byte(c)
+        elif state == _IN_FRAME:
+            message = self._in_frame(c)
+        elif state == SKIPPING:
+            message = self._skip(c)
+        return message or zeros
 
     def _begins_frame(self):
         """True if the bytes that are unparsed are a frame, which is unpacked, or may be the first of one."""
@@ -143,31 +162,6 @@ class Receiver:
     def _ended(self, _c) -> int:
         """The line is complete with byte c."""
         return LINE
-
-    def _parse(self, c):
-        state = self.state
-        if c == _STOP or c == _CTRL_C:
-            self.stops_ahead -= 1
-            self._stopped()
-            return STOP
-        if c < 0x20 and (c == 1 or c == 2 or c == 4 or c == 5 or c == 0x18):
-            return NEED_BYTES  # mpremote looks for a prompt
-        stopped = c == EIGHTH_ZERO
-        if stopped:
-            self.stops_ahead -= 1
-            c = _ZERO
-        message = NEED_BYTES
-        if state == _IN_LINE and stopped:  # in text, zeros would continue it
-            message = self._refuse(c, MALFORMED, self._line)
-        elif state == _IN_LINE:
-            message = self._in_line(c)
-        elif state == _IN_FRAME:
-            message = self._in_frame(c)
-        elif state == BOUNDARY:
-            message = self._first_byte(c)
-        elif state == SKIPPING:
-            message = self._skip(c)
-        return message or (ZEROS if stopped else NEED_BYTES)
 
     def _stopped(self):
         """A stop is parsed: the tail of the message that it has cut is never executed."""

@@ -11,14 +11,15 @@ _MASK = 0x3FFF_FFFF  # no `(1 << 30) - 1`: 2**30 is a large integer, and so is a
 _HALF = 1 << 29
 
 
-def _diff(later_us, earlier_us):
-    d = (later_us - earlier_us) & _MASK
-    return d if d < _HALF else d - _HALF - _HALF
+if hasattr(time, "ticks_diff"):
+    diff, add = time.ticks_diff, time.ticks_add  # pyright: ignore[reportAttributeAccessIssue]
+else:
 
+    def diff(later_us, earlier_us):
+        """Signed time between, microseconds."""
+        d = (later_us - earlier_us) & _MASK
+        return d if d < _HALF else d - _HALF - _HALF
 
-def _add(us, delta_us):
-    return (us + (delta_us - _HALF - _HALF)) & _MASK
-
-
-diff = getattr(time, "ticks_diff", _diff)  # diff(later_us, earlier_us): signed time between, microseconds
-add = getattr(time, "ticks_add", _add)  # add(us, delta_us): the time delta_us (0 ... 2**30-1) after us
+    def add(us, delta_us):
+        """The time delta_us (0 ... 2**30-1) after us."""
+        return (us + (delta_us - _HALF - _HALF)) & _MASK
