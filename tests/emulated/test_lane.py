@@ -73,3 +73,13 @@ def test_frames_stops_and_steps_are_obeyed_told_and_counted_with_the_lane_and_wi
     board.send(b"02550255" + b"0" * 8)
     board.run(100_000)
     assert board.off() and board.ask(b"TB?\n").startswith(b"0,")
+
+
+def test_what_comes_behind_a_ctrl_c_is_the_prompts(board):
+    for delay_us in range(0, 1000, 150):  # native code looks for input, and it must not read past an interrupt
+        board.run(delay_us)
+        board.send(b"\x03\x03\r\x01")
+        board.until(b"raw REPL; CTRL-B to exit\r\n>")
+        board.simulation.lit = False
+        board.send(b"\x02\x04")
+        board.boot()

@@ -43,8 +43,8 @@ _FIRST = const(1)  # from here on: packed frame, time of axis 1, of axis 2
 
 
 def _interrupt():
-    """Ctrl-C is raised here, before the bytes behind it are read: native code does not look for it."""
-    if STOP:
+    """Ctrl-C is raised at this jump, before the bytes behind it are read: native code does not look for it."""
+    if readinto:  # no constant: the compiler would leave the jump out
         pass
 
 
