@@ -173,11 +173,13 @@ class App:
 
     def _parse(self, free):
         left = _PARSED
-        message = 0  # NEED_BYTES; one more name would take 0.5 KB of memory
-        while left and not message and self._receiver.waits():
+        self.poll_input()
+        while True:
             message = self._receiver.next()
             self.poll_input()
             left -= 1
+            if message or not left or not self._receiver.waits():
+                break
         self._dispatch(message)
         if self._commands.busy and free and not (self.controller.halted or self.controller.watching()):
             self._commands.go_on()  # many short lines: half of their time is the pass around them

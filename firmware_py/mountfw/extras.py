@@ -88,6 +88,7 @@ class Lane:
             drive.has_begun = True
             drive.began_at = at
         axis.frame(speed)
+        self.poll_input()
 
     def _supersede(self, axis, first, which):
         """Count an axis's part from frame `first` on, but for the last: each was superseded by the next one."""

@@ -103,6 +103,9 @@ class Commands:
         else:
             self._read = line.advance() == COMMAND
             self._records.poll_input()
+            if not self._read and line.more():
+                self._read = line.advance() == COMMAND
+                self._records.poll_input()
         if self._read or line.more():
             return
         self.busy = False
@@ -131,10 +134,10 @@ class Commands:
             if line.axis > self._connected:
                 return self._not_connected(line)
             axis = self._axes[line.axis - 1]
+        self._records.poll_input()  # a stop does not wait for all of it
         if line.kind == QUERY:
             if line.name == _XF and self.queries.hash is None:
                 return self._read_files()
-            self._records.poll_input()  # a stop does not wait for a whole answer
             self._next_answer()
             return action(axis)
         return action(axis, line)

@@ -25,7 +25,7 @@ PLUS = const(2)
 MINUS = const(3)
 NUMBER = const(4)
 
-_AT_ONCE = const(4)  # bytes that one call of advance() reads at most: a piece of work must be short
+_AT_ONCE = const(2)  # bytes that one call of advance() reads at most: a stop waits so long
 _MAX_NAME = const(6)  # letters that fit an integer below 2**30 to the base 28
 HUGE = const(9_999_999)  # stands for every larger number: beyond all ranges, and its hundredths stay below 2**30
 _TENTH_OF_HUGE = const(1_000_000)

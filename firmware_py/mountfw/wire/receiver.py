@@ -94,7 +94,7 @@ class Receiver:
         self.unparsed -= 1
         state = self.state
         zeros = NEED_BYTES
-        if c < 0x22 or c == EIGHTH_ZERO:
+        if not 0x21 < c < 0x80:
             if c == _STOP or c == _CTRL_C:
                 self.stops_ahead -= 1
                 self._stopped()
@@ -105,18 +105,13 @@ class Receiver:
                 self.stops_ahead -= 1
                 c = _ZERO
                 zeros = ZEROS
-        message = NEED_BYTES
-        if state == _IN_LINE and zeros:  # in text, they would continue it
-            message = self._refuse(c, MALFORMED, self._line)
-        elif state == _IN_LINE:
-            message = self._in_line(c)
-        elif state == BOUNDARY:
-            message = self._first_byte(c)
-        elif state == _IN_FRAME:
-            message = self._in_frame(c)
-        elif state == SKIPPING:
-            message = self._skip(c)
-        return message or zeros
+        if state == _IN_LINE:  # in text, zeros would continue it
+            return self._refuse(c, MALFORMED, self._line) if zeros else self._in_line(c)
+        if state == BOUNDARY:
+            return self._first_byte(c) or zeros
+        if state == _IN_FRAME:
+            return self._in_frame(c) or zeros
+        return (self._skip(c) if state == SKIPPING else NEED_BYTES) or zeros
 
     def _begins_frame(self):
         """True if the bytes that are unparsed are a frame, which is unpacked, or may be the first of one."""
