@@ -1,7 +1,7 @@
 """The loop: receive, service the axes, do one piece of work. build.py makes an App; this imports no port.
 
 A port is the hardware's verbs; tests/firmware/port_protocol.py lists them. The loop sleeps only in look(), the
-port's or that of extras.py, which returns as soon as a byte waits. docs/architecture.md walks through it.
+port's or that of look.py, which returns as soon as a byte waits. docs/architecture.md walks through it.
 """
 
 from mountfw import codes, const, own_reply
@@ -60,6 +60,7 @@ class App:
 
     def run(self):
         """Run the loop for ever. An internal fault stops the motors, queues an error, and the loop continues."""
+        self.poll_by(self.poll_input)  # again: _leave() has taken it away
         try:
             self.gated.enter()
             self._feed = self.port.start_watchdog()

@@ -80,8 +80,10 @@ def build(port, board):
     commands = Commands(controller, line, replies, about)
     gated = extras.Gated(port.gate(board) if hasattr(port, "gate") else None, controller, about)
     lane = extras.make_lane(port, board, controller, receiver, frame, own, replies, commands)
-    App.built = app = App(port, controller, commands, receiver, frame, replies, own, gated, lane)
-    presize(receiver, frame, replies, own, controller)
+    app = App(port, controller, commands, receiver, frame, replies, own, gated, lane)
+    things = [receiver, frame, replies, own, controller]
     for axis in axes:
-        presize(axis, axis.drive, axis.position, axis.drive.bridge)
+        things += [axis, axis.drive, axis.position, axis.drive.bridge]
+    presize(things)
+    App.built = app
     return app

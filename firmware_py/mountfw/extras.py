@@ -1,4 +1,4 @@
-"""What a port may bring besides its verbs: a gate, a fast lane. Imports axis, codes, receiver, ticks.
+"""What a port may bring besides its verbs: a gate, a fast lane. Imports axis, codes, look, ticks.
 
 docs/gate.md: Gated is the loop's side of a port's gate; it enters and leaves, and agrees with the parser.
 
@@ -96,13 +96,16 @@ class Lane:
         position = axis.position
         place = FIRST + EACH * first
         # the gate may have cut it, and so may a stop behind the frames
-        now_us = drive.cut_at if self._controller.halted else drive.clock()
+        now_us = drive.halted_at if self._controller.halted else drive.clock()
         drive.has_begun = True
         drive.began_at = self.log[place + 1 + which]
         self.poll_input()
         if axis.state == RUN:  # what was under way ended then; the frame that is the last ends it in the table, too
             axis.counting = True
-            axis.count(True)
+            if drive.measuring:
+                us = drive.measured_us(True)
+                self.poll_input()
+                position.driven(drive.direction, us * drive.duty, True)
             axis.counting = False
         else:
             axis.handle(FRAME, 1)

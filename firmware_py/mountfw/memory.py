@@ -1,4 +1,4 @@
-"""What a start does for the memory: quick tables of attributes; and what it alone needs goes. Imports actions, axis.
+"""What a start does for the memory: quick tables of attributes; and what it alone needs goes. Imports nothing of ours.
 
 MicroPython keeps attributes in a hash table of 2, 4, 6, 8, 10, 12, 17, 23, 29, 37, 47, 59, 73 ... places (py/map.c),
 and look-ups are slow where nearly all are taken: two attributes more made each frame take 5 % longer. A table never
@@ -7,25 +7,28 @@ shrinks, so the attributes that make it grow can be deleted again.
 
 import sys
 
-from mountfw.motion.actions import Actions
-from mountfw.motion.axis import Axis
-
 _ONLY_AT_START = {
     "mountfw": ("build", "memory", "board_file"),
     "mountfw.ports": ("rp2_listed", "rp2_handlers"),
 }
-# names that are there: new strings would stay in memory for ever, and take 60 us each
-_NAMES = [name for name in list(Axis.__dict__) + list(Actions.__dict__) if name[0] != "_"]
 
 
-def presize(*things):
-    """Grow the attribute table of each thing until at most 3 of 5 places are taken."""
+def presize(things):
+    """Grow the attribute table of each thing until at most 3 of 5 places are taken.
+
+    By names that others of them have: new strings would stay in memory for ever, and take 60 us each.
+    """
+    names = [name for thing in things for name in thing.__dict__]
     for thing in things:
         taken = len(thing.__dict__)
-        names = [name for name in _NAMES if name not in thing.__dict__][: taken * 5 // 3 - taken]
+        left = taken * 5 // 3 - taken
+        added = []
         for name in names:
-            setattr(thing, name, None)
-        for name in names:
+            if left and not hasattr(thing, name):
+                setattr(thing, name, None)
+                added.append(name)
+                left -= 1
+        for name in added:
             delattr(thing, name)
 
 

@@ -108,7 +108,7 @@ Of `MT` and `OR`. `PR` and `PA` have no limit of time: their steps bound them, a
 class Settings:
     """The settings as attributes of an axis, which has a position, and an apply() that is called after a change.
 
-    What stands here is for type checkers: a compiler drops it.
+    The annotations are for type checkers: a compiler drops them.
     """
 
     # attributes: made by tools/tables.py

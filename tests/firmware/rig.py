@@ -44,6 +44,8 @@ class Port:
     # brought low: nothing drives the motor, and the enable is low within a period.
     ENABLE_IS_LATE = False
 
+    clock_us = 3  # what a reading of the clock takes
+
     def __init__(self, files=None):
         self.us = START_US  # absolute; the firmware sees it modulo 2**30
         self.horizon_us = START_US  # a wait ends here, so that a test gets its turn
@@ -66,7 +68,7 @@ class Port:
         self.full = False  # does the file system refuse to change?
 
     def ticks_us(self):
-        self.us += 3
+        self.us += self.clock_us
         self.instant()
         return self.us & (WRAP - 1)
 

@@ -93,6 +93,7 @@ def test_package_json_lists_exactly_what_goes_to_a_micropython_board():
     package = json.loads((FIRMWARE / "package.json").read_text())
     files = [p for p in FIRMWARE.rglob("*.py") if not p.name.startswith("circuitpython")]
     library = {p.relative_to(FIRMWARE).as_posix() for p in files if p.parent.name != "entry"}
+    assert package["urls"][-1] == ["main.py", "entry/main.py"]  # an install that is cut short starts nothing
     assert {tuple(pair) for pair in package["urls"]} == {(f"mountfw/{f}", f) for f in library} | {
         ("main.py", "entry/main.py")
     }

@@ -243,9 +243,7 @@ class Actions(Settings):
         """Count the on-time since it was counted last, if there is any."""
         drive = self.drive
         if drive.measuring:
-            us = drive.measured_us(over)
-            self.poll_input()
-            self.position.driven(drive.direction, us * drive.duty, over)
+            self.position.driven(drive.direction, drive.measured_us(over) * drive.duty, over)
 
     def keep_period(self):
         """The next pulse must wait until this one's period is over."""

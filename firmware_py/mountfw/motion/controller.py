@@ -40,8 +40,7 @@ class Controller:
         """A stop is received, maybe in the middle of longer work: cut all drives now; service() ends the moves."""
         self.off_all()
         for axis in self.axes:
-            if not axis.drive.was_cut:
-                axis.drive.cut()
+            axis.drive.halt()
         self.inhibit(reason)
         self.halted = self.halted or reason
 

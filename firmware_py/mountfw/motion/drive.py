@@ -51,7 +51,7 @@ class Drive:
         self.on_us = 0  # measured since the move began
         self.on_at = 0  # when it was turned on
         self.ends_at = 0  # its deadline
-        self.cut_at = 0
+        self.cut_at = self.halted_at = 0
         self.counted_at = 0  # up to when it was measured
         self.began_at = 0
         self.reset()
@@ -100,7 +100,9 @@ class Drive:
         if self.has_begun:
             self.has_begun = False
             self.on_at = self.began_at
-            self.was_cut = self.was_cut and self.inhibited != 0  # by a stop that came after it
+            self.was_cut = self.was_cut and self.inhibited != 0
+            if self.was_cut:  # by a stop that came after it
+                self.cut_at = self.halted_at
         else:
             if self.inhibited or self.emergency or self.watched or self.on_flash:
                 reason = self.forbidden()
@@ -143,6 +145,12 @@ class Drive:
         self.was_cut = True
         if self.gate:
             self.gate.ended()
+
+    def halt(self):
+        """A stop: no drive, since halted_at, not even one that is yet to be counted (has_begun)."""
+        if not self.was_cut:
+            self.cut()
+        self.halted_at = self.clock()
 
     def end_on_time(self, poll_input, most):
         """Wait for the deadline, which must be near, and cut. Up to the last stretch poll_input(most) is called."""

@@ -17,8 +17,8 @@ from micropython import const
 
 from mountfw import codes
 
-# the answers of enter(), which XH? tells; OFF: by the board file
-OFF, OTHER_CHIP, OTHER_VECTORS, OTHER_ENDPOINT, ALARM_TAKEN, NOT_CUT, NOT_RELEASED = 2, 11, 12, 13, 14, 15, 16
+# the answers of enter(), which XH? tells; _OFF: by the board file
+_OFF, _OTHER_CHIP, _OTHER_VECTORS, _OTHER_ENDPOINT, _ALARM_TAKEN, _NOT_CUT, _NOT_RELEASED = 2, 11, 12, 13, 14, 15, 16
 
 # ---- registers
 _XOR = const(0x1000)  # aliases that flip, set, clear bits of a register, 2.1.2
@@ -145,7 +145,7 @@ class Gate:
 
     def enter(self):
         """Test all that the gate needs, and put it in place. Returns GATE_IN_PLACE, or the reason why it stays out."""
-        reason = _unlike() if self._wanted else OFF
+        reason = _unlike() if self._wanted else _OFF
         if reason:
             return reason
         self._before = mem32[_USB_VECTOR], mem32[_ALARM_VECTOR], mem32[_IPR0]
@@ -240,7 +240,7 @@ class Gate:
                 mem32[_ALARM_VECTOR] = self._code + code | 1
                 mem32[_ISER] = 1
                 if self._high() != all_high:
-                    return NOT_RELEASED
+                    return _NOT_RELEASED
                 begun_us = mem32[_CLOCK]
                 ends_at = begun_us + 100 & _WRAP
                 if code:
@@ -249,16 +249,16 @@ class Gate:
                     while mem32[_CLOCK] - begun_us < 200:
                         pass
                     if [axis.clock() for axis in self.axes] != [ends_at] * len(self.axes):
-                        return NOT_CUT
+                        return _NOT_CUT
                 else:
                     mem32[_ISPR] = 1
                 if self._high():
-                    return NOT_CUT
+                    return _NOT_CUT
                 if not self.release(1):
-                    return NOT_CUT
+                    return _NOT_CUT
                 for axis in self.axes:
                     axis.ended()
-            return 0 if self._high() == all_high else NOT_RELEASED
+            return 0 if self._high() == all_high else _NOT_RELEASED
         finally:
             for number in self._numbers:
                 mem32[_OUT_CLEAR] = 1 << number
@@ -272,14 +272,14 @@ class Gate:
 def _unlike():
     """The reason why this board is not one on which the gate was tried, or 0."""
     if mem32[_CHIP_ID] & 0xFFFFFFF != 0x2927:  # manufacturer and part, without the revision
-        return OTHER_CHIP
+        return _OTHER_CHIP
     if mem32[_VTOR] != _VECTORS or not mem32[_USB_VECTOR] & 1:
-        return OTHER_VECTORS
+        return _OTHER_VECTORS
     if mem32[_ALARM_VECTOR] != mem32[_ALARM_VECTOR + 4] or (mem32[_ISER] | mem32[_INTE]) & 3:
-        return ALARM_TAKEN
+        return _ALARM_TAKEN
     endpoint = mem32[_ENDPOINT] & 0xFFFFFFFF
     if endpoint and endpoint >> 26 != _BULK:  # 0: the host has not come yet
-        return OTHER_ENDPOINT
+        return _OTHER_ENDPOINT
     return 0
 
 

@@ -25,8 +25,8 @@ _Placed = ast.expr | ast.stmt
 def inlined(sources: Mapping[str, bytes], package: str) -> dict[str, bytes]:
     """{path: source} of all files, without the constants of a package: each use is the value.
 
-    Lines keep their numbers. Raises ValueError, with the file and the line, for what is not Python, and for a constant
-    that is assigned again.
+    Lines keep their numbers. Raises ValueError, with the file and the line, for what is not Python, and where a name
+    would no longer mean the same: a constant that is assigned again, or a module of constants that is used as a value.
     """
     trees = _trees(sources, package)
     known = _known(trees)
@@ -126,11 +126,43 @@ class _Edits(ast.NodeVisitor):
     def _replace(self, node: _Placed, text: str) -> None:
         self.edits.append((_start(node), _end(node), text))
 
+    def _refuse(self, node: _Placed | ast.arg | ast.ExceptHandler, what: str) -> None:
+        raise ValueError(f"{self._path}, line {node.lineno}: {what}, so a deploy cannot put constants in their places")
+
+    def _bind(self, node: _Placed | ast.arg | ast.ExceptHandler, name: str | None) -> None:
+        """node gives this name a meaning of its own."""
+        if name in self._names:
+            self._refuse(node, f"{name} is a constant, and is given another meaning")
+        if self._modules.get(name or ""):
+            self._refuse(node, f"{name} is a module of constants, and is given another meaning")
+
+    def visit_arg(self, node: ast.arg) -> None:
+        self._bind(node, node.arg)
+
+    def visit_FunctionDef(self, node: ast.FunctionDef) -> None:
+        self._bind(node, node.name)
+        self.generic_visit(node)
+
+    def visit_ClassDef(self, node: ast.ClassDef) -> None:
+        self._bind(node, node.name)
+        self.generic_visit(node)
+
+    def visit_ExceptHandler(self, node: ast.ExceptHandler) -> None:
+        self._bind(node, node.name)
+        self.generic_visit(node)
+
+    def visit_Import(self, node: ast.Import) -> None:
+        for alias in node.names:
+            if self._known.get(alias.name):
+                self._refuse(node, f"{alias.name} has constants: write `from ... import`")
+
     def visit_ImportFrom(self, node: ast.ImportFrom) -> None:
         module = self._known.get(node.module or "", {})
         kept: list[ast.alias] = []
         for alias in node.names:
             name = alias.asname or alias.name
+            if name == "*" and module:
+                self._refuse(node, f"{node.module} has constants: write their names")
             inner = f"{node.module}.{alias.name}"
             if inner in self._known:
                 self._modules[name] = self._known[inner]
@@ -164,18 +196,22 @@ class _Edits(ast.NodeVisitor):
         return declares
 
     def visit_Attribute(self, node: ast.Attribute) -> None:
-        if isinstance(node.value, ast.Name) and node.attr in self._modules.get(node.value.id, {}):
-            self._replace(node, str(self._modules[node.value.id][node.attr]))
-        else:
+        if not isinstance(node.value, ast.Name) or node.value.id not in self._modules:
             self.generic_visit(node)
+        elif node.attr in self._modules[node.value.id]:
+            self._replace(node, _text(self._modules[node.value.id][node.attr]))
 
     def visit_Name(self, node: ast.Name) -> None:
-        if node.id in self._names:
-            if not isinstance(node.ctx, ast.Load):
-                raise ValueError(
-                    f"{self._path}, line {node.lineno}: {node.id} is a constant, and cannot be assigned again"
-                )
-            self._replace(node, str(self._names[node.id]))
+        if not isinstance(node.ctx, ast.Load):
+            self._bind(node, node.id)
+        elif any(name[0] != "_" for name in self._modules.get(node.id, ())):
+            self._refuse(node, f"{node.id} is a module of constants, and is used as a value")
+        elif node.id in self._names:
+            self._replace(node, _text(self._names[node.id]))
+
+
+def _text(value: int) -> str:
+    return f"({value})" if value < 0 else str(value)
 
 
 def _start(node: _Placed) -> _Place:

@@ -1,0 +1,77 @@
+"""Ctrl-C comes while the loop looks at its input, wherever that is: the drive is counted, or the position unknown."""
+
+import pytest
+from rig import Rig
+
+from mountfw import codes
+
+HIT = 10  # GPIO of axis 1's positive end-stop
+PER_MS = 5  # millisteps, at pulses of 200 ms
+NEAR = 30  # millisteps: what a bridge and a clock of the rig take
+
+
+def in_a_run(rig):
+    """A run shortly before it is counted, as it is each second."""
+    rig.send(b"1MV+\n")
+    rig.run(985_000)
+
+
+def asked(rig):
+    """A run whose position is asked for."""
+    rig.send(b"1MV+\n")
+    rig.run(300_000)
+    rig.send(b"1TP?;XS?\n")
+
+
+def at_the_end_stop(rig):
+    """Homing, as the end-stop opens."""
+    rig.port.switches.update({HIT: 0, HIT + 1: 0})
+    rig.ask(b"1XL3\n")
+    rig.send(b"1MT+\n")
+    rig.run(300_000)
+    rig.port.switches[HIT] = 1
+
+
+def stopped(rig):
+    """A run, as it is stopped."""
+    rig.send(b"1MV+\n")
+    rig.run(300_000)
+    rig.send(b"1ST\n")
+
+
+def leave_at(rig, number) -> bool:
+    """Ctrl-C at look `number`, counted from now. False if the next 40 ms have fewer."""
+    look, looks = rig.app._look, 0
+
+    def interrupted(most, wait_ms):
+        nonlocal looks
+        looks += 1
+        if looks == number:
+            raise KeyboardInterrupt
+        return look(most, wait_ms)
+
+    rig.app._look = interrupted
+    try:
+        rig.run(40_000)
+    except KeyboardInterrupt:
+        rig.app._look = look
+        rig.app._leave(codes.ABORTED)
+        return True
+    return False
+
+
+@pytest.mark.parametrize("begin", [in_a_run, asked, at_the_end_stop, stopped])
+def test_what_has_driven_is_counted_or_the_position_is_unknown(begin):
+    known = 0
+    for number in range(1, 120):
+        rig = Rig()
+        rig.ask(b"1DH0;1XM60000\n")
+        begin(rig)
+        if not leave_at(rig, number):
+            break
+        assert rig.drives() == (0, 0)
+        position = rig.axis1.position
+        if position.certainty:
+            known += 1
+            assert abs(position.millisteps - PER_MS * sum(rig.on_times(2)) / 1000) < NEAR, number
+    assert known > 5
