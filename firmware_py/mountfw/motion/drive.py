@@ -140,20 +140,20 @@ class Drive:
 
     def cut(self):
         """No drive, since cut_at. A drive that is over may not be counted yet: its time stays."""
-        self._cut_at(self.cut_at if self.was_cut else self.clock())
-
-    def halt(self):
-        """A stop: no drive, since halted_at, not even one that is yet to be counted (has_begun)."""
-        self.halted_at = self.clock()
-        if not self.was_cut:
-            self._cut_at(self.halted_at)
-
-    def _cut_at(self, us):
-        self.cut_at = us
+        self.cut_at = self.cut_at if self.was_cut else self.clock()
         self._cut()
         self.was_cut = True
         if self.gate:
             self.gate.ended()
+
+    def halt(self):
+        """A stop has cut: no drive since halted_at, not even one that is yet to be counted (has_begun)."""
+        self.halted_at = self.clock()
+        if not self.was_cut:
+            self.cut_at = self.halted_at
+            self.was_cut = True
+            if self.gate:
+                self.gate.ended()
 
     def end_on_time(self, poll_input, most):
         """Wait for the deadline, which must be near, and cut. Up to the last stretch poll_input(most) is called."""
