@@ -180,15 +180,15 @@ _OPEN = (
     *_frame(together=True, full=False, floor=1.55),
     *_frame(together=False, full=True, floor=1.2),
     *_frame(together=False, full=False, floor=1.2),
-    *_stop("stop-run", "in a run", paper.STOP, stop_in_a_run, floor=0.86),
-    *_stop("stop-pulse", "in a pulse", paper.STOP_LATE, stop_in_a_pulse, floor=0.9),
+    *_stop("stop-run", "in a run", paper.STOP, stop_in_a_run, floor=0.75),
+    *_stop("stop-pulse", "in a pulse", paper.STOP_LATE, stop_in_a_pulse, floor=0.75),
     *_stop("stop-deaf", "host never reads", paper.STOP_LATE, partial(stop_in_a_run, reading=False), floor=1.0),
-    *_busy_stop("stop-stream", f"`!` {_STREAM}", partial(stop_in_a_stream, zeros=False), floor=1.2),
-    *_busy_stop("stop-stream-zeros", f"eight zeros {_STREAM}", partial(stop_in_a_stream, zeros=True), floor=1.5),
+    *_busy_stop("stop-stream", f"`!` {_STREAM}", partial(stop_in_a_stream, zeros=False), floor=1.0),
+    *_busy_stop("stop-stream-zeros", f"eight zeros {_STREAM}", partial(stop_in_a_stream, zeros=True), floor=1.1),
     *_given_stop("stop-stream-given", "`!`", zeros=False),
     *_given_stop("stop-stream-zeros-given", "eight zeros", zeros=True),
     *_busy_stop(
-        "stop-queries", f"{_STOP}while lines `XS?` are executed, both axes in a run", stop_in_queries, floor=1.25
+        "stop-queries", f"{_STOP}while lines `XS?` are executed, both axes in a run", stop_in_queries, floor=1.2
     ),
     *_both(
         Row("stop-collecting", f"{_STOP}while garbage is collected", COLLECTING, "", stop_in_collection), BUSY_STOP_GATE
