@@ -4,7 +4,7 @@ A port is the hardware's verbs; tests/firmware/port_protocol.py lists them. The 
 port's or that of look.py, which returns as soon as a byte waits. docs/architecture.md walks through it.
 """
 
-from mountfw import codes, const, own_reply
+from mountfw import codes, const, led, own_reply
 from mountfw.extras import poll_nothing
 from mountfw.motion.drive import NEVER_US
 from mountfw.wire import receiver as wire
@@ -52,7 +52,7 @@ class App:
         self._feed = None  # feeds the watchdog, while it runs
         self._tidy = False  # is what the start has left collected?
         self._streams = self._obeyed = False  # of this pass: is a stream coming in, has the lane taken a frame?
-        self._sleep_ms = self._lit = self._woke_at = 0
+        self._sleep_ms = self._woke_at = 0
         self._most = _READ  # bytes read at once; fewer while something is due soon
         self._shown_at = port.ticks_us()
         self._watch = self._poll_and_watch  # bound once: nothing is allocated in the loop
@@ -105,7 +105,7 @@ class App:
             self._read(0)
         if shows:
             self._shown_at = now_us
-            self.show()
+            led.show(self.port, self.controller)
             self._own.tick(now_us)
             if self._feed:
                 self._feed()
@@ -271,13 +271,3 @@ class App:
             left -= 1
         if left < _SEND:
             self._own.sent(now_us)
-
-    def show(self):
-        """Update the LED: on = ready, blinking = driving, double blink = an error waits to be read."""
-        slots = 0b00000101 if self.controller.errors.waiting else 0b11111111  # eight of 128 ms, the lowest bit first
-        if self.controller.driving():
-            slots = 0b01010101
-        lit = slots >> (self.port.ticks_ms() >> 7 & 7) & 1
-        if lit != self._lit:
-            self._lit = lit
-            self.port.led(lit)

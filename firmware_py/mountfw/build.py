@@ -6,27 +6,14 @@ from mountfw.dialect.commands import Commands
 from mountfw.dialect.error_queue import ErrorQueue
 from mountfw.dialect.line import Line
 from mountfw.dialect.queries import About
+from mountfw.echo import EchoingReplies
+from mountfw.end_stop import EndStop
 from mountfw.memory import presize
 from mountfw.motion.axis import Axis
 from mountfw.motion.controller import Controller
-from mountfw.motion.drive import EndStop
 from mountfw.own_reply import OwnReply, WaryReceiver
 from mountfw.store import Records
 from mountfw.wire.frame import Frame
-from mountfw.wire.replies import Replies
-
-
-def make_bridge(port, board, pins):
-    """The bridge of one axis, on these pins of a board file."""
-    kind, duties = board_file.BRIDGES[board.BRIDGE]
-    make = getattr(port, kind, None)  # a port may have one of its platform's own
-    if not make:
-        from mountfw import bridges
-
-        make = getattr(bridges, kind)
-    names = [name for name in boards.DRIVES if pins[name] is not None]
-    parts = [port.output(pins[name], board.PWM_HZ if name in duties else 0) for name in names]
-    return make(*(parts + [board.DEAD_TIME_US, port.pause_us, port.ticks_us]))
 
 
 def make_axis(number, pins, port, board, error_queue, receiver):
@@ -35,7 +22,7 @@ def make_axis(number, pins, port, board, error_queue, receiver):
     homing = None
     if stops[0].has_input or stops[1].has_input:
         from mountfw.homing import Homing as homing  # only where there is an end-stop to find
-    parts = [number, make_bridge(port, board, pins)] + stops + [homing, error_queue, port.ticks_us]
+    parts = [number, extras.make_bridge(port, board, pins)] + stops + [homing, error_queue, port.ticks_us]
     reader = port.encoder(number, pins) if "encoder" in pins or "shaft" in pins else None
     if reader is None:
         axis = Axis(*parts)
@@ -61,7 +48,7 @@ def build(port, board):
     error_queue = ErrorQueue()
     cause = port.reset_cause()
     own = OwnReply(port.pack)
-    replies = Replies(own)
+    replies = EchoingReplies(own)
     frame = Frame(port.pack)
     line = Line()
     receiver = WaryReceiver(frame, line, port.pack, own)  # its ring needs 4 KB in one piece: before encoders are loaded
@@ -81,9 +68,6 @@ def build(port, board):
     gated = extras.Gated(port.gate(board) if hasattr(port, "gate") else None, controller, about)
     lane = extras.make_lane(port, board, controller, receiver, frame, own, replies, commands)
     app = App(port, controller, commands, receiver, frame, replies, own, gated, lane)
-    things = [receiver, frame, replies, own, controller]
-    for axis in axes:
-        things += [axis, axis.drive, axis.position, axis.drive.bridge]
-    presize(things)
+    presize([receiver, frame, replies, own, controller], axes)
     App.built = app
     return app

@@ -1,4 +1,5 @@
-"""What a port may bring besides its verbs: a gate, a fast lane. Imports axis, codes, look, ticks.
+"""What a port may bring besides its verbs: a gate, a fast lane, a bridge. Imports axis, board_file, boards, bridges,
+codes, look, ticks.
 
 docs/gate.md: Gated is the loop's side of a port's gate; it enters and leaves, and agrees with the parser.
 
@@ -10,6 +11,7 @@ counts that. Other ports have Look.
 from array import array
 
 from mountfw import codes, const
+from mountfw.boards import DRIVES
 from mountfw.motion.axis import FRAME, RUN
 from mountfw.wire.ticks import diff
 
@@ -23,6 +25,21 @@ EACH = const(3)
 
 def poll_nothing(_most=0):
     """Stands in for App.poll_input()."""
+
+
+def make_bridge(port, board, pins):
+    """The bridge of one axis, on these pins of a board file."""
+    from mountfw.board_file import BRIDGES  # needed at the start only
+
+    kind, duties = BRIDGES[board.BRIDGE]
+    make = getattr(port, kind, None)  # the port may have one of its platform's own
+    if not make:
+        from mountfw import bridges
+
+        make = getattr(bridges, kind)
+    names = [name for name in DRIVES if pins[name] is not None]
+    parts = [port.output(pins[name], board.PWM_HZ if name in duties else 0) for name in names]
+    return make(*(parts + [board.DEAD_TIME_US, port.pause_us, port.ticks_us]))
 
 
 def make_lane(port, board, controller, receiver, frame, own, replies, commands):

@@ -13,11 +13,13 @@ _ONLY_AT_START = {
 }
 
 
-def presize(things):
-    """Grow the attribute table of each thing until at most 3 of 5 places are taken.
+def presize(things, axes):
+    """Grow the attribute table of each thing, and of each part of an axis, until at most 3 of 5 places are taken.
 
     By names that others of them have: new strings would stay in memory for ever, and take 60 us each.
     """
+    for axis in axes:
+        things += [axis, axis.drive, axis.position, axis.drive.bridge]
     names = [name for thing in things for name in thing.__dict__]
     for thing in things:
         taken = len(thing.__dict__)

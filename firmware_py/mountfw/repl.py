@@ -1,4 +1,4 @@
-"""The mount at the board's own prompt. Imports build, codes and position, and the port by the interpreter's name.
+"""The mount at the board's own prompt. Imports build, codes, led and position, and the port by the interpreter's name.
 
     >>> from mountfw.repl import m
     >>> m.x.step(5)              # right; returns when it is done
@@ -13,7 +13,7 @@ them until its move is over, listens to Ctrl-C only, and leaves the motors off.
 
 import sys
 
-from mountfw import codes
+from mountfw import codes, led
 from mountfw.app import App
 from mountfw.extras import poll_nothing
 from mountfw.settings import MAX_STEPS
@@ -73,7 +73,6 @@ class Mount:
 
     def __init__(self, port, firmware):
         self._port = port
-        self._show = firmware.show
         self._controller = firmware.controller
         self.axes = tuple([Axis(self, name, axis) for name, axis in zip(_NAMES, self._controller.axes)])
         self.y, self.x = self.axes[:2]
@@ -135,7 +134,7 @@ class Mount:
             if ending:
                 ending.drive.end_on_time(poll_nothing, 0)
                 continue
-            self._show()
+            led.show(self._port, self._controller)
             if left_us > _SPIN_US and not self._controller.watching():
                 self._port.pause_us(min(left_us - _SPIN_US, _PAUSE_US))
 

@@ -106,7 +106,8 @@ Of `MT` and `OR`. `PR` and `PA` have no limit of time: their steps bound them, a
 
 
 class Settings:
-    """The settings as attributes of an axis, which has a position, and an apply() that is called after a change.
+    """The settings as attributes of an axis, which has a position, two end-stops, and an apply() that is called after a
+    change.
 
     The annotations are for type checkers: a compiler drops them.
     """
@@ -146,6 +147,10 @@ class Settings:
             self.soft_minimum, self.soft_maximum = -self.soft_maximum, -self.soft_minimum
         setattr(self, name, value)
         self.apply()
+
+    def can_fit(self, switches):
+        """True if the board has inputs for these switches (bits as of `switches`)."""
+        return not switches & ~(self.positive_stop.has_input | self.negative_stop.has_input << 1)
 
     def possible_velocity(self):
         """Hundredths of a step per second: `velocity`, or less if that leaves no room for pulses and rests.

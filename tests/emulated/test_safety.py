@@ -11,13 +11,14 @@ BITE_US = 50_000  # within which its reset is seen
 STARTED_US = 3_000_000
 
 HANGS = """
+from mountfw import led
 from mountfw.build import build
 from mountfw.ports import micropython as port
 a = build(port, port.find_board())
-def show():
-    while a.controller.driving():
+def show(port, controller):
+    while controller.driving():
         %s
-a.show = show
+led.show = show
 a.run()
 """
 

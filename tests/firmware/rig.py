@@ -62,7 +62,7 @@ class Port:
         self.opens = None  # the switch that is to open ...
         self.instants = -1  # ... after so many readings of the clock or writes to a pin
         self.fed_at = None  # when the watchdog was fed last; None: it is off
-        self.shown = []  # (us since start, LED on?)
+        self.shown = []  # (us since start, LED on?), each change
         self.files = {} if files is None else files  # name: bytes
         self.file_log = []  # (us since start, what was done, name)
         self.full = False  # does the file system refuse to change?
@@ -120,10 +120,11 @@ class Port:
         self.lock()
 
     def led(self, on):
-        self.lit = on
-        self.unlock()
-        self.shown.append((self.us - START_US, on))
-        self.lock()
+        if on != self.lit:
+            self.lit = on
+            self.unlock()
+            self.shown.append((self.us - START_US, on))
+            self.lock()
 
     def unlock(self):
         if self.locked:

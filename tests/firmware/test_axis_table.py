@@ -273,12 +273,12 @@ def test_a_cell_that_cannot_happen_is_an_internal_fault_of_the_loop():
     class Enough(BaseException):
         pass
 
-    def watchdog():
+    def watchdog(_on):
         raise Enough
 
     handled = rig.axis1.service
     rig.axis1.service = lambda now_us: rig.axis1.handle(a.DUE_PULSE, 5_000)
-    rig.app.show = watchdog
+    rig.port.led = watchdog
     rig.port.horizon_us = rig.port.us + 1_000_000
     try:
         rig.app.run()

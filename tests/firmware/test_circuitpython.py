@@ -210,9 +210,9 @@ def test_settings_are_a_file_where_the_drive_is_the_boards_own(new, tmp_path):
 
 def test_a_hung_loop_is_reset_by_the_watchdog_and_the_next_start_says_so(new, tmp_path):
     code = (machines.firmware_folder() / "mountfw" / "entry" / "code.py").read_text()
-    hang = "import mountfw.app, microcontroller\nreal = mountfw.app.App.show\ndef show(self):\n"
-    hang += "    if self.controller.driving(): microcontroller.delay_us(5_000_000)\n    real(self)\n"
-    (tmp_path / "code.py").write_text(hang + "mountfw.app.App.show = show\n" + code)
+    hang = "import mountfw.led, microcontroller\nreal = mountfw.led.show\ndef show(port, controller):\n"
+    hang += "    if controller.driving(): microcontroller.delay_us(5_000_000)\n    real(port, controller)\n"
+    (tmp_path / "code.py").write_text(hang + "mountfw.led.show = show\n" + code)
     board = new()
     board.send(b"1MV+\n")
     board.run(6_000_000)
@@ -266,7 +266,7 @@ def test_the_hash_is_over_the_files_on_the_drive(tmp_path, boards):
     for name in ("boot.py", "code.py"):
         shutil.copy(source / "entry" / name, root / name)
     total = hashlib.sha256()
-    for folder in ("", *FOLDERS):
+    for folder in ("", "mountfw", *(f"mountfw/{name}" for name in FOLDERS)):
         for file in sorted((root / folder).iterdir()):
             if file.suffix == ".py":
                 total.update(file.relative_to(root).as_posix().encode() + hashlib.sha256(file.read_bytes()).digest())

@@ -178,7 +178,7 @@ def move_at_the_prompt(port, second_at: int) -> tuple[bool, Rig]:
 
 
 def test_a_second_ctrl_c_anywhere_on_the_way_out_of_a_move_at_the_prompt_leaves_no_motor_on(port, monkeypatch):
-    port.ticks_us = lambda: 0
+    port.ticks_us = port.ticks_ms = lambda: 0
     Rig()  # there is a firmware to go on with
     monkeypatch.delitem(sys.modules, "mountfw.repl", raising=False)
     places = 0

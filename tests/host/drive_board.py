@@ -53,7 +53,7 @@ def contents(root: Path) -> dict[str, bytes]:
 def hash_on_board(root: Path) -> str:
     """XF? as the firmware makes it from the files that are there."""
     total = hashlib.sha256()
-    for folder in ("", *FOLDERS):
+    for folder in ("", "mountfw", *(f"mountfw/{name}" for name in FOLDERS)):
         for path in sorted((root / folder).iterdir(), key=lambda p: p.name) if (root / folder).exists() else ():
             wanted = path.suffix in (".py", ".mpy") if folder else path.name in ("boot.py", "code.py")
             if path.is_file() and wanted:

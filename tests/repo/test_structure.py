@@ -14,7 +14,7 @@ FIRMWARE = ROOT / "firmware_py" / "mountfw"
 TOOLS = ROOT / "tools"
 
 MOST_LINES = {HOST: 300, FIRMWARE: 350}  # of a file; CONTRIBUTING.md says what to do at the limit
-EVENING = 1881  # lines of app, build, wire/ and motion/, which somebody reads in an evening; it only falls, to 1800
+EVENING = 1800  # lines of app, build, wire/ and motion/, which somebody reads in an evening
 
 # the one import by a name in a string: a scheme of addresses that is opened by a floor above (virtual://)
 DYNAMIC = {"transport/open.py": 1}
@@ -98,7 +98,7 @@ def test_no_file_is_longer_than_its_package_allows():
     assert not over, "\n".join([*over, "move what is a subject of its own to a new file"])
 
 
-def test_the_evenings_reading_is_no_longer_than_it_was():
+def test_app_build_wire_and_motion_can_be_read_in_an_evening():
     files = [FIRMWARE / "app.py", *FIRMWARE.glob("build.py")]
     for folder in ("wire", "motion"):
         found = sorted((FIRMWARE / folder).glob("*.py"))
@@ -111,7 +111,7 @@ def test_the_evenings_reading_is_no_longer_than_it_was():
 
 def test_contributing_says_the_limits():
     rows = [line for line in (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8").splitlines() if line[:1] == "|"]
-    for most in MOST_LINES.values():
+    for most in (*MOST_LINES.values(), EVENING):
         assert any(re.search(rf"\b{most}\b", row.split("|")[2]) for row in rows), f"the limit {most} is in no row"
 
 

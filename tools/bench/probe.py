@@ -63,16 +63,17 @@ finally:
 # The loop shows its state once in each pass: there, in its own context, something is done while a motor is driven.
 _WHILE_DRIVING = """
 import gc
+from mountfw import led
 from mountfw.build import build
 from mountfw.ports import micropython as port
 board = port.find_board()
 a = build(port, board)
-shown = a.show
-def show():
-    shown()
-    %s a.controller.driving():
+shown = led.show
+def show(port, controller):
+    shown(port, controller)
+    %s controller.driving():
         %s
-a.show = show
+led.show = show
 try:
     a.run()
 finally:

@@ -74,10 +74,6 @@ class Actions(Settings):
 
     # ---- the end-stops
 
-    def can_fit(self, switches):
-        """True if the board has inputs for these switches (bits as in settings.py)."""
-        return not switches & ~(self.positive_stop.has_input | self.negative_stop.has_input << 1)
-
     def limits(self):
         """Bit 0: positive end-stop active, bit 1: negative, bit 2: home. Switches not fitted read 0."""
         return self.switches & 3 and self.stop_towards(1).active() | self.stop_towards(-1).active() << 1

@@ -14,22 +14,6 @@ _CLOCK_US = const(200)  # the last stretch reads the clock only: more than polli
 _MOST_ON_US = const(1_000_000_000)  # a move's on-time is measured up to here: its sum stays a small integer
 
 
-class EndStop:
-    """A normally closed switch to ground with a pull-up: high is active, and so is a broken wire.
-
-    read returns 0 or 1, or is None where the board has no such input. A switch that is not fitted is never read.
-    """
-
-    def __init__(self, read):
-        self._read = read
-        self.has_input = read is not None
-        self.fitted = False
-
-    def active(self):
-        """True while the switch says stop. Two readings must agree: motors are noisy neighbours."""
-        return self.fitted and self._read() == 1 and self._read() == 1
-
-
 class Drive:
     """The drive on a bridge. stop_towards(direction) is the EndStop in the axis's own direction 1 or -1.
 

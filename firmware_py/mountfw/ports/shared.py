@@ -9,8 +9,8 @@ from mountfw.boards import DRIVES, axes
 _MOST_BYTES = const(4096)  # more than any file of ours: another one of that name must not fill the memory
 _NO_SUCH_FILE = const(2)  # ENOENT
 
-# every folder that an import of ours can find; a test holds them to the tree
-FOLDERS = ("mountfw",) + tuple(["mountfw/" + f for f in ("boards", "dialect", "encoder", "motion", "ports", "wire")])
+# the folders in mountfw that an import of ours can find; a test holds them to the tree
+FOLDERS = ("boards", "dialect", "encoder", "motion", "ports", "wire")
 
 
 def drive_pins(board):
@@ -37,7 +37,9 @@ def firmware_files(listdir, here, programs):
     root = here
     for _ in range(3):
         root = root.rpartition("/")[0]
-    for folder in ("",) + FOLDERS:
+    for folder in ("", "mountfw") + FOLDERS:
+        if folder in FOLDERS:
+            folder = "mountfw/" + folder
         place = root + "/" + folder if root and folder else root or folder
         try:
             names = sorted(listdir(place))

@@ -1,29 +1,26 @@
-"""Replies out: texts, numbers and echoes are queued whole and made into bytes as they are sent. Pure; imports frame."""
+"""Replies out: texts and numbers are queued whole and made into bytes as they are sent. Pure; imports const."""
 
 from mountfw import const
-from mountfw.wire.frame import SIGNS
 
 _ZERO = const(0x30)
-_POWERS = (0, 100, 10, 1)  # of the digits of a field
-_CR_AT = const(8)  # where in a line of an echo its end stands
 
 
 class Replies:
     """The sending side: a bounded queue. A reply that does not fit is dropped whole.
 
-    begin(), then add() or field(), then commit(); or echo(). read() while waiting. No text may change until it is sent.
+    begin(), then add() or field(), then commit(). read() while waiting. No text may change until it is sent.
     """
 
     def __init__(self, own, size=256):
         self._own = own  # an OwnReply: it records each byte that is sent
-        self._items = [None] * size  # texts (bytes), numbers and echoes; size is a power of two
+        self._items = [None] * size  # texts (bytes) and numbers; size is a power of two
         self._mask = size - 1
         self.waiting = False  # True if read() has a byte
         self._tail = 0
         self._head = 0  # end of what may be sent
         self._end = 0  # end of the reply that is being added to
         self._lost = False
-        self._at = 0  # in the text or echo that is being sent
+        self._at = 0  # in the text that is being sent
         self._power = 0  # of ten: the digit of the number that is being sent; 0 before its first
 
     def begin(self):
@@ -52,12 +49,6 @@ class Replies:
             self._items[middle] = n
             self._end = after
 
-    def echo(self, packed):
-        """Queue the echo of a packed frame, as the paper's sketch sends it: a whole reply. False if it did not fit."""
-        self.begin()
-        self.field(None, packed)  # no text: it is a frame
-        return self.commit()
-
     def commit(self):
         """End the reply. False if it did not fit: then no part of it is sent."""
         if not self._lost:
@@ -69,7 +60,7 @@ class Replies:
         """Remove and return the next byte to send."""
         item = self._items[self._tail]
         if item is None:
-            return self._echoed(self._items[self._tail + 1 & self._mask])
+            return self._echoed(self._items[self._tail + 1 & self._mask])  # echo.py  # pyright: ignore
         if type(item) is int:
             c = self._digit(item)
             if not self._power:
@@ -98,33 +89,6 @@ class Replies:
                 return 0x2D
         self._power = power // 10
         return _ZERO + n // power % 10
-
-    def _echoed(self, packed):
-        """Five lines: 0 the frame, 1 and 2 its numbers, 3 and 4 their magnitudes. _at is 16 x line + place."""
-        line = self._at >> 4
-        place = self._at & 0xF
-        if self._at == 0:
-            self._own.sent_frame(packed)
-        self._at += 1
-        if place == _CR_AT:
-            return 13
-        if place > _CR_AT:
-            self._at = line + 1 << 4
-            if line == 4:
-                self._at = 0
-                self._drop_item()
-                self._drop_item()
-            return 10
-        if line == 0:
-            field = packed >> 10 if place < 4 else packed
-            place &= 3
-            return SIGNS[field >> 8 & 3] if place == 0 else _ZERO + (field & 0xFF) // _POWERS[place] % 10
-        field = packed >> 10 if line & 1 else packed
-        n = field & 0xFF
-        c = self._digit(-n if line < 3 and field & 0x200 else n)
-        if not self._power:
-            self._at = line << 4 | _CR_AT
-        return c
 
     def _drop_item(self):
         self._tail = self._tail + 1 & self._mask
