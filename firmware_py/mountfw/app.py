@@ -106,6 +106,7 @@ class App:
         if shows:
             self._shown_at = now_us
             led.show(self.port, self.controller)
+            self._read(0)
             self._own.tick(now_us)
             if self._feed:
                 self._feed()
@@ -173,13 +174,12 @@ class App:
         self.controller.halt(_STOPS[stop])
 
     def _parse(self, free):
-        left = _PARSED
         self.poll_input()
-        while True:
+        message = wire.NEED_BYTES
+        for _ in range(_PARSED):
             message = self._receiver.next()
             self.poll_input()
-            left -= 1
-            if message or not left or not self._receiver.waits():
+            if message or not self._receiver.waits():
                 break
         self._dispatch(message)
         if self._commands.busy and free and not (self.controller.halted or self.controller.watching()):
@@ -208,6 +208,7 @@ class App:
     def _end_drives(self, now_us):
         """Cut each drive that ends soon, on time; only clock and bytes are read. Returns us to the next deadline."""
         controller = self.controller
+        self.poll_input()
         axis = controller.ending(now_us, _SPIN_US)
         watching = axis and controller.watching()
         while axis:

@@ -18,15 +18,17 @@ def presize(things, axes):
 
     By names that others of them have: new strings would stay in memory for ever, and take 60 us each.
     """
+    names = {name for thing in things for name in thing.__dict__}
     for axis in axes:
         things += [axis, axis.drive, axis.position, axis.drive.bridge]
-    names = [name for thing in things for name in thing.__dict__]
     for thing in things:
-        taken = len(thing.__dict__)
-        left = taken * 5 // 3 - taken
+        taken = thing.__dict__
+        left = len(taken) * 5 // 3 - len(taken)
         added = []
         for name in names:
-            if left and not hasattr(thing, name):
+            if not left:
+                break
+            if name not in taken:
                 setattr(thing, name, None)
                 added.append(name)
                 left -= 1
