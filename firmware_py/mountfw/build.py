@@ -6,7 +6,6 @@ from mountfw.dialect.commands import Commands
 from mountfw.dialect.error_queue import ErrorQueue
 from mountfw.dialect.line import Line
 from mountfw.dialect.queries import About
-from mountfw.echo import EchoingReplies
 from mountfw.end_stop import EndStop
 from mountfw.memory import presize
 from mountfw.motion.axis import Axis
@@ -14,6 +13,7 @@ from mountfw.motion.controller import Controller
 from mountfw.own_reply import OwnReply, WaryReceiver
 from mountfw.store import Records
 from mountfw.wire.frame import Frame
+from mountfw.wire.replies import Replies
 
 
 def make_axis(number, pins, port, board, error_queue, receiver):
@@ -48,7 +48,7 @@ def build(port, board):
     error_queue = ErrorQueue()
     cause = port.reset_cause()
     own = OwnReply(port.pack)
-    replies = EchoingReplies(own)
+    replies = Replies(own)
     frame = Frame(port.pack)
     line = Line()
     receiver = WaryReceiver(frame, line, port.pack, own)  # its ring needs 4 KB in one piece: before encoders are loaded

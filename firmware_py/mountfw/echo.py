@@ -1,16 +1,17 @@
-"""The echo of a frame: five lines, as the paper's sketch answers it. Imports frame, replies."""
+"""The echo of a frame: five lines, as the paper's sketch answers it. Pure; imports nothing."""
 
+# pyright: reportAttributeAccessIssue=false
+# (what Echo uses, Replies has)
 from mountfw import const
-from mountfw.wire.frame import SIGNS
-from mountfw.wire.replies import Replies
 
 _ZERO = const(0x30)
+_SIGNS = b"0+-"  # by two bits of a packed frame (wire/frame.py)
 _POWERS = (0, 100, 10, 1)  # of the digits of a field
 _CR_AT = const(8)  # where in a line its end stands
 
 
-class EchoingReplies(Replies):
-    """The Replies of a board. An echo stands in the queue as None and the packed frame."""
+class Echo:
+    """A part of Replies. An echo stands in their queue as None and the packed frame."""
 
     def echo(self, packed):
         """Queue the echo of a packed frame, as the paper's sketch sends it: a whole reply. False if it did not fit."""
@@ -37,7 +38,7 @@ class EchoingReplies(Replies):
         if line == 0:
             field = packed >> 10 if place < 4 else packed
             place &= 3
-            return SIGNS[field >> 8 & 3] if place == 0 else _ZERO + (field & 0xFF) // _POWERS[place] % 10
+            return _SIGNS[field >> 8 & 3] if place == 0 else _ZERO + (field & 0xFF) // _POWERS[place] % 10
         field = packed >> 10 if line & 1 else packed
         n = field & 0xFF
         c = self._digit(-n if line < 3 and field & 0x200 else n)

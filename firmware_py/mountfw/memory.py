@@ -14,7 +14,7 @@ _ONLY_AT_START = {
 
 
 def presize(things, axes):
-    """Grow the attribute table of each thing, and of each part of an axis, until at most 3 of 5 places are taken.
+    """Grow the attribute table of each thing, and of each part of an axis, until at most 2 of 3 places are taken.
 
     By names that others of them have: new strings would stay in memory for ever, and take 60 us each.
     """
@@ -23,7 +23,7 @@ def presize(things, axes):
         things += [axis, axis.drive, axis.position, axis.drive.bridge]
     for thing in things:
         taken = thing.__dict__
-        left = len(taken) * 5 // 3 - len(taken)
+        left = len(taken) // 2
         added = []
         for name in names:
             if not left:

@@ -84,6 +84,7 @@ class Commands:
     def start(self):
         """Start to execute the line, which is complete and good. Its queries are answered in one line."""
         self._line.rewind()
+        self._records.poll_input()
         self._answers = 0
         self._stage = 0
         self._read = False

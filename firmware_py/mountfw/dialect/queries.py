@@ -50,7 +50,7 @@ class Queries:
         self.about = about
         self.hash = None  # of the firmware's files; None: they are not read to the end
         self._hashing = about.firmware_hash()
-        self._free = about.free_memory()
+        self._free = 0  # bytes of memory; 0: not counted yet
 
     # ---- motion
 
@@ -118,9 +118,11 @@ class Queries:
     def _status_of(self, axis):
         """A stop that is read in the middle ends no move yet: position and `at rest` are of one moment."""
         r = self._replies
-        r.field(b"|", axis.position_now())
+        position = axis.position_now()
         axis.poll_input()
+        r.field(b"|", position)
         r.field(b",1," if axis.moving() else b",0,", axis.direction())
+        axis.poll_input()
         r.field(b",", axis.limits())
         axis.poll_input()
         r.field(b",", axis.reason)

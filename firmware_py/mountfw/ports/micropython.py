@@ -178,6 +178,8 @@ def find_board():
     """The board file, as board_file.find_board() says, by the name of this board; its LED is set up."""
     from mountfw import board_file  # needed at the start only
 
+    if rp2_gate:
+        from mountfw.ports import rp2_handlers  # noqa: F401 (gate() needs it, and now it takes a third)
     global _led
     title = getattr(sys.implementation, "_machine", "unknown board").split(" with ")[0]
     name = "".join([c.lower() if c.isalpha() or c.isdigit() else "_" for c in title])

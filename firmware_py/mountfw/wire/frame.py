@@ -3,8 +3,8 @@
 `s` is `0` or `+` for positive, `-` for negative; each number is -255 ... 255. It is the frame of the paper's Arduino
 sketch, whose clients therefore work unchanged.
 
-A frame is also one integer of 20 bits, "packed": two fields of 10, each with the sign as it was written (2 bits: an
-index into SIGNS) and the magnitude (8 bits).
+A frame is also one integer of 20 bits, "packed": two fields of 10, each with the sign as it was written (2 bits:
+0 is `0`, 1 is `+`, 2 is `-`) and the magnitude (8 bits).
 """
 
 from mountfw import const
@@ -14,7 +14,6 @@ DONE = const(1)
 BAD = const(-1)
 
 LENGTH = const(8)
-SIGNS = b"0+-"
 
 _ZERO = const(0x30)
 _PLUS = const(0x2B)

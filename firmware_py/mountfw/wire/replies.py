@@ -1,14 +1,15 @@
-"""Replies out: texts and numbers are queued whole and made into bytes as they are sent. Pure; imports const."""
+"""Replies out: texts and numbers are queued whole and made into bytes as they are sent. Pure; imports echo."""
 
 from mountfw import const
+from mountfw.echo import Echo
 
 _ZERO = const(0x30)
 
 
-class Replies:
+class Replies(Echo):
     """The sending side: a bounded queue. A reply that does not fit is dropped whole.
 
-    begin(), then add() or field(), then commit(). read() while waiting. No text may change until it is sent.
+    begin(), then add() or field(), then commit(); or echo(). read() while waiting. No text may change until it is sent.
     """
 
     def __init__(self, own, size=256):
@@ -60,7 +61,7 @@ class Replies:
         """Remove and return the next byte to send."""
         item = self._items[self._tail]
         if item is None:
-            return self._echoed(self._items[self._tail + 1 & self._mask])  # echo.py  # pyright: ignore
+            return self._echoed(self._items[self._tail + 1 & self._mask])
         if type(item) is int:
             c = self._digit(item)
             if not self._power:
