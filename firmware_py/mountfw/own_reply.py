@@ -164,7 +164,7 @@ class OwnReply:
         """Compare a part of a message and c with the last reply that was no echo."""
         if not (self._recent | self._older) & _ANSWER or (part.length and part.text[0] != self._head[0]):
             return OTHER
-        if part.length > 1 and part.text[1] != self._head[1] and part.text[1] != 0x5E:  # 0.5 ms sooner than by bytes
+        if part.length > 1 and part.text[1] != self._head[1]:  # 0.5 ms sooner than byte by byte
             return OTHER
         for i in range(_HEAD):
             self._expected[i] = self._head[i]

@@ -112,8 +112,8 @@ def test_a_frame_ends_at_the_run_limit_and_another_frame_starts_it_anew():
     rig.ask(b"1XM300\n02550000")
     for _ in range(5):
         rig.run(200_000)
-        rig.ask(b"02550000")
         assert rig.drives() == (255, 0)
+        rig.ask(b"02550000")
     rig.run(400_000)
     assert rig.drives() == (0, 0)
 
