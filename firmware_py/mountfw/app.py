@@ -11,11 +11,13 @@ from mountfw.wire import receiver as wire
 from mountfw.wire.ticks import diff
 
 _SPIN_US = const(3_000)  # a drive that ends within this is waited for: more than a pass takes
+_SOON_US = const(7_000)  # a pass that meets a burst may take so long: with this left, it reads few bytes at once
 _FREE_US = const(10_000)  # nothing is due for so long: a pass may read more, and take twice as long as others
 _SHOW_US = const(32_000)  # between two updates of the LED
 _SLEEP_MS = const(64)  # the longest sleep: half a slot of the LED's patterns
 _READ = const(64)  # bytes read at once
 _READ_MEANWHILE = const(16)  # the same in the middle of longer work
+_FEW = const(4)  # the same while something is due soon; and bytes parsed, or sent, in one pass
 _READ_SPINNING = const(2)  # while a drive is about to end
 _STREAM = const(32)  # so many bytes at once are part of a stream ...
 _MOST_STREAMED = const(2048)  # ... which is read before it is parsed, up to here
@@ -24,8 +26,6 @@ _NOTHING = const(0)  # what was read, of what waited
 _ALL = const(1)
 _MORE = const(2)
 _CLOSED = const(-1)  # no wait, in the middle of other work: the lane (docs/lane.md) may take no frame
-_SEND = const(4)  # bytes sent in one pass
-_PARSED = const(4)  # bytes parsed in one pass
 _BEHIND = const(64)  # with so many bytes yet to be parsed, frames are executed without an echo
 
 
@@ -53,7 +53,7 @@ class App:
         self._tidy = False  # is what the start has left collected?
         self._streams = self._obeyed = False  # of this pass: is a stream coming in, has the lane taken a frame?
         self._sleep_ms = self._woke_at = 0
-        self._most = _READ  # bytes read at once; fewer while something is due soon
+        self._most, self._meanwhile = _READ, _READ_MEANWHILE  # bytes read at once, and in the middle of longer work
         self._shown_at = port.ticks_us()
         self._watch = self._poll_and_watch  # bound once: nothing is allocated in the loop
         self.poll_by(self.poll_input)
@@ -94,7 +94,8 @@ class App:
         now_us = self._ticks_us()
         left_us = self.controller.service(now_us)
         free = left_us >= _FREE_US
-        self._most = _READ if free else _READ_MEANWHILE
+        self._meanwhile = _READ_MEANWHILE if left_us >= _SOON_US else _FEW
+        self._most = _READ if free else self._meanwhile
         if left_us < _SPIN_US:
             left_us = self._end_drives(now_us)
             if left_us < _SPIN_US:  # counting took long; no more often, for in a train of pulses this is always so
@@ -157,9 +158,9 @@ class App:
             self._lane.book()
         return _MORE if stop or receiver.write - before & receiver.mask == most else _ALL
 
-    def poll_input(self, most=_READ_MEANWHILE):
+    def poll_input(self, most=0):
         """Read bytes that wait, in the middle of longer work: a stop among them cuts at once. True if any came."""
-        stop = self._look(most, _CLOSED)
+        stop = self._look(most or self._meanwhile, _CLOSED)
         if stop > 0:
             self._halt(stop)
         return stop >= 0
@@ -176,7 +177,7 @@ class App:
     def _parse(self, free):
         self.poll_input()
         message = wire.NEED_BYTES
-        for _ in range(_PARSED):
+        for _ in range(_FEW):
             message = self._receiver.next()
             self.poll_input()
             if message or not self._receiver.waits():
@@ -208,7 +209,6 @@ class App:
     def _end_drives(self, now_us):
         """Cut each drive that ends soon, on time; only clock and bytes are read. Returns us to the next deadline."""
         controller = self.controller
-        self.poll_input()
         axis = controller.ending(now_us, _SPIN_US)
         watching = axis and controller.watching()
         while axis:
@@ -265,10 +265,10 @@ class App:
 
     def _send(self, now_us):
         """Send some bytes of the replies, if the host reads. Output never blocks."""
-        left = _SEND
+        left = _FEW
         while left and self._replies.waiting and self.port.writable():
             self.port.write(self._replies.read())
             self._read(0)
             left -= 1
-        if left < _SEND:
+        if left < _FEW:
             self._own.sent(now_us)

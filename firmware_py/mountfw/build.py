@@ -8,32 +8,12 @@ from mountfw.dialect.line import Line
 from mountfw.dialect.queries import About
 from mountfw.end_stop import EndStop
 from mountfw.memory import presize
-from mountfw.motion.axis import Axis
 from mountfw.motion.controller import Controller
 from mountfw.own_reply import OwnReply, WaryReceiver
+from mountfw.parts import make_axis, make_lane
 from mountfw.store import Records
 from mountfw.wire.frame import Frame
 from mountfw.wire.replies import Replies
-
-
-def make_axis(number, pins, port, board, error_queue, receiver):
-    """Axis `number`, on these pins of a board file, with its interrupts, and its encoder if the port can read it."""
-    stops = [EndStop(port.reader(pins[name])) for name in ("stop_pos", "stop_neg")]
-    homing = None
-    if stops[0].has_input or stops[1].has_input:
-        from mountfw.homing import Homing as homing  # only where there is an end-stop to find
-    parts = [number, extras.make_bridge(port, board, pins)] + stops + [homing, error_queue, port.ticks_us]
-    reader = port.encoder(number, pins) if "encoder" in pins or "shaft" in pins else None
-    if reader is None:
-        axis = Axis(*parts)
-    else:
-        from mountfw.encoder.axis import EncodedAxis  # only where there is one
-
-        axis = EncodedAxis(*parts, reader, receiver)  # pyright: ignore[reportCallIssue]
-    for name in ("stop_pos", "stop_neg"):
-        if pins[name] is not None:
-            port.on_rise(pins[name], axis.drive.guard)
-    return axis
 
 
 def build(port, board):
@@ -66,7 +46,7 @@ def build(port, board):
         port.on_rise(number, controller.guard)
     commands = Commands(controller, line, replies, about)
     gated = extras.Gated(port.gate(board) if hasattr(port, "gate") else None, controller, about)
-    lane = extras.make_lane(port, board, controller, receiver, frame, own, replies, commands)
+    lane = make_lane(port, board, controller, receiver, frame, own, replies, commands)
     app = App(port, controller, commands, receiver, frame, replies, own, gated, lane)
     presize([receiver, frame, replies, own, controller], axes)
     App.built = app

@@ -1,17 +1,15 @@
-"""What a port may bring besides its verbs: a gate, a fast lane, a bridge. Imports axis, board_file, boards, bridges,
-codes, look, ticks.
+"""What a port may bring besides its verbs: a gate, a fast lane. Imports axis, codes, ticks.
 
 docs/gate.md: Gated is the loop's side of a port's gate; it enters and leaves, and agrees with the parser.
 
 docs/lane.md: a port may read its input by a look() of its own, which drives at a frame as soon as its last byte is
 there, if nothing else is under way and nothing is to be checked first. It notes what it did in the log, and Lane.book()
-counts that. Other ports have Look.
+counts that. Other ports have that of look.py.
 """
 
 from array import array
 
 from mountfw import codes, const
-from mountfw.boards import DRIVES
 from mountfw.motion.axis import FRAME, RUN
 from mountfw.wire.ticks import diff
 
@@ -27,33 +25,6 @@ def poll_nothing(_most=0):
     """Stands in for App.poll_input()."""
 
 
-def make_bridge(port, board, pins):
-    """The bridge of one axis, on these pins of a board file."""
-    from mountfw.board_file import BRIDGES  # needed at the start only
-
-    kind, duties = BRIDGES[board.BRIDGE]
-    make = getattr(port, kind, None)  # the port may have one of its platform's own
-    if not make:
-        from mountfw import bridges
-
-        make = getattr(bridges, kind)
-    names = [name for name in DRIVES if pins[name] is not None]
-    parts = [port.output(pins[name], board.PWM_HZ if name in duties else 0) for name in names]
-    return make(*(parts + [board.DEAD_TIME_US, port.pause_us, port.ticks_us]))
-
-
-def make_lane(port, board, controller, receiver, frame, own, replies, commands):
-    """The Lane of these, with the port's own look() or that of Look."""
-    lane = Lane(controller, receiver, frame, own, replies, commands)
-    if hasattr(port, "look"):
-        port.look(lane, receiver, board)
-    else:
-        from mountfw.look import Look  # no place in a memory that has another one
-
-        lane.look = Look(port, lane, receiver).look
-    return lane
-
-
 class Lane:
     """Of a controller's first two axes. own is an OwnReply; receiver, replies and commands are those of the loop."""
 
@@ -62,6 +33,9 @@ class Lane:
         self.own = own
         self.commands = commands  # look() takes no frame while they are busy
         self.woke_at = 0
+        self.which = 0  # 0 or 1: the axis whose frames are being booked, ...
+        self._last = 0  # ... the number of the last one ...
+        self._until = 0  # ... and up to when those before it drove
         self.log = array("i", [0] * (FIRST + EACH * MOST))
         self._controller = controller
         self._receiver = receiver
@@ -72,84 +46,89 @@ class Lane:
 
     def book(self):
         """Count the frames of the log, as if each had been executed when it came, and echo one that came alone."""
-        log = self.log
-        last = log[WAITING] - 1
-        place = FIRST + EACH * last
-        frame = self._frame
-        frame.unpack(log[place])
+        self._last = self.log[WAITING] - 1
+        packed = self.log[FIRST + EACH * self._last]
+        self._frame.unpack(packed)
         self.poll_input()
-        axis1, axis2 = self.axes
-        m2 = frame.m2
-        self._book(axis1, frame.m1, last, log[place + 1], 0)
-        self._book(axis2, m2, last, log[place + 2], 1)
-        log[WAITING] = 0
-        if not last and not self.own.muted:
-            self._replies.echo(log[place])  # best effort: one that does not fit is dropped
+        self._book(0, self._frame.m1)
+        self._book(1, self._frame.m2)
+        self.log[WAITING] = 0
+        if not self._last and not self.own.muted:
+            self._replies.echo(packed)  # best effort: one that does not fit is dropped
 
-    def _book(self, axis, speed, last, at, which):
-        """Count one axis's part. Since frame `last`, the last one, it has had speed: from `at` on."""
+    def _book(self, which, speed):
+        """Count the part of axis 1 (which is 0) or 2 (1), which has had this speed since the last frame."""
+        self.which = which
+        axis = self.axes[which]
         drive = axis.drive
         first = 0  # the first frame that this axis had to do with
         if not axis.state:
-            while first < last and not self._speed(first, which):
+            while first < self._last and not self._speed(first):
                 first += 1
-            if not speed and first == last:  # it was off, and is
+            if not speed and first == self._last:  # it was off, and is
                 return
-        if first < last:
-            self._supersede(axis, first, which)
+        if first < self._last:
+            self._supersede(axis, first)
             self.poll_input()
-        elif not speed and drive.measuring and (not drive.was_cut or diff(drive.cut_at, at) > 0):
-            drive.cut()
-            drive.cut_at = at  # and not later, by a stop behind it
+        at = self.log[FIRST + EACH * self._last + 1 + which]
         if speed:
             drive.has_begun = True
             drive.began_at = at
+        elif drive.measuring and (not drive.was_cut or diff(drive.cut_at, at) > 0):
+            drive.cut()
+            drive.cut_at = at  # and not later, by a stop behind it
         axis.frame(speed)
         self.poll_input()
 
-    def _supersede(self, axis, first, which):
+    def _supersede(self, axis, first):
         """Count an axis's part from frame `first` on, but for the last: each was superseded by the next one."""
         drive = axis.drive
-        position = axis.position
-        place = FIRST + EACH * first
         # the gate may have cut it, and so may a stop behind the frames
-        now_us = drive.halted_at if self._controller.halted else drive.clock()
+        self._until = drive.halted_at if self._controller.halted else drive.clock()
         drive.has_begun = True
-        drive.began_at = self.log[place + 1 + which]
+        drive.began_at = self.log[FIRST + EACH * first + 1 + self.which]
         self.poll_input()
         if axis.state == RUN:  # what was under way ended then; the frame that is the last ends it in the table, too
             axis.counting = True
             if drive.measuring:
                 us = drive.measured_us(True)
                 self.poll_input()
-                position.driven(drive.direction, us * drive.duty, True)
+                axis.position.driven(drive.direction, us * drive.duty, True)
             axis.counting = False
         else:
             axis.handle(FRAME, 1)
-            position.made = axis.ended_steps  # the last move that ended is the one to tell of
+            axis.position.made = axis.ended_steps  # the last move that ended is the one to tell of
             drive.on_us = axis.ended_on_us
         drive.has_begun = drive.measuring = False
         self.poll_input()
-        self.sum(axis, first, which, now_us)
+        self.sum(axis, first, self._until)
 
-    def _speed(self, i, which):
-        n = self.log[FIRST + EACH * i] >> (0 if which else 10)
+    def _speed(self, i):
+        n = self.log[FIRST + EACH * i] >> (0 if self.which else 10)
         return -(n & 0xFF) if n & 0x200 else n & 0xFF
 
-    def sum(self, axis, first, which, now_us):
-        """Count an axis's speeds from frame `first` on, but for the last, up to now_us."""
-        last = self.log[WAITING] - 1
-        if axis.position.closed and first < last:
-            first = last - 1  # one look at the encoder sees them all
-        for i in range(first, last):
-            speed = self._speed(i, which)
+    def sum(self, axis, i, now_us):
+        """Count an axis's speeds from frame i on, but for the last, up to now_us."""
+        if axis.position.closed and i < self._last:
+            i = self._last - 1  # one look at the encoder sees them all
+        while i < self._last:
+            speed = self._speed(i)
             if speed:
-                place = FIRST + EACH * i + 1 + which
-                at = self.log[place]
-                us = max(0, min(diff(self.log[place + EACH], at), diff(now_us, at)))
-                axis.position.made = 0
-                axis.position.driven(1 if speed > 0 else -1, us * abs(speed), True)
-                axis.drive.on_us = us
+                axis.drive.on_us = self._drove_us(FIRST + EACH * i + 1 + self.which, now_us)
+                self._add(axis, speed)
+            i += 1
+
+    def _drove_us(self, place, now_us):
+        """How long the frame whose time is at this place of the log drove: to the next one, or to now_us."""
+        at = self.log[place]
+        us = diff(self.log[place + EACH], at)
+        left_us = diff(now_us, at)
+        return max(0, min(us, left_us))
+
+    def _add(self, axis, speed):
+        axis.position.begin()
+        self.poll_input()
+        axis.position.driven(1 if speed > 0 else -1, axis.drive.on_us * abs(speed), True)
 
     def lose(self):
         """Ctrl-C, or a fault, has come between a frame's drive and its count: where the axes are is not known."""

@@ -8,7 +8,7 @@ shrinks, so the attributes that make it grow can be deleted again.
 import sys
 
 _ONLY_AT_START = {
-    "mountfw": ("build", "memory", "board_file"),
+    "mountfw": ("build", "memory", "board_file", "parts"),
     "mountfw.ports": ("rp2_listed", "rp2_handlers"),
 }
 

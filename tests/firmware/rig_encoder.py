@@ -148,14 +148,14 @@ def status(rig):
 
 
 class SlowPort(EncoderPort):
-    """A port on which a pass of the loop takes 2 ms in a drive, as on a Pico that has two encoders to look at."""
+    """A port on which the loop looks at an encoder each 3 ms in a drive, as a Pico does that has two to look at."""
 
     def ticks_us(self):
-        self.us += 80
+        self.us += 70
         return super().ticks_us()
 
     def any(self, wait_ms):
-        self.us += 120
+        self.us += 105
         return super().any(wait_ms)
 
 

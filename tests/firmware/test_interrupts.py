@@ -11,7 +11,10 @@ from mountfw import codes
 
 FOLDER = Path(mountfw.__file__).parent
 MOTION = ("axis", "actions", "drive", "controller")
-FILES = {str(FOLDER / "app.py"), *(str(FOLDER / "motion" / f"{name}.py") for name in MOTION)}
+FILES = {
+    *(str(FOLDER / name) for name in ("app.py", "end_stop.py")),
+    *(str(FOLDER / "motion" / f"{name}.py") for name in MOTION),
+}
 ACTIONS = str(FOLDER / "motion" / "actions.py")
 seen: set[str] = set()
 END_STOP = 10  # GPIO of axis 1's positive one

@@ -48,6 +48,11 @@ WORDS_OF_A_TRY = 3  # mp_exc_stack_t
         "app",
         "codes",
         "backlash",
+        "echo",
+        "end_stop",
+        "extras",
+        "led",
+        "look",
         "bridges",
         "settings",
         "store",
@@ -72,7 +77,7 @@ WORDS_OF_A_TRY = 3  # mp_exc_stack_t
             "position",
         )
     ]
-    + [f"encoder/{name}" for name in ("axis", "closed_loop", "counts", "position", "stall_homing", "watch")]
+    + [f"encoder/{name}" for name in ("axis", "closed_loop", "position", "stall_homing", "watch")]
     + ["dialect/encoder", "ports/counted", "ports/micropython_encoder", "ports/circuitpython_encoder"]
     + ["ports/circuitpython", "ports/circuitpython_console"],
 )

@@ -15,8 +15,8 @@ def test_a_frame_drives_both_motors_and_echoes_as_the_papers_sketch_does():
 def test_every_sign_of_a_frame():
     for text, drives in ((b"+255+001", (255, 1)), (b"-255-001", (-255, -1)), (b"0000-255", (0, -255))):
         rig = Rig()
-        numbers = (*drives, *map(abs, drives))
-        assert rig.ask(text).split() == [text, *(b"%d" % n for n in numbers)]
+        numbers = drives + (abs(drives[0]), abs(drives[1]))
+        assert rig.ask(text).split() == [text] + [b"%d" % n for n in numbers]
         assert rig.drives() == drives, text
 
 

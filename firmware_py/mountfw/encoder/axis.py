@@ -7,7 +7,6 @@ and what comes after it, is decided here.
 
 from mountfw import codes, const
 from mountfw.encoder.closed_loop import ClosedLoop
-from mountfw.encoder.counts import apart
 from mountfw.encoder.position import MeasuredPosition
 from mountfw.encoder.settings import ENCODER_SETTINGS
 from mountfw.encoder.stall_homing import StallHoming
@@ -17,6 +16,7 @@ from mountfw.motion.drive import NEVER_US
 from mountfw.motion.position import rounded
 from mountfw.settings import SETTINGS
 from mountfw.wire.ticks import add, diff
+from mountfw.wire.ticks import diff as apart  # counts wrap as times do
 
 _MANY = const(1 << 20)  # pulses left, for the table: the closed loop counts its own
 _LOOKS = const(2)  # of resting: no pulse's rest, but the encoder is looked at
@@ -26,7 +26,10 @@ _LATE_US = const(15_000)  # in a run what was received is obeyed before a look, 
 
 
 class EncodedAxis(Axis):
-    """reader: the encoder's (counts.py). What waits in receiver is obeyed before a look at it. Others as of Axis."""
+    """reader: the encoder's (ports/counted.py). What waits in receiver is obeyed before a look at it.
+
+    Other arguments as of Axis. No property here: see MeasuredPosition.
+    """
 
     entries = SETTINGS + ENCODER_SETTINGS
 
@@ -39,6 +42,7 @@ class EncodedAxis(Axis):
     following_error: int
     stall_ms: int
     stall_duty: int
+    zero_angle: int
 
     def __init__(self, number, bridge, positive_stop, negative_stop, homing, error_queue, ticks_us, reader, receiver):
         self.target_counts = self.relative_counts = self.defined_counts = 0  # as they were said in counts
@@ -56,7 +60,7 @@ class EncodedAxis(Axis):
         self._rested_at = 0  # counts of the motor while the position is on the flash
         self._gone = False  # was it told that the encoder does not answer?
         self._limit = None  # steps: the soft limit at which the run under way ends
-        self.measured = MeasuredPosition(reader)  # its position
+        self.measured = MeasuredPosition(reader, self)  # its position
         super().__init__(number, bridge, positive_stop, negative_stop, homing, error_queue, ticks_us, self.measured)
         self._stall_homing = StallHoming(self)
 
@@ -86,15 +90,6 @@ class EncodedAxis(Axis):
         """Is a drive watched for a stall? From the next move on."""
         self.unchecked = not checked
         self.apply()
-
-    @property
-    def zero_angle(self):
-        """The setting of this name, which the position sets, too."""
-        return self.measured.zero_angle
-
-    @zero_angle.setter
-    def zero_angle(self, value):
-        self.measured.zero_angle = value
 
     def restored(self, recorded):
         """The position was restored, as it was at this angle; -1: there is no record."""
@@ -201,6 +196,7 @@ class EncodedAxis(Axis):
         )
         self._counts = 0
         position.look()
+        self.poll_input()
         self._pulses = True
         n = self._loop.begin(position.place, self._start, n, per_pulse)
         self._start = None
@@ -212,7 +208,9 @@ class EncodedAxis(Axis):
             return
         position = self.measured
         position.look()
+        self.poll_input()
         reason = self._loop.next(position.place)
+        self.poll_input()
         if reason:
             self.handle(END, reason)
         else:
@@ -288,6 +286,7 @@ class EncodedAxis(Axis):
         self.poll_input()
         reason = self._judge(now_us)
         if not reason and self._pulses:
+            self.poll_input()
             us = self._loop.cut_in(self._watch)
             if us >= 0 and not (drive.was_cut or (self._loop.guessed and diff(drive.ends_at, now_us) < us)):
                 drive.ends_at = add(now_us, us)

@@ -1,4 +1,4 @@
-"""A move of the closed loop: each pulse until its counts are there, then corrections. Imports codes, counts, watch.
+"""A move of the closed loop: each pulse until its counts are there, then corrections. Imports codes, ticks, watch.
 
 Its goal is a place (counts that have moved the mirror, position.py), so what one pulse misses the next one makes up
 for. The drive is cut early by what the motor coasts on, which is learned from the place where it came to rest: for each
@@ -8,8 +8,8 @@ foretold when it begins, from what such drives have made.
 """
 
 from mountfw import codes, const
-from mountfw.encoder.counts import apart
 from mountfw.encoder.watch import FULL_SPEED_US
+from mountfw.wire.ticks import diff as apart  # counts wrap as times do
 
 MOST_CORRECTIONS = const(3)
 _BOUND = const(3)  # a pulse may drive so many times as long as its counts are worth ...

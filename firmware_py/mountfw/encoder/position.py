@@ -1,4 +1,4 @@
-"""Where an axis is, by the counts of its encoder. Imports codes, counts, position.
+"""Where an axis is, by the counts of its encoder. Imports codes, position, ticks.
 
 In the open loop it is a Position as of any axis. In the closed loop the amounts that others hand in, which are time
 times duty, count for nothing: each call looks at the encoder instead. What the encoder has turned goes through the gap
@@ -6,8 +6,8 @@ first, as a drive's amount does, but in counts.
 """
 
 from mountfw import codes, const
-from mountfw.encoder.counts import apart
 from mountfw.motion.position import MOST_US, Position, rounded
+from mountfw.wire.ticks import diff as apart  # counts wrap as times do
 
 _SMALL = const(1 << 29)
 _TURN = const(4096)
@@ -16,11 +16,15 @@ _MOST_GAP = const(20_000)  # thousandths of a step
 
 
 class MeasuredPosition(Position):
-    """The position of one axis whose encoder is read by reader (counts.py)."""
+    """The position of an axis whose encoder is read by reader (ports/counted.py). It sets the axis's zero_angle.
 
-    def __init__(self, reader):
+    It is looked at in each pass, so it has no property: where a class has one, MicroPython searches the class, and
+    those that it is made of, at each `self.name =` (py/objtype.c), which doubled the time of a look.
+    """
+
+    def __init__(self, reader, axis):
         self.reader = reader
-        self.closed = False
+        self._axis = axis
         self.per_step = 1  # counts
         self.way = 1  # of the encoder, in the axis's own direction
         self.raw = 0  # the reader's counts when it was looked at
@@ -34,9 +38,7 @@ class MeasuredPosition(Position):
         self._steps = 0
         self._counts = 0
         self._shown = 0  # millisteps, as they were made of these
-        self._made = 0
         self._begun = 0  # the place where the move under way began
-        self.zero_angle = 0  # at position 0, 1 … 4096; 0: not known
         super().__init__()
 
     def reset(self):
@@ -151,21 +153,11 @@ class MeasuredPosition(Position):
             return _SMALL if steps > 0 else -_SMALL
         return steps * self.per_step + (millisteps % 1000 * self.per_step + 500) // 1000
 
-    @property
-    def made(self):
-        """As of a Position: 0 is set where a move begins."""
-        return self._made
-
-    @made.setter
-    def made(self, steps):
-        self._made = steps
-        self._begun = self.place
-
     def done(self):
         """A drive is over: whole steps since the move began. What is still to coast is no missing step."""
         self.look()
         way = apart(self.place, self._begun)
-        self._made = (abs(way) + (self.per_step >> 4)) // self.per_step * (1 if way > 0 else -1)
+        self.made = (abs(way) + (self.per_step >> 4)) // self.per_step * (1 if way > 0 else -1)
 
     def reached(self, steps, direction):
         """True if this position (steps) is no longer ahead in a direction."""
@@ -182,16 +174,17 @@ class MeasuredPosition(Position):
         """The position was defined: note the angle that belongs to 0."""
         angle = self.angle()
         if angle >= 0:
-            self.zero_angle = (angle - self.way * self.in_counts()) % _TURN or _TURN
+            self._axis.zero_angle = (angle - self.way * self.in_counts()) % _TURN or _TURN
 
     def restored(self, recorded):
         """It was restored as at this angle; -1: there is no record. False if it is not there any more."""
         angle = self.angle()
-        if not self.closed or angle < 0 or (recorded < 0 and not self.zero_angle):
+        zero = self._axis.zero_angle  # 1 … 4096; 0: not known
+        if not self.closed or angle < 0 or (recorded < 0 and not zero):
             return True
         if recorded < 0:
             self.millisteps = self._base = 0
-        turned = (angle - (self.zero_angle if recorded < 0 else recorded) + (_TURN >> 1)) % _TURN - (_TURN >> 1)
+        turned = (angle - (zero if recorded < 0 else recorded) + (_TURN >> 1)) % _TURN - (_TURN >> 1)
         if recorded >= 0 and -_PLAY <= turned <= _PLAY:
             return True
         if self.certainty or recorded < 0:
@@ -202,6 +195,10 @@ class MeasuredPosition(Position):
         return recorded < 0
 
     # ---- as of a Position
+
+    def begin(self):
+        super().begin()
+        self._begun = self.place
 
     def pulsed(self, direction):
         if self.closed:

@@ -1,11 +1,11 @@
-"""Watches one drive by the counts it makes: stall, wrong way, following error, speed. Imports codes, counts, ticks.
+"""Watches one drive by the counts it makes: stall, wrong way, following error, speed. Imports codes, ticks.
 
 All counts here are in the drive's direction, since it began.
 """
 
 from mountfw import codes, const
-from mountfw.encoder.counts import apart
 from mountfw.wire.ticks import add, diff
+from mountfw.wire.ticks import diff as apart  # counts wrap as times do
 
 _SPAN_US = const(16_384)  # the speed is that of the last one to two of these: counts come singly
 _STALE_US = const(60_000)

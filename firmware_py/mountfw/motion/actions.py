@@ -2,8 +2,6 @@
 
 An action takes the value of its event. It returns True if the table's next state is right; False if the state stays,
 or another event was handled meanwhile. Which action is due when stands in axis.py alone.
-
-A changed setting counts from the next move on: the amounts of drive of a step and of the gap are computed at rest.
 """
 
 from mountfw import codes, const
@@ -68,7 +66,7 @@ class Actions(Settings):
             self._measure()
 
     def _measure(self):
-        """Compute the amounts of drive that make a step, and the gap."""
+        """Compute the amounts of drive that make a step, and the gap: at rest, for a change is the next move's."""
         self.position.scale(self.pulse_us * self.step_duty, self.take_up_us * self.step_duty)
         self.count_us = min(self.position.step, _COUNT_US // _COUNT_STEPS) * _COUNT_STEPS
 
@@ -131,7 +129,7 @@ class Actions(Settings):
         """A move is accepted: from here on it must reach _close()."""
         self.drive.aim(speed)
         self.drive.on_us = 0
-        self.position.made = 0
+        self.position.begin()
         return True
 
     def supersede(self, speed):

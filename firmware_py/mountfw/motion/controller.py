@@ -24,7 +24,6 @@ class Controller:
         self._cuts = tuple([axis.drive.bridge.cut for axis in axes])
         self._offs = tuple([axis.drive.bridge.off for axis in axes])
         self._emergency_stop = emergency_stop
-        self.keep_alive_ms = 0
         self.inhibited = codes.NONE_YET  # the reason of a stop that is received but still unparsed
         self.halted = codes.NONE_YET  # the same until the axes are told: service() does
         self.reset()

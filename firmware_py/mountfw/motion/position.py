@@ -19,9 +19,8 @@ def rounded(millisteps):
 class Position(Backlash):
     """Position of one axis in millisteps, and target in steps. If it is `closed` an encoder measures it."""
 
-    closed = False
-
     def __init__(self):
+        self.closed = False
         self.step = 1  # what makes a step
         self.gap = 0  # 0: it has none
         self.reset()
@@ -37,10 +36,14 @@ class Position(Backlash):
         self.offset_known = False  # when it was homed last: was it known where home was,
         self.offset = 0  # and how far off (millisteps) was the count?
         self.part = 0  # of a step that a run is in the middle of
-        self.made = 0  # whole steps of the move under way, signed
+        self.begin()
         self.lose_gap()
 
     # ---- what has driven
+
+    def begin(self):
+        """A move begins."""
+        self.made = 0  # whole steps of it, signed
 
     def pulsed(self, direction):
         """A whole pulse has moved the mirror."""

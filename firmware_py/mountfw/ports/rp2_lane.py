@@ -231,12 +231,13 @@ class Look:
         return stop
 
     @micropython.viper
-    def sum(self, axis, i: int, which: int, now_us: int):
+    def sum(self, axis, i: int, now_us: int):
         """As Lane.sum()."""
         position = axis.position
         if int(position.closed) or int(position.gap):
-            self._pure(axis, i, which, now_us)
+            self._pure(axis, i, now_us)
             return
+        which = int(self._lane.which)
         log = ptr32(self._log)
         last = log[_WAITING] - 1
         step = int(position.step)

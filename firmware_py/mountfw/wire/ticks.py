@@ -2,7 +2,7 @@
 
 Clocks here count modulo 2**30, as MicroPython's ticks_us does. diff() is right while two times are less than 2**29 us
 (537 s) apart, so every interval in the firmware stays under 500 s. On a board the built-in functions serve; these two
-are for CPython, written so that no step between leaves +-2**30.
+are for CPython and a 64-bit MicroPython, written so that no step between leaves +-2**30.
 """
 
 import time
@@ -11,7 +11,7 @@ _MASK = 0x3FFF_FFFF  # no `(1 << 30) - 1`: 2**30 is a large integer, and so is a
 _HALF = 1 << 29
 
 
-if hasattr(time, "ticks_diff"):
+if hasattr(time, "ticks_diff") and time.ticks_add(0, -1) == _MASK:  # pyright: ignore[reportAttributeAccessIssue]
     diff, add = time.ticks_diff, time.ticks_add  # pyright: ignore[reportAttributeAccessIssue]
 else:
 

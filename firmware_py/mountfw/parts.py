@@ -1,0 +1,54 @@
+"""Makes the parts that differ from board to board: bridges, axes, the lane. Imports whatever they are of; what is not
+fitted is not loaded. Needed while a board starts, only.
+"""
+
+from mountfw import extras
+from mountfw.board_file import BRIDGES
+from mountfw.boards import DRIVES
+from mountfw.end_stop import EndStop
+from mountfw.motion.axis import Axis
+
+
+def make_bridge(port, board, pins):
+    """The bridge of one axis, on these pins of a board file."""
+    kind, duties = BRIDGES[board.BRIDGE]
+    make = getattr(port, kind, None)  # the port may have one of its platform's own
+    if not make:
+        from mountfw import bridges
+
+        make = getattr(bridges, kind)
+    names = [name for name in DRIVES if pins[name] is not None]
+    parts = [port.output(pins[name], board.PWM_HZ if name in duties else 0) for name in names]
+    return make(*(parts + [board.DEAD_TIME_US, port.pause_us, port.ticks_us]))
+
+
+def make_axis(number, pins, port, board, error_queue, receiver):
+    """Axis `number`, on these pins of a board file, with its interrupts, and its encoder if the port can read it."""
+    stops = [EndStop(port.reader(pins[name])) for name in ("stop_pos", "stop_neg")]
+    homing = None
+    if stops[0].has_input or stops[1].has_input:
+        from mountfw.homing import Homing as homing  # only where there is an end-stop to find
+    parts = [number, make_bridge(port, board, pins)] + stops + [homing, error_queue, port.ticks_us]
+    reader = port.encoder(number, pins) if "encoder" in pins or "shaft" in pins else None
+    if reader is None:
+        axis = Axis(*parts)
+    else:
+        from mountfw.encoder.axis import EncodedAxis  # only where there is one
+
+        axis = EncodedAxis(*parts, reader, receiver)  # pyright: ignore[reportCallIssue]
+    for name in ("stop_pos", "stop_neg"):
+        if pins[name] is not None:
+            port.on_rise(pins[name], axis.drive.guard)
+    return axis
+
+
+def make_lane(port, board, controller, receiver, frame, own, replies, commands):
+    """The Lane of these, with the port's own look() or that of Look."""
+    lane = extras.Lane(controller, receiver, frame, own, replies, commands)
+    if hasattr(port, "look"):
+        port.look(lane, receiver, board)
+    else:
+        from mountfw.look import Look  # no place in a memory that has another one
+
+        lane.look = Look(port, lane, receiver).look
+    return lane
