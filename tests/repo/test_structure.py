@@ -109,6 +109,12 @@ def test_app_build_wire_and_motion_can_be_read_in_an_evening():
     assert over <= 0, f"app, build, wire/ and motion/: {over} lines over {EVENING}; shorten these ({longest} ...)"
 
 
+def test_no_class_of_the_loop_has_a_property():
+    # MicroPython then searches the class and its bases at each `self.name =` (docs/architecture.md)
+    found = [path.name for path in modules(FIRMWARE) if re.search(r"@property|\bproperty\(", path.read_text())]
+    assert found == ["repl.py"], "at the prompt it costs nothing"
+
+
 def test_contributing_says_the_limits():
     rows = [line for line in (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8").splitlines() if line[:1] == "|"]
     for most in (*MOST_LINES.values(), EVENING):
