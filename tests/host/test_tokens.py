@@ -43,6 +43,7 @@ def test_what_the_secrets_module_makes_is_not_short():
     assert not is_short(None)
     for token in (secrets.token_urlsafe(), secrets.token_hex(16), secrets.token_urlsafe(16)):
         assert not is_short(token.encode())
+    assert not is_short(b"bCjmDKcAVyJgeJtuYwPdSQ")  # of 128 bits, without a digit
 
 
 def test_guesses_are_slowed_down_for_their_own_address_only():
