@@ -48,7 +48,7 @@ class TranscriptPort:
             while self.left[0][0].endswith(" …") and self.left[0][0] != line.decode() + " …":
                 self.left.pop(0)
             expected, answer = self.left[0]
-            assert line.decode() == expected.removesuffix(" …")
+            assert line.decode() == expected.removesuffix(" …"), f"the host says {line!r}, not {expected!r}"
             if expected == line.decode():
                 self.left.pop(0)
             if answer is not None:
