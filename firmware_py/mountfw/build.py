@@ -21,7 +21,7 @@ def build(port, board):
 
     Raises ValueError if the board file has a fault; then no pin is touched.
     """
-    # the check takes a Pico 34 ms, and find_board() has done it
+    # the check takes a Pico 8 ms, and find_board() has done it
     wrong = "" if board is board_file.checked else board_file.fault(board_file.values(board), False)
     if wrong:
         raise ValueError(wrong)

@@ -1,9 +1,8 @@
-"""Pulses, runs, limits, end-stops, keep-alive. Runs under CPython and MicroPython."""
+"""Pulses, runs, limits. Runs under CPython and MicroPython."""
 
 from rig import Board, Rig
 
 from mountfw.boards import pico_drv8833
-from mountfw.wire.ticks import diff
 
 
 def edges_of(rig, pins):
@@ -280,153 +279,6 @@ def test_every_parameter_is_checked_and_answered():
         assert rig.ask(ask) == b"%d\r\n" % most, name
 
 
-# ---- end-stops
-
-
-def with_switches(bits=3, pressed=()):
-    rig = Rig()
-    for pin in (10, 11, 12, 13):
-        rig.port.switches[pin] = 1 if pin in pressed else 0
-    rig.ask(b"1XL%d;2XL%d\n" % (bits, bits))
-    return rig
-
-
-def test_switches_that_are_not_fitted_are_not_read():
-    rig = Rig()  # nothing connected: every input is pulled up
-    rig.ask(b"02550255")
-    assert rig.drives() == (255, 255)
-    assert rig.ask(b"PH?;1XL?\n") == b"0; 0\r\n"
-
-
-def test_an_end_stop_ends_the_move_into_it_and_is_told():
-    for move, pin, error, bit in (
-        (b"1MV+\n", 10, 104, 1),
-        (b"1PR-5\n", 11, 105, 2),
-        (b"02550000", 10, 104, 1),
-    ):
-        rig = with_switches()
-        rig.ask(move)
-        rig.run(50_000)
-        assert rig.drives()[0]
-        rig.port.switches[pin] = 1
-        rig.run(500)
-        assert rig.drives() == (0, 0), move
-        assert rig.ask(b"1XE?\n").split(b",")[0] == b"4"
-        assert rig.ask(b"PH?\n") == b"%d\r\n" % bit
-        assert rig.errors() == [error]
-
-
-def test_a_burst_of_input_does_not_hold_up_an_end_stop():
-    rig = with_switches()
-    rig.ask(b"1MV+\n")
-    rig.send(b" " * 256)
-    rig.port.switches[10] = 1
-    opened = rig.now()
-    rig.take_in()
-    off = [us for us, pin, duty in rig.port.edges if pin == 2 and not duty][-1]
-    assert off - opened < 2_000  # polled; with an interrupt it does not wait for the burst
-
-
-def test_at_an_end_stop_only_the_way_into_it_is_blocked():
-    rig = with_switches(pressed=(10,))
-    rig.ask(b"1MV+\n")
-    assert rig.drives() == (0, 0)
-    assert rig.errors() == [104]
-    rig.ask(b"1MV-\n")
-    assert rig.drives() == (-255, 0)
-
-
-def test_end_stops_belong_to_the_electrical_direction_and_their_names_swap():
-    rig = with_switches(pressed=(10,))
-    rig.ask(b"1XI1\n")
-    assert rig.ask(b"PH?\n") == b"2\r\n"
-    rig.ask(b"1MV-\n")
-    assert rig.drives() == (0, 0)
-    assert rig.errors() == [105]
-    rig.ask(b"1MV+\n")
-    assert rig.drives() == (-255, 0)
-
-
-def test_one_axis_at_its_end_stop_does_not_hold_the_other():
-    rig = with_switches(pressed=(13,))
-    rig.ask(b"0255-255")
-    assert rig.drives() == (255, 0)
-
-
-def test_both_end_stops_active_is_a_fault_until_checking_is_off():
-    rig = with_switches(pressed=(10, 11))
-    for move in (b"1MV+\n", b"1MV-\n", b"1PR1\n"):
-        rig.ask(move)
-        assert rig.drives() == (0, 0)
-        assert rig.errors() == [142]
-        assert rig.ask(b"1XE?\n").split(b",")[0] == b"9"
-    rig.ask(b"1ZH1;1MV+\n")
-    assert rig.drives() == (255, 0)
-
-
-def test_a_switch_that_the_board_has_not_cannot_be_fitted():
-    rig = Rig()
-    rig.ask(b"1XL4\n")
-    assert rig.errors() == [135]
-    assert rig.ask(b"1XL?\n") == b"0\r\n"
-
-
-def test_a_single_noisy_reading_is_not_a_stop():
-    rig = with_switches()
-    rig.ask(b"1MV+\n")
-    readings = [0]
-    stop = rig.axis1.positive_stop
-    quiet = stop._read
-
-    def noisy():
-        readings[0] += 1
-        return 1 if readings[0] % 5 == 0 else quiet()
-
-    stop._read = noisy
-    rig.run(100_000)
-    assert readings[0] > 100
-    assert rig.drives() == (255, 0)
-
-
-# ---- keep-alive
-
-
-def test_motion_stops_when_the_client_falls_silent_and_says_why():
-    for motion in (b"XK500;1MV+\n", b"XK500;1PR20\n", b"XK500\n02550000"):
-        rig = Rig()
-        rig.ask(motion)
-        rig.run(400_000)
-        assert rig.controller.moving()
-        rig.run(100_000)
-        assert rig.drives() == (0, 0), motion
-        assert rig.errors() == [62]
-        assert rig.ask(b"1XE?;XK?\n").split(b",")[0] == b"7"
-
-
-def test_a_short_keep_alive_is_kept_to():
-    rig = Rig()
-    rig.send(b"XK5;1MV+\n")
-    for i in range(1, 10):
-        rig.send(b"\n", after_us=i * 18_000)
-    rig.take_in()
-    assert 4_500 < rig.on_times(2)[0] < 5_100  # counted from the byte, not from the motion's beginning
-    rig = Rig()
-    rig.send(b"XK20;1MV+\n")
-    for i in range(1, 10):
-        rig.send(b"\n", after_us=i * 18_000)
-    rig.run(9 * 18_000)
-    assert rig.drives() == (255, 0)
-
-
-def test_any_byte_keeps_a_motion_alive():
-    rig = Rig()
-    rig.ask(b"XK500;1MV+\n")
-    for _ in range(20):
-        rig.run(100_000)
-        rig.ask(b"\n")
-    assert rig.drives() == (255, 0)
-
-
 def test_a_train_of_short_pulses_leaves_time_for_all_else():
     rig = Rig()
     rig.port.start_watchdog()
@@ -445,35 +297,6 @@ def test_a_train_of_short_pulses_leaves_time_for_all_else():
     rig.send(b"ST\n")
     rig.run(300_000)
     assert not rig.controller.moving()
-
-
-def test_a_byte_that_comes_just_before_the_end_keeps_a_motion_alive():
-    for before_us in range(50, 5000, 50):
-        rig = Rig()
-        rig.ask(b"XK100;1MV+\n")
-        left_us = rig.controller.silence(rig.port.ticks_us(), rig.app._receiver.received_at)
-        rig.send(b"\n", after_us=left_us - before_us)
-        rig.run(left_us + 50_000)
-        assert rig.drives() == (255, 0), before_us
-        rig.run(60_000)
-        assert rig.drives() == (0, 0)
-
-
-def test_a_dead_clients_keep_alive_does_not_cut_the_next_one():
-    rig = Rig()
-    rig.ask(b"XK300;1PR1\n")
-    rig.run(1_000_000)  # its move is done, it is silent: nothing to stop, nothing to tell
-    assert rig.errors() == []
-    assert rig.ask(b"XK?\n") == b"0\r\n"
-    rig.ask(b"1MV+\n")
-    rig.run(2_000_000)
-    assert rig.drives() == (255, 0)
-    rig = Rig()
-    rig.ask(b"XK300;1MV+\n")
-    rig.run(1_000_000)
-    rig.ask(b"1MV+\n")
-    rig.run(2_000_000)
-    assert rig.drives() == (255, 0)
 
 
 def test_status_tells_all_that_a_panel_polls():
@@ -510,18 +333,6 @@ def test_a_frame_that_takes_over_a_pulse_leaves_it_counted():
         assert abs(rig.axis1.position.millisteps - driven_us / 200) < 5, frame
 
 
-def test_a_switch_that_opens_shortly_before_a_pulse_ends_cuts_it_without_an_interrupt():
-    rig = with_switches()
-    rig.ask(b"1PR1\n")
-    began = [us for us, pin, duty in rig.port.edges if pin == 2 and duty][-1]
-    rig.axis1.positive_stop._read = lambda: 1 if rig.now() > began + 198_500 else 0
-    rig.run(250_000)
-    on_us = rig.on_times(2)[-1]
-    assert 198_490 < on_us < 198_700, on_us
-    assert abs(rig.axis1.ended_on_us - on_us) < 50
-    assert rig.errors() == [104]
-
-
 def test_no_query_and_no_frame_takes_a_position_beyond_what_can_be_counted():
     for often in (b"XS?\n", b"02550000\n"):
         rig = Rig()
@@ -537,29 +348,3 @@ def test_soft_limits_stay_where_they_are_when_the_axis_is_inverted():
     rig = Rig()
     rig.ask(b"1DH0;1SL-50;1SR3;1XI1\n")
     assert rig.ask(b"1SL?;1SR?\n") == b"-3; 50\r\n"
-
-
-def test_checking_is_not_switched_off_in_a_move():
-    rig = with_switches()
-    rig.ask(b"1MV+;1ZH1\n")
-    assert rig.errors() == [114]
-    assert rig.ask(b"1ZH?\n") == b"0\r\n"
-
-
-def test_an_end_stop_that_opens_after_a_drive_was_cut_adds_nothing_to_its_time():
-    rig = Rig()
-    rig.port.switches[10] = 0
-    rig.ask(b"1XL1\n")
-    drive = rig.controller.axes[0].drive
-    drive.aim(255)
-    assert drive.on(100_000) == 0
-    rig.port.us += 300
-    drive.cut()
-    cut_at = drive.cut_at
-    rig.port.us += 275
-    rig.port.switches[10] = 1
-    drive.guard(None)
-    assert drive.tripped
-    assert rig.drives() == (0, 0)
-    assert drive.cut_at == cut_at
-    assert drive.measured_us(True) == diff(cut_at, drive.on_at)
