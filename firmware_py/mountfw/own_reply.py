@@ -12,7 +12,7 @@ OwnReply remembers what was sent, and compares. WaryReceiver is the Receiver of 
 """
 
 from mountfw import codes, const
-from mountfw.wire.receiver import BOUNDARY, FRAME, LINE, NEED_BYTES, SKIPPING, Receiver
+from mountfw.wire.receiver import BOUNDARY, FRAME, HELD, LINE, NEED_BYTES, SKIPPING, Receiver
 from mountfw.wire.ticks import diff
 
 # messages of a WaryReceiver, besides those of a Receiver: obey() acts on them
@@ -25,10 +25,7 @@ UNDECIDED = const(0)
 OTHER = const(1)
 OWN = const(2)
 
-DECIDE_US = 20_000  # after this silence, in both directions, a held frame is the host's: an echo comes within 1 ms
-
-_DECIDING = const(4)  # states: a frame is held, and the bytes after it decide
-_RETURNED = const(5)  # the rest of the board's own reply, up to a gap
+_RETURNED = const(5)  # a state: the rest of the board's own reply, up to a gap
 _AT_ONCE = const(4)  # bytes that are compared at most in one piece of work
 
 _QUIET_US = const(100_000)  # the port does not echo if bytes sent so long ago have not returned ...
@@ -194,7 +191,7 @@ class OwnReply:
         self.wary = self._recent | self._older
 
     def tick(self, now_us):
-        """Update to the time now_us; call it several times in 100 ms."""
+        """Update to the time now_us; call it several times a second."""
         if self._watching:
             if diff(now_us, self._watch_at) >= _QUIET_US:
                 self._watching = False
@@ -222,13 +219,10 @@ class WaryReceiver(Receiver):
         self._own = own
         self._comparing = False  # are skipped bytes compared with the board's own reply?
 
-    def next(self):
-        return self._decide(_AT_ONCE) if self.state == _DECIDING else super().next()
-
     def silent_us(self, now_us):
         """Since the last byte; while a frame is held, in both directions."""
         silent_us = diff(now_us, self.received_at)
-        if self.state == _DECIDING:
+        if self.state == HELD:
             silent_us = min(silent_us, diff(now_us, self._own.sent_at) & 0x3FFFFFFF)  # it may be long ago
         return silent_us
 
@@ -242,13 +236,10 @@ class WaryReceiver(Receiver):
         controller.malformed(codes.OWN_REPLY)
         self._own.returned(now_us)
 
-    def gap_us(self):
-        return DECIDE_US if self.state == _DECIDING else super().gap_us()
-
     def gap(self):
         """As a Receiver's; the held FRAME, if there is one, and what is behind it stays."""
         self._comparing = False
-        if self.state == _DECIDING:
+        if self.state == HELD:
             return self._decided(OTHER)
         if self.state == _RETURNED:
             self.state = SKIPPING
@@ -262,14 +253,14 @@ class WaryReceiver(Receiver):
             if own.is_number(packed):
                 return self._decided(OWN)
             own.expect(packed)
-            self.state = _DECIDING
+            self.state = HELD
             return SUSPECT
         if self.unparsed < 2 or not own.may_end_line(self.ring[self.write - self.unparsed & self.mask]):
             return FRAME
         own.expect(packed)
         return self._decide(self.unparsed) or self._decided(UNDECIDED)  # what is here may decide, however old it is
 
-    def _decide(self, most):
+    def _decide(self, most=_AT_ONCE):
         """Compare at most so many bytes after the held frame; they stay unparsed. FRAME, OWN_REPLY, or NEED_BYTES."""
         while most and self.ahead < self.unparsed:
             verdict = self._own.feed(self.ring[self.write - self.unparsed + self.ahead & self.mask])

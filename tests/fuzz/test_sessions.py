@@ -10,8 +10,8 @@ from lane_rig import LaneRig
 from model import parse
 from rig import WRAP, Rig
 
-from mountfw import own_reply
 from mountfw.extras import EACH, FIRST, WAITING
+from mountfw.wire.receiver import HELD
 
 pytestmark = pytest.mark.lockstep
 
@@ -79,7 +79,7 @@ def play(rig: Rig, data: list[tuple[int, int]]) -> None:
         silent_us = rig.port.ticks_us() - rig.app._receiver.received_at & WRAP - 1
         rig.send(bytes([c]), after_us=max(0, silence_us - silent_us))
     rig.take_in()
-    while rig.app._receiver.waits() or rig.app._receiver.state == own_reply._DECIDING:
+    while rig.app._receiver.waits() or rig.app._receiver.state == HELD:
         rig.step()
 
 

@@ -110,6 +110,7 @@ class Queries:
         r = self._replies
         r.add(self.about.boot_id)
         r.field(b",", self.about.uptime_ms())
+        self._controller.records.poll_input()
         r.field(b",", self._controller.errors.waiting)
         for axis in self._controller.axes:
             self._controller.records.poll_input()

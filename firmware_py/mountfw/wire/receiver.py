@@ -17,6 +17,7 @@ TOO_LONG = const(6)
 
 FRAME_GAP_US = const(50_000)  # an unfinished frame, or a skipped tail, times out after this silence
 LINE_GAP_US = const(1_000_000)  # an unfinished line
+HELD_GAP_US = const(20_000)  # after it, in both directions, a held frame is the host's: an echo comes within 1 ms
 
 EIGHTH_ZERO = const(0xB0)  # in the ring: a `0` that completes eight; other bytes above 0x7F are stored as 0x7F
 
@@ -24,13 +25,15 @@ BOUNDARY = const(0)  # states
 _IN_FRAME = const(1)  # bad, or with a stop or a byte for mpremote in it: others are read whole
 _IN_LINE = const(2)
 SKIPPING = const(3)  # the rest of something refused or cut, up to a line end or a gap
+HELD = const(4)  # a frame, until the bytes after it decide: own_reply.py
 
 _STOP = const(0x21)
 _CTRL_C = const(0x03)  # arrives only on a channel that is not the console
 _ZERO = const(0x30)
 _PLUS = const(0x2B)
 _MINUS = const(0x2D)
-_TOO_LONG = const(-2)  # of Line.feed()
+_BAD = const(-1)  # of Line.feed()
+_TOO_LONG = const(-2)
 
 
 class Receiver:
@@ -83,16 +86,18 @@ class Receiver:
 
     def next(self) -> int:
         """Parse a frame or one byte, for a piece of work must be short. The message that it ends, or NEED_BYTES."""
+        state = self.state
+        if state == HELD:
+            return self._decide()
         self.ahead = 0
         c = self.ring[self.write - self.unparsed & self.mask]
-        if self.state == BOUNDARY and (c == _ZERO or c == _PLUS or c == _MINUS) and self._begins_frame():
+        if state == BOUNDARY and (c == _ZERO or c == _PLUS or c == _MINUS) and self._begins_frame():
             if self.unparsed < LENGTH:
                 self.ahead = self.unparsed
                 return NEED_BYTES
             self.unparsed -= LENGTH
             return self._whole()
         self.unparsed -= 1
-        state = self.state
         zeros = NEED_BYTES
         if not 0x21 < c < 0x80:
             if c == _STOP or c == _CTRL_C:
@@ -106,7 +111,8 @@ class Receiver:
                 c = _ZERO
                 zeros = ZEROS
         if state == _IN_LINE:  # in text, zeros would continue it
-            return self._refuse(c, MALFORMED, self._line) if zeros else self._in_line(c)
+            result = _BAD if zeros else self._line.feed(c)
+            return self._in_line(c, result) if result else NEED_BYTES
         if state == BOUNDARY:
             return self._first_byte(c) or zeros
         if state == _IN_FRAME:
@@ -127,6 +133,8 @@ class Receiver:
         """The silence after which gap() is due; 0 at a message boundary: never."""
         if self.state == BOUNDARY:
             return FRAME_GAP_US if self.ahead else 0
+        if self.state == HELD:
+            return HELD_GAP_US
         return LINE_GAP_US if self.state == _IN_LINE else FRAME_GAP_US
 
     def gap(self) -> int:
@@ -137,7 +145,11 @@ class Receiver:
         self.ahead = 0
         return message
 
-    # ---- own_reply.py overrides these four: it asks whether the board itself has sent what came
+    # ---- own_reply.py overrides these: it asks whether the board itself has sent what came
+
+    def _decide(self) -> int:
+        """Compare some of the bytes after the held frame. The message that it is, or NEED_BYTES."""
+        return NEED_BYTES
 
     def _whole(self) -> int:
         """The frame is complete."""
@@ -167,8 +179,8 @@ class Receiver:
         if 0x41 <= c & 0xDF <= 0x5A or 0x31 <= c <= 0x39 or c == 0x2A:
             self._line.start()
             self.state = _IN_LINE
-            return self._in_line(c)
-        if c == _ZERO or c == _MINUS or c == _PLUS:
+            self.unparsed += 1  # one piece of work: the line takes it in the next
+        elif c == _ZERO or c == _MINUS or c == _PLUS:
             self._frame.start()
             self._frame.feed(c)
             self.state = _IN_FRAME
@@ -184,7 +196,7 @@ class Receiver:
             self.state = _IN_LINE
             for i in range(frame.length):
                 self._line.feed(frame.text[i])
-            return self._in_line(c)
+            return self._in_line(c, self._line.feed(c))
         result = frame.feed(c)
         if result < 0:
             return self._refuse(c, MALFORMED, frame)
@@ -193,12 +205,11 @@ class Receiver:
         self.state = BOUNDARY
         return self._whole()
 
-    def _in_line(self, c):
-        line = self._line
-        result = line.feed(c)
+    def _in_line(self, c, result):
+        """The line has taken byte c, with this result."""
         if result > 0:
             self.state = BOUNDARY
             return self._ended(c)
         if result < 0:
-            return self._refuse(c, TOO_LONG if result == _TOO_LONG else MALFORMED, line)
+            return self._refuse(c, TOO_LONG if result == _TOO_LONG else MALFORMED, self._line)
         return NEED_BYTES
