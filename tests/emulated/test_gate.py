@@ -24,6 +24,7 @@ import micropython, sys, time
 from machine import mem32
 from mountfw.build import build
 from mountfw.ports import micropython as port
+from mountfw.ports.micropython_drain import any
 from mountfw.boards import pico
 a = build(port, pico)
 micropython.kbd_intr(-1)
@@ -40,9 +41,9 @@ while y.position.defined != 77:
     if x.position.defined == 8 and a.controller.driving():
         x.position.defined = 0
         print('deaf')
-        while mem32[state + 8] == a.gated.received or not port.any(0):
+        while mem32[state + 8] == a.gated.received or not any(0):
             pass
-        while port.any(0):
+        while any(0):
             sys.stdin.buffer.read(1)
 print('counts', mem32[state + 8], a.gated.received, mem32[state + 16], mem32[state + 48])
 a._leave(1)

@@ -143,7 +143,7 @@ for start in range(0, len(sent), 200):
     print('more')
     stops = []
     while fast.unparsed < min(200, len(sent) - start):
-        if console.any(1000):
+        if micropython_drain.any(1000):
             stops.append(looks.look(7, -1) if start else micropython_drain.drain(fast, 7))
     if [s for s in stops if s] != [s for s in [slow.receive(c) for c in sent[start : start + 200]] if s]:
         print('stops', start, stops)

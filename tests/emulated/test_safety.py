@@ -14,6 +14,7 @@ HANGS = """
 from mountfw import led
 from mountfw.build import build
 from mountfw.ports import micropython as port
+from mountfw.ports.micropython_drain import any
 a = build(port, port.find_board())
 def show(port, controller):
     while controller.driving():
@@ -32,7 +33,7 @@ def reset_cause(board) -> int:
     return int(board.ask(b"XH?\n", STARTED_US).split(b",")[3])
 
 
-@pytest.mark.parametrize("loop", ["pass", "port.any(100)"])
+@pytest.mark.parametrize("loop", ["pass", "any(100)"])
 def test_a_loop_that_hangs_with_a_motor_on_is_reset_and_the_next_one_says_so(make_board, loop):
     board = make_board()
     boot_id = state(board)[0]

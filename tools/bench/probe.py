@@ -1,7 +1,7 @@
 """Makes a pin show when the firmware's loop looks at its input: low while it does, high in between.
 
-The firmware runs unchanged from the raw prompt, but for the port's any() and the lane's look(), with which it looks and
-in which alone it sleeps. Each is wrapped in native code, which adds some 10 us to each look. The loop looks several
+The firmware runs unchanged from the raw prompt, but for the lane's look(), with which it looks and in which alone it
+sleeps. That is wrapped in native code, which adds some 10 us to each look. The loop looks several
 times in a pass, so what the pin shows as high is a piece of a pass: how long something that arrives may have to wait.
 """
 
@@ -20,14 +20,6 @@ from mountfw.ports import micropython as port
 pin = Pin(%d, Pin.OUT, value=0)
 low = pin.low
 high = pin.high
-asked = port.any
-@micropython.native
-def any(wait_ms):
-    low()
-    waits = asked(wait_ms)
-    high()
-    return waits
-port.any = any
 board = port.find_board()
 a = build(port, board)
 looked = a._look

@@ -17,7 +17,7 @@ from machine import Pin
 
 from mountfw import codes, const
 from mountfw.ports import shared
-from mountfw.ports.micropython_console import any, pack, writable, write  # noqa: F401 (verbs of this port, too)
+from mountfw.ports.micropython_console import pack, writable, write  # noqa: F401 (verbs of this port, too)
 
 ticks_us = time.ticks_us  # pyright: ignore[reportAttributeAccessIssue]
 ticks_ms = time.ticks_ms  # pyright: ignore[reportAttributeAccessIssue]
@@ -44,7 +44,7 @@ if getattr(sys, "platform", "") == "rp2" and getattr(sys.implementation, "_machi
     from mountfw.ports.rp2_gate import DutyPin
     from mountfw.ports.rp2_lane import EnableBridge, look  # noqa: F401 (verbs, too)
 else:
-    from mountfw.ports.micropython_drain import drain  # noqa: F401 (a verb, too)
+    from mountfw.ports.micropython_drain import any, drain  # noqa: F401 (verbs, too)
     from mountfw.ports.micropython_pin import DutyPin
 
 

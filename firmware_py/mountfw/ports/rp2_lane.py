@@ -12,7 +12,7 @@ import micropython
 from micropython import const
 
 from mountfw import codes
-from mountfw.ports.micropython_console import byte_in, ipoll_in, pack, readinto
+from mountfw.ports.micropython_console import byte_in, interrupts, ipoll_in, pack, readinto
 from mountfw.wire.receiver import EIGHTH_ZERO, STOP, ZEROS
 
 # ---- registers
@@ -40,12 +40,6 @@ _WAY = const(7)  # that its legs have: 1 or 2, 0: none
 _MOST = const(32)  # frames of a Lane, and the words of its log
 _WAITING = const(0)
 _FIRST = const(1)  # from here on: packed frame, time of axis 1, of axis 2
-
-
-def _interrupt():
-    """Ctrl-C is raised at this jump, before the bytes behind it are read: native code does not look for it."""
-    if readinto:  # no constant: the compiler would leave the jump out
-        pass
 
 
 @micropython.viper
@@ -138,48 +132,57 @@ class Look:
     """The input of a Receiver. lane is the Lane of its frames; pins carry duty; wanted: by the board file."""
 
     def __init__(self, lane, receiver, pins, wanted):
-        self._cuts = array("I", [0] + [_CONTROL + 8 * pin for pin in pins])
+        self._cuts = array("I", [0] + [_CONTROL + 8 * pin for pin in pins] + [0])
         for pin in pins:
             self._cuts[0] |= 1 << pin
-        self._number = len(pins)
         self._axis1, self._axis2 = lane.axes
         self._drive1, self._drive2 = self._axis1.drive, self._axis2.drive
         self._plain = wanted and isinstance(self._drive1.bridge, EnableBridge)
         if self._plain:
             self._words1, self._words2 = self._drive1.bridge.words, self._drive2.bridge.words
-        self._lane = lane
-        self._own = lane.own
-        self._commands = lane.commands
-        self._log = lane.log
-        self._receiver = receiver
-        self._ring = receiver.ring
-        lane.look = self.look
+        self._lane, self._own, self._commands, self._log = lane, lane.own, lane.commands, lane.log
+        self._receiver, self._ring = receiver, receiver.ring
+        self.interrupts = interrupts()
         self._pure = lane.sum
-        lane.sum = self.sum
+        lane.look, lane.sum = self.look, self.sum
 
     @micropython.viper
     def look(self, most: int, wait_ms: int) -> int:
         """As look.Look.look()."""
         waits = 0
         clock = ptr32(_CLOCK)
-        lane = self._lane
         receiver = self._receiver
-        for _ in ipoll_in(0 if wait_ms < 0 else wait_ms):
-            waits = 1
-            break
-        if wait_ms >= 0:
-            lane.woke_at = clock[0] & _WRAP
         unparsed = int(receiver.unparsed)
-        if not waits and (wait_ms < 0 or unparsed < 8):
-            return -1
-        came = waits
-        if waits:
-            _interrupt()
+        if wait_ms <= 0:
+            for _ in ipoll_in(0):
+                waits = 1
+                break
+            if wait_ms == 0:
+                self._lane.woke_at = clock[0] & _WRAP
+            if not waits and (wait_ms < 0 or unparsed < 8):
+                return -1
+        turns = self.interrupts
         ring = ptr8(self._ring)
         mask = int(receiver.mask)
         at = int(receiver.write)
         zeros = int(receiver.zeros)
         byte = ptr8(byte_in)
+        if wait_ms > 0:  # what can be done before the byte is there is done
+            for _ in ipoll_in(wait_ms):
+                waits = 1
+                break
+            self._lane.woke_at = clock[0] & _WRAP
+            if not waits and unparsed < 8:
+                return -1
+        came = waits
+        if waits:
+            waits = 0
+            for _ in turns:  # before the bytes behind a Ctrl-C are read
+                waits = 1
+                break
+            if not waits:  # it was raised at the last look
+                self.interrupts = interrupts()
+                return -1
         stop = 0
         c = 0
         while True:
@@ -290,10 +293,12 @@ class Look:
         pins = ptr32(self._cuts)
         off = ptr32(_OUT_CLEAR)
         off[0] = pins[0]
-        for i in range(int(self._number)):
-            function = ptr32(pins[i + 1])
-            flip = ptr32(pins[i + 1] + _XOR)
+        i = 1
+        while pins[i]:
+            function = ptr32(pins[i])
+            flip = ptr32(pins[i] + _XOR)
             flip[0] = (function[0] ^ _SIO) & 31
+            i += 1
 
     @micropython.viper
     def _obeyed(self, at: int, c: int) -> int:
