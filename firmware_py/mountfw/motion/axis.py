@@ -113,6 +113,7 @@ class Axis(Actions):
         if self.state < RUN:
             return self.position.millisteps
         self.count(False)
+        self.poll_input()
         return self.position.now(self.drive.direction)
 
     # ---- moves; False: refused, and an error says why
@@ -299,7 +300,7 @@ class Axis(Actions):
                 if diff(now_us, drive.counted_at) >= self.count_us:
                     self.count(False)
                 if self.position.millisteps * drive.direction < EDGE:
-                    return min(left_us, self.count_us)
+                    return left_us if left_us < self.count_us else self.count_us
                 self.handle(END, codes.RUN_LIMIT)
         if not self.state:
             return NEVER_US

@@ -127,10 +127,12 @@ class Controller:
         axis = self._axis1
         while axis is not None and not self.halted:
             if axis.state or axis.resting:
-                least_us = min(least_us, axis.service(now_us))
+                left_us = axis.service(now_us)
+                if left_us < least_us:
+                    least_us = left_us
+                if axis.next and least_us > _FAR_US:
+                    self.records.poll_input()  # a stop does not wait for every axis
             axis = axis.next
-            if axis and least_us > _FAR_US:
-                self.records.poll_input()  # a stop does not wait for every axis
         return least_us
 
     def ending(self, now_us, within_us):
@@ -171,7 +173,7 @@ class Controller:
 
     def watching(self):
         """True while a switch matters, so that the loop must not sleep."""
-        watched = self._emergency_stop.fitted
-        for axis in self.axes:
-            watched = watched or axis.drive.watched
-        return watched and self.driving()
+        axis = self._axis1
+        while axis is not None and (axis.state <= REST or not (axis.drive.watched or self._emergency_stop.fitted)):
+            axis = axis.next
+        return axis is not None
