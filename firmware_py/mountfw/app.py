@@ -14,10 +14,10 @@ _SPIN_US = const(3_000)  # a drive that ends within this is waited for: more tha
 _SOON_US = const(7_000)  # a pass that meets a burst may take so long: with this left, it reads few bytes at once
 _FREE_US = const(10_000)  # nothing is due for so long: a pass may read more, and take twice as long as others
 _SHOW_US = const(32_000)  # between two updates of the LED
-_SLEEP_MS = const(64)  # the longest sleep: half a slot of the LED's patterns
 _READ = const(64)  # bytes read at once
 _READ_MEANWHILE = const(16)  # the same in the middle of longer work
-_FEW = const(4)  # the same while something is due soon; and bytes parsed, or sent, in one pass
+_FEW = const(4)  # the same while something is due soon; and bytes sent in one pass
+_PARSED = const(5)  # pieces of parsing in one pass: a line's first byte is two
 _READ_SPINNING = const(2)  # while a drive is about to end
 _STREAM = const(32)  # so many bytes at once are part of a stream ...
 _MOST_STREAMED = const(2048)  # ... which is read before it is parsed, up to here
@@ -30,7 +30,7 @@ _BEHIND = const(64)  # with so many bytes yet to be parsed, frames are executed 
 
 
 class App:
-    """The firmware of one mount. run_once() is one pass of the loop and never waits longer than _SLEEP_MS."""
+    """The firmware of one mount. run_once() is one pass of the loop and never waits longer than a slot of the LED."""
 
     built: "App | None" = None  # the one that build.py has made: repl.py continues with it
 
@@ -50,7 +50,6 @@ class App:
         self.queries = commands.queries
         self._about = commands.queries.about
         self._feed = None  # feeds the watchdog, while it runs
-        self._tidy = False  # is what the start has left collected?
         self._streams = self._obeyed = False  # of this pass: is a stream coming in, has the lane taken a frame?
         self._sleep_ms = self._woke_at = 0
         self._most, self._meanwhile = _READ, _READ_MEANWHILE  # bytes read at once, and in the middle of longer work
@@ -175,14 +174,17 @@ class App:
         self.controller.halt(_STOPS[stop])
 
     def _parse(self, free):
-        self.poll_input()
-        message = wire.NEED_BYTES
-        for _ in range(_FEW):
-            message = self._receiver.next()
-            self.poll_input()
-            if message or not self._receiver.waits():
+        receiver = self._receiver
+        for _ in range(_PARSED):
+            if self._read(0) and (self._obeyed or self.controller.halted):
+                return  # the lane takes a frame whose last byte comes now
+            message = receiver.next()
+            if message:
+                self.poll_input()  # not taken: the message is first
+                self._dispatch(message)
                 break
-        self._dispatch(message)
+            if receiver.unparsed == receiver.ahead:
+                break
         if self._commands.busy and free and not (self.controller.halted or self.controller.watching()):
             self._commands.go_on()  # many short lines: half of their time is the pass around them
 
@@ -225,43 +227,44 @@ class App:
             self._send(now_us)
         self.gated.watch(self._receiver)
         looked_us = self._ticks_us()
-        self._read(0)
-        left_us = min(left_us, self._time_out(looked_us, left_us))
-        self._read(0)
+        if self._heard():
+            return 0
+        rests = not (waiting or self._receiver.gap_us()) and (left_us == NEVER_US or not self.controller.moving())
+        left_us = self._time_out(looked_us, left_us)
         if self.controller.watching():  # twice in a pass, for a port without interrupts
             self.controller.guard_stops()
             return 0
-        if self._receiver.waits() or self._obeyed or self.controller.halted:
+        if self._heard() or (waiting and self.port.writable()):
             return 0
-        if not (self._tidy or waiting or self.controller.moving()):  # 20 ms, so after the first answer
-            self._tidy = True
-            self.port.collect()
-        if self._records.waiting and not (waiting or self._receiver.gap_us()):
-            if self._read(0):
-                return 0
-            self._records.record(now_us, self.controller.moving())
-        left_us -= diff(self._ticks_us(), now_us)
-        if self._read(0) or (waiting and self.port.writable()):
+        left_us -= diff(self._ticks_us(), now_us) + _SPIN_US
+        if rests and (self._records.rest(now_us) or self._heard()):
             return 0
-        return max(0, min(_SLEEP_MS, (left_us - _SPIN_US) // 1000))
+        if left_us < 1000 * led.SLOT_MS:
+            return max(0, left_us // 1000)
+        return max(_SHOW_US // 1000, led.SLOT_MS - self.port.ticks_ms() % led.SLOT_MS)
 
-    def _time_out(self, now_us, due_us):
-        """Apply the keep-alive, and the gap after an unfinished message. Returns the us to the next such deadline."""
-        left_us = NEVER_US
+    def _heard(self):
+        """Look once more. True if there is something to do before the loop sleeps."""
+        return self._read(0) or self._receiver.waits() or self._obeyed or self.controller.halted
+
+    def _time_out(self, now_us, left_us):
+        """Apply the keep-alive, and the gap after an unfinished message. Returns the us to the next deadline of all."""
+        due_us = left_us
         if self.controller.keep_alive_ms:
-            left_us = self.controller.silence(now_us, self._receiver.received_at)
+            due_us = self.controller.silence(now_us, self._receiver.received_at)
         gap_us = self._receiver.gap_us()
         if gap_us:
             gap_us -= self._receiver.silent_us(now_us)
             if gap_us > 0:
-                return min(left_us, gap_us)
-            self._dispatch(self._receiver.gap())
-            return left_us
-        while left_us < _SPIN_US and left_us < due_us and not self.poll_input():  # its end is waited for
-            self.controller.guard_stops()
-            left_us = self.controller.silence(now_us, self._receiver.received_at)  # up to then no byte had come
-            now_us = self._ticks_us()
-        return left_us
+                due_us = min(due_us, gap_us)
+            else:
+                self._dispatch(self._receiver.gap())
+        else:
+            while due_us < _SPIN_US and due_us < left_us and not self.poll_input():  # its end is waited for
+                self.controller.guard_stops()
+                due_us = self.controller.silence(now_us, self._receiver.received_at)  # up to then no byte had come
+                now_us = self._ticks_us()
+        return min(left_us, due_us)
 
     def _send(self, now_us):
         """Send some bytes of the replies, if the host reads. Output never blocks."""

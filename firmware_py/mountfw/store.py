@@ -93,7 +93,8 @@ class Records:
         self._axes = axes
         self._errors = error_queue
         self.poll_input = lambda: None
-        self.waiting = False  # has record() something to do?
+        self.waiting = False  # may a record be due?
+        self._tidy = False
         self._next = _NOTHING
         self._rested_at = 0  # since when nothing moves
         self._on_flash = False  # may there be a record of the positions?
@@ -203,21 +204,30 @@ class Records:
         self.poll_input()
         return True
 
-    def record(self, now_us, moving):
-        """Nothing waits to be heard or said: record the positions if it is time. One file operation at most."""
-        rests = self._rested_at is not None and not moving
+    def rest(self, now_us):
+        """Nothing moves, nothing waits to be said, no message is half received: what takes long. True: more of it."""
+        if not self._tidy:  # what the start has left: 20 ms, so after the first answer
+            self._tidy = True
+            self._port.collect()
+        if not self.waiting:
+            return False
+        rests = self._rested_at is not None
         for axis in self._axes:
             if axis.has_moved:
                 axis.has_moved = rests = False
         if not rests:
             self._rested_at = now_us
             self._next = _WAIT
-        elif self._next == _NOTHING:  # no record was there at the start, and nothing has moved since
-            pass
-        elif self._next == _WAIT:
-            if diff(now_us, self._rested_at) >= _REST_US:
-                self._next = _WRITE
-        elif self._next == _WRITE:
+        elif self._next == _WAIT and diff(now_us, self._rested_at) >= _REST_US:
+            self._next = _WRITE
+        if self._next > _WAIT:  # at _NOTHING no record was there at the start, and nothing has moved since
+            self._record()
+            return self.waiting
+        return False
+
+    def _record(self):
+        """One file operation."""
+        if self._next == _WRITE:
             self.waiting = False  # if this fails it is not tried again before something has moved
             for axis in self._axes:
                 axis.drive.on_flash = True  # from here on all that moves or counts anew comes to drop_record() first

@@ -9,8 +9,9 @@ from probe import longest_pass_us, start_polled, start_probe
 
 from mirrormount.device.frame import encode
 
-IDLE_US = 64_000  # the longest sleep of an idle loop: moments are chosen from as long a stretch
+IDLE_US = 256_000  # the longest sleep of an idle loop: moments are chosen from as long a stretch
 STREAM_US = 1_000  # a frame each millisecond
+EXECUTED_US = 64_000  # thirty lines `XS?` take three times as long
 RECORDED_US = 10_500_000  # the position is recorded after 10 s of rest
 LATE_US = 10_000  # a frame that shows later than this did not keep up
 FRAMES = 500
@@ -226,8 +227,8 @@ def stop_in_queries(lab: Lab) -> list[float]:
     for _ in lab.trials():
         board.do(b"1MV+;2MV-\n")
         board.give(b"XS?\n" * 30)
-        board.run(IDLE_US, lambda: b"\n" in board.received)  # the first is answered
-        board.run(random.randrange(IDLE_US))
+        board.run(EXECUTED_US, lambda: b"\n" in board.received)  # the first is answered
+        board.run(random.randrange(EXECUTED_US))
         times.append(board.stopped_after_us(board.give(b"!")) / 1000)
         board.forget()
     return times

@@ -22,6 +22,7 @@ _MANY = const(1 << 20)  # pulses left, for the table: the closed loop counts its
 _LOOKS = const(2)  # of resting: no pulse's rest, but the encoder is looked at
 _LOOK_US = const(4_000)  # between two looks near a pulse's end, at most: the loop sleeps less than that
 _LOOK_AT_RUN_US = const(13_000)  # else: the loop wakes 3 ms before, for a drive that might end then
+_LOOK_AT_REST_US = const(64_000)  # an AS5600 loses count if a hand turns it by half a turn between two
 _LATE_US = const(15_000)  # in a run what was received is obeyed before a look, but so long at most
 
 
@@ -341,4 +342,4 @@ class EncodedAxis(Axis):
             self._gone = position.reader.gone
             if self._gone and position.closed:
                 self.error(codes.AXIS_ENCODER_LOST)
-        return NEVER_US
+        return _LOOK_AT_REST_US

@@ -31,6 +31,7 @@ class _NoChannel:
 _channel = usb_cdc.data or usb_cdc.console or _NoChannel()
 
 _STOP = 0x21  # `!`
+_GONE_MS = 16  # a host that has gone is noticed within this, though the loop sleeps longer
 _OUTPUT = 64  # bytes: the smallest buffer for output that a USB device has; less than that waits if it can take more
 
 _byte_in = bytearray(1)
@@ -67,9 +68,14 @@ _write = _channel.write
 
 def any(wait_ms):
     """True as soon as a byte waits, or when the host has gone; False after wait_ms without one."""
-    for _ in _ipoll_in(wait_ms):
-        return True
-    return _there != _channel.connected and _has_left()
+    while True:
+        for _ in _ipoll_in(min(wait_ms, _GONE_MS)):
+            return True
+        wait_ms -= _GONE_MS
+        if _there != _channel.connected and _has_left():
+            return True
+        if wait_ms <= 0:
+            return False
 
 
 def drain(receiver, most):
