@@ -71,6 +71,14 @@ def test_the_position_follows_a_hand():
         assert status(rig) == (millisteps, codes.MEASURED)
 
 
+def test_an_encoder_at_rest_is_looked_at_15_times_a_second():
+    rig = encoded()
+    rig.run(500_000)
+    before = rig.app.queries.about.passes
+    rig.run(10_000_000)
+    assert rig.app.queries.about.passes - before > 150  # a hand may turn an AS5600 by half a turn between two
+
+
 def test_a_record_of_the_position_goes_when_a_hand_turns_the_shaft():
     rig = encoded()
     rig.ask(b"1DH0\n")

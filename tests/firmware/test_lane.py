@@ -51,6 +51,21 @@ def test_a_frame_is_counted_as_without_the_lane():
             assert rest == same and abs(lane - core) < 500, (data, found)
 
 
+def test_a_last_byte_is_the_lanes_whenever_it_comes_after_the_others():
+    missed = []
+    for us in range(0, 2_000, 20):  # the first seven are looked at meanwhile
+        rig = LaneRig()
+        rig.ask(b"0100-100!\n")
+        rig.run(200_000)
+        before = rig.looks.taken
+        rig.send(b"0255-25")
+        rig.send(b"5", after_us=us)
+        rig.run(20_000)
+        if rig.looks.taken != before + 1:
+            missed.append(us)
+    assert missed == []
+
+
 def test_each_byte_of_a_frame_may_come_alone_and_in_two_parts_at_any_place():
     for cut in range(1, 8):
         rig = LaneRig()

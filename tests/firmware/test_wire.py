@@ -276,6 +276,17 @@ def test_the_error_queue_keeps_the_ten_oldest():
     assert rig.errors() == [6] * 4 + [37] * 6
 
 
+def test_an_idle_loop_sleeps_to_the_end_of_a_slot_of_the_led():
+    rig = Rig()
+    rig.ask(b"*IDN?\n")
+    for line in (b"", b"1MV+\n"):  # at rest, and in a run
+        rig.send(line)
+        rig.run(500_000)
+        before = rig.app.queries.about.passes
+        rig.run(10_240_000)
+        assert 40 <= rig.app.queries.about.passes - before <= 60, line  # 40 slots; a run is counted, too
+
+
 def test_the_led_says_ready_driving_and_error():
     rig = Rig()
     rig.run(1_100_000)
