@@ -15,7 +15,7 @@ EXECUTED_US = 64_000  # thirty lines `XS?` take three times as long
 RECORDED_US = 10_500_000  # the position is recorded after 10 s of rest
 LATE_US = 10_000  # a frame that shows later than this did not keep up
 FRAMES = 500
-QUIET_US = 200_000  # after an answer; by then the board knows that the port does not echo, so it holds no frame
+QUIET_US = 500_000  # after an answer; by then the board knows that the port does not echo, so it holds no frame
 KEEP_ALIVE_US = 500_000
 
 # us of a pulse, and how many of 200 pulses are that long
@@ -80,17 +80,16 @@ def frame_rate(lab: Lab, *, reading: bool) -> list[float]:
     """The highest rate, to 2 %, at which FRAMES paced frames all show on the pins in order, none LATE_US late."""
     board = lab.board()
     board.hear(reading)
-    frames = min(FRAMES, 5 * lab.n)
     low, high = 10.0, 4000.0
     for _ in lab.trials(9):
         middle = (low * high) ** 0.5
-        low, high = (middle, high) if _keeps_up(board, lab, frames, middle) else (low, middle)
+        low, high = (middle, high) if _keeps_up(board, lab, middle) else (low, middle)
     return [low]
 
 
-def _keeps_up(board: Board, lab: Lab, frames: int, rate: float) -> bool:
+def _keeps_up(board: Board, lab: Lab, rate: float) -> bool:
     """Motor 1 reverses with each frame, motor 2 does one of three things: on its enables, was every frame there?"""
-    speeds = [(255 if i % 2 else -255, lab.random.choice((-255, 0, 255))) for i in range(frames)]
+    speeds = [(255 if i % 2 else -255, lab.random.choice((-255, 0, 255))) for i in range(FRAMES)]
     board.fresh()
     board.give(b"XS?\n")
     board.run(QUIET_US)
