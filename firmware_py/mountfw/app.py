@@ -126,13 +126,8 @@ class App:
         """Sleep until a byte comes, and read all that wait, unless a drive must end first. True if there were any."""
         receiver = self._receiver
         before = receiver.unparsed
-        left_ms = self._sleep_ms
-        deaf = left_ms and self._replies.waiting  # the host does not read: it is asked again and again
-        found = self._read(1 if deaf else left_ms)
-        while deaf and found == _NOTHING and left_ms > 1 and not self.port.writable():
-            left_ms -= 1
-            found = self._read(1)
-        received = found
+        deaf = self._sleep_ms and self._replies.waiting
+        received = found = self._wait_deaf(self._sleep_ms * 1000) if deaf else self._read(self._sleep_ms)
         self._woke_at = self._lane.woke_at
         while found == _MORE:
             if self.controller.driving() and self.controller.service(self._ticks_us()) < _SPIN_US:
@@ -142,10 +137,18 @@ class App:
         self._streams = received and receiver.unparsed - before >= _STREAM and receiver.unparsed < _MOST_STREAMED
         return received
 
-    def _read(self, wait_ms):
-        """Wait so long for a byte, and read at most _most; a stop cuts, a frame may drive. _NOTHING, _ALL or _MORE."""
+    def _wait_deaf(self, left_us):
+        """The host does not read: it is asked again and again. As _read()."""
+        began_us = self._ticks_us()
+        found = self._read(1)
+        while found == _NOTHING and diff(self._ticks_us(), began_us) < left_us - 1000 and not self.port.writable():
+            found = self._read(1)
+        return found
+
+    def _read(self, wait_ms, most=0):
+        """Wait so long for a byte, read at most so many; a stop cuts, a frame may drive. _NOTHING, _ALL or _MORE."""
         receiver = self._receiver
-        most = self._most
+        most = most or self._most
         before = receiver.write
         stop = self._look(most, wait_ms)
         if stop < 0:
@@ -175,16 +178,16 @@ class App:
 
     def _parse(self, free):
         receiver = self._receiver
+        if self._read(0, self._meanwhile) and (self._obeyed or self.controller.halted):
+            return  # the lane has taken a frame whose last byte came now
         for _ in range(_PARSED):
-            if self._read(0) and (self._obeyed or self.controller.halted):
-                return  # the lane takes a frame whose last byte comes now
             message = receiver.next()
-            if message:
-                self.poll_input()  # not taken: the message is first
-                self._dispatch(message)
+            if message or receiver.unparsed == receiver.ahead:
                 break
-            if receiver.unparsed == receiver.ahead:
-                break
+            self.poll_input()
+        if message:
+            self.poll_input()
+            self._dispatch(message)
         if self._commands.busy and free and not (self.controller.halted or self.controller.watching()):
             self._commands.go_on()  # many short lines: half of their time is the pass around them
 
@@ -231,7 +234,7 @@ class App:
             return 0
         rests = not (waiting or self._receiver.gap_us()) and (left_us == NEVER_US or not self.controller.moving())
         left_us = self._time_out(looked_us, left_us)
-        if self.controller.watching():  # twice in a pass, for a port without interrupts
+        if not left_us or self.controller.watching():  # twice in a pass, for a port without interrupts
             self.controller.guard_stops()
             return 0
         if self._heard() or (waiting and self.port.writable()):
@@ -255,15 +258,14 @@ class App:
         gap_us = self._receiver.gap_us()
         if gap_us:
             gap_us -= self._receiver.silent_us(now_us)
-            if gap_us > 0:
-                due_us = min(due_us, gap_us)
-            else:
+            if gap_us <= 0:
                 self._dispatch(self._receiver.gap())
-        else:
-            while due_us < _SPIN_US and due_us < left_us and not self.poll_input():  # its end is waited for
-                self.controller.guard_stops()
-                due_us = self.controller.silence(now_us, self._receiver.received_at)  # up to then no byte had come
-                now_us = self._ticks_us()
+                return 0  # it may have begun a drive
+            return min(left_us, due_us, gap_us)
+        while due_us < _SPIN_US and due_us < left_us and not self.poll_input():  # its end is waited for
+            self.controller.guard_stops()
+            due_us = self.controller.silence(now_us, self._receiver.received_at)  # up to then no byte had come
+            now_us = self._ticks_us()
         return min(left_us, due_us)
 
     def _send(self, now_us):

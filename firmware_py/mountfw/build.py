@@ -6,11 +6,10 @@ from mountfw.dialect.commands import Commands
 from mountfw.dialect.error_queue import ErrorQueue
 from mountfw.dialect.line import Line
 from mountfw.dialect.queries import About
-from mountfw.end_stop import EndStop
 from mountfw.memory import presize
 from mountfw.motion.controller import Controller
 from mountfw.own_reply import OwnReply, WaryReceiver
-from mountfw.parts import make_axis, make_lane
+from mountfw.parts import make_axis, make_emergency_stop, make_lane
 from mountfw.store import Records
 from mountfw.wire.frame import Frame
 from mountfw.wire.replies import Replies
@@ -34,16 +33,14 @@ def build(port, board):
     receiver = WaryReceiver(frame, line, port.pack, own)  # its ring needs 4 KB in one piece: before encoders are loaded
     parts = port, board, error_queue, receiver
     axes = [make_axis(i + 1, pins, *parts) for i, pins in enumerate(boards.axes(board))]
-    number = getattr(board, "EMERGENCY_STOP", None)
-    emergency_stop = EndStop(port.reader(number))
-    emergency_stop.fitted = number is not None
+    emergency_stop = make_emergency_stop(port, board)
     records = Records(port, axes, error_queue)
     controller = Controller(axes, error_queue, emergency_stop, records)
     if cause == codes.WATCHDOG:
         error_queue.push(codes.WATCHDOG_RESET)
     about = About(board.NAME, port, cause)
-    if number is not None:
-        port.on_rise(number, controller.guard)
+    if emergency_stop.fitted:
+        port.on_rise(board.EMERGENCY_STOP, controller.guard)
     commands = Commands(controller, line, replies, about)
     gated = extras.Gated(port.gate(board) if hasattr(port, "gate") else None, controller, about)
     lane = make_lane(port, board, controller, receiver, frame, own, replies, commands)

@@ -1,5 +1,5 @@
-"""Makes the parts that differ from board to board: bridges, axes, the lane. Imports whatever they are of; what is not
-fitted is not loaded. Needed while a board starts, only.
+"""Makes the parts that differ from board to board: bridges, axes, emergency stop, lane. Imports whatever they are of;
+what is not fitted is not loaded. Needed while a board starts, only.
 """
 
 from mountfw import extras
@@ -40,6 +40,14 @@ def make_axis(number, pins, port, board, error_queue, receiver):
         if pins[name] is not None:
             port.on_rise(pins[name], axis.drive.guard)
     return axis
+
+
+def make_emergency_stop(port, board):
+    """The emergency stop of a board file; not fitted where it names none."""
+    number = getattr(board, "EMERGENCY_STOP", None)
+    emergency_stop = EndStop(port.reader(number))
+    emergency_stop.fitted = number is not None
+    return emergency_stop
 
 
 def make_lane(port, board, controller, receiver, frame, own, replies, commands):

@@ -50,6 +50,29 @@ def test_it_latches_until_a_reset():
     assert rig.drives() == (255, 0)
 
 
+class Tap(dict):
+    """Switches, of which one is open from since_us to until_us."""
+
+    since_us = until_us = 0
+
+    def get(self, pin, default=None):
+        if pin == STOP:
+            return 1 if self.since_us <= self.port.us < self.until_us else 0
+        return super().get(pin, default)
+
+
+def test_a_tap_at_rest_latches_on_a_port_without_interrupts():
+    for us in range(0, 260_000, 20_000):
+        rig = with_emergency_stop()
+        rig.port.switches = switches = Tap()
+        switches.port = rig.port
+        rig.run(500_000)
+        switches.since_us = rig.port.us + us
+        switches.until_us = switches.since_us + 100_000
+        rig.run(500_000)
+        assert rig.axis1.drive.emergency, us
+
+
 def test_a_reset_does_not_help_while_it_is_open_or_its_wire_is_broken():
     rig = with_emergency_stop()
     del rig.port.switches[STOP]

@@ -1,6 +1,16 @@
 """The keep-alive: a client that falls silent. Runs under CPython and MicroPython."""
 
-from rig import Rig
+from rig import Port, Rig
+
+
+class SlowLooks(Port):
+    """A port whose looks at the input take longer."""
+
+    more_us = 0
+
+    def any(self, wait_ms):
+        self.us += self.more_us
+        return super().any(wait_ms)
 
 
 def test_motion_stops_when_the_client_falls_silent_and_says_why():
@@ -28,6 +38,21 @@ def test_a_short_keep_alive_is_kept_to():
         rig.send(b"\n", after_us=i * 18_000)
     rig.run(9 * 18_000)
     assert rig.drives() == (255, 0)
+
+
+def test_a_keep_alive_is_kept_to_while_the_host_does_not_read():
+    for ms in (60, 250):
+        rig = Rig(port=SlowLooks())
+        rig.run(300_000)
+        rig.port.more_us = 165  # as an emulated Pico's
+        rig.port.reading = False
+        rig.send(b"TE?;XK%d;1MV+\n" % ms)
+        rig.take_in()
+        heard_us = rig.now()
+        rig.run(600_000)
+        assert rig.drives() == (0, 0)
+        off_us = [us for us, pin, duty in rig.port.edges if pin == 2 and not duty][-1]
+        assert -5_000 < off_us - heard_us - 1000 * ms < 2_000, ms
 
 
 def test_any_byte_keeps_a_motion_alive():

@@ -215,6 +215,21 @@ def test_a_frame_again_at_once_waits_twenty_milliseconds_at_most():
         assert numbers(rig) == []
 
 
+def test_a_frame_that_waited_ends_at_the_run_limit_though_nobody_reads():
+    for us in range(0, 260_000, 20_000):  # when the loop would sleep for long
+        rig = Rig()
+        rig.ask(b"1XM20\n")
+        rig.run(us)
+        rig.ask(b"02550000")
+        rig.ask(b"!")
+        rig.port.reading = False
+        rig.port.edges.clear()
+        rig.send(b"02550000")  # as the reply that was sent: it waits for the bytes after it
+        rig.take_in()
+        rig.run(400_000)
+        assert 19_500 < rig.on_times(2)[0] < 20_500, us
+
+
 def test_what_a_waiting_frame_turns_off_goes_off_at_once():
     rig = Rig()
     rig.ask(b"02550000\n")

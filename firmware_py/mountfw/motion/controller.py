@@ -8,6 +8,7 @@ from mountfw.motion.axis import IDLE, REST
 from mountfw.motion.drive import NEVER_US
 from mountfw.wire.ticks import diff
 
+_GUARD_US = const(64_000)  # a port without interrupts sees an emergency stop that opens for so long, at rest, too
 _FAR_US = const(8_000)  # no drive ends before this, so there is time to read
 
 
@@ -119,11 +120,12 @@ class Controller:
 
     def service(self, now_us):
         """Carry the moves on. Returns the microseconds to the next deadline."""
+        least_us = NEVER_US
         if self._emergency_stop.fitted:
             self.guard(None)
+            least_us = _GUARD_US
         if self.halted:
             self.stop_all(self.halted)
-        least_us = NEVER_US
         axis = self._axis1
         while axis is not None and not self.halted:
             if axis.state or axis.resting:

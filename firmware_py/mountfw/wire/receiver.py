@@ -148,7 +148,6 @@ class Receiver:
     # ---- own_reply.py overrides these: it asks whether the board itself has sent what came
 
     def _decide(self) -> int:
-        """Compare some of the bytes after the held frame. The message that it is, or NEED_BYTES."""
         return NEED_BYTES
 
     def _whole(self) -> int:
@@ -206,7 +205,6 @@ class Receiver:
         return self._whole()
 
     def _in_line(self, c, result):
-        """The line has taken byte c, with this result."""
         if result > 0:
             self.state = BOUNDARY
             return self._ended(c)
