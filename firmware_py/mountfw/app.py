@@ -138,11 +138,13 @@ class App:
         return received
 
     def _wait_deaf(self, left_us):
-        """The host does not read: it is asked again and again. As _read()."""
-        began_us = self._ticks_us()
+        """The host does not read: it is asked again and again, but less and less often. As _read()."""
         found = self._read(1)
-        while found == _NOTHING and diff(self._ticks_us(), began_us) < left_us - 1000 and not self.port.writable():
-            found = self._read(1)
+        nap_ms = 1
+        while found == _NOTHING and nap_ms and not self.port.writable():
+            left_ms = (left_us - diff(self._ticks_us(), self._woke_at)) // 1000  # or a pass less
+            nap_ms = max(0, min(2 * nap_ms, left_ms, 32))  # so late it sees at most that the host reads again
+            found = self._read(nap_ms)
         return found
 
     def _read(self, wait_ms, most=0):
