@@ -182,6 +182,7 @@ class App:
         receiver = self._receiver
         if self._read(0, self._meanwhile) and (self._obeyed or self.controller.halted):
             return  # the lane has taken a frame whose last byte came now
+        message = wire.NEED_BYTES
         for _ in range(_PARSED):
             message = receiver.next()
             if message or receiver.unparsed == receiver.ahead:
