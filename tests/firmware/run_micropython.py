@@ -31,6 +31,7 @@ TESTS = (
     "test_memory",
     "test_settings",
     "test_recorded",
+    "test_record_faults",
     "test_nvm_records",
 )
 
