@@ -1,8 +1,8 @@
 """Makes a pin show when the firmware's loop looks at its input: low while it does, high in between.
 
 The firmware runs unchanged from the raw prompt, but for the lane's look(), with which it looks and in which alone it
-sleeps. That is wrapped in native code, which adds some 10 us to each look. The loop looks several
-times in a pass, so what the pin shows as high is a piece of a pass: how long something that arrives may have to wait.
+sleeps. That is wrapped in native code, which adds some 10 us to each look. The loop looks several times in a pass, so
+what the pin shows as high is a piece of a pass: how long something that arrives may have to wait.
 """
 
 from lab import Board, Edge
@@ -52,20 +52,20 @@ finally:
 """
 
 
-# The loop shows its state once in each pass: there, in its own context, something is done while a motor is driven.
+# The loop notes how long a pass has taken: there, at the end of each, something is done while a motor is driven.
 _WHILE_DRIVING = """
 import gc
-from mountfw import led
 from mountfw.build import build
 from mountfw.ports import micropython as port
 board = port.find_board()
 a = build(port, board)
-shown = led.show
-def show(port, controller):
-    shown(port, controller)
-    %s controller.driving():
+about = a.queries.about
+passed = about.passed
+def ended(us):
+    passed(us)
+    %s a.controller.driving():
         %s
-led.show = show
+about.passed = ended
 try:
     a.run()
 finally:
