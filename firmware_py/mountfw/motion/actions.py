@@ -25,7 +25,7 @@ class Actions(Settings):
         self._errors = error_queue
         self._ticks_us = ticks_us
         self.position = position or Position()
-        self.drive = Drive(bridge, self.stop_towards, ticks_us)
+        self.drive = Drive(bridge, [negative_stop, positive_stop, negative_stop], ticks_us)  # [0] stands for none
         self.switch_homing = self.homing = homing and homing(self)  # the homing of this axis, and the one under way
         self.has_moved = False  # has a move ended, or was its position defined, since store.py asked last?
         self.poll_input = lambda most=0: None  # the App sets its own: a stop in the middle of longer work cuts
@@ -61,6 +61,7 @@ class Actions(Settings):
         self.negative_stop.fitted = self.switches & 2 != 0
         self.drive.watched = self.switches & 3 != 0 and not self.checking & 1
         self.drive.inverted = self.inverted
+        self.drive.stops[1], self.drive.stops[-1] = self.stop_towards(1), self.stop_towards(-1)
         self.changed = self.state != 0  # then _close() measures
         if not self.changed:
             self._measure()

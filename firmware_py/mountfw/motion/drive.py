@@ -15,15 +15,15 @@ _MOST_ON_US = const(1_000_000_000)  # a move's on-time is measured up to here: i
 
 
 class Drive:
-    """The drive on a bridge. stop_towards(direction) is the EndStop in the axis's own direction 1 or -1.
+    """The drive on a bridge. stops[1] and stops[-1] are the EndStops in the axis's own direction 1 and -1.
 
     ticks_us is the clock. direction (1, -1) and duty (1 ... 255) are those of the next on().
     """
 
-    def __init__(self, bridge, stop_towards, ticks_us):
+    def __init__(self, bridge, stops, ticks_us):
         self.bridge = bridge
         self._cut = bridge.cut
-        self._stop_towards = stop_towards
+        self.stops = stops
         self._ticks_us = ticks_us
         self.gate = None  # of the port (docs/gate.md), while it is in place: it ends drives, too
         self.clock = ticks_us  # until when a drive that was not cut here was on: the gate may have cut it
@@ -66,7 +66,7 @@ class Drive:
 
     def at_stop(self):
         """True if the end-stop ahead is open, or has been since the move began to go there."""
-        return self.watched and (self.tripped or self._stop_towards(self.direction).active())
+        return self.watched and (self.tripped or self.stops[self.direction].active())
 
     # ---- on
 
@@ -153,7 +153,7 @@ class Drive:
 
     def guard(self, _pin):
         """An end-stop has opened (a hard interrupt, maybe): cut the drive that goes into it."""
-        if self.watched and self._stop_towards(self.direction).active():
+        if self.watched and self.stops[self.direction].active():
             self.tripped = True
             self.cut()
 
