@@ -110,11 +110,12 @@ class Lane:
     def sum(self, axis, i, now_us):
         """Count an axis's speeds from frame i on, but for the last, up to now_us."""
         if axis.position.closed and i < self._last:
-            i = self._last - 1  # one look at the encoder sees them all
+            i = self._last - 1  # one look at the encoder has seen them all
         while i < self._last:
             speed = self._speed(i)
             if speed:
                 axis.drive.on_us = self._drove_us(FIRST + EACH * i + 1 + self.which, now_us)
+                self.poll_input()
                 self._add(axis, speed)
             i += 1
 
@@ -128,7 +129,8 @@ class Lane:
     def _add(self, axis, speed):
         axis.position.begin()
         self.poll_input()
-        axis.position.driven(1 if speed > 0 else -1, axis.drive.on_us * abs(speed), True)
+        if not axis.position.closed:
+            axis.position.driven(1 if speed > 0 else -1, axis.drive.on_us * abs(speed), True)
 
     def lose(self):
         """Ctrl-C, or a fault, has come between a frame's drive and its count: where the axes are is not known."""

@@ -1,11 +1,11 @@
 """What an encoder counts: settings, position at rest, records, an AS5600. Runs under CPython and MicroPython."""
 
-from rig import Rig
+from rig import Board, Rig
 
 from mountfw import codes
 from mountfw.ports.counted import Phases, Turns
 
-from rig_encoder import encoded, ended, finish, move, status  # isort: skip
+from rig_encoder import EncoderPort, encoded, ended, finish, move, status  # isort: skip
 
 
 def test_an_axis_without_an_encoder_says_0_and_takes_nothing_else():
@@ -79,11 +79,27 @@ def test_an_encoder_at_rest_is_looked_at_15_times_a_second():
     assert rig.app.queries.about.passes - before > 150  # a hand may turn an AS5600 by half a turn between two
 
 
+def test_after_the_end_of_a_move_an_encoder_is_looked_at_within_a_tenth_of_a_second():
+    board = Board()
+    board.AXIS_1 = dict(board.AXIS_1, encoder=(8, 9))  # the other axis has none, which would wake the loop
+    for line in (b"1PR1\n", b"1XM300;1MV+\n"):
+        rig = Rig(board, None, EncoderPort())
+        rig.ask(b"1XN280;1MM1\n")
+        rig.run(700_000)
+        looks = []
+        counts = rig.port.motors[0].counts
+        rig.axis1.reader.counts = lambda rig=rig, looks=looks, counts=counts: looks.append(rig.now()) or counts()
+        rig.send(line)
+        rig.run(3_000_000)
+        assert not rig.controller.moving()
+        assert max([later - sooner for sooner, later in zip(looks, looks[1:])]) < 100_000, line
+
+
 def test_a_record_of_the_position_goes_when_a_hand_turns_the_shaft():
     rig = encoded()
     rig.ask(b"1DH0\n")
     move(rig, b"1PR1\n")
-    rig.run(10_500_000)
+    rig.run(10_800_000)
     assert "mountfw.position" in rig.port.files
     rig.motor1.at += 1  # less than a dead band is no turn
     rig.run(100_000)
@@ -91,7 +107,7 @@ def test_a_record_of_the_position_goes_when_a_hand_turns_the_shaft():
     rig.motor1.at += 100
     rig.run(100_000)
     assert "mountfw.position" not in rig.port.files
-    rig.run(10_500_000)
+    rig.run(10_800_000)
     again = encoded(rig.port.files)
     assert abs(status(again)[0] - 1361) <= 8
     assert status(again)[1] == codes.COUNTED  # while it was off nobody measured
@@ -128,7 +144,7 @@ def test_an_encoder_on_the_screw_tells_if_it_was_turned_while_the_board_was_off(
     rig.ask(b"1DH7;SM\n")
     rig.run(200_000)
     move(rig, b"1PR2\n")
-    rig.run(10_500_000)
+    rig.run(10_800_000)
     at = rig.motor1.at
     for turned, error in ((0, []), (3, []), (51, [151]), (-1000, [151]), (4096, [])):
         again = started_again(dict(rig.port.files), at + turned)

@@ -239,6 +239,8 @@ class EncodedAxis(Axis):
     # ---- the loop
 
     def service(self, now_us):
+        if not self.measured.closed:
+            return super().service(now_us)
         looks = True
         # a frame or a stop, maybe: it is obeyed first
         if self.receiver.waits():
@@ -248,8 +250,6 @@ class EncodedAxis(Axis):
             looks = self.state < RUN or diff(now_us, self._looked_at) > _LATE_US
             if not (looks or self.drive.watched or diff(self.drive.ends_at, now_us) <= _LATE_US):
                 return _LATE_US
-        if not self.measured.closed:
-            return super().service(now_us)
         if looks:
             self._looked_at = now_us
             self.poll_input()
@@ -274,7 +274,7 @@ class EncodedAxis(Axis):
         if self.state > REST:
             near = self._pulses and self._loop.near(self._watch.counts)
             return min(left_us, _LOOK_US if near else _LOOK_AT_RUN_US)
-        return left_us
+        return left_us if self.state else _LOOK_AT_REST_US
 
     def _look(self, now_us):
         """Look at the encoder in a drive. Returns the reason why it must end, or 0."""
@@ -317,7 +317,7 @@ class EncodedAxis(Axis):
             self.homing.stalled()
         else:
             self.handle(END, reason)
-        return diff(self.next_at, self._ticks_us()) if self.state else NEVER_US
+        return diff(self.next_at, self._ticks_us()) if self.state else _LOOK_AT_REST_US
 
     def _rest(self):
         """A pulse is over: the rest before the next one, or before the end is judged."""

@@ -91,6 +91,7 @@ class MeasuredPosition(Position):
     def look(self):
         """Count what it has turned since. Returns the counts in the axis's own direction."""
         raw = self.reader.counts()
+        self._axis.poll_input()
         turned = apart(raw, self.raw) * self.way
         if self.reader.slips != self._slips or self.reader.gone:
             self._slips = self.reader.slips
@@ -156,6 +157,7 @@ class MeasuredPosition(Position):
     def done(self):
         """A drive is over: whole steps since the move began. What is still to coast is no missing step."""
         self.look()
+        self._axis.poll_input()
         way = apart(self.place, self._begun)
         self.made = (abs(way) + (self.per_step >> 4)) // self.per_step * (1 if way > 0 else -1)
 
