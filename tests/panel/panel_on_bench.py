@@ -1,13 +1,14 @@
 """`mirrormount panel --virtual …` whose bench takes orders. A line of stdin is one; each prints one line.
 
 unplug, plug: the camera; hand MOTOR, jam MOTOR: at a motor of the mount; duties: prints those of both enables.
+--patience may be longer than a person's: a page on a busy computer is silent for seconds.
 """
 
 import json
 import sys
 import threading
 
-from mirrormount.cli import main
+from mirrormount.cli import command, main
 from mirrormount.virtual import virtual_table
 from mirrormount.virtual.bench import Order
 
@@ -41,5 +42,6 @@ def act() -> None:
 
 if __name__ == "__main__":
     virtual_table.VirtualTable = Watched
+    command.MOST_PATIENCE_S = 60
     threading.Thread(target=act, daemon=True).start()
     sys.exit(main.main(["panel", *sys.argv[1:]]))

@@ -8,7 +8,7 @@ import re
 import pytest
 from looks import DESK, PHONE, THEMES, assert_nothing_cut_off, assert_readable, assert_touchable
 from playwright.sync_api import expect
-from running import PANEL_ON_BENCH, Panel
+from running import PANEL_ON_BENCH, Panel, press
 from served import PATIENCE_S, wait_for
 
 from mirrormount.device import calibration
@@ -39,7 +39,7 @@ def panel(tmp_path_factory):
         patch.setenv("MIRRORMOUNT_CONFIG", str(folder))
         calibration.write(BOARD, {2: calibration.Scale(0.215, 0.215, STEP, 2.0, 1500.0)})
         calibration.write(BOARD, {1: calibration.Scale(0.33, 0.33, STEP)})
-        options = ("--patience", "2", "--camera", "2", "--encoder", "motor")
+        options = ("--patience", "60", "--camera", "2", "--encoder", "motor")
         panel = Panel("--virtual", folder, *options, program=PANEL_ON_BENCH)
     yield panel
     panel.kill()
@@ -80,9 +80,9 @@ def test_the_card_of_the_camera_can_be_read_and_touched_and_nothing_is_cut_off(p
 
 def test_a_click_moves_the_spot_there_and_the_picture_shows_spot_trail_and_target(page, learned):
     click_on_picture(page, 0.45, 0.45)
+    x, y = (float(page.locator(f"input[name=place_{axis}]").input_value()) for axis in "xy")
     expect(page.locator(".camera-doing")).to_contain_text(re.compile(r"the spot goes to .* STOP ends it"))
     expect(page.locator(".news")).to_contain_text(re.compile(r"the spot is at .* within 0.5 px"))
-    x, y = (float(page.locator(f"input[name=place_{axis}]").input_value()) for axis in "xy")
     seen = page.locator(".camera-says").inner_text()
     assert [float(n) for n in re.findall(r"[xy] ([\d.]+)", seen)] == pytest.approx([x, y], abs=2.0)
     assert re.search(r"from the target: .* µm \(.* µrad\), .*of the beam", page.locator(".camera-off").inner_text())
@@ -140,10 +140,10 @@ def test_what_an_encoder_measures_is_shown_and_a_stall_is_told_with_its_remedy(p
     page.get_by_text("Wiring, pulse and speed, take-up, limits").click()
     page.get_by_label("x: counts of one step").fill("280")
     page.get_by_label("x: 1: closed loop").fill("1")
-    page.get_by_role("button", name="Apply").click()
+    press(page.get_by_role("button", name="Apply"))
     expect(page.locator(".q-notifications")).to_contain_text("applied")
     x = page.locator("section", has_text="X · right and left")
-    x.get_by_role("button", name="Zero").click()
+    press(x.get_by_role("button", name="Zero"))
     expect(x.locator(".lamps")).to_contain_text("measured")
     expect(x.locator(".position")).to_have_text("+0.000")
     panel.bench("hand m2")
