@@ -205,7 +205,7 @@ class Records:
         return True
 
     def rest(self, now_us):
-        """Nothing moves, nothing waits to be said, no message is half received: what takes long. True: more of it."""
+        """Nothing moves, nothing waits to be said, no message is half received: what takes long. True: it did."""
         if not self._tidy:  # what the start has left: 20 ms, so after the first answer
             self._tidy = True
             self._port.collect()
@@ -222,7 +222,7 @@ class Records:
             self._next = _WRITE
         if self._next > _WAIT:  # at _NOTHING no record was there at the start, and nothing has moved since
             self._record()
-            return self.waiting
+            return True  # the watchdog is fed before the loop sleeps
         return False
 
     def _record(self):

@@ -163,7 +163,7 @@ def test_a_stop_whose_bytes_are_lost_ends_the_moves_and_the_drives_are_released(
     drive(board)
     board.until(b"deaf")
     assert cut_after(board, b"!") <= CUT_US
-    board.run(350_000)  # 50 ms after the last packet, and a sleep later, the loop has missed the stop
+    board.run(600_000)  # 50 ms after the last packet, and a sleep later, the loop has missed the stop
     assert board.ask(b"\n1XE?\n").startswith(b"3,")
     drive(board, b"02540254")
     assert cut_after(board, b"!") <= CUT_US

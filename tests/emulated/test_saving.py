@@ -16,7 +16,7 @@ from mirrormount.virtual import emulator
 pytestmark = pytest.mark.lockstep
 
 PATIENCE_US = 3_000_000
-RECORDED_US = 10_600_000  # after that much rest the position is on the flash
+RECORDED_US = 10_800_000  # after that much rest the position is on the flash
 NEVER = 1_000_000  # operations
 FIRST_DRIVE_US = 150_000  # a motion may start that late when a record must go first
 SETTINGS = (b"1XP50000;2XV90;2XB5000\n", b"1XP60000;2XV91;2XB7000\n")

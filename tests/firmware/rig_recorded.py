@@ -4,7 +4,7 @@ from rig import Rig
 
 FILE = "mountfw.position"
 REST_US = 10_000_000
-RECORDED_US = 10_400_000  # by then the record is in place
+RECORDED_US = 10_700_000  # by then the record is in place
 KNOWN = ("millisteps", "certainty", "target", "defined", "home_known", "home", "gap_known", "inside")
 MOTIONS = (
     b"1PR1\n",

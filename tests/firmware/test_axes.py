@@ -9,7 +9,7 @@ AXIS_3 = {"en": 16, "pos": 17, "neg": 18, "stop_pos": 19, "stop_neg": 20}
 AXIS_4 = {"en": 22, "pos": 26, "neg": 27, "stop_pos": None, "stop_neg": None}
 EN = (2, 5, 16, 22)
 EMERGENCY_STOP = 14
-RECORDED_US = 10_400_000  # after so long a rest the positions are recorded
+RECORDED_US = 10_700_000  # after so long a rest the positions are recorded
 ALL_RUN = b"1MV+;2MV-;3MV+;4MV-\n"
 ALL_DRIVE = (255, -255, 255, -255)
 
@@ -221,7 +221,7 @@ def test_the_led_blinks_while_only_the_third_axis_drives():
     rig.run(500_000)
     assert rig.port.shown == []
     rig.ask(b"3MV+\n")
-    rig.run(1_000_000)
+    rig.run(2_000_000)
     assert len(rig.port.shown) > 2
 
 

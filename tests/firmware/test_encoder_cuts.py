@@ -13,7 +13,7 @@ from mountfw import codes
 
 PER_STEP = 102
 TURN = 4096
-REST_US = 10_500_000
+REST_US = 10_800_000
 NEAR = 12  # counts: the dead band, what a hand may turn without a look, and the sensor's play
 _EVERY = 40  # passes of the loop
 OFTEN = (codes.UNKNOWN, codes.COUNTED, codes.ESTIMATED)

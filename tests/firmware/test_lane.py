@@ -141,7 +141,7 @@ def refused(rig, data, drives):
 def test_what_has_something_before_it_waits_for_its_turn():
     rig = LaneRig()
     rig.ask(b"1DH7\n")
-    rig.run(10_400_000)
+    rig.run(10_800_000)
     assert "mountfw.position" in rig.port.files
     refused(rig, b"02550255", (255, 255))  # the record of the position comes off the flash first
     assert "mountfw.position" not in rig.port.files

@@ -12,7 +12,7 @@ from rig_cuts import cuttable
 FILES = ("mountfw.settings", "mountfw.position")
 OLD = b"1XP150000;1XD200;1XV90;1VA5;1XI0;2XP90000;2XB5000;2VA6\n"
 NEW = b"1XP50000;1XD100;1XV91;1VA9;1XI1;2XP80000;2XB7000;2VA7\n"
-REST_US = 10_400_000
+REST_US = 10_700_000
 
 
 class PowerCut(Exception):

@@ -281,10 +281,10 @@ def test_an_idle_loop_sleeps_to_the_end_of_a_slot_of_the_led():
     rig.ask(b"*IDN?\n")
     for line in (b"", b"1MV+\n"):  # at rest, and in a run
         rig.send(line)
-        rig.run(500_000)
+        rig.run(600_000)
         before = rig.app.queries.about.passes
         rig.run(10_240_000)
-        assert 40 <= rig.app.queries.about.passes - before <= 60, line  # 40 slots; a run is counted, too
+        assert 20 <= rig.app.queries.about.passes - before <= 50, line  # 20 slots; a run is counted, too
 
 
 def test_the_led_says_ready_driving_and_error():
@@ -293,13 +293,13 @@ def test_the_led_says_ready_driving_and_error():
     assert rig.port.shown[-1][1] and len(rig.port.shown) == 1  # on, for good
     rig.ask(b"1MV+\n")
     before = len(rig.port.shown)
-    rig.run(1_000_000)
-    assert 3 <= len(rig.port.shown) - before <= 5  # blinking
+    rig.run(4_096_000)
+    assert 7 <= len(rig.port.shown) - before <= 9  # blinking
     rig.ask(b"!\nAT\n")
+    rig.run(3_072_000)
     before = len(rig.port.shown)
     rig.run(4_096_000)
-    flashes = [us for us, on in rig.port.shown[before:] if on]
-    assert len(flashes) == 4  # twice in each of two rounds
+    assert [on for _, on in rig.port.shown[before:]] in ([True, False] * 2, [False, True] * 2)  # a flash each 2 s
 
 
 def test_the_hash_of_the_firmware_is_what_the_port_finds():

@@ -34,7 +34,7 @@ MOTION = st.one_of(
 )
 STOP = st.tuples(st.sampled_from(sorted(STOPS)), st.just(0))
 WAIT_US = st.one_of(st.integers(0, 4_000), st.integers(4_000, 120_000), st.integers(100_000, 700_000))
-RECORDED_US = st.just(10_500_000)  # at rest, so that the position is on the flash
+RECORDED_US = st.just(10_800_000)  # at rest, so that the position is on the flash
 GLUED = ("",) * 16 + ("!", "00000000")  # a stop in the same burst as the command
 
 

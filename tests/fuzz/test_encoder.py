@@ -66,7 +66,7 @@ OTHER = st.sampled_from(
     ]
 )
 FAULT = st.sampled_from(["hand", "stuck", "free", "slip", "low", "high"])
-WAIT_US = st.one_of(st.integers(0, 5_000), st.integers(5_000, 300_000), st.just(1_500_000), st.just(10_600_000))
+WAIT_US = st.one_of(st.integers(0, 5_000), st.integers(5_000, 300_000), st.just(1_500_000), st.just(10_800_000))
 ACTION = st.tuples(st.one_of(MOTION, MOTION, OTHER, FAULT), WAIT_US)
 
 

@@ -13,7 +13,7 @@ from mirrormount.virtual.files import new_files
 from mirrormount.virtual.lockstep import Lockstep
 from mirrormount.virtual.simulation import START_US
 
-RECORDED_US = 10_500_000
+RECORDED_US = 10_800_000
 SWITCHED_ON = Callable[[], Lockstep]
 
 

@@ -139,7 +139,7 @@ def test_ctrl_c_turns_all_three_motors_off(board, machine):
 def test_settings_and_positions_of_three_axes_survive_a_power_cut(switch_on):
     board = switch_on()
     assert board.ask(b"1XP150000;2XP160000;3XP170000;SM;1DH7;2DH-8;3DH9;TE?\n") == b"0\r\n"
-    board.run(10_500_000)
+    board.run(10_800_000)
     asked = b"1XP?;2XP?;3XP?;1TP?;2TP?;3TP?;TE?\n"
     assert switch_on().ask(asked) == b"150000; 160000; 170000; 7; -8; 9; 0\r\n"
 

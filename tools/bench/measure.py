@@ -9,13 +9,13 @@ from probe import longest_pass_us, start_polled, start_probe
 
 from mirrormount.device.frame import encode
 
-IDLE_US = 256_000  # the longest sleep of an idle loop: moments are chosen from as long a stretch
+IDLE_US = 512_000  # the longest sleep of an idle loop: moments are chosen from as long a stretch
 STREAM_US = 1_000  # a frame each millisecond
 EXECUTED_US = 64_000  # thirty lines `XS?` take three times as long
-RECORDED_US = 10_500_000  # the position is recorded after 10 s of rest
+RECORDED_US = 10_800_000  # the position is recorded after 10 s of rest
 LATE_US = 10_000  # a frame that shows later than this did not keep up
 FRAMES = 500
-QUIET_US = 500_000  # after an answer; by then the board knows that the port does not echo, so it holds no frame
+QUIET_US = 700_000  # after an answer; by then the board knows that the port does not echo, so it holds no frame
 KEEP_ALIVE_US = 500_000
 
 # us of a pulse, and how many of 200 pulses are that long
