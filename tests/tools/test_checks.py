@@ -190,11 +190,21 @@ with _bootstrap.Beside() as beside:
     assert (tmp_path / "ended").exists()
 
 
-def test_a_silent_command_is_followed_by_lines_of_progress(monkeypatch, capsys):
+UNTIL_TOLD = """
+import pathlib, sys, time
+while not pathlib.Path(sys.argv[1]).exists():
+    time.sleep(0.01)
+print("done")
+"""
+
+
+def test_a_silent_command_is_followed_by_lines_of_progress(monkeypatch, tmp_path):
+    told = []
     monkeypatch.setattr(bootstrap, "PROGRESS_S", 0.01)
-    status, output = bootstrap.run([sys.executable, "-c", "import time; time.sleep(0.5); print('done')"])
+    monkeypatch.setattr(bootstrap, "say", lambda line: (told.append(line), (tmp_path / "told").touch()))
+    status, output = bootstrap.run([sys.executable, "-c", UNTIL_TOLD, str(tmp_path / "told")])
     assert (status, output) == (0, "done\n")
-    assert re.search(r"^ +-c .*sleep.* … \d+ s$", capsys.readouterr().out, re.MULTILINE)
+    assert re.search(r"^ +-c .*pathlib.* … \d+ s$", told[0], re.DOTALL)
 
 
 SCRIPT = """
