@@ -1,6 +1,6 @@
 """Records that are damaged, gone, or cannot be removed. Runs under CPython and MicroPython."""
 
-from rig import Rig
+from rig import START_US, Port, Rig
 
 from mountfw import codes
 from mountfw.store import seal
@@ -135,3 +135,28 @@ def test_a_ctrl_c_right_after_the_record_came_or_went_does_not_hide_it():
     assert rig.drives() == (0, 0)
     assert rig.axis1.steps(1)
     assert rig.drives() == (255, 0)
+
+
+class FedPort(Port):
+    """A port that notes how often it slept long with the watchdog not fed since the last file operation."""
+
+    unfed = slept = 0
+
+    def any(self, wait_ms):
+        if wait_ms > 100 and self.file_log:
+            self.slept += 1
+            if self.fed_at - START_US < self.file_log[-1][0]:
+                self.unfed += 1
+        return super().any(wait_ms)
+
+
+def test_after_a_slow_file_operation_the_watchdog_is_fed_before_the_loop_sleeps():
+    rig = Rig(port=FedPort())  # an operation takes 45 ms there; 400 and a sleep of 512 nearly are what a watchdog waits
+    rig.app._feed = rig.port.start_watchdog()
+    rig.ask(b"1DH0;1PR1\n")
+    for full in (False, True):
+        rig.port.full = full
+        rig.run(2 * RECORDED_US)
+        rig.send(b"1PR1\n")
+    assert rig.port.slept > 20
+    assert not rig.port.unfed

@@ -2,7 +2,7 @@
 
 from mountfw import codes
 
-from rig import START_US, Port, Rig  # isort: skip
+from rig import Rig  # isort: skip
 from rig_recorded import FILE, MOTIONS, RECORDED_US, REST_US, certainty, known, recorded, restart, rises  # isort: skip
 
 EN1, EN2 = 2, 5
@@ -130,31 +130,6 @@ def test_nothing_is_recorded_before_ten_seconds_of_rest():
     assert [entry[1:] for entry in rig.port.file_log] == [("store", FILE + ".new"), ("rename", FILE + ".new")]
     assert rig.port.file_log[0][0] >= ended_us + REST_US
     assert rig.port.file_log[1][0] < ended_us + RECORDED_US
-
-
-class FedPort(Port):
-    """A port that notes how often it slept long with the watchdog not fed since the last file operation."""
-
-    unfed = slept = 0
-
-    def any(self, wait_ms):
-        if wait_ms > 100 and self.file_log:
-            self.slept += 1
-            if self.fed_at - START_US < self.file_log[-1][0]:
-                self.unfed += 1
-        return super().any(wait_ms)
-
-
-def test_after_a_slow_file_operation_the_watchdog_is_fed_before_the_loop_sleeps():
-    rig = Rig(port=FedPort())  # an operation takes 45 ms there; 400 and a sleep of 512 nearly are what a watchdog waits
-    rig.app._feed = rig.port.start_watchdog()
-    rig.ask(b"1DH0;1PR1\n")
-    for full in (False, True):
-        rig.port.full = full
-        rig.run(2 * RECORDED_US)
-        rig.send(b"1PR1\n")
-    assert rig.port.slept > 20
-    assert not rig.port.unfed
 
 
 def test_the_shortest_motion_begins_the_ten_seconds_anew():
