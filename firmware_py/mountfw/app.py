@@ -113,7 +113,7 @@ class App:
             self._read(0)  # a stop does not wait for this and for what follows
         self._sleep_ms = 0
         if self._streams or self._obeyed or self.controller.halted:
-            pass  # a stop may be in the bytes still to come, or the lane take what comes next: everything else can wait
+            self.poll_input()  # all else can wait: a stop may be in the bytes to come, or the lane take what comes next
         elif self._commands.busy:
             self._commands.go_on()
         elif self._receiver.waits():
@@ -221,7 +221,6 @@ class App:
         watching = axis and controller.watching()
         while axis:
             axis.drive.end_on_time(self._watch if watching else axis.poll_input, _READ_SPINNING)
-            self.poll_input()
             axis = controller.ending(self._ticks_us(), _SPIN_US)
         self.poll_input()
         return controller.service(self._ticks_us())

@@ -13,16 +13,16 @@ from mountfw import codes, const
 from mountfw.motion.axis import FRAME, RUN
 from mountfw.wire.ticks import diff
 
-MOST = const(32)  # frames in the log
+MOST = const(20)  # frames in the log
 # places in the log: how many frames it has; from FIRST on the packed frames, each with the times at which axis 1 and
-# axis 2 got its speeds
+# axis 2 got its speeds; before FIRST a drive that the first of them has ended
 WAITING = const(0)
-FIRST = const(1)
+poll_nothing = bool  # stands in for App.poll_input(): it does nothing
+_AT_ONCE = const(8)  # frames counted without a look at the input
+_LINGER_US = const(12_000)
+_LONG_MS = const(100)
+FIRST = const(4)
 EACH = const(3)
-
-
-def poll_nothing(_most=0):
-    """Stands in for App.poll_input()."""
 
 
 class Lane:
@@ -35,14 +35,14 @@ class Lane:
         self.woke_at = 0
         self.which = 0  # 0 or 1: the axis whose frames are being booked, ...
         self._last = 0  # ... the number of the last one ...
-        self._until = 0  # ... and up to when those before it drove
+        self.until = 0  # ... and up to when those before it drove
         self.log = array("i", [0] * (FIRST + EACH * MOST))
         self._controller = controller
         self._receiver = receiver
         self._frame = frame
         self._replies = replies
         self.poll_input = poll_nothing  # the App's
-        self.look = lambda most, wait_ms: -1  # until there is the port's, which may bring a faster sum(), too
+        self.look = bool  # until there is the port's, which may bring a faster sum(), too
 
     def book(self):
         """Count the frames of the log, as if each had been executed when it came, and echo one that came alone."""
@@ -55,6 +55,21 @@ class Lane:
         self.log[WAITING] = 0
         if not self._last and not self.own.muted:
             self._replies.echo(packed)  # best effort: one that does not fit is dropped
+
+    def clear(self):
+        """Is nothing against a frame? In one look() that stays, but for an emergency stop. 0: something is.
+
+        Else for so many us look() may wait for more frames of a stream before they are booked: each sets the deadlines
+        of both axes.
+        """
+        us = _LINGER_US if self._last and len(self._controller.axes) == 2 else 1
+        for axis in self.axes:
+            drive = axis.drive
+            if drive.inhibited or drive.watched or drive.on_flash:
+                return 0
+            if axis.position.closed or axis.run_limit_ms < _LONG_MS:
+                us = 1
+        return 0 if self._receiver.state or self.commands.busy else us  # a message before it is not done
 
     def _book(self, which, speed):
         """Count the part of axis 1 (which is 0) or 2 (1), which has had this speed since the last frame."""
@@ -84,47 +99,53 @@ class Lane:
         """Count an axis's part from frame `first` on, but for the last: each was superseded by the next one."""
         drive = axis.drive
         # the gate may have cut it, and so may a stop behind the frames
-        self._until = drive.halted_at if self._controller.halted else drive.clock()
+        self.until = drive.halted_at if self._controller.halted else drive.clock()
         drive.has_begun = True
         drive.began_at = self.log[FIRST + EACH * first + 1 + self.which]
         self.poll_input()
-        if axis.state == RUN:  # what was under way ended then; the frame that is the last ends it in the table, too
-            axis.counting = True
-            if drive.measuring:
-                us = drive.measured_us(True)
-                self.poll_input()
-                axis.position.driven(drive.direction, us * drive.duty, True)
-            axis.counting = False
-        else:
+        # what was under way ended then; the frame that is the last ends it in the table, too
+        if axis.state != RUN:
             axis.handle(FRAME, 1)
             axis.position.made = axis.ended_steps  # the last move that ended is the one to tell of
             drive.on_us = axis.ended_on_us
+        elif drive.was_cut or axis.position.closed or not self._speed(first):
+            axis.counting = True
+            axis.count(True)
+            axis.counting = False
+        else:  # it is summed with the others, from when it was counted last
+            first -= 1
+            n = drive.duty if drive.direction > 0 else drive.duty | 0x200
+            self.log[FIRST - EACH] = n if self.which else n << 10
+            self.log[FIRST - EACH + 1 + self.which] = drive.counted_at
         drive.has_begun = drive.measuring = False
-        self.poll_input()
-        self.sum(axis, first, self._until)
+        self._sum(axis, first)
+
+    def _sum(self, axis, i):
+        if axis.position.closed:
+            i = self._last - 1  # one look at the encoder has seen them all
+        while i < self._last:
+            self.poll_input()
+            self.sum(axis, i, min(i + _AT_ONCE, self._last))
+            i += _AT_ONCE
 
     def _speed(self, i):
         n = self.log[FIRST + EACH * i] >> (0 if self.which else 10)
         return -(n & 0xFF) if n & 0x200 else n & 0xFF
 
-    def sum(self, axis, i, now_us):
-        """Count an axis's speeds from frame i on, but for the last, up to now_us."""
-        if axis.position.closed and i < self._last:
-            i = self._last - 1  # one look at the encoder has seen them all
-        while i < self._last:
+    def sum(self, axis, i, end):
+        """Count an axis's speeds of the frames from i to before end, each until the next one, none after `until`."""
+        while i < end:
             speed = self._speed(i)
             if speed:
-                axis.drive.on_us = self._drove_us(FIRST + EACH * i + 1 + self.which, now_us)
+                axis.drive.on_us = self._drove_us(FIRST + EACH * i + 1 + self.which)
                 self.poll_input()
                 self._add(axis, speed)
             i += 1
 
-    def _drove_us(self, place, now_us):
-        """How long the frame whose time is at this place of the log drove: to the next one, or to now_us."""
+    def _drove_us(self, place):
+        """How long the frame whose time is at this place of the log drove."""
         at = self.log[place]
-        us = diff(self.log[place + EACH], at)
-        left_us = diff(now_us, at)
-        return max(0, min(us, left_us))
+        return max(0, min(diff(self.log[place + EACH], at), diff(self.until, at)))
 
     def _add(self, axis, speed):
         axis.position.begin()

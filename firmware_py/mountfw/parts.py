@@ -58,5 +58,5 @@ def make_lane(port, board, controller, receiver, frame, own, replies, commands):
     else:
         from mountfw.look import Look  # no place in a memory that has another one
 
-        lane.look = Look(port, lane, receiver).look
+        lane.look = Look(port, lane, receiver).look  # pyright: ignore[reportAttributeAccessIssue]
     return lane

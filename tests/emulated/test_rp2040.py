@@ -120,6 +120,7 @@ def test_the_clock_of_the_image_wraps_as_the_firmware_thinks(make_board):
 
 AS_NATIVE = """
 import micropython, random
+from mountfw.boards import pico
 from mountfw.ports import micropython_console as console
 from mountfw.wire import frame
 from mountfw.ports import micropython_drain, rp2_lane
@@ -133,9 +134,10 @@ for _ in range(400):
 fast, slow = [receiver.Receiver(None, None, None, 256) for _ in range(2)]
 class Plain: pass
 lane, axis = Plain(), Plain()
-axis.drive = lane.own = lane.log = lane.commands = lane.sum = None
+axis.drive = lane.own = lane.log = lane.sum = None
 lane.axes = axis, axis
-looks = rp2_lane.Look(lane, fast, (2, 5), False)
+pico.LANE = False
+looks = rp2_lane.look(lane, fast, pico)
 sent = bytes(%r)
 micropython.kbd_intr(-1)
 for start in range(0, len(sent), 200):

@@ -8,6 +8,7 @@ from rig import Port, Rig
 
 from mountfw.extras import EACH, FIRST, MOST, WAITING
 from mountfw.wire import frame
+from mountfw.wire.ticks import diff
 
 LINE_ENDS = b"\r\n^"
 
@@ -30,14 +31,28 @@ class LaneLook:
         lane = self.lane
         port = self.port
         receiver = self.receiver
+        clear = 0 if wait_ms < 0 else -1
+        if wait_ms > 0:
+            clear = lane.clear()
         came = waits = port.any(max(0, wait_ms))
-        lane.woke_at = port.ticks_us()
-        if not came and (wait_ms < 0 or receiver.unparsed < 8):
+        since = port.ticks_us()
+        if not came and wait_ms < 0:
             return -1
+        if wait_ms >= 0:
+            lane.woke_at = since
+            if not came and receiver.unparsed < 8:
+                return -1
+        left_us = 0
         stop = 0
         while True:
-            while waits and most and receiver.unparsed <= receiver.mask and not stop:
-                port.us += 24
+            while most and receiver.unparsed <= receiver.mask and not stop:
+                if not waits:
+                    soon = left_us and not receiver.unparsed and diff(port.ticks_us(), since) < left_us
+                    waits = port.any(2 if soon else 0)
+                    if not waits:
+                        break
+                waits = False
+                port.us += 20
                 c = port.inbox[port.taken][1]
                 port.taken += 1
                 most -= 1
@@ -46,34 +61,32 @@ class LaneLook:
                 if stop:
                     for axis in lane.axes:
                         axis.drive.bridge.cut()
-                waits = port.next_us() <= port.us
-            if stop or wait_ms < 0 or receiver.unparsed < 8:
+            if stop or receiver.unparsed < 8:
                 break
+            if clear < 0:
+                clear = lane.clear()
             at = receiver.write - receiver.unparsed
             c = receiver.ring[at + 8 & receiver.mask] if receiver.unparsed > 8 else 0
-            if not self.obeyed(at, c):
+            if not (clear and self.obeyed(at, c)):
                 break
             receiver.unparsed -= 8
             receiver.ahead = 0
             came = True
-            waits = port.next_us() <= port.us
+            left_us = clear
+            most += 8
         return stop if came else -1
 
     def obeyed(self, at, c):
         lane = self.lane
         receiver = self.receiver
-        if (c and c in LINE_ENDS) or receiver.state or lane.commands.busy:
+        if c and c in LINE_ENDS:
             return False
         packed = frame.pack(receiver.ring, at, receiver.mask)
         log = lane.log
         n = log[WAITING]
         if packed < 0 or not packed & 0x3FCFF or n == MOST:
             return False
-        for axis in lane.axes:
-            drive = axis.drive
-            if drive.inhibited or drive.emergency or drive.watched or drive.on_flash:
-                return False
-        if lane.own.wary >> packed % 29 & 1:
+        if lane.axes[0].drive.emergency or lane.own.wary >> packed % 29 & 1:
             return False
         place = FIRST + EACH * n
         log[place] = packed

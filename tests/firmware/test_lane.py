@@ -10,8 +10,12 @@ from mountfw.extras import MOST
 ENABLES = (2, 5)
 
 
+def on_times(rig, pin):
+    return [us for us, number, duty in rig.port.edges if number == pin and duty]
+
+
 def on_at(rig, pin):
-    return [us for us, number, duty in rig.port.edges if number == pin and duty][-1]
+    return on_times(rig, pin)[-1]
 
 
 def reasons(rig):
@@ -93,6 +97,35 @@ def test_frames_of_a_stream_all_reach_the_pins_in_their_order():
     rig.settle()
     shown = [duty // 257 for _, pin, duty in rig.port.edges if pin == 2 and duty]
     assert shown == speeds
+
+
+def test_frames_of_a_fast_stream_are_counted_many_at_once_so_that_each_drives_at_once():
+    rig = LaneRig()
+    rig.ask(b"0100-100!\n")
+    rig.run(3_000_000)
+    rig.port.edges.clear()
+    lane, sizes = rig.app._lane, []
+    book = lane.book
+    lane.book = lambda: (sizes.append(lane.log[0]), book())
+    sent_at = rig.now()
+    for i in range(200):
+        rig.send(b"0%03d-%03d" % (10 + i, 10 + i), after_us=400 * i)
+    rig.take_in()
+    rig.settle()
+    late_us = sorted(us - sent_at - 400 * i for i, us in enumerate(on_times(rig, ENABLES[0])))
+    assert max(sizes) > 8 and len(sizes) < 100
+    assert len(late_us) == 200 and late_us[100] < 500
+
+
+def test_frames_wait_to_be_counted_only_where_no_deadline_can_come_meanwhile():
+    rig = LaneRig()
+    lane = rig.app._lane
+    assert lane.clear() == 1  # no stream
+    lane._last = 1  # two frames came at once
+    assert lane.clear() > 10_000
+    for setting, value in ((b"XM", 50), (b"XM", 10_000)):
+        rig.ask(b"2%s%d\n" % (setting, value))
+        assert lane.clear() == 1 or value == 10_000, "a run that ends so soon is not waited with"
 
 
 def test_more_frames_at_once_than_the_log_holds_are_all_obeyed():

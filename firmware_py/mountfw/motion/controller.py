@@ -83,10 +83,7 @@ class Controller:
                 axis.drive.guard(None)
 
     def inhibit(self, reason):
-        """Inhibit motion: a stop is received but still unparsed. NONE_YET permits motion again.
-
-        A move that would have driven ends with that stop's reason.
-        """
+        """Inhibit motion by a stop that is received but still unparsed: moves end with its reason. NONE_YET: permit."""
         self.inhibited = reason
         for axis in self.axes:
             axis.drive.inhibited = reason

@@ -24,7 +24,6 @@ _OUT_SET = const(0xD0000014)  # SIO, 2.3.1.7
 _OUT_CLEAR = const(0xD0000018)
 _CLOCK = const(0x40054028)  # TIMERAWL, 4.6.5
 _COUNTERS = const(0x40050008)  # PWM, 4.5.3: CH0_CTR, and CH0_CC and CH0_TOP after it; 20 bytes a slice
-
 _WRAP = const(0x3FFFFFFF)  # of MicroPython's ticks
 
 # ---- the words of a bridge
@@ -37,9 +36,9 @@ _SHIFT = const(5)  # of its level in CC
 _DEAD_US = const(6)
 _WAY = const(7)  # that its legs have: 1 or 2, 0: none
 
-_MOST = const(32)  # frames of a Lane, and the words of its log
+_MOST = const(20)  # frames of a Lane, and the words of its log
 _WAITING = const(0)
-_FIRST = const(1)  # from here on: packed frame, time of axis 1, of axis 2
+_FIRST = const(4)  # from here on: packed frame, time of axis 1, of axis 2
 
 
 @micropython.viper
@@ -66,8 +65,7 @@ def _drive(words: ptr32, duty: int) -> int:
     function = ptr32(words[_FUNCTION])
     flip = ptr32(words[_FUNCTION] + _XOR)
     way = 1 if duty > 0 else 2
-    if duty < 0:
-        duty = 0 - duty
+    duty = duty if duty > 0 else 0 - duty
     if way != words[_WAY]:
         off[0] = words[_ENABLE]  # before a leg changes
         flip[0] = (function[0] ^ _SIO) & 31
@@ -121,26 +119,23 @@ class EnableBridge:
         return _drive(self.words, duty)
 
 
-def look(lane, receiver, board):
-    """Give a Lane the native look(), and more (docs/lane.md)."""
-    from mountfw.board_file import gate_pins  # needed at the start only
+class look:  # in lower case, for it is a verb of this port
+    """Gives a Lane the native look() on the input of its Receiver, and more (docs/lane.md)."""
 
-    Look(lane, receiver, [pin for axis in gate_pins(board) for pin in axis], getattr(board, "LANE", True))
+    def __init__(self, lane, receiver, board):
+        from mountfw.board_file import gate_pins  # needed at the start only
 
-
-class Look:
-    """The input of a Receiver. lane is the Lane of its frames; pins carry duty; wanted: by the board file."""
-
-    def __init__(self, lane, receiver, pins, wanted):
+        pins = [pin for axis in gate_pins(board) for pin in axis]
         self._cuts = array("I", [0] + [_CONTROL + 8 * pin for pin in pins] + [0])
         for pin in pins:
             self._cuts[0] |= 1 << pin
         self._axis1, self._axis2 = lane.axes
         self._drive1, self._drive2 = self._axis1.drive, self._axis2.drive
-        self._plain = wanted and isinstance(self._drive1.bridge, EnableBridge)
-        if self._plain:
+        self._clear = bool  # False
+        if getattr(board, "LANE", True) and isinstance(self._drive1.bridge, EnableBridge):
+            self._clear = lane.clear
             self._words1, self._words2 = self._drive1.bridge.words, self._drive2.bridge.words
-        self._lane, self._own, self._commands, self._log = lane, lane.own, lane.commands, lane.log
+        self._lane, self._own, self._log = lane, lane.own, lane.log
         self._receiver, self._ring = receiver, receiver.ring
         self.interrupts = interrupts()
         self._pure = lane.sum
@@ -149,52 +144,59 @@ class Look:
     @micropython.viper
     def look(self, most: int, wait_ms: int) -> int:
         """As look.Look.look()."""
-        waits = 0
         clock = ptr32(_CLOCK)
+        clear = 0 if wait_ms < 0 else -1  # -1: not known yet
+        if wait_ms > 0:  # what can be done before the byte is there is done
+            clear = int(self._clear())
+        came = 0
+        for _ in ipoll_in(wait_ms if wait_ms > 0 else 0):
+            came = 1
+            break
+        since = clock[0]
+        if not came and wait_ms < 0:
+            return -1
+        read = readinto  # locals are found sooner
+        buffer = byte_in
+        byte = ptr8(buffer)
         receiver = self._receiver
         unparsed = int(receiver.unparsed)
-        if wait_ms <= 0:
-            for _ in ipoll_in(0):
-                waits = 1
+        waits = came
+        if came:
+            came = 0
+            for _ in self.interrupts:  # before the bytes behind a Ctrl-C are read
+                came = 1
                 break
-            if wait_ms == 0:
-                self._lane.woke_at = clock[0] & _WRAP
-            if not waits and (wait_ms < 0 or unparsed < 8):
-                return -1
-        turns = self.interrupts
-        ring = ptr8(self._ring)
-        mask = int(receiver.mask)
-        at = int(receiver.write)
-        zeros = int(receiver.zeros)
-        byte = ptr8(byte_in)
-        if wait_ms > 0:  # what can be done before the byte is there is done
-            for _ in ipoll_in(wait_ms):
-                waits = 1
-                break
-            self._lane.woke_at = clock[0] & _WRAP
-            if not waits and unparsed < 8:
-                return -1
-        came = waits
-        if waits:
-            waits = 0
-            for _ in turns:  # before the bytes behind a Ctrl-C are read
-                waits = 1
-                break
-            if not waits:  # it was raised at the last look
+            if not came:  # it was raised at the last look
                 self.interrupts = interrupts()
                 return -1
+            if unparsed < 64:  # there is room for one more
+                read(buffer)
+                waits = 2
+                if byte[0] == 0x21 or byte[0] == 3:
+                    self.cut()
+        if wait_ms >= 0:
+            self._lane.woke_at = since & _WRAP
+            if not came and unparsed < 8:
+                return -1
+        poll = ipoll_in
+        ring = ptr8(self._ring)
+        mask = int(receiver.mask)
+        began = at = int(receiver.write)
+        zeros = int(receiver.zeros)
+        left_us = 0
         stop = 0
-        c = 0
         while True:
             while most and unparsed <= mask and stop == 0:  # a stop may wait behind any number of frames
                 if not waits:
-                    for _ in ipoll_in(0):
+                    soon = left_us and unparsed == 0 and clock[0] - since < left_us  # does the next frame come?
+                    for _ in poll(2 if soon else 0):
                         waits = 1
                         break
                     if not waits:
                         break
+                if waits == 1:
+                    read(buffer)
                 waits = 0
-                readinto(byte_in)
                 c = byte[0]
                 most -= 1
                 if c == 0x30:
@@ -214,17 +216,21 @@ class Look:
                 ring[at] = c
                 at = (at + 1) & mask
                 unparsed += 1
-            if stop or wait_ms < 0 or unparsed < 8:
+            if stop or unparsed < 8:
                 break
+            if clear < 0:
+                clear = int(self._clear())
             c = ring[(at - unparsed + 8) & mask] if unparsed > 8 else 0
-            if int(self._obeyed(at - unparsed, c)) == 0:
+            if not clear or int(self._obeyed(at - unparsed, c, mask)) == 0:
                 break
             unparsed -= 8
             receiver.ahead = 0
             came = 1
+            left_us = clear
+            most += 8
         if came == 0:
             return -1
-        if at != int(receiver.write):
+        if at != began:
             receiver.received_at = clock[0] & _WRAP
         receiver.write = at
         receiver.unparsed = unparsed
@@ -234,22 +240,23 @@ class Look:
         return stop
 
     @micropython.viper
-    def sum(self, axis, i: int, now_us: int):
+    def sum(self, axis, i: int, end: int):
         """As Lane.sum()."""
         position = axis.position
-        if int(position.closed) or int(position.gap):
-            self._pure(axis, i, now_us)
-            return
-        which = int(self._lane.which)
-        log = ptr32(self._log)
-        last = log[_WAITING] - 1
         step = int(position.step)
+        if step < 1000000 or int(position.closed) or int(position.gap):
+            self._pure(axis, i, end)
+            return
+        lane = self._lane
+        which = int(lane.which)
+        log = ptr32(self._log)
+        now_us = int(lane.until)
         millisteps = int(position.millisteps)
-        made = int(position.made)
+        made = 0
         part = int(position.part)
         on_us = -1
         counted = 0
-        while i < last:
+        while i < end:
             place = _FIRST + 3 * i
             i += 1
             n = log[place] if which else log[place] >> 10
@@ -269,15 +276,10 @@ class Look:
                 n = part // step
                 part -= n * step
                 made = way * n
+                n *= 1000
                 if part:
-                    if step < 1000000:
-                        n = n * 1000 + (part * 1000 + (step >> 1)) // step
-                    else:
-                        part += step // 1000 >> 1
-                        n = n * 1000 + part // (step // 1000)
+                    n += (part + (step // 1000 >> 1)) // (step // 1000)
                     part = 0
-                else:
-                    n *= 1000
                 millisteps += way * n
         if on_us >= 0:
             position.millisteps = millisteps
@@ -301,27 +303,21 @@ class Look:
             i += 1
 
     @micropython.viper
-    def _obeyed(self, at: int, c: int) -> int:
-        """Drive at the frame in the ring from place `at` on, if nothing is against it. Returns 1 if it did.
+    def _obeyed(self, at: int, c: int, mask: int) -> int:
+        """Drive at the frame in the ring from place `at` on, if it may. Returns 1 if it did.
 
         c comes behind it, or 0.
         """
-        if not self._plain or c == 10 or c == 13 or c == 0x5E:  # a line end: it may be the board's own reply
-            return 0
-        if int(self._receiver.state) or int(self._commands.busy):  # a message before it is not done
-            return 0
-        packed = int(pack(self._ring, at, int(self._receiver.mask)))
-        if packed < 0 or packed & 0x3FCFF == 0:
-            return 0
         log = ptr32(self._log)
         n = log[_WAITING]
-        if n == _MOST:
+        if n == _MOST or c == 10 or c == 13 or c == 0x5E:  # a line end: it may be the board's own reply
+            return 0
+        packed = int(pack(self._ring, at, mask))
+        if packed < 0 or packed & 0x3FCFF == 0:
             return 0
         drive1 = self._drive1
         drive2 = self._drive2
-        if int(drive1.inhibited) or int(drive1.emergency) or int(drive1.watched) or int(drive1.on_flash):
-            return 0
-        if int(drive2.inhibited) or int(drive2.emergency) or int(drive2.watched) or int(drive2.on_flash):
+        if int(drive1.emergency):  # it is one switch for both
             return 0
         wary = int(self._own.wary)
         if wary and wary >> (packed % 29) & 1:
