@@ -6,6 +6,7 @@ from test_memory import SESSION
 
 from mountfw import codes
 from mountfw.extras import MOST
+from mountfw.wire.ticks import diff
 
 ENABLES = (2, 5)
 
@@ -169,6 +170,30 @@ def refused(rig, data, drives):
     rig.settle()
     rig.run(100_000)
     assert rig.looks.taken == taken and rig.drives() == drives, data
+
+
+def test_a_stop_that_comes_right_before_a_pulse_ends_does_not_wait_for_its_end():
+    # the native bridge looks for a byte while it waits for a pulse's end, and the drive then reads it
+    rig = LaneRig()
+    rig.ask(b"1XP5000\n")
+    port, bridge = rig.port, rig.axis1.drive.bridge
+    cut_at = bridge.cut_at
+
+    def cut_at_or_byte(us):
+        while diff(us, port.ticks_us()) > 32:
+            if port.next_us() <= port.us:
+                return -1
+        return cut_at(us)
+
+    bridge.cut_at = cut_at_or_byte
+    rig.send(b"1PR1\n")
+    rig.run(1_000)
+    port.edges.clear()
+    ends_at = rig.axis1.drive.ends_at
+    rig.send(b"!", after_us=diff(ends_at, port.ticks_us()) - 150)
+    rig.run(6_000)
+    assert -150 < diff(rig.axis1.drive.cut_at, ends_at) < -30
+    assert reasons(rig)[0] == codes.ABORTED and rig.drives() == (0, 0)
 
 
 def test_what_has_something_before_it_waits_for_its_turn():

@@ -91,8 +91,8 @@ class Axis(Actions):
 
     def handle(self, event, value):
         """Do the action of TABLE for this event. True if it was done, and the state is the next one."""
-        cell = TABLE[event][self.state]
         self.poll_input()  # actions take long
+        cell = TABLE[event][self.state]
         if cell[1](self, value):
             self.state = cell[0]
             return True
@@ -276,6 +276,8 @@ class Axis(Actions):
                 self.resting = diff(self.next_at, now_us) > 0
             return NEVER_US
         drive = self.drive
+        if drive.was_cut:
+            self.poll_input()  # it may just have ended
         if drive.emergency:
             self.handle(END, codes.EMERGENCY_STOP)
         elif state <= REST:
@@ -289,8 +291,8 @@ class Axis(Actions):
         elif drive.watched and drive.at_stop():
             self.forbidden(codes.END_STOP)
         elif state != SEARCH or not self.homing.watch():
-            left_us = diff(drive.ends_at, now_us)
-            if left_us <= 0 or (drive.was_cut and not drive.tripped):  # what guard() has just cut is for the next pass
+            left_us = 0 if drive.was_cut and not drive.tripped else diff(drive.ends_at, now_us)
+            if left_us <= 0:  # what guard() has just cut is for the next pass
                 if not drive.was_cut:
                     drive.cut()
                 self.handle(LAST_OVER if state == PULSE and self.pulses_left == 1 else OVER, 0)

@@ -15,10 +15,7 @@ _MOST_ON_US = const(1_000_000_000)  # a move's on-time is measured up to here: i
 
 
 class Drive:
-    """The drive on a bridge. stops[1] and stops[-1] are the EndStops in the axis's own direction 1 and -1.
-
-    ticks_us is the clock. direction (1, -1) and duty (1 ... 255) are those of the next on().
-    """
+    """The drive on a bridge. stops[1] and stops[-1] are the EndStops in the axis's own direction 1 and -1."""
 
     def __init__(self, bridge, stops, ticks_us):
         self.bridge = bridge
@@ -30,8 +27,8 @@ class Drive:
         self.inverted = 0  # is the axis's positive direction the motor's negative one?
         self.watched = False  # is there an end-stop to look at?
         self.on_flash = False  # is the position recorded, or about to be? Then drop_record() comes first
-        self.drop_record = lambda: None  # store.py sets it
-        self.direction = self.duty = 0
+        self.drop_record = bool  # nothing: store.py sets it
+        self.direction = self.duty = 0  # of the next on(): 1 or -1; 1 ... 255
         self.on_us = 0  # measured since the move began
         self.on_at = 0  # when it was turned on
         self.ends_at = 0  # its deadline
@@ -141,15 +138,18 @@ class Drive:
 
     def end_on_time(self, poll_input, most):
         """Wait for the deadline, which must be near, and cut. Up to the last stretch poll_input(most) is called."""
-        while not self.was_cut and diff(self.ends_at, self._ticks_us()) > _CLOCK_US:
-            poll_input(most)
-        if not self.was_cut:
-            at_us = self.bridge.cut_at(self.ends_at)
-            if not self.was_cut:  # by guard(), meanwhile
-                self.cut_at = self.clock() if self.gate else at_us
-                self.was_cut = True
-                if self.gate:
-                    self.gate.ended()
+        at_us = -1
+        while not self.was_cut and at_us < 0:
+            if diff(self.ends_at, self._ticks_us()) <= _CLOCK_US:
+                at_us = self.bridge.cut_at(self.ends_at)
+            if at_us < 0:
+                poll_input(most)
+        if not self.was_cut:  # by a stop or by guard(), meanwhile
+            self.cut_at = self.clock() if self.gate else at_us
+            self.was_cut = True
+            if self.gate:
+                self.gate.ended()
+        poll_input(most)
 
     def guard(self, _pin):
         """An end-stop has opened (a hard interrupt, maybe): cut the drive that goes into it."""

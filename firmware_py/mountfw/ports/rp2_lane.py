@@ -36,6 +36,7 @@ _SHIFT = const(5)  # of its level in CC
 _DEAD_US = const(6)
 _WAY = const(7)  # that its legs have: 1 or 2, 0: none
 
+_CLOCK_US = const(32)  # a drive's last stretch, in which only the clock is read: more than a look for a byte takes
 _MOST = const(20)  # frames of a Lane, and the words of its log
 _WAITING = const(0)
 _FIRST = const(4)  # from here on: packed frame, time of axis 1, of axis 2
@@ -99,9 +100,14 @@ class EnableBridge:
         bits = 1 << pin, 1 << pos.number, 1 << neg.number
         self.words = array("I", bits + (control, counter, 16 * (pin & 1), dead_time_us, 0))
 
-    def cut_at(self, us):
-        """Wait for this time (ticks), which must be near, and cut. Returns the time."""
-        return _cut(self.words, us)
+    @micropython.viper
+    def cut_at(self, us: int) -> int:
+        """Wait for this time (ticks), which must be near, and cut. Returns the time; -1, not cut: a byte waits."""
+        clock = ptr32(_CLOCK)
+        while (us - _CLOCK_US - clock[0]) << 2 > 0:
+            for _ in ipoll_in(0):
+                return -1
+        return int(_cut(self.words, us))
 
     @micropython.viper
     def off(self):
