@@ -129,7 +129,7 @@ class App:
         deaf = self._sleep_ms and self._replies.waiting
         received = found = self._wait_deaf(self._sleep_ms * 1000) if deaf else self._read(self._sleep_ms)
         self._woke_at = self._lane.woke_at
-        while found == _MORE:
+        while found == _MORE and not self._obeyed:
             if self.controller.driving() and self.controller.service(self._ticks_us()) < _SPIN_US:
                 break
             found = self._read(0)

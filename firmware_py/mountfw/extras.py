@@ -10,7 +10,7 @@ counts that. Other ports have that of look.py.
 from array import array
 
 from mountfw import codes, const
-from mountfw.motion.axis import FRAME, RUN
+from mountfw.motion.axis import FRAME, IDLE, RUN
 from mountfw.wire.ticks import diff
 
 MOST = const(20)  # frames in the log
@@ -18,7 +18,6 @@ MOST = const(20)  # frames in the log
 # axis 2 got its speeds; before FIRST a drive that the first of them has ended
 WAITING = const(0)
 poll_nothing = bool  # stands in for App.poll_input(): it does nothing
-_AT_ONCE = const(8)  # frames counted without a look at the input
 _LINGER_US = const(12_000)
 _LONG_MS = const(100)
 FIRST = const(4)
@@ -62,12 +61,12 @@ class Lane:
         Else for so many us look() may wait for more frames of a stream before they are booked: each sets the deadlines
         of both axes.
         """
-        us = _LINGER_US if self._last and len(self._controller.axes) == 2 else 1
+        us = _LINGER_US if self._last and not self.axes[1].next else 1
         for axis in self.axes:
             drive = axis.drive
             if drive.inhibited or drive.watched or drive.on_flash:
                 return 0
-            if axis.position.closed or axis.run_limit_ms < _LONG_MS:
+            if axis.position.closed or axis.run_limit_ms < _LONG_MS or axis.state not in (IDLE, RUN):
                 us = 1
         return 0 if self._receiver.state or self.commands.busy else us  # a message before it is not done
 
@@ -118,23 +117,18 @@ class Lane:
             self.log[FIRST - EACH] = n if self.which else n << 10
             self.log[FIRST - EACH + 1 + self.which] = drive.counted_at
         drive.has_begun = drive.measuring = False
-        self._sum(axis, first)
-
-    def _sum(self, axis, i):
         if axis.position.closed:
-            i = self._last - 1  # one look at the encoder has seen them all
-        while i < self._last:
-            self.poll_input()
-            self.sum(axis, i, min(i + _AT_ONCE, self._last))
-            i += _AT_ONCE
+            first = self._last - 1  # one look at the encoder has seen them all
+        self.poll_input()
+        self.sum(axis, first)
 
     def _speed(self, i):
         n = self.log[FIRST + EACH * i] >> (0 if self.which else 10)
         return -(n & 0xFF) if n & 0x200 else n & 0xFF
 
-    def sum(self, axis, i, end):
-        """Count an axis's speeds of the frames from i to before end, each until the next one, none after `until`."""
-        while i < end:
+    def sum(self, axis, i):
+        """Count an axis's speeds from frame i on, but for the last, each until the next one, none after `until`."""
+        while i < self._last:
             speed = self._speed(i)
             if speed:
                 axis.drive.on_us = self._drove_us(FIRST + EACH * i + 1 + self.which)

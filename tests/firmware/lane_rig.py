@@ -52,6 +52,7 @@ class LaneLook:
                     if not waits:
                         break
                 waits = False
+                came = True  # native: at != began
                 port.us += 20
                 c = port.inbox[port.taken][1]
                 port.taken += 1

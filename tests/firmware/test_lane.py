@@ -6,6 +6,7 @@ from test_memory import SESSION
 
 from mountfw import codes
 from mountfw.extras import MOST
+from mountfw.wire.receiver import STOP
 from mountfw.wire.ticks import diff
 
 ENABLES = (2, 5)
@@ -127,6 +128,37 @@ def test_frames_wait_to_be_counted_only_where_no_deadline_can_come_meanwhile():
     for setting, value in ((b"XM", 50), (b"XM", 10_000)):
         rig.ask(b"2%s%d\n" % (setting, value))
         assert lane.clear() == 1 or value == 10_000, "a run that ends so soon is not waited with"
+
+
+    rig.ask(b"1PR1\n")
+    assert lane.clear() == 1, "a gate ends that pulse when it is over, whatever drives then"
+
+
+def test_a_stop_that_comes_between_two_looks_at_a_line_is_told():
+    rig = LaneRig()
+    rig.send(b"1XP?;2XP?\n")
+    assert rig.app._lane.look(16, -1) == 0 and rig.app._receiver.unparsed == 10
+    rig.send(b"!", after_us=7)  # a look takes 5 us here: it comes after the first, and before the second
+    assert rig.app._lane.look(16, 0) == STOP and rig.app._receiver.stops_ahead == 1
+
+
+def test_no_stream_keeps_the_loop_from_feeding_the_watchdog():
+    for spacing_us in range(400, 2000, 100):
+        rig = LaneRig()
+        rig.ask(b"0100-100!\n")
+        lane, fed = rig.app._lane, []
+        book = lane.book
+
+        def slow(rig=rig, book=book):
+            book()
+            rig.port.us += 2_000
+
+        lane.book = slow
+        rig.app._feed = lambda rig=rig, fed=fed: fed.append(rig.now())
+        for i in range(1_000_000 // spacing_us):
+            rig.send(b"0255-255", after_us=spacing_us * i)
+        rig.run(1_000_000)
+        assert len(fed) > 10 and max([b - a for a, b in zip(fed, fed[1:])]) < 100_000, spacing_us
 
 
 def test_more_frames_at_once_than_the_log_holds_are_all_obeyed():

@@ -33,8 +33,7 @@ class Drive:
         self.on_at = 0  # when it was turned on
         self.ends_at = 0  # its deadline
         self.cut_at = self.halted_at = 0
-        self.counted_at = 0  # up to when it was measured
-        self.began_at = 0
+        self.began_at = self.counted_at = 0  # the latter: up to when it was measured
         self.reset()
 
     def reset(self):
@@ -140,9 +139,10 @@ class Drive:
         """Wait for the deadline, which must be near, and cut. Up to the last stretch poll_input(most) is called."""
         at_us = -1
         while not self.was_cut and at_us < 0:
-            if diff(self.ends_at, self._ticks_us()) <= _CLOCK_US:
+            left_us = diff(self.ends_at, self._ticks_us())
+            if left_us <= _CLOCK_US:
                 at_us = self.bridge.cut_at(self.ends_at)
-            if at_us < 0:
+            if left_us > _CLOCK_US or (at_us < 0 and most > 1):  # a short drive (most is 1) must not be longer
                 poll_input(most)
         if not self.was_cut:  # by a stop or by guard(), meanwhile
             self.cut_at = self.clock() if self.gate else at_us

@@ -189,13 +189,12 @@ class look:  # in lower case, for it is a verb of this port
         mask = int(receiver.mask)
         began = at = int(receiver.write)
         zeros = int(receiver.zeros)
-        left_us = 0
-        stop = 0
+        left_us = soon = stop = 0
         while True:
             while most and unparsed <= mask and stop == 0:  # a stop may wait behind any number of frames
                 if not waits:
-                    soon = left_us and unparsed == 0 and clock[0] - since < left_us  # does the next frame come?
-                    for _ in poll(2 if soon else 0):
+                    soon = 2 if left_us and unparsed == 0 and clock[0] - since < left_us else 0  # the next frame comes
+                    for _ in poll(soon):
                         waits = 1
                         break
                     if not waits:
@@ -234,10 +233,10 @@ class look:  # in lower case, for it is a verb of this port
             came = 1
             left_us = clear
             most += 8
-        if came == 0:
+        if not came and at == began:
             return -1
         if at != began:
-            receiver.received_at = clock[0] & _WRAP
+            receiver.received_at = (clock[0] - 1000 * soon) & _WRAP
         receiver.write = at
         receiver.unparsed = unparsed
         receiver.zeros = zeros
@@ -246,23 +245,26 @@ class look:  # in lower case, for it is a verb of this port
         return stop
 
     @micropython.viper
-    def sum(self, axis, i: int, end: int):
+    def sum(self, axis, i: int):
         """As Lane.sum()."""
         position = axis.position
         step = int(position.step)
-        if step < 1000000 or int(position.closed) or int(position.gap):
-            self._pure(axis, i, end)
+        if int(position.closed) or int(position.gap):
+            self._pure(axis, i)
             return
         lane = self._lane
         which = int(lane.which)
         log = ptr32(self._log)
+        last = log[_WAITING] - 1
         now_us = int(lane.until)
         millisteps = int(position.millisteps)
         made = 0
         part = int(position.part)
+        k = 1000 if step < 1000000 else 1  # the product must fit
+        thousandth = step * k // 1000
         on_us = -1
         counted = 0
-        while i < end:
+        while i < last:
             place = _FIRST + 3 * i
             i += 1
             n = log[place] if which else log[place] >> 10
@@ -284,7 +286,7 @@ class look:  # in lower case, for it is a verb of this port
                 made = way * n
                 n *= 1000
                 if part:
-                    n += (part + (step // 1000 >> 1)) // (step // 1000)
+                    n += (part * k + (thousandth >> 1)) // thousandth
                     part = 0
                 millisteps += way * n
         if on_us >= 0:
@@ -323,10 +325,7 @@ class look:  # in lower case, for it is a verb of this port
             return 0
         drive1 = self._drive1
         drive2 = self._drive2
-        if int(drive1.emergency):  # it is one switch for both
-            return 0
-        wary = int(self._own.wary)
-        if wary and wary >> (packed % 29) & 1:
+        if int(drive1.emergency) or int(self._own.wary) >> (packed % 29) & 1:  # that is one switch for both
             return 0
         n1 = packed >> 10 & 0xFF
         n2 = packed & 0xFF
