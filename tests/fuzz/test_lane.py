@@ -5,6 +5,7 @@ Time stands still while either works, so that both see every frame at the very s
 
 import os
 import random
+from concurrent.futures import ProcessPoolExecutor
 
 import pytest
 from lane_rig import LanePort, LaneRig
@@ -12,8 +13,8 @@ from rig import WRAP, Port, Rig
 
 pytestmark = pytest.mark.lockstep
 
-SESSIONS = 100
-LUMPS = 30  # of each session
+SESSIONS = 100_000
+LUMPS = 3  # of frames, in each
 POSITION = ("millisteps", "part", "made", "certainty", "gap_known", "inside", "_way", "_one_way")
 AXIS = ("state", "reason", "ended_steps", "ended_on_us", "has_moved")
 DRIVE = ("direction", "duty", "on_us", "on_at", "ends_at", "measuring", "counted_at", "has_begun")
@@ -69,11 +70,9 @@ def session(seed: int) -> None:
     start = b"%d" % chance.choice((0, 3, -70))
     before = chance.choice((b"", b"1PR3;2PR-2\n", b"1MV+;2MV-\n", b"02550255", b"0100-003"))
     for rig in rigs:
+        words = b"XP%d" % step_us, b"XD%d" % duty, b"XB%d" % gap_us, b"XI%d" % (seed & 1), b"DH" + start
         for axis in (b"1", b"2"):
-            # fmt: off
-            for word in (b"XP%d" % step_us, b"XD%d" % duty, b"XB%d" % gap_us, b"XI%d" % (seed & 1), b"DH" + start):
-                rig.ask(axis + word + b"\n")
-            # fmt: on
+            rig.ask(b";".join([axis + word for word in words]) + b"\n")
         rig.ask(b"0100-100!\n")
         rig.run(300_000)
         rig.send(before)
@@ -119,5 +118,7 @@ def session(seed: int) -> None:
 
 def test_frames_booked_in_a_lump_are_counted_as_the_core_counts_each():
     first = int(os.environ.get("MIRRORMOUNT_FUZZ_SEED", "1")) * 1_000_000
-    for seed in range(first, first + int(os.environ.get("MIRRORMOUNT_LANE_SESSIONS", str(SESSIONS)))):
-        session(seed)
+    sessions = int(os.environ.get("MIRRORMOUNT_FUZZ_LANE_SESSIONS", str(SESSIONS)))
+    with ProcessPoolExecutor() as pool:
+        for _ in pool.map(session, range(first, first + sessions), chunksize=500):
+            pass

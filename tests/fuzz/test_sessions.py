@@ -140,7 +140,7 @@ def test_random_sessions_are_understood_as_the_model_says_and_end_with_everythin
 def test_random_sessions_are_understood_so_with_a_fast_lane_too():
     seed = int(os.environ.get("MIRRORMOUNT_FUZZ_SEED", "1"))
     jobs = 8
-    sessions = int(os.environ.get("MIRRORMOUNT_LANE_SESSIONS", str(SESSIONS // 10)))
+    sessions = int(os.environ.get("MIRRORMOUNT_FUZZ_LANE_SESSIONS", str(SESSIONS // 10)))
     with ProcessPoolExecutor() as pool:
         results = pool.map(run_sessions, range(seed, seed + jobs), [sessions // jobs] * jobs, [LaneRig] * jobs)
         wrong = [line for result in results for line in result]
