@@ -10,7 +10,7 @@ counts that. Other ports have that of look.py.
 from array import array
 
 from mountfw import codes, const
-from mountfw.motion.axis import FRAME, IDLE, RUN
+from mountfw.motion.axis import FRAME, RUN
 from mountfw.wire.ticks import diff
 
 MOST = const(20)  # frames in the log
@@ -66,7 +66,7 @@ class Lane:
             drive = axis.drive
             if drive.inhibited or drive.watched or drive.on_flash:
                 return 0
-            if axis.position.closed or axis.run_limit_ms < _LONG_MS or axis.state not in (IDLE, RUN):
+            if axis.position.closed or axis.run_limit_ms < _LONG_MS or (axis.state and axis.state != RUN):
                 us = 1
         return 0 if self._receiver.state or self.commands.busy else us  # a message before it is not done
 

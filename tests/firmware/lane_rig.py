@@ -19,7 +19,7 @@ def speed_of(packed, which):
 
 
 class LaneLook:
-    """As rp2_lane.Look, on a rig's port."""
+    """As rp2_lane.look, on a rig's port."""
 
     def __init__(self, port, lane, receiver):
         self.port = port
