@@ -17,11 +17,12 @@ MOST = const(20)  # frames in the log
 # places in the log: how many frames it has; from FIRST on the packed frames, each with the times at which axis 1 and
 # axis 2 got its speeds; before FIRST a drive that the first of them has ended
 WAITING = const(0)
-poll_nothing = bool  # stands in for App.poll_input(): it does nothing
-_LINGER_US = const(12_000)
-_LONG_MS = const(100)
 FIRST = const(4)
 EACH = const(3)
+_LINGER_US = const(12_000)  # so long frames of a stream wait to be counted, at most ...
+_LONG_MS = const(100)  # ... where a run may take this or more
+
+poll_nothing = bool  # stands in for App.poll_input(): it does nothing
 
 
 class Lane:
@@ -66,7 +67,7 @@ class Lane:
             drive = axis.drive
             if drive.inhibited or drive.watched or drive.on_flash:
                 return 0
-            if axis.position.closed or axis.run_limit_ms < _LONG_MS or (axis.state and axis.state != RUN):
+            if us > 1 and (axis.position.closed or axis.run_limit_ms < _LONG_MS or (axis.state and axis.state != RUN)):
                 us = 1
         return 0 if self._receiver.state or self.commands.busy else us  # a message before it is not done
 

@@ -190,21 +190,22 @@ with _bootstrap.Beside() as beside:
     assert (tmp_path / "ended").exists()
 
 
-UNTIL_TOLD = """
-import pathlib, sys, time
-while not pathlib.Path(sys.argv[1]).exists():
-    time.sleep(0.01)
-print("done")
-"""
-
-
 def test_a_silent_command_is_followed_by_lines_of_progress(monkeypatch, tmp_path):
-    told = []
+    lines, told = [], tmp_path / "told"
+    os.mkfifo(told)
+
+    def say(line: str) -> None:
+        lines.append(line)
+        if len(lines) == 1:
+            told.write_text("")  # the command reads to its end: it is silent until a line of progress was told
+
     monkeypatch.setattr(bootstrap, "PROGRESS_S", 0.01)
-    monkeypatch.setattr(bootstrap, "say", lambda line: (told.append(line), (tmp_path / "told").touch()))
-    status, output = bootstrap.run([sys.executable, "-c", UNTIL_TOLD, str(tmp_path / "told")])
+    monkeypatch.setattr(bootstrap, "say", say)
+    status, output = bootstrap.run(
+        [sys.executable, "-c", "import sys; open(sys.argv[1]).read(); print('done')", str(told)]
+    )
     assert (status, output) == (0, "done\n")
-    assert re.search(r"^ +-c .*pathlib.* … \d+ s$", told[0], re.DOTALL)
+    assert re.search(r"^ +-c .*argv.* … \d+ s$", lines[0])
 
 
 SCRIPT = """
