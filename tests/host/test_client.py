@@ -1,16 +1,13 @@
 """Mount and Axis on a virtual board in lockstep: what a program asks for is what the pins do."""
 
-import threading
 from itertools import pairwise
 
 import pytest
-from served import PATIENCE_S
 
 from mirrormount import Mount
 from mirrormount.common import errors
 from mirrormount.device.mount import Ended
 from mirrormount.transport.lines import Link
-from mirrormount.transport.port import Port
 
 
 @pytest.fixture
@@ -274,80 +271,6 @@ def test_a_jog_takes_over_from_a_step(mount):
     assert mount.x.status().direction == -1
 
 
-class CountingPort:
-    """A port that notes when one thread makes its n-th call of read() or write()."""
-
-    def __init__(self, port: Port) -> None:
-        self._port = port
-        self.lockstep = port.lockstep
-        self._left, self._thread, self.reached = 0, "", threading.Event()
-
-    def note(self, thread: str, calls: int) -> None:
-        self._left, self._thread, self.reached = calls, thread, threading.Event()
-
-    def _count(self) -> None:
-        if threading.current_thread().name == self._thread:
-            self._left -= 1
-            if self._left == 0:
-                self.reached.set()
-
-    def read(self, timeout_s: float) -> bytes:
-        self._count()
-        return self._port.read(timeout_s)
-
-    def write(self, data: bytes) -> None:
-        self._count()
-        self._port.write(data)
-
-    def close(self) -> None:
-        self._port.close()
-
-
-@pytest.mark.parametrize("calls", range(1, 13))
-def test_a_stop_of_another_thread_is_not_overtaken_by_the_start_of_a_motion(calls):
-    with Mount.open("virtual://") as mount:
-        mount.link.port = port = CountingPort(mount.link.port)
-        for _ in range(4):
-            ended: list[BaseException | None] = []
-
-            def step(ended=ended) -> None:
-                try:
-                    mount.x.step(5)
-                    ended.append(None)
-                except errors.MountError as e:
-                    ended.append(e)
-
-            port.note("step", calls)
-            thread = threading.Thread(target=step, name="step")
-            thread.start()
-            assert port.reached.wait(PATIENCE_S)
-            mount.stop()
-            thread.join(PATIENCE_S)
-            assert isinstance(ended[0], errors.MoveEnded), ended
-            assert not mount.status().moving
-
-
-def test_a_motion_that_starts_as_the_feeder_ends_is_fed(mount):
-    with Mount.open("virtual://") as mount:
-        status = mount.session.status
-        ending, started = threading.Event(), threading.Event()
-
-        def held() -> object:
-            answer = status()
-            if threading.current_thread().name == "keep-alive" and not answer.moving and not started.is_set():
-                ending.set()
-                started.wait(PATIENCE_S)  # the feeder has seen the end of the first motion
-            return answer
-
-        mount.session.status = held
-        mount.x.step(1, wait=False)
-        assert ending.wait(PATIENCE_S)
-        mount.send("2XM1500")
-        mount.x.jog(1)
-        started.set()
-        assert mount.x.wait().reason == 6
-
-
 def test_what_the_board_refuses_is_one_error_with_its_number(mount):
     mount.x.jog(1)
     with pytest.raises(errors.BoardError) as refusal:
@@ -421,21 +344,6 @@ def test_an_axis_answers_queries_of_its_own(mount):
         mount.x.ask_whole("VA?")
 
 
-def test_keep_alive_is_fed_while_a_program_sleeps(mount):
-    mount.x.jog(1)
-    mount.sleep(3)
-    assert mount.status().x.moving
-
-
-def test_a_program_that_falls_silent_stops_the_mount(mount):
-    mount.x.jog(1)
-    mount.link.sleep(3)  # passes time without feeding
-    status = mount.status()
-    assert not status.moving
-    assert status.x.reason == 7
-    assert [e.split(",")[0] for e in mount.take_errors()] == ["62"]
-
-
 def test_a_board_that_restarts_is_noticed(mount):
     mount.status()
     mount.session.board._boot_id ^= 1  # as if the next answer came from another boot
@@ -452,14 +360,6 @@ def test_a_reset_in_place_makes_all_as_at_power_up_and_is_not_taken_for_a_restar
     assert status.boot_id != before
     assert (status.x.position, status.x.certainty) == (0, "unknown")
     assert mount.ask("2XP?") == "200000"
-
-
-def test_the_real_time_board_is_fed_by_itself_while_the_program_does_something_else():
-    with Mount.open("virtual://") as mount:
-        mount.ask("2XM1500;XK?")
-        mount.x.jog(1)
-        mount.session.keep_alive.join(PATIENCE_S)  # ends when the motion does: at the run limit, not at the keep-alive
-        assert mount.x.wait().reason == 6
 
 
 def test_a_drv8833_board_moves_the_spot_too():
@@ -483,67 +383,6 @@ def test_a_virtual_address_with_an_unknown_option_is_refused(address):
         Mount.open(address)
 
 
-@pytest.mark.parametrize("start", ["step", "jog", "drive", "start_homing"])
-def test_nothing_starts_in_a_block_after_a_stop_in_it(mount, start):
-    starts = {
-        "step": lambda: mount.x.step(3),
-        "jog": lambda: mount.x.jog(1),
-        "drive": lambda: mount.drive(100, 100),
-        "start_homing": mount.x.start_homing,
-    }
-    with mount.unless_stopped():
-        mount.halt()
-        with pytest.raises(errors.MoveEnded):
-            starts[start]()
-    mount.sleep(1)
-    assert mount.link.port.simulation.edges == []
-
-
-def test_the_end_of_an_inner_block_does_not_end_the_outer_one(mount):
-    with mount.unless_stopped():
-        with mount.unless_stopped():
-            mount.x.step(1)
-        mount.halt()
-        with pytest.raises(errors.MoveEnded):
-            mount.x.step(3)
-    mount.x.step(1)
-
-
-def test_a_block_of_one_thread_is_no_block_of_another(mount):
-    in_a_block, stopped = threading.Event(), threading.Event()
-
-    def block():
-        with mount.unless_stopped():
-            in_a_block.set()
-            stopped.wait(60)
-
-    other = threading.Thread(target=block)
-    other.start()
-    in_a_block.wait(60)
-    with mount.unless_stopped():
-        mount.halt()
-        stopped.set()
-        other.join()
-        with pytest.raises(errors.MoveEnded):
-            mount.x.step(3)
-    mount.x.step(1)  # asked for after the stop
-
-
-def test_a_motion_that_send_starts_is_kept_alive_while_the_program_lives(mount):
-    assert mount.send("1>2MV+;2MV?") == "1>+"
-    mount.sleep(2)
-    assert mount.status().x.moving
-    mount.link.sleep(1)  # nobody asks the board
-    assert mount.status().x.reason == 7
-
-
-def test_a_line_with_a_keep_alive_of_its_own_is_sent_as_it_is(mount):
-    mount.send("XK0;2MV+")
-    mount.link.sleep(2)
-    assert mount.status().x.moving
-    mount.stop()
-
-
 def test_what_is_no_text_or_starts_a_motion_is_no_query(mount):
     for query in (None, b"XS?", "2MV+;XS?", "XS?\n"):
         with pytest.raises(errors.BadValue):
@@ -552,9 +391,3 @@ def test_what_is_no_text_or_starts_a_motion_is_no_query(mount):
         with pytest.raises(errors.BadValue):
             mount.send(line)
     assert mount.link.port.simulation.edges == []
-
-
-def test_without_feeding_a_motion_ends_by_its_keep_alive(mount):
-    mount.x.jog(1, feed=False)
-    mount.link.sleep(1)
-    assert mount.status().x.reason == 7

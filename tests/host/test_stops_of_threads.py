@@ -1,0 +1,115 @@
+"""A stop meets the start of a motion: in another thread, and in a block that it ends."""
+
+import threading
+
+import pytest
+from served import PATIENCE_S
+
+from mirrormount import Mount
+from mirrormount.common import errors
+from mirrormount.transport.port import Port
+
+
+@pytest.fixture
+def mount():
+    with Mount.open("virtual://?speed=max") as mount:
+        yield mount
+
+
+class CountingPort:
+    """A port that notes when one thread makes its n-th call of read() or write()."""
+
+    def __init__(self, port: Port) -> None:
+        self._port = port
+        self.lockstep = port.lockstep
+        self._left, self._thread, self.reached = 0, "", threading.Event()
+
+    def note(self, thread: str, calls: int) -> None:
+        self._left, self._thread, self.reached = calls, thread, threading.Event()
+
+    def _count(self) -> None:
+        if threading.current_thread().name == self._thread:
+            self._left -= 1
+            if self._left == 0:
+                self.reached.set()
+
+    def read(self, timeout_s: float) -> bytes:
+        self._count()
+        return self._port.read(timeout_s)
+
+    def write(self, data: bytes) -> None:
+        self._count()
+        self._port.write(data)
+
+    def close(self) -> None:
+        self._port.close()
+
+
+@pytest.mark.parametrize("calls", range(1, 13))
+def test_a_stop_of_another_thread_is_not_overtaken_by_the_start_of_a_motion(calls):
+    with Mount.open("virtual://") as mount:
+        mount.link.port = port = CountingPort(mount.link.port)
+        for _ in range(4):
+            ended: list[BaseException | None] = []
+
+            def step(ended=ended) -> None:
+                try:
+                    mount.x.step(5)
+                    ended.append(None)
+                except errors.MountError as e:
+                    ended.append(e)
+
+            port.note("step", calls)
+            thread = threading.Thread(target=step, name="step")
+            thread.start()
+            assert port.reached.wait(PATIENCE_S)
+            mount.stop()
+            thread.join(PATIENCE_S)
+            assert isinstance(ended[0], errors.MoveEnded), ended
+            assert not mount.status().moving
+
+
+@pytest.mark.parametrize("start", ["step", "jog", "drive", "start_homing"])
+def test_nothing_starts_in_a_block_after_a_stop_in_it(mount, start):
+    starts = {
+        "step": lambda: mount.x.step(3),
+        "jog": lambda: mount.x.jog(1),
+        "drive": lambda: mount.drive(100, 100),
+        "start_homing": mount.x.start_homing,
+    }
+    with mount.unless_stopped():
+        mount.halt()
+        with pytest.raises(errors.MoveEnded):
+            starts[start]()
+    mount.sleep(1)
+    assert mount.link.port.simulation.edges == []
+
+
+def test_the_end_of_an_inner_block_does_not_end_the_outer_one(mount):
+    with mount.unless_stopped():
+        with mount.unless_stopped():
+            mount.x.step(1)
+        mount.halt()
+        with pytest.raises(errors.MoveEnded):
+            mount.x.step(3)
+    mount.x.step(1)
+
+
+def test_a_block_of_one_thread_is_no_block_of_another(mount):
+    in_a_block, stopped = threading.Event(), threading.Event()
+
+    def block():
+        with mount.unless_stopped():
+            in_a_block.set()
+            stopped.wait(60)
+
+    other = threading.Thread(target=block)
+    other.start()
+    in_a_block.wait(60)
+    with mount.unless_stopped():
+        mount.halt()
+        stopped.set()
+        other.join()
+        with pytest.raises(errors.MoveEnded):
+            mount.x.step(3)
+    mount.x.step(1)  # asked for after the stop
