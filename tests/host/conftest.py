@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from deployed import Served, mpy_of_the_vm
 from served import ServedBoard
+from serving import Served as ServeProcess
 
 from mirrormount.common.errors import EmulatorMissing
 from mirrormount.deploy.fileset import firmware
@@ -28,6 +29,19 @@ def serve(tmp_path: Path) -> Iterator[Callable[..., ServedBoard]]:
 @pytest.fixture
 def board(serve) -> ServedBoard:
     return serve()
+
+
+@pytest.fixture
+def served(board, tmp_path) -> Iterator[Callable[..., ServeProcess]]:
+    all_served: list[ServeProcess] = []
+
+    def start(*options: str, **environment: str) -> ServeProcess:
+        all_served.append(ServeProcess(tmp_path, str(board.link), *options, **environment))
+        return all_served[-1]
+
+    yield start
+    for each in all_served:
+        each.clear_up()
 
 
 @pytest.fixture

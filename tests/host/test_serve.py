@@ -1,17 +1,11 @@
 """`mirrormount serve`: a virtual board served on TCP; what its pins do when clients come, go and misbehave."""
 
-import os
-import select
 import signal
 import socket
-import subprocess
-import sys
-import threading
-from collections.abc import Callable, Iterator
-from pathlib import Path
 
 import pytest
-from served import PATIENCE_S, ServedBoard, run_cli, wait_for
+from served import ServedBoard, run_cli, wait_for
+from serving import GREETING, RUN, Cable, Served, ask, hear, hear_line, rests, runs
 
 from mirrormount import Mount
 from mirrormount.common import errors
@@ -19,131 +13,7 @@ from mirrormount.common import errors
 # a client's motion lasts while `serve` feeds the board's keep-alive of 0.5 s: on a busy computer it ends, by design
 pytestmark = pytest.mark.wall_clock
 
-GREETING = bytes.fromhex("fffb01fffb03")
-RUN = b"1XM60000;1MV+\n"
 FLOOD = b"1XM60000;2XM60000\n" + b"02550255\n" * 10_000 + b"00010255\n" + b"02550255\n" * 10_000
-
-
-class Served:
-    """A `mirrormount serve` process, and its clients."""
-
-    def __init__(self, folder: Path, port: str, *options: str, **environment: str) -> None:
-        words = ["serve", port, "--tcp", "127.0.0.1:0", *options]
-        self.log = folder / "serve.log"
-        with self.log.open("w") as log:
-            self.process = subprocess.Popen(
-                [sys.executable, "-m", "mirrormount", *words],
-                stdout=subprocess.PIPE,
-                stderr=log,
-                text=True,
-                env=os.environ | environment,
-            )
-        self.identity = self.process.stdout.readline().strip()
-        self.ready = self.process.stdout.readline().strip()
-        if not self.ready.startswith("ready "):
-            self.process.communicate()
-            pytest.fail(f"it does not serve: {self.log.read_text()}")
-        self.tcp = self.ready.split()[1]
-        self.clients: list[socket.socket] = []
-
-    def connect(self, first: bytes = b"", receive_buffer: int | None = None) -> socket.socket:
-        client = socket.socket()
-        self.clients.append(client)
-        client.settimeout(PATIENCE_S)
-        if receive_buffer:
-            client.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_buffer)
-        client.connect(("127.0.0.1", int(self.tcp.rsplit(":", 1)[1])))
-        client.sendall(first)
-        return client
-
-    def says(self, text: str) -> None:
-        """Wait until its log has this text."""
-        wait_for(lambda: text in self.log.read_text(), text)
-
-    def end(self, number: int) -> int:
-        """End it; its exit status."""
-        self.process.send_signal(number)
-        return self.process.wait(PATIENCE_S)
-
-    def clear_up(self) -> None:
-        for client in self.clients:
-            client.close()
-        self.process.kill()
-        self.process.communicate()
-
-
-@pytest.fixture
-def served(board, tmp_path) -> Iterator[Callable[..., Served]]:
-    all_served: list[Served] = []
-
-    def start(*options: str, **environment: str) -> Served:
-        all_served.append(Served(tmp_path, str(board.link), *options, **environment))
-        return all_served[-1]
-
-    yield start
-    for each in all_served:
-        each.clear_up()
-
-
-class Cable:
-    """Joins a board's pty and whoever connects to it, so that a test can press keys on the board's console."""
-
-    def __init__(self, board: ServedBoard) -> None:
-        self._server = socket.create_server(("127.0.0.1", 0))
-        self.address = f"socket://127.0.0.1:{self._server.getsockname()[1]}"
-        self.console = open(board.link, "r+b", buffering=0)  # noqa: SIM115 (closed on the way out)
-        self._ended = threading.Event()
-        self._thread = threading.Thread(target=self._carry)
-
-    def __enter__(self) -> "Cable":
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._ended.set()
-        self._thread.join()
-        self.console.close()
-        self._server.close()
-
-    def _carry(self) -> None:
-        host, _ = self._server.accept()
-        with host:
-            while not self._ended.is_set():
-                ready = select.select([host, self.console], [], [], 0.01)[0]
-                if host in ready:
-                    if not (data := host.recv(4096)):
-                        return
-                    self.console.write(data)
-                if self.console in ready:
-                    host.sendall(self.console.read(4096))
-
-
-def hear(client: socket.socket, n: int) -> bytes:
-    """Exactly n bytes, or what came before the end."""
-    heard = b""
-    while len(heard) < n and (data := client.recv(n - len(heard))):
-        heard += data
-    return heard
-
-
-def hear_line(client: socket.socket) -> bytes:
-    heard = b""
-    while not heard.endswith(b"\n") and (data := client.recv(1)):
-        heard += data
-    return heard
-
-
-def ask(client: socket.socket, query: bytes) -> bytes:
-    client.sendall(query + b"\n")
-    return hear_line(client).strip()
-
-
-def runs(board: ServedBoard) -> None:
-    wait_for(board.driving, "the motor to run")
-
-
-def rests(board: ServedBoard) -> None:
-    wait_for(lambda: not board.driving(), "the motors to stop")
 
 
 def saw_the_middle_of_the_flood(board: ServedBoard) -> bool:
@@ -344,15 +214,6 @@ def test_a_stop_in_the_middle_of_a_negotiation_stops(served, board, begun):
     assert ask(client, b"1XE?").startswith(b"3,")
 
 
-@pytest.mark.parametrize("begins", [b"\x16\x03\x01\x02\x00!\n1MV+\n", b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n1MV+\n"])
-def test_tls_and_http2_reach_no_board(served, board, begins):
-    serve = served("--no-telnet")
-    serve.connect(begins)
-    serve.says("motors stopped")
-    assert ask(serve.connect(), b"1MV?;TB?") == b"0; 0, NO ERROR DETECTED"
-    assert board.edges() == []
-
-
 def test_a_reply_that_comes_back_from_a_client_drives_nothing(served, board):
     """As from a terminal in its default mode between the client and the server, across a slow network."""
     serve = served("--no-telnet")
@@ -381,14 +242,6 @@ def test_another_program_stops_what_a_client_of_the_server_drives(served, board)
     assert not board.driving()
     assert (run.returncode, run.stdout[:11]) == (0, "stopped (by")
     assert run_cli("stop", "--port", str(board.link)).stdout.startswith("stopped (by")
-
-
-def test_a_short_token_is_told_and_one_from_a_file_is_taken(served, tmp_path):
-    (tmp_path / "token").write_text("token-of-the-test\n")
-    serve = served("--token-file", str(tmp_path / "token"))
-    assert "the token can be guessed" in serve.log.read_text()
-    client = serve.connect(b"token-of-the-test\n1TP?\n")
-    assert hear(client, 6) == GREETING and hear_line(client) == b"0\r\n"
 
 
 def test_the_next_client_sees_no_answer_that_was_meant_for_the_last(served):
@@ -476,37 +329,6 @@ def test_at_the_boards_prompt_nothing_from_the_network_is_obeyed(board, tmp_path
             served.clear_up()
 
 
-@pytest.mark.parametrize("first", [b"token-of-the-test\n", b"token-of-the-test\r\n"])
-def test_with_the_right_token_a_client_is_greeted_and_served(served, first):
-    client = served("--token", "token-of-the-test").connect(first + b"1TP?\n")
-    assert hear(client, 6) == GREETING
-    assert hear_line(client) == b"0\r\n"
-
-
-@pytest.mark.parametrize("first", [b"wrong\n", RUN, b"token-of-the-tes\n", b"\n", b"x" * 300])
-def test_without_the_right_token_nothing_reaches_the_board_and_no_client_is_stopped(served, board, first):
-    serve = served(MIRRORMOUNT_TOKEN="token-of-the-test")
-    controls = serve.connect(b"token-of-the-test\n2XM60000;2MV+\n")
-    runs(board)
-    assert hear(serve.connect(first), 1000) == b"mirrormount: the first line must be the token\r\n"
-    hear(controls, 6)
-    assert ask(controls, b"1MV?;2MV?;TB?") == b"0; +; 0, NO ERROR DETECTED"
-
-
-def test_a_mount_that_meets_a_token_says_so(served):
-    with pytest.raises(errors.TokenNeeded, match="ssh"):
-        Mount.open(served("--token", "token-of-the-test").tcp)
-
-
-def test_a_browser_that_posts_commands_is_not_obeyed(served, board):
-    body = b"1XM60000;1MV+\n"
-    serve = served("--no-telnet")
-    serve.connect(b"POST / HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 14\r\n\r\n" + body)
-    serve.says("web browser")
-    assert ask(serve.connect(), b"1XM?;1MV?") == b"10000; 0"
-    assert board.edges() == []
-
-
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGTERM, 0), (signal.SIGINT, 130), (signal.SIGHUP, 0)])
 def test_ending_the_server_stops_the_motors_first(served, board, number, status):
     ignored = signal.signal(number, signal.SIG_DFL)  # under nohup a child would ignore it, and rightly
@@ -520,35 +342,3 @@ def test_ending_the_server_stops_the_motors_first(served, board, number, status)
     assert "Traceback" not in serve.log.read_text()
     with Mount.open(str(board.link)) as mount:
         assert mount.y.status().reason == 3
-
-
-@pytest.mark.parametrize(
-    ("words", "says"),
-    [
-        (("--tcp", "0.0.0.0:0"), "--token"),
-        (("--tcp", "[::]:0"), "--token"),
-        (("--tcp", "127.0.0.1:70000"), "HOST:PORT"),
-        (("--tcp", ":5000"), "HOST:PORT"),
-        (("--tcp", "no.such.host.invalid:5000"), "no such host"),
-        (("--tcp", "127.0.0.1:0", "--token", ""), "printable"),
-        (("--tcp", "127.0.0.1:0", "--token", "two\nlines"), "printable"),
-        (("--tcp", "127.0.0.1:0", "--port", "virtual://?speed=max"), "pace"),
-        (("--tcp", "127.0.0.1:0", "--port", "/dev/does-not-exist"), "no such port"),
-    ],
-)
-def test_what_cannot_be_served_is_one_line(words, says):
-    run = run_cli("serve", *words)
-    assert run.returncode == 1
-    assert run.stderr.startswith("mirrormount: ") and run.stderr.count("\n") == 1 and says in run.stderr
-
-
-def test_a_wider_network_with_a_token_is_served(tmp_path):
-    served = Served(tmp_path, "virtual://", "--tcp", "0.0.0.0:0", "--token", "token-of-the-test")
-    assert served.ready.startswith("ready socket://0.0.0.0:")
-    served.clear_up()
-
-
-def test_a_port_in_use_is_one_line_with_the_remedy(board):
-    run = run_cli("serve", "virtual://", "--tcp", board.tcp.removeprefix("socket://"))
-    assert run.returncode == 1
-    assert run.stderr.count("\n") == 1 and "another port" in run.stderr
