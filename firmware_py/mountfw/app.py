@@ -5,8 +5,6 @@ port's or that of look.py, which returns as soon as a byte waits. docs/architect
 """
 
 from mountfw import codes, const, led, own_reply
-from mountfw.extras import poll_nothing
-from mountfw.motion.drive import NEVER_US
 from mountfw.wire import receiver as wire
 from mountfw.wire.ticks import diff
 
@@ -79,7 +77,7 @@ class App:
             part.poll_input = poll_input
 
     def _leave(self, reason):
-        self.poll_by(poll_nothing)  # what comes now is the prompt's
+        self.poll_by(bool)  # does nothing: what comes now is the prompt's
         self._lane.lose()
         self.controller.shutdown(reason)
         self.gated.leave(self._ticks_us)
@@ -191,6 +189,8 @@ class App:
         if message:
             self.poll_input()
             self._dispatch(message)
+        elif receiver.ahead:
+            self._read(0)
         if self._commands.busy and free and not (self.controller.halted or self.controller.watching()):
             self._commands.go_on()  # many short lines: half of their time is the pass around them
 
@@ -227,37 +227,37 @@ class App:
 
     def _idle(self, now_us, left_us):
         """Send replies, check timeouts, record positions: no input waits. Returns the next pass's sleep in ms."""
-        waiting = self._replies.waiting
-        if waiting:
+        if self._replies.waiting:
             self._send(now_us)
         self.gated.watch(self._receiver)
         looked_us = self._ticks_us()
         if self._heard():
             return 0
-        rests = not (waiting or self._receiver.gap_us()) and (left_us == NEVER_US or not self.controller.moving())
-        left_us = self._time_out(looked_us, left_us)
+        gap_us = self._receiver.gap_us()
+        left_us = self._time_out(looked_us, left_us, gap_us)
         if not left_us or self.controller.watching():  # twice in a pass, for a port without interrupts
             self.controller.guard_stops()
             return 0
-        if self._heard() or (waiting and self.port.writable()):
+        if self._heard() or (self._replies.waiting and self.port.writable()):
             return 0
         left_us -= diff(self._ticks_us(), now_us) + _SPIN_US
-        if rests and (self._records.rest(now_us) or self._heard()):
+        left_ms = max(0, left_us // 1000)
+        if left_ms >= led.SLOT_MS:
+            left_ms = max(_SHOW_US // 1000, led.SLOT_MS - self.port.ticks_ms() % led.SLOT_MS)
+        if not (self._replies.waiting or gap_us or self.controller.moving()) and self._records.rest(now_us):
             return 0
-        if left_us < 1000 * led.SLOT_MS:
-            return max(0, left_us // 1000)
-        return max(_SHOW_US // 1000, led.SLOT_MS - self.port.ticks_ms() % led.SLOT_MS)
+        return 0 if self._heard() else left_ms
 
     def _heard(self):
         """Look once more. True if there is something to do before the loop sleeps."""
-        return self._read(0) or self._receiver.waits() or self._obeyed or self.controller.halted
+        receiver = self._receiver
+        return self._read(0) or receiver.unparsed > receiver.ahead or self._obeyed or self.controller.halted
 
-    def _time_out(self, now_us, left_us):
+    def _time_out(self, now_us, left_us, gap_us):
         """Apply the keep-alive, and the gap after an unfinished message. Returns the us to the next deadline of all."""
         due_us = left_us
         if self.controller.keep_alive_ms:
             due_us = self.controller.silence(now_us, self._receiver.received_at)
-        gap_us = self._receiver.gap_us()
         if gap_us:
             gap_us -= self._receiver.silent_us(now_us)
             if gap_us <= 0:

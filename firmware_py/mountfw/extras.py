@@ -13,63 +13,57 @@ from mountfw import codes, const
 from mountfw.motion.axis import FRAME, RUN
 from mountfw.wire.ticks import diff
 
-MOST = const(20)  # frames in the log
-# places in the log: how many frames it has; from FIRST on the packed frames, each with the times at which axis 1 and
-# axis 2 got its speeds; before FIRST a drive that the first of them has ended
-WAITING = const(0)
-FIRST = const(4)
-EACH = const(3)
+_MOST = const(20)  # frames in the log
+# places in the log: how many frames it has; from _FIRST on the packed frames, each with the times at which axis 1 and
+# axis 2 got its speeds; before _FIRST a drive that the first of them has ended
+_WAITING = const(0)
+_FIRST = const(4)
+_EACH = const(3)
 _LINGER_US = const(12_000)  # so long frames of a stream wait to be counted, at most ...
 _LONG_MS = const(100)  # ... where a run may take this or more
 
-poll_nothing = bool  # stands in for App.poll_input(): it does nothing
-
 
 class Lane:
-    """Of a controller's first two axes. own is an OwnReply; receiver, replies and commands are those of the loop."""
+    """Of a controller's first two axes. own is an OwnReply; replies and commands are those of the loop."""
 
-    def __init__(self, controller, receiver, frame, own, replies, commands):
+    def __init__(self, controller, frame, own, replies, commands):
         self.axes = controller.axes[:2]
         self.own = own
         self.commands = commands  # look() takes no frame while they are busy
         self.woke_at = 0
         self.which = 0  # 0 or 1: the axis whose frames are being booked, ...
-        self._last = 0  # ... the number of the last one ...
+        self.last = 0  # ... the number of the last one ...
         self.until = 0  # ... and up to when those before it drove
-        self.log = array("i", [0] * (FIRST + EACH * MOST))
+        self.log = array("i", [0] * (_FIRST + _EACH * _MOST))
         self._controller = controller
-        self._receiver = receiver
         self._frame = frame
         self._replies = replies
-        self.poll_input = poll_nothing  # the App's
+        self.poll_input = bool  # nothing: the App sets its own
         self.look = bool  # until there is the port's, which may bring a faster sum(), too
 
     def book(self):
         """Count the frames of the log, as if each had been executed when it came, and echo one that came alone."""
-        self._last = self.log[WAITING] - 1
-        packed = self.log[FIRST + EACH * self._last]
+        self.last = self.log[_WAITING] - 1
+        packed = self.log[_FIRST + _EACH * self.last]
         self._frame.unpack(packed)
         self.poll_input()
         self._book(0, self._frame.m1)
         self._book(1, self._frame.m2)
-        self.log[WAITING] = 0
-        if not self._last and not self.own.muted:
+        self.log[_WAITING] = 0
+        if not self.last and not self.own.muted:
             self._replies.echo(packed)  # best effort: one that does not fit is dropped
 
-    def clear(self):
-        """Is nothing against a frame? In one look() that stays, but for an emergency stop. 0: something is.
+    def linger(self):
+        """In a stream, look() has taken a frame: for so many us it may wait for more before they are booked.
 
-        Else for so many us look() may wait for more frames of a stream before they are booked: each sets the deadlines
-        of both axes.
+        Each sets the deadlines of both axes. It is a stream if two or more were booked together (`last` is not 0).
         """
-        us = _LINGER_US if self._last and not self.axes[1].next else 1
+        if self.axes[1].next:
+            return 1
         for axis in self.axes:
-            drive = axis.drive
-            if drive.inhibited or drive.watched or drive.on_flash:
-                return 0
-            if us > 1 and (axis.position.closed or axis.run_limit_ms < _LONG_MS or (axis.state and axis.state != RUN)):
-                us = 1
-        return 0 if self._receiver.state or self.commands.busy else us  # a message before it is not done
+            if axis.position.closed or axis.run_limit_ms < _LONG_MS or (axis.state and axis.state != RUN):
+                return 1
+        return _LINGER_US
 
     def _book(self, which, speed):
         """Count the part of axis 1 (which is 0) or 2 (1), which has had this speed since the last frame."""
@@ -78,14 +72,14 @@ class Lane:
         drive = axis.drive
         first = 0  # the first frame that this axis had to do with
         if not axis.state:
-            while first < self._last and not self._speed(first):
+            while first < self.last and not self._speed(first):
                 first += 1
-            if not speed and first == self._last:  # it was off, and is
+            if not speed and first == self.last:  # it was off, and is
                 return
-        if first < self._last:
+        if first < self.last:
             self._supersede(axis, first)
             self.poll_input()
-        at = self.log[FIRST + EACH * self._last + 1 + which]
+        at = self.log[_FIRST + _EACH * self.last + 1 + which]
         if speed:
             drive.has_begun = True
             drive.began_at = at
@@ -101,7 +95,7 @@ class Lane:
         # the gate may have cut it, and so may a stop behind the frames
         self.until = drive.halted_at if self._controller.halted else drive.clock()
         drive.has_begun = True
-        drive.began_at = self.log[FIRST + EACH * first + 1 + self.which]
+        drive.began_at = self.log[_FIRST + _EACH * first + 1 + self.which]
         self.poll_input()
         # what was under way ended then; the frame that is the last ends it in the table, too
         if axis.state != RUN:
@@ -115,46 +109,43 @@ class Lane:
         else:  # it is summed with the others, from when it was counted last
             first -= 1
             n = drive.duty if drive.direction > 0 else drive.duty | 0x200
-            self.log[FIRST - EACH] = n if self.which else n << 10
-            self.log[FIRST - EACH + 1 + self.which] = drive.counted_at
+            self.log[_FIRST - _EACH] = n if self.which else n << 10
+            self.log[_FIRST - _EACH + 1 + self.which] = drive.counted_at
         drive.has_begun = drive.measuring = False
         if axis.position.closed:
-            first = self._last - 1  # one look at the encoder has seen them all
+            first = self.last - 1  # one look at the encoder has seen them all
         self.poll_input()
         self.sum(axis, first)
 
     def _speed(self, i):
-        n = self.log[FIRST + EACH * i] >> (0 if self.which else 10)
+        n = self.log[_FIRST + _EACH * i] >> (0 if self.which else 10)
         return -(n & 0xFF) if n & 0x200 else n & 0xFF
 
     def sum(self, axis, i):
         """Count an axis's speeds from frame i on, but for the last, each until the next one, none after `until`."""
-        while i < self._last:
+        while i < self.last:
             speed = self._speed(i)
             if speed:
-                axis.drive.on_us = self._drove_us(FIRST + EACH * i + 1 + self.which)
+                axis.drive.on_us = self._drove_us(_FIRST + _EACH * i + 1 + self.which)
                 self.poll_input()
-                self._add(axis, speed)
+                axis.position.begin()
+                self.poll_input()
+                if not axis.position.closed:
+                    axis.position.driven(1 if speed > 0 else -1, axis.drive.on_us * abs(speed), True)
             i += 1
 
     def _drove_us(self, place):
         """How long the frame whose time is at this place of the log drove."""
         at = self.log[place]
-        return max(0, min(diff(self.log[place + EACH], at), diff(self.until, at)))
-
-    def _add(self, axis, speed):
-        axis.position.begin()
-        self.poll_input()
-        if not axis.position.closed:
-            axis.position.driven(1 if speed > 0 else -1, axis.drive.on_us * abs(speed), True)
+        return max(0, min(diff(self.log[place + _EACH], at), diff(self.until, at)))
 
     def lose(self):
         """Ctrl-C, or a fault, has come between a frame's drive and its count: where the axes are is not known."""
         for axis in self.axes:
-            if self.log[WAITING] or axis.drive.has_begun:
+            if self.log[_WAITING] or axis.drive.has_begun:
                 axis.drive.has_begun = False
                 axis.position.certainty = codes.UNKNOWN
-        self.log[WAITING] = 0
+        self.log[_WAITING] = 0
 
 
 class Gated:

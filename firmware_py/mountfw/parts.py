@@ -52,7 +52,7 @@ def make_emergency_stop(port, board):
 
 def make_lane(port, board, controller, receiver, frame, own, replies, commands):
     """The Lane of these, with the port's own look() or that of Look."""
-    lane = extras.Lane(controller, receiver, frame, own, replies, commands)
+    lane = extras.Lane(controller, frame, own, replies, commands)
     if hasattr(port, "look"):
         port.look(lane, receiver, board)
     else:

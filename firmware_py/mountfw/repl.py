@@ -15,7 +15,6 @@ import sys
 
 from mountfw import codes, led
 from mountfw.app import App
-from mountfw.extras import poll_nothing
 from mountfw.settings import MAX_STEPS
 
 _SPIN_US = 2_000  # this long before a deadline only the clock is watched: more than one pass takes on an RP2040
@@ -81,7 +80,7 @@ class Mount:
                 a.axis.position.certainty = codes.UNKNOWN
         self.stop()
         self._controller.inhibit(codes.NONE_YET)
-        firmware.poll_by(poll_nothing)  # what is typed is the prompt's
+        firmware.poll_by(bool)  # does nothing: what is typed is the prompt's
 
     def drive(self, m1, m2, ms):
         """Drive motor 1 (y) and motor 2 (x) at -255 ... 255 for ms milliseconds. Raises ValueError, MoveEnded."""
@@ -132,7 +131,7 @@ class Mount:
             left_us = self._controller.service(now_us)
             ending = self._controller.ending(now_us, _SPIN_US)
             if ending:
-                ending.drive.end_on_time(poll_nothing, 0)
+                ending.drive.end_on_time(bool, 0)
                 continue
             led.show(self._port, self._controller)
             if left_us > _SPIN_US and not self._controller.watching():

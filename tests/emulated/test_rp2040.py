@@ -134,7 +134,7 @@ for _ in range(400):
 fast, slow = [receiver.Receiver(None, None, None, 256) for _ in range(2)]
 class Plain: pass
 lane, axis = Plain(), Plain()
-axis.drive = lane.own = lane.log = lane.sum = None
+axis.drive = lane.own = lane.log = lane.sum = lane.commands = None
 lane.axes = axis, axis
 pico.LANE = False
 looks = rp2_lane.look(lane, fast, pico)

@@ -6,11 +6,11 @@ Runs under CPython and under MicroPython.
 from gate_rig import GatedPort
 from rig import Port, Rig
 
-from mountfw.extras import EACH, FIRST, MOST, WAITING
 from mountfw.wire import frame
 from mountfw.wire.ticks import diff
 
 LINE_ENDS = b"\r\n^"
+WAITING, FIRST, EACH = 0, 4, 3  # places in a Lane's log
 
 
 def speed_of(packed, which):
@@ -31,9 +31,6 @@ class LaneLook:
         lane = self.lane
         port = self.port
         receiver = self.receiver
-        clear = 0 if wait_ms < 0 else -1
-        if wait_ms > 0:
-            clear = lane.clear()
         came = waits = port.any(max(0, wait_ms))
         since = port.ticks_us()
         if not came and wait_ms < 0:
@@ -62,18 +59,16 @@ class LaneLook:
                 if stop:
                     for axis in lane.axes:
                         axis.drive.bridge.cut()
-            if stop or receiver.unparsed < 8:
+            if stop or receiver.unparsed < 8 or wait_ms < 0:
                 break
-            if clear < 0:
-                clear = lane.clear()
             at = receiver.write - receiver.unparsed
             c = receiver.ring[at + 8 & receiver.mask] if receiver.unparsed > 8 else 0
-            if not (clear and self.obeyed(at, c)):
+            if not self.obeyed(at, c):
                 break
             receiver.unparsed -= 8
             receiver.ahead = 0
             came = True
-            left_us = clear
+            left_us = left_us or (lane.linger() if lane.last else 1)
             most += 8
         return stop if came else -1
 
@@ -85,9 +80,15 @@ class LaneLook:
         packed = frame.pack(receiver.ring, at, receiver.mask)
         log = lane.log
         n = log[WAITING]
-        if packed < 0 or not packed & 0x3FCFF or n == MOST:
+        if packed < 0 or not packed & 0x3FCFF or n == (len(log) - FIRST) // EACH:
             return False
-        if lane.axes[0].drive.emergency or lane.own.wary >> packed % 29 & 1:
+        drive = lane.axes[0].drive
+        if n == 0:
+            if drive.inhibited or drive.on_flash or drive.watched or lane.axes[1].drive.watched:
+                return False
+            if receiver.state or lane.commands.busy:
+                return False
+        if drive.emergency or lane.own.wary >> packed % 29 & 1:
             return False
         place = FIRST + EACH * n
         log[place] = packed
@@ -100,9 +101,9 @@ class LaneLook:
         for which in range(2):
             speed = speed_of(packed, which)
             if speed:
-                drive = lane.axes[which].drive
-                log[place + 1 + which] = drive.bridge.drive(-speed if drive.inverted else speed)
-        if lane.axes[0].drive.emergency:
+                driven = lane.axes[which].drive
+                log[place + 1 + which] = driven.bridge.drive(-speed if driven.inverted else speed)
+        if drive.emergency:
             for axis in lane.axes:
                 axis.drive.bridge.cut()
         log[WAITING] = n + 1

@@ -120,7 +120,7 @@ class OptionalVerbs(Protocol):
         """
 
     def look(self, lane: Any, receiver: Any, board: Any) -> None:
-        """Set a Lane's look(), and maybe first() and sum(), to faster code that does the same (docs/lane.md)."""
+        """Set a Lane's look(), and maybe sum(), to faster code that does the same (docs/lane.md)."""
 
 
 class EntryPort(Port, Protocol):

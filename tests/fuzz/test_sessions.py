@@ -6,11 +6,10 @@ import re
 from concurrent.futures import ProcessPoolExecutor
 
 import pytest
-from lane_rig import LaneRig
+from lane_rig import EACH, FIRST, WAITING, LaneRig
 from model import parse
 from rig import WRAP, Rig
 
-from mountfw.extras import EACH, FIRST, WAITING
 from mountfw.wire.receiver import HELD
 
 pytestmark = pytest.mark.lockstep

@@ -37,8 +37,7 @@ _DEAD_US = const(6)
 _WAY = const(7)  # that its legs have: 1 or 2, 0: none
 
 _CLOCK_US = const(32)  # a drive's last stretch, in which only the clock is read: more than a look for a byte takes
-_MOST = const(20)  # frames of a Lane, and the words of its log
-_WAITING = const(0)
+_WAITING = const(0)  # the words of a Lane's log
 _FIRST = const(4)  # from here on: packed frame, time of axis 1, of axis 2
 
 
@@ -96,9 +95,8 @@ class EnableBridge:
     def __init__(self, enable, pos, neg, dead_time_us, _pause_us, _ticks_us):
         self.cut = enable.low
         pin = enable.number
-        control, counter = _CONTROL + 8 * pin, _COUNTERS + 20 * (pin >> 1 & 7)
-        bits = 1 << pin, 1 << pos.number, 1 << neg.number
-        self.words = array("I", bits + (control, counter, 16 * (pin & 1), dead_time_us, 0))
+        words = [1 << pin, 1 << pos.number, 1 << neg.number, _CONTROL + 8 * pin, _COUNTERS + 20 * (pin >> 1 & 7)]
+        self.words = array("I", words + [16 * (pin & 1), dead_time_us, 0])
 
     @micropython.viper
     def cut_at(self, us: int) -> int:
@@ -131,17 +129,19 @@ class look:  # in lower case, for it is a verb of this port
     def __init__(self, lane, receiver, board):
         from mountfw.board_file import gate_pins  # needed at the start only
 
-        pins = [pin for axis in gate_pins(board) for pin in axis]
-        self._cuts = array("I", [0] + [_CONTROL + 8 * pin for pin in pins] + [0])
-        for pin in pins:
-            self._cuts[0] |= 1 << pin
+        self._cuts = array("I", [0])
+        for pins in gate_pins(board):
+            for pin in pins:
+                self._cuts[0] |= 1 << pin
+                self._cuts.append(_CONTROL + 8 * pin)
+        self._cuts.append(0)
         self._axis1, self._axis2 = lane.axes
         self._drive1, self._drive2 = self._axis1.drive, self._axis2.drive
-        self._clear = bool  # False
+        self._most = 0  # frames that the log may hold
         if getattr(board, "LANE", True) and isinstance(self._drive1.bridge, EnableBridge):
-            self._clear = lane.clear
+            self._most = (len(lane.log) - _FIRST) // 3
             self._words1, self._words2 = self._drive1.bridge.words, self._drive2.bridge.words
-        self._lane, self._own, self._log = lane, lane.own, lane.log
+        self._lane, self._own, self._log, self._commands = lane, lane.own, lane.log, lane.commands
         self._receiver, self._ring = receiver, receiver.ring
         self.interrupts = interrupts()
         self._pure = lane.sum
@@ -151,9 +151,6 @@ class look:  # in lower case, for it is a verb of this port
     def look(self, most: int, wait_ms: int) -> int:
         """As look.Look.look()."""
         clock = ptr32(_CLOCK)
-        clear = 0 if wait_ms < 0 else -1  # -1: not known yet
-        if wait_ms > 0:  # what can be done before the byte is there is done
-            clear = int(self._clear())
         came = 0
         for _ in ipoll_in(wait_ms if wait_ms > 0 else 0):
             came = 1
@@ -178,8 +175,15 @@ class look:  # in lower case, for it is a verb of this port
             if unparsed < 64:  # there is room for one more
                 read(buffer)
                 waits = 2
-                if byte[0] == 0x21 or byte[0] == 3:
-                    self.cut()
+                if byte[0] == 0x21 or byte[0] == 3:  # as cut(), in this place: a call takes 25 us
+                    cuts = ptr32(self._cuts)
+                    off = ptr32(_OUT_CLEAR)
+                    off[0] = cuts[0]
+                    while cuts[1]:
+                        function = ptr32(cuts[1])
+                        flip = ptr32(cuts[1] + _XOR)
+                        flip[0] = (function[0] ^ _SIO) & 31
+                        cuts = ptr32(int(cuts) + 4)
         if wait_ms >= 0:
             self._lane.woke_at = since & _WRAP
             if not came and unparsed < 8:
@@ -204,39 +208,34 @@ class look:  # in lower case, for it is a verb of this port
                 waits = 0
                 c = byte[0]
                 most -= 1
-                if c == 0x30:
-                    zeros += 1
-                    if zeros == 8:
+                zeros = zeros + 1 if c == 0x30 else 0
+                if zeros == 8 or c == 0x21 or c == 3:
+                    self.cut()
+                    stop = int(STOP)
+                    if zeros:
                         zeros = 0
                         c = int(EIGHTH_ZERO)
                         stop = int(ZEROS)
-                else:
-                    zeros = 0
-                    if c == 0x21 or c == 3:
-                        stop = int(STOP)
-                    elif c > 0x7F:
-                        c = 0x7F
-                if stop:
-                    self.cut()
+                elif c > 0x7F:
+                    c = 0x7F
                 ring[at] = c
                 at = (at + 1) & mask
                 unparsed += 1
-            if stop or unparsed < 8:
+            if stop or unparsed < 8 or wait_ms < 0:
                 break
-            if clear < 0:
-                clear = int(self._clear())
             c = ring[(at - unparsed + 8) & mask] if unparsed > 8 else 0
-            if not clear or int(self._obeyed(at - unparsed, c, mask)) == 0:
+            if int(self._obeyed(at - unparsed, c, mask)) == 0:
                 break
             unparsed -= 8
             receiver.ahead = 0
             came = 1
-            left_us = clear
+            if left_us == 0:
+                left_us = int(self._lane.linger()) if int(self._lane.last) else 1
             most += 8
-        if not came and at == began:
-            return -1
         if at != began:
             receiver.received_at = (clock[0] - 1000 * soon) & _WRAP
+        elif not came:
+            return -1
         receiver.write = at
         receiver.unparsed = unparsed
         receiver.zeros = zeros
@@ -258,12 +257,11 @@ class look:  # in lower case, for it is a verb of this port
         last = log[_WAITING] - 1
         now_us = int(lane.until)
         millisteps = int(position.millisteps)
-        made = 0
         part = int(position.part)
         k = 1000 if step < 1000000 else 1  # the product must fit
         thousandth = step * k // 1000
         on_us = -1
-        counted = 0
+        made = counted = 0
         while i < last:
             place = _FIRST + 3 * i
             i += 1
@@ -303,28 +301,28 @@ class look:  # in lower case, for it is a verb of this port
         pins = ptr32(self._cuts)
         off = ptr32(_OUT_CLEAR)
         off[0] = pins[0]
-        i = 1
-        while pins[i]:
-            function = ptr32(pins[i])
-            flip = ptr32(pins[i] + _XOR)
+        while pins[1]:
+            function = ptr32(pins[1])
+            flip = ptr32(pins[1] + _XOR)
             flip[0] = (function[0] ^ _SIO) & 31
-            i += 1
+            pins = ptr32(int(pins) + 4)
 
     @micropython.viper
     def _obeyed(self, at: int, c: int, mask: int) -> int:
-        """Drive at the frame in the ring from place `at` on, if it may. Returns 1 if it did.
-
-        c comes behind it, or 0.
-        """
+        """Drive at the frame in the ring from place `at` on, if it may; c is behind it, or 0. Returns 1 if it did."""
         log = ptr32(self._log)
         n = log[_WAITING]
-        if n == _MOST or c == 10 or c == 13 or c == 0x5E:  # a line end: it may be the board's own reply
+        if n == int(self._most) or c == 10 or c == 13 or c == 0x5E:  # a line end: it may be the board's own reply
             return 0
         packed = int(pack(self._ring, at, mask))
         if packed < 0 or packed & 0x3FCFF == 0:
             return 0
         drive1 = self._drive1
         drive2 = self._drive2
+        if n == 0:  # what cannot change in one look()
+            c = int(drive1.inhibited) | int(drive1.on_flash) | int(drive1.watched) | int(drive2.watched)
+            if c | int(self._receiver.state) | int(self._commands.busy):  # a message before it is not done
+                return 0
         if int(drive1.emergency) or int(self._own.wary) >> (packed % 29) & 1:  # that is one switch for both
             return 0
         n1 = packed >> 10 & 0xFF
