@@ -1,15 +1,13 @@
-"""Scans on the virtual table: the pattern's places, the signal at each, the files, and every way in which they end."""
+"""Scans on the virtual table: the pattern's places, the signal at each, and the files."""
 
-import contextlib
-import csv
 import itertools
 import json
 import math
-import resource
 
 import cv2
 import numpy as np
 import pytest
+from scanning import rows_of
 
 from mirrormount.beam import find_spot
 from mirrormount.beam.open_camera import open_camera
@@ -17,22 +15,11 @@ from mirrormount.beam.patterns import FARTHEST, line, raster, spiral
 from mirrormount.beam.scan import Signal, find, grey_signal, scan, spot_signal
 from mirrormount.beam.scan_files import UNKNOWN, CsvFile, metadata, of_camera, write_hdf5
 from mirrormount.beam.scan_page import ScanPage
-from mirrormount.cli import scan_work
-from mirrormount.cli.main import main
-from mirrormount.common.beam_errors import CameraGone
 from mirrormount.common.errors import BadValue, CannotWrite, MoveEnded
 from mirrormount.device.mount import Mount
 from mirrormount.transport.lines import Link
-from mirrormount.transport.open import open_table
-from mirrormount.virtual.sensor import EXPOSURE_S
 
 h5py = pytest.importorskip("h5py")
-
-
-@pytest.fixture
-def table():
-    with contextlib.closing(open_table("virtual-table://?mounts=1&cameras=2")) as opened:
-        yield opened
 
 
 @pytest.fixture
@@ -43,13 +30,6 @@ def mount(table):
 
 def measured(pattern):
     return [(place.x, place.y) for place in pattern.places if place.measured]
-
-
-def rows_of(path):
-    """The rows of a CSV file, and what its comments say."""
-    lines = path.read_text("utf-8").splitlines()
-    about = dict(text[2:].split(": ", 1) for text in lines if text.startswith("# "))
-    return list(csv.DictReader(text for text in lines if not text.startswith("#"))), about
 
 
 def at_rest(table):
@@ -253,34 +233,6 @@ def test_a_disk_that_fails_leaves_no_half_hdf5_file(mount, tmp_path, monkeypatch
     assert list(tmp_path.iterdir()) == []
 
 
-# ---- the command
-
-
-@pytest.fixture
-def opened(table, monkeypatch):
-    """The command opens this table, so that a test can order its faults."""
-    monkeypatch.setattr(scan_work, "open_table", lambda _address: table)
-    return table
-
-
-def test_the_command_scans_and_writes_both_files(tmp_path, capsys):
-    files = tmp_path / "a.csv", tmp_path / "a.h5"
-    words = ["scan", "line", "2", "-1", "2", "--virtual", "--profile", "rough", "--seed", "3", "--back"]
-    assert main([*words, "--csv", str(files[0]), "--hdf5", str(files[1])]) == 0
-    assert capsys.readouterr().out.splitlines() == ["2 places", *map(str, files)]
-    rows, said = rows_of(files[0])
-    assert [(row["x"], row["y"]) for row in rows] == [("0", "0"), ("2", "-1")]
-    assert said["ended"] == '"complete"'
-    assert said["camera"] == '"virtual camera 1"'
-    scale = json.loads(said["camera_scale"])
-    assert (scale["mm_per_px"], scale["distance_mm"], scale["width"]) == (0.05, 400.0, 640)
-    assert json.loads(said["camera_exposure"]) == {"value": EXPOSURE_S, "unit": "s", "fixed": True}
-    assert json.loads(said["camera_gain"]) == {"value": 1.0, "fixed": True}
-    with h5py.File(files[1]) as whole:
-        assert json.loads(whole.attrs["camera_scale"]) == scale
-        assert json.loads(whole.attrs["camera_exposure"])["value"] == EXPOSURE_S
-
-
 def test_what_a_camera_does_not_know_is_said_to_be_unknown_and_never_invented(tmp_path):
     picture = tmp_path / "pictures" / "1.png"
     picture.parent.mkdir()
@@ -308,133 +260,3 @@ def test_the_live_picture_reloads_while_the_scan_is_under_way_and_then_no_more(m
     assert "value: 1 (dark) … 4 (bright)" in page
     lowest = next(line for line in page.split("<rect") if "(0, 0): 1" in line)
     assert 'x="0.00" y="28.00"' in lowest, "up is up"
-
-
-def test_the_command_makes_a_live_picture_also_of_a_scan_that_is_cut(opened, tmp_path, capsys, monkeypatch):
-    path = tmp_path / "scan.html"
-    seen = []
-
-    def pulled(self, sample):
-        seen.append(sample)
-        raise CameraGone("gone")
-
-    monkeypatch.setattr(ScanPage, "add", pulled)
-    assert main(["scan", "line", "1", "0", "3", "--virtual", "--page", str(path)]) == 1
-    assert "Ended: gone" in path.read_text("utf-8")
-    capsys.readouterr()
-
-
-def test_a_live_picture_replaces_a_page_and_no_other_file(tmp_path, capsys):
-    page, rows = tmp_path / "scan.html", tmp_path / "map.csv"
-    for places in (2, 3):
-        assert main(["scan", "line", "1", "0", str(places), "--virtual", "--page", str(page)]) == 0
-        assert f"{places} of {places} places" in page.read_text("utf-8")
-    rows.write_text("number,time_s")
-    assert main(["scan", "line", "1", "0", "2", "--virtual", "--page", str(rows)]) == 1
-    assert capsys.readouterr().err == (
-        f"mirrormount: cannot write {rows}: a file of that name exists, and is no report; name another one\n"
-    )
-    assert rows.read_text() == "number,time_s"
-
-
-def test_a_scan_that_does_not_begin_leaves_the_page_of_before(tmp_path, capsys):
-    page, rows = tmp_path / "scan.html", tmp_path / "map.csv"
-    words = ["scan", "line", "1", "0", "2", "--virtual", "--csv", str(rows), "--page", str(page)]
-    assert main(words) == 0
-    assert main(words) == 1
-    assert "exists; a scan is a new file" in capsys.readouterr().err
-    assert "2 of 2 places. Ended: complete" in page.read_text("utf-8")
-
-
-def test_a_scan_without_a_file_says_first_that_nothing_is_kept(opened, capsys):
-    assert main(["scan", "line", "1", "0", "2", "--virtual"]) == 0
-    said = capsys.readouterr().out.splitlines()
-    assert said[0].startswith("nothing is kept: --csv FILE") and said[1] == "2 places"
-
-
-def test_the_command_finds_a_lost_beam(opened, capsys):
-    opened.truth.bump(0, 5000, 0)
-    assert main(["scan", "find", "5", "--pitch", "4", "--virtual", "--camera", "2"]) == 0
-    assert capsys.readouterr().out.startswith("found at x ")
-
-
-def test_a_beam_that_is_not_found_is_status_1(opened, capsys):
-    opened.truth.laser.blocked = True
-    assert main(["scan", "find", "0", "--virtual"]) == 1
-    assert capsys.readouterr().out == "not found at any of 1 places; the mount is at the start again\n"
-
-
-@pytest.mark.parametrize(
-    ("fault", "status", "ended"),
-    [
-        (CameraGone("virtual camera 1 was unplugged"), 1, "virtual camera 1 was unplugged"),
-        (KeyboardInterrupt(), 130, "stopped by Ctrl-C"),
-    ],
-)
-def test_a_scan_that_is_cut_keeps_its_rows(opened, tmp_path, capsys, fault, status, ended, monkeypatch):
-    """In mid-scan the camera is unplugged, or somebody presses Ctrl-C."""
-    camera, stops = opened.cameras[0], []
-    stop = Mount.stop
-    monkeypatch.setattr(Mount, "stop", lambda mount: (stops.append(mount), stop(mount)))
-
-    counted = itertools.count()
-
-    def frames(read=camera.frames):
-        for frame in read():
-            if next(counted) == 40:
-                raise fault
-            yield frame
-
-    monkeypatch.setattr(camera, "frames", frames)
-    files = tmp_path / "a.csv", tmp_path / "a.h5"
-    words = ["scan", "line", "1", "0", "99", "--virtual", "--csv", str(files[0]), "--hdf5", str(files[1])]
-    assert main(words) == status
-    out, err = capsys.readouterr()
-    rows, said = rows_of(files[0])
-    assert 1 <= len(rows) < 99
-    assert json.loads(said["ended"]) == ended
-    assert out == f"{len(rows)} places were measured: {files[0]} and {files[1]}\n"
-    assert err.startswith("mirrormount: ")
-    assert "traceback" not in err.lower()
-    assert stops
-    with h5py.File(files[1]) as whole:
-        assert len(whole["x"]) == len(rows)
-        assert whole.attrs["ended"] == ended
-
-
-@pytest.mark.parametrize(
-    ("words", "says"),
-    [
-        (["raster", "3", "x", "--virtual"], "ROWS is a whole number"),
-        (["raster", "3", "3", "--serpentine", "--approach", "2", "--virtual"], "--approach is of rows"),
-        (["spiral", "1", "--pitch", "0", "--virtual"], "the pitch: 1 or more"),
-        (["line", "0", "0", "5", "--virtual"], "a line leads somewhere"),
-        (["find", "--virtual", "--camera", "3"], "the virtual table has the cameras 1 and 2"),
-        (["find", "--seed", "3"], "add --virtual"),
-        (["find", "--port", "virtual://", "--camera", "virtual-table://"], "give --virtual, and 1 or 2 as the camera"),
-        (["find", "--virtual", "--csv", "a", "--hdf5", "a"], "cannot both be a"),
-        (["find", "--virtual", "--hdf5", "no folder/a"], "no such folder"),
-        (["find", "--virtual", "--csv", "no folder/a"], "No such file or directory"),
-    ],
-)
-def test_what_cannot_be_scanned_is_refused_in_one_line(words, says, capsys):
-    assert main(["scan", *words]) == 1
-    err = capsys.readouterr().err
-    assert says in err
-    assert err.startswith("mirrormount: ")
-
-
-def test_a_disk_that_is_full_leaves_whole_rows_and_is_told_by_the_files_name(opened, tmp_path, capsys):
-    path = tmp_path / "a.csv"
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (3_000, limits[1]))
-    try:
-        assert main(["scan", "raster", "9", "9", "--virtual", "--csv", str(path)]) == 1
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-    assert capsys.readouterr().err.startswith(f"mirrormount: {path}: File too large")
-    text = path.read_bytes()
-    assert text.endswith(b"\n")
-    rows = [line for line in text.decode().splitlines() if not line.startswith("#")]
-    assert len(rows) > 2
-    assert len({row.count(",") for row in rows}) == 1

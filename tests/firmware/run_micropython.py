@@ -11,6 +11,7 @@ import sys
 
 TESTS = (
     "test_wire",
+    "test_health",
     "test_own_reply",
     "test_dialect",
     "test_board_file",
@@ -42,7 +43,15 @@ LONG = (
     "test_a_file_with_any_byte_changed_gives_the_settings_as_made_and_error_63",
     "test_a_file_cut_at_any_length_gives_the_settings_as_made_and_error_63",
 )
-ON_BOTH_PORTS = ("test_wire", "test_stops", "test_motion", "test_end_stops", "test_keep_alive", "test_memory")
+ON_BOTH_PORTS = (
+    "test_wire",
+    "test_health",
+    "test_stops",
+    "test_motion",
+    "test_end_stops",
+    "test_keep_alive",
+    "test_memory",
+)
 # these ask for what the CircuitPython port has not: times to 0.1 ms, where its clock has steps of 1 ms; both motors at
 # once, where each start waits for such a step; an enable that is low at once, where it waits for the PWM's period
 NOT_ON_CIRCUITPYTHON = (
