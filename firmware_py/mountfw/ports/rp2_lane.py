@@ -6,6 +6,7 @@ what it did. Section numbers are those of the RP2040 data sheet.
 
 # ruff: noqa: F821 (ptr8 and ptr32 are known to viper)
 # pyright: reportUndefinedVariable=false, reportArgumentType=false
+# pyright: reportPossiblyUnboundVariable=false, reportOperatorIssue=false
 from array import array
 
 import micropython
@@ -150,23 +151,24 @@ class look:  # in lower case, for it is a verb of this port
     @micropython.viper
     def look(self, most: int, wait_ms: int) -> int:
         """As look.Look.look()."""
+        read = readinto  # a stop in a sleep does not wait for what is looked up before
+        poll = ipoll_in
+        buffer = byte_in
+        byte = ptr8(buffer)
+        turn = self.interrupts
+        cuts = ptr32(self._cuts)
+        receiver = self._receiver
+        unparsed = int(receiver.unparsed)
         clock = ptr32(_CLOCK)
-        came = 0
-        for _ in ipoll_in(wait_ms if wait_ms > 0 else 0):
+        came = cut = mask = left_us = soon = stop = 0
+        for _ in poll(wait_ms if wait_ms > 0 else 0):
             came = 1
             break
         since = clock[0]
-        if not came and wait_ms < 0:
-            return -1
-        read = readinto  # locals are found sooner
-        buffer = byte_in
-        byte = ptr8(buffer)
-        receiver = self._receiver
-        unparsed = int(receiver.unparsed)
         waits = came
         if came:
             came = 0
-            for _ in self.interrupts:  # before the bytes behind a Ctrl-C are read
+            for _ in turn:  # before the bytes behind a Ctrl-C are read
                 came = 1
                 break
             if not came:  # it was raised at the last look
@@ -175,26 +177,31 @@ class look:  # in lower case, for it is a verb of this port
             if unparsed < 64:  # there is room for one more
                 read(buffer)
                 waits = 2
-                if byte[0] == 0x21 or byte[0] == 3:  # as cut(), in this place: a call takes 25 us
-                    cuts = ptr32(self._cuts)
-                    off = ptr32(_OUT_CLEAR)
-                    off[0] = cuts[0]
-                    while cuts[1]:
-                        function = ptr32(cuts[1])
-                        flip = ptr32(cuts[1] + _XOR)
-                        flip[0] = (function[0] ^ _SIO) & 31
-                        cuts = ptr32(int(cuts) + 4)
-        if wait_ms >= 0:
-            self._lane.woke_at = since & _WRAP
-            if not came and unparsed < 8:
-                return -1
-        poll = ipoll_in
-        ring = ptr8(self._ring)
-        mask = int(receiver.mask)
-        began = at = int(receiver.write)
-        zeros = int(receiver.zeros)
-        left_us = soon = stop = 0
+                c = byte[0]
+                if c == 0x21 or c == 3:
+                    cut = 1
+        elif wait_ms < 0:
+            return -1
         while True:
+            if cut:  # every axis, and in this place: a call takes 25 us
+                cut = 0
+                off = ptr32(_OUT_CLEAR)
+                off[0] = cuts[0]
+                pin = ptr32(int(cuts) + 4)
+                while pin[0]:
+                    function = ptr32(pin[0])
+                    flip = ptr32(pin[0] + _XOR)
+                    flip[0] = (function[0] ^ _SIO) & 31
+                    pin = ptr32(int(pin) + 4)
+            if mask == 0:  # a stop in the first byte does not wait for this
+                if wait_ms >= 0:
+                    self._lane.woke_at = since & _WRAP
+                    if not came and unparsed < 8:
+                        return -1
+                ring = ptr8(self._ring)
+                mask = int(receiver.mask)
+                began = at = int(receiver.write)
+                zeros = int(receiver.zeros)
             while most and unparsed <= mask and stop == 0:  # a stop may wait behind any number of frames
                 if not waits:
                     soon = 2 if left_us and unparsed == 0 and clock[0] - since < left_us else 0  # the next frame comes
@@ -210,7 +217,7 @@ class look:  # in lower case, for it is a verb of this port
                 most -= 1
                 zeros = zeros + 1 if c == 0x30 else 0
                 if zeros == 8 or c == 0x21 or c == 3:
-                    self.cut()
+                    cut = 1
                     stop = int(STOP)
                     if zeros:
                         zeros = 0
@@ -221,6 +228,8 @@ class look:  # in lower case, for it is a verb of this port
                 ring[at] = c
                 at = (at + 1) & mask
                 unparsed += 1
+            if cut:
+                continue
             if stop or unparsed < 8 or wait_ms < 0:
                 break
             c = ring[(at - unparsed + 8) & mask] if unparsed > 8 else 0
@@ -296,18 +305,6 @@ class look:  # in lower case, for it is a verb of this port
                 position.certainty = int(codes.ESTIMATED)
 
     @micropython.viper
-    def cut(self):
-        """No drive on any axis."""
-        pins = ptr32(self._cuts)
-        off = ptr32(_OUT_CLEAR)
-        off[0] = pins[0]
-        while pins[1]:
-            function = ptr32(pins[1])
-            flip = ptr32(pins[1] + _XOR)
-            flip[0] = (function[0] ^ _SIO) & 31
-            pins = ptr32(int(pins) + 4)
-
-    @micropython.viper
     def _obeyed(self, at: int, c: int, mask: int) -> int:
         """Drive at the frame in the ring from place `at` on, if it may; c is behind it, or 0. Returns 1 if it did."""
         log = ptr32(self._log)
@@ -330,16 +327,18 @@ class look:  # in lower case, for it is a verb of this port
         at1 = at2 = 0  # what goes off goes first
         i = _FIRST + 3 * n
         clock = ptr32(_CLOCK)
+        now = clock[0] & _WRAP  # what takes more bits may be an object, which takes memory
         if n1 == 0 and (log[i - 3] >> 10 & 0xFF if n else int(self._axis1.state)):
-            at1 = int(_cut(self._words1, clock[0]))
+            at1 = int(_cut(self._words1, now))
         if n2 == 0 and (log[i - 3] & 0xFF if n else int(self._axis2.state)):
-            at2 = int(_cut(self._words2, clock[0]))
+            at2 = int(_cut(self._words2, now))
         if n1:
             at1 = int(_drive(self._words1, 0 - n1 if (packed >> 19) ^ int(drive1.inverted) else n1))
         if n2:
             at2 = int(_drive(self._words2, 0 - n2 if (packed >> 9 & 1) ^ int(drive2.inverted) else n2))
         if int(drive1.emergency):  # meanwhile, by an interrupt: booking ends the moves
-            self.cut()
+            drive1.bridge.cut()
+            drive2.bridge.cut()
         log[i] = packed
         log[i + 1] = at1
         log[i + 2] = at2
