@@ -17,6 +17,7 @@ _READ_MEANWHILE = const(16)  # the same in the middle of longer work
 _FEW = const(4)  # the same while something is due soon; and bytes sent in one pass
 _PARSED = const(5)  # pieces of parsing in one pass: a line's first byte is two
 _READ_SPINNING = const(2)  # while a drive is about to end
+_REST_MS = const(40)  # the loop sleeps on for the rest of a frame, at most so long: less than FRAME_GAP_US
 _STREAM = const(32)  # so many bytes at once are part of a stream ...
 _MOST_STREAMED = const(2048)  # ... which is read before it is parsed, up to here
 _STOPS = {wire.STOP: codes.ABORTED, wire.ZEROS: codes.STOPPED}  # and their reasons
@@ -49,7 +50,7 @@ class App:
         self._about = commands.queries.about
         self._feed = None  # feeds the watchdog, while it runs
         self._streams = self._obeyed = False  # of this pass: is a stream coming in, has the lane taken a frame?
-        self._sleep_ms = self._woke_at = 0
+        self._sleep_ms = self._since = 0  # the latter: when this pass began, or the sleep before it
         self._most, self._meanwhile = _READ, _READ_MEANWHILE  # bytes read at once, and in the middle of longer work
         self._shown_at = port.ticks_us()
         self._watch = self._poll_and_watch  # bound once: nothing is allocated in the loop
@@ -97,7 +98,7 @@ class App:
             left_us = self._end_drives(now_us)
             if left_us < _SPIN_US:  # counting took long; no more often, for in a train of pulses this is always so
                 left_us = self._end_drives(self._ticks_us())
-            self._woke_at = now_us = self._ticks_us()
+            self._since = now_us = self._ticks_us()
         shows = diff(now_us, self._shown_at) >= _SHOW_US
         if shows or not received:
             self._read(0)
@@ -118,7 +119,9 @@ class App:
             self._parse(free)
         elif not received:  # after a byte the next pass polls at once: silence is measured from its start
             self._sleep_ms = self._idle(now_us, left_us)
-        self._about.passed(diff(self._ticks_us(), self._woke_at))
+        now_us = self._ticks_us()
+        self._about.passed(diff(now_us, self._since))
+        self._since = now_us
 
     def _receive(self):
         """Sleep until a byte comes, and read all that wait, unless a drive must end first. True if there were any."""
@@ -126,7 +129,11 @@ class App:
         before = receiver.unparsed
         deaf = self._sleep_ms and self._replies.waiting
         received = found = self._wait_deaf(self._sleep_ms * 1000) if deaf else self._read(self._sleep_ms)
-        self._woke_at = self._lane.woke_at
+        # a part of a frame does not end the sleep: nothing is due before
+        while found == _ALL and self._sleep_ms and not (deaf or self._obeyed) and receiver.begun():
+            left_ms = self._sleep_ms - 1 - diff(self._ticks_us(), self._since) // 1000
+            found = left_ms > 0 and self._read(min(left_ms, _REST_MS))
+        self._since = self._lane.woke_at
         while found == _MORE and not self._obeyed:
             if self.controller.driving() and self.controller.service(self._ticks_us()) < _SPIN_US:
                 break
@@ -140,7 +147,7 @@ class App:
         found = self._read(1)
         nap_ms = 1
         while found == _NOTHING and nap_ms and not self.port.writable():
-            left_ms = (left_us - diff(self._ticks_us(), self._woke_at)) // 1000  # or a pass less
+            left_ms = (left_us - diff(self._ticks_us(), self._since)) // 1000
             nap_ms = max(0, min(2 * nap_ms, left_ms, 32))  # so late it sees at most that the host reads again
             found = self._read(nap_ms)
         return found

@@ -46,9 +46,8 @@ class Actions(Settings):
 
         # the move under way
         self.ends_as = codes.DONE  # its reason if it comes to its own end
-        self.pulses_left = 0
+        self.pulses_left = self.period_us = 0
         self.length_us = 0  # of its pulses, but for the backlash's
-        self.period_us = 0
         self.next_at = 0  # when its rest is over
         self.resting = False  # is the period of the last pulse still running, whether or not a move is under way?
         self.counting = False  # is a drive that is over being counted?
@@ -95,12 +94,9 @@ class Actions(Settings):
 
     def may_begin(self, _value):
         """May a move begin? If not, an error says why."""
-        if self.drive.emergency:
-            self.error(codes.AXIS_EMERGENCY_STOP)
-        elif not self.motor_type:
-            self.error(codes.AXIS_NOT_CONNECTED)
-        else:
+        if self.motor_type and not self.drive.emergency:
             return True
+        self.error(codes.AXIS_EMERGENCY_STOP if self.drive.emergency else codes.AXIS_NOT_CONNECTED)
         return False
 
     def out_of_reach(self, low, high):

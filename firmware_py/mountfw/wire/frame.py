@@ -15,9 +15,9 @@ BAD = const(-1)
 
 LENGTH = const(8)
 
-_ZERO = const(0x30)
-_PLUS = const(0x2B)
-_MINUS = const(0x2D)
+ZERO = const(0x30)
+PLUS = const(0x2B)
+MINUS = const(0x2D)
 
 
 def pack(ring, at, mask):
@@ -25,15 +25,15 @@ def pack(ring, at, mask):
     packed = 0
     for _ in range(2):
         sign = ring[at & mask]
-        n = ring[at + 1 & mask] - _ZERO
-        tens = ring[at + 2 & mask] - _ZERO
-        units = ring[at + 3 & mask] - _ZERO
+        n = ring[at + 1 & mask] - ZERO
+        tens = ring[at + 2 & mask] - ZERO
+        units = ring[at + 3 & mask] - ZERO
         if not (0 <= n <= 2 and 0 <= tens <= 9 and 0 <= units <= 9):
             return BAD
         n = n * 100 + tens * 10 + units
-        if n > 255 or (sign != _ZERO and sign != _PLUS and sign != _MINUS):
+        if n > 255 or (sign != ZERO and sign != PLUS and sign != MINUS):
             return BAD
-        packed = packed << 10 | (2 if sign == _MINUS else 1 if sign == _PLUS else 0) << 8 | n
+        packed = packed << 10 | (2 if sign == MINUS else 1 if sign == PLUS else 0) << 8 | n
         at += 4
     return packed
 
@@ -53,7 +53,7 @@ class Frame:
         """Clear: the next byte is the first of a frame."""
         self.length = 0
         for i in range(LENGTH):  # what has not come yet may be zeros
-            self.text[i] = _ZERO
+            self.text[i] = ZERO
 
     def feed(self, c):
         """Parse byte c. MORE, DONE (packed, m1 and m2 are set) or BAD."""
@@ -62,7 +62,7 @@ class Frame:
         self.text[i] = c
         packed = self._pack(self.text, 0, LENGTH - 1)
         # the hundreds digit alone may be above 2: `05` may still become the address `05>`
-        if packed < 0 and not (i & 3 == 1 and _ZERO <= c <= _ZERO + 9):
+        if packed < 0 and not (i & 3 == 1 and ZERO <= c <= ZERO + 9):
             self.text[i] = before
             return BAD
         self.length = i + 1

@@ -5,7 +5,7 @@ next message, or NEED_BYTES. Two stops that nothing can swallow: `!` anywhere, a
 """
 
 from mountfw import const
-from mountfw.wire.frame import LENGTH
+from mountfw.wire.frame import LENGTH, MINUS, PLUS, ZERO
 
 NEED_BYTES = const(0)  # the messages
 STOP = const(1)  # `!`
@@ -29,9 +29,6 @@ HELD = const(4)  # a frame, until the bytes after it decide: own_reply.py
 
 _STOP = const(0x21)
 _CTRL_C = const(0x03)  # arrives only on a channel that is not the console
-_ZERO = const(0x30)
-_PLUS = const(0x2B)
-_MINUS = const(0x2D)
 _BAD = const(-1)  # of Line.feed()
 _TOO_LONG = const(-2)
 
@@ -61,7 +58,7 @@ class Receiver:
     def receive(self, c):
         """Store byte c, if unparsed <= mask. STOP or ZEROS if it completes that stop, else NEED_BYTES."""
         stop = NEED_BYTES
-        if c == _ZERO:
+        if c == ZERO:
             self.zeros += 1
             if self.zeros == 8:
                 self.zeros = 0
@@ -84,6 +81,10 @@ class Receiver:
         """True if there are bytes for next(): more than those that it has looked at."""
         return self.unparsed > self.ahead
 
+    def begun(self):
+        """True if what waits may be the first bytes of a frame, and nothing else does."""
+        return self.state == BOUNDARY and 0 < self.unparsed < LENGTH and self._begins_frame()
+
     def next(self) -> int:
         """Parse a frame or one byte, for a piece of work must be short. The message that it ends, or NEED_BYTES."""
         state = self.state
@@ -91,7 +92,7 @@ class Receiver:
             return self._decide()
         self.ahead = 0
         c = self.ring[self.write - self.unparsed & self.mask]
-        if state == BOUNDARY and (c == _ZERO or c == _PLUS or c == _MINUS) and self._begins_frame():
+        if state == BOUNDARY and (c == ZERO or c == PLUS or c == MINUS) and self._begins_frame():
             if self.unparsed < LENGTH:
                 self.ahead = self.unparsed
                 return NEED_BYTES
@@ -108,7 +109,7 @@ class Receiver:
                 return NEED_BYTES  # mpremote looks for a prompt
             if c == EIGHTH_ZERO:
                 self.stops_ahead -= 1
-                c = _ZERO
+                c = ZERO
                 zeros = ZEROS
         if state == _IN_LINE:  # in text, zeros would continue it
             result = _BAD if zeros else self._line.feed(c)
@@ -123,7 +124,7 @@ class Receiver:
         """True if the bytes that are unparsed are a frame, which is unpacked, or may be the first of one."""
         read = self.write - self.unparsed
         for i in range(self.unparsed, LENGTH):  # what has not come yet may be zeros
-            self.ring[read + i & self.mask] = _ZERO
+            self.ring[read + i & self.mask] = ZERO
         packed = self._pack(self.ring, read, self.mask)  # no frame if there is a stop in it
         if packed >= 0 and self.unparsed >= LENGTH:
             self._frame.unpack(packed)
@@ -179,7 +180,7 @@ class Receiver:
             self._line.start()
             self.state = _IN_LINE
             self.unparsed += 1  # one piece of work: the line takes it in the next
-        elif c == _ZERO or c == _MINUS or c == _PLUS:
+        elif c == ZERO or c == MINUS or c == PLUS:
             self._frame.start()
             self._frame.feed(c)
             self.state = _IN_FRAME
@@ -190,7 +191,7 @@ class Receiver:
 
     def _in_frame(self, c):
         frame = self._frame
-        if c == 0x3E and frame.length < 3 and frame.text[0] == _ZERO:  # `0>` or `0d>`: an address
+        if c == 0x3E and frame.length < 3 and frame.text[0] == ZERO:  # `0>` or `0d>`: an address
             self._line.start()
             self.state = _IN_LINE
             for i in range(frame.length):

@@ -1,9 +1,6 @@
 """Replies out: texts and numbers are queued whole and made into bytes as they are sent. Pure; imports echo."""
 
-from mountfw import const
 from mountfw.echo import Echo
-
-_ZERO = const(0x30)
 
 
 class Replies(Echo):
@@ -79,8 +76,7 @@ class Replies(Echo):
         """The sign or next digit of n; _power is 0 after the last one."""
         power = self._power
         negative = n < 0
-        if negative:
-            n = -n
+        n = abs(n)
         if not power:
             power = 1
             while n // power >= 10:
@@ -89,7 +85,7 @@ class Replies(Echo):
             if negative:
                 return 0x2D
         self._power = power // 10
-        return _ZERO + n // power % 10
+        return 0x30 + n // power % 10
 
     def _drop_item(self):
         self._tail = self._tail + 1 & self._mask
