@@ -96,7 +96,7 @@ def test_the_core_passes_its_tests_on_micropython_with_the_heap_locked(micropyth
         [micropython, "-X", "heapsize=4m", str(HERE / "run_micropython.py"), str(FIRMWARE)],
         capture_output=True,
         text=True,
-        timeout=600,
+        timeout=1800,
     )
     assert run.returncode == 0, run.stdout + run.stderr
     passed = int(run.stdout.split()[-4])
@@ -108,7 +108,7 @@ def test_a_position_after_a_power_cut_with_an_encoder_is_worth_no_more_than_it_i
         [micropython, "-X", "heapsize=64m", str(HERE / "run_micropython.py"), str(FIRMWARE), "test_encoder_cuts"],
         capture_output=True,
         text=True,
-        timeout=600,
+        timeout=1800,
     )
     assert (run.returncode, run.stdout.split()[-4:]) == (0, ["3", "passed,", "0", "failed"]), run.stdout + run.stderr
 
@@ -122,7 +122,7 @@ def test_the_core_passes_its_tests_on_the_circuitpython_port_with_the_heap_locke
         [*interpreter, str(HERE / "run_micropython.py"), str(FIRMWARE), str(fakes), str(library)],
         capture_output=True,
         text=True,
-        timeout=300,
+        timeout=1800,
     )
     assert run.returncode == 0, run.stdout + run.stderr
     passed = int(run.stdout.split()[-4])
