@@ -17,6 +17,7 @@ TESTS = (
     "test_board_file",
     "test_stops",
     "test_lane",
+    "test_frame_in_parts",
     "test_axes",
     "test_motion",
     "test_end_stops",
