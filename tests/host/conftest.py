@@ -1,4 +1,4 @@
-"""Fixtures: boards that are served while a test runs, and boards that were deployed to."""
+"""Fixtures: boards that are served while a test runs, boards that were deployed to, mounts with encoders."""
 
 import itertools
 import shutil
@@ -112,3 +112,18 @@ def holder():
     for process in started:
         process.kill()
         process.communicate()
+
+
+@pytest.fixture
+def loop():
+    from closed_loop import ClosedLoop
+
+    made = []
+
+    def make(*args, **options):
+        made.append(ClosedLoop(*args, **options))
+        return made[-1]
+
+    yield make
+    for each in made:
+        each.close()
