@@ -125,12 +125,11 @@ class App:
 
     def _receive(self):
         """Sleep until a byte comes, and read all that wait, unless a drive must end first. True if there were any."""
-        receiver = self._receiver
-        before = receiver.unparsed
+        before = self._receiver.unparsed
         deaf = self._sleep_ms and self._replies.waiting
         received = found = self._wait_deaf(self._sleep_ms * 1000) if deaf else self._read(self._sleep_ms)
         # a part of a frame does not end the sleep: nothing is due before
-        while found == _ALL and self._sleep_ms and not (deaf or self._obeyed) and receiver.begun():
+        while found == _ALL and self._sleep_ms and not (deaf or self._obeyed) and self._receiver.begun():
             left_ms = self._sleep_ms - 1 - diff(self._ticks_us(), self._since) // 1000
             found = left_ms > 0 and self._read(min(left_ms, _REST_MS))
         self._since = self._lane.woke_at
@@ -139,7 +138,7 @@ class App:
                 break
             found = self._read(0)
         # will more follow at once? This was at least half a packet of USB, and the ring has room
-        self._streams = received and receiver.unparsed - before >= _STREAM and receiver.unparsed < _MOST_STREAMED
+        self._streams = self._receiver.unparsed - before >= _STREAM and self._receiver.unparsed < _MOST_STREAMED
         return received
 
     def _wait_deaf(self, left_us):
