@@ -1,0 +1,66 @@
+"""An AS5600 on CircuitPython whose bus fails: the board starts all the same, and waits for it seldom."""
+
+import importlib
+import sys
+from types import ModuleType
+
+import pytest
+
+
+class Bus:
+    """busio.I2C, with one sensor that may fall silent. Returns from each transfer are counted."""
+
+    pulled_up = True
+    answers = True
+    asked = 0
+
+    def __init__(self, _scl, _sda, frequency):
+        if not Bus.pulled_up:
+            raise RuntimeError("No pull up found on SDA or SCL; check your wiring")
+
+    def try_lock(self):
+        return True
+
+    def writeto_then_readfrom(self, _address, _register, answer):
+        Bus.asked += 1
+        if not Bus.answers:
+            raise OSError(116)  # ETIMEDOUT, after a second
+        answer[:] = b"\x20\x01\x00"
+
+
+@pytest.fixture
+def readers(monkeypatch):
+    """ports/circuitpython_encoder.py on that bus."""
+    Bus.pulled_up, Bus.answers, Bus.asked = True, True, 0
+    for name, attributes in (("busio", {"I2C": Bus}), ("mountfw.ports.circuitpython_pins", {"pin_of": int})):
+        module = ModuleType(name)
+        vars(module).update(attributes)
+        monkeypatch.setitem(sys.modules, name, module)
+    name = "mountfw.ports.circuitpython_encoder"
+    monkeypatch.delitem(sys.modules, name, raising=False)
+    yield importlib.import_module(name)
+    sys.modules.pop(name, None)
+
+
+def test_a_sensor_that_is_not_plugged_in_keeps_no_board_from_starting(readers, capsys):
+    Bus.pulled_up = False
+    reader = readers.reader(1, {"shaft": (26, 27)})
+    assert "No pull up" in capsys.readouterr().out
+    assert [reader.counts() for _ in range(100)] == [0] * 100
+    assert reader.gone and reader.angle() == -1
+
+
+def test_a_sensor_that_is_gone_is_asked_once_in_64_looks_until_it_is_back(readers):
+    reader = readers.reader(1, {"shaft": (26, 27)})
+    assert reader.counts() == 256
+    assert not reader.gone
+    Bus.answers, Bus.asked = False, 0
+    for _ in range(64 * 5):
+        reader.counts()
+    assert reader.gone
+    assert 3 <= Bus.asked <= 3 + 5
+    Bus.answers = True
+    for _ in range(64):
+        reader.counts()
+    assert not reader.gone
+    assert reader.slips > 0  # it may have been turned meanwhile
