@@ -176,7 +176,7 @@ class Records:
             for axis in self._axes:
                 axis.drive.on_flash = False
                 if hasattr(axis, "restored"):
-                    axis.restored(-1)
+                    axis.restored(None)
             self.waiting = True
             self._next = _NOTHING
             self._rested_at = 0

@@ -5,7 +5,7 @@ from rig import Board, Rig
 from mountfw import codes
 from mountfw.ports.counted import Phases, Turns
 
-from rig_encoder import EncoderPort, encoded, ended, finish, move, status  # isort: skip
+from rig_encoder import EncoderPort, GearedPort, encoded, ended, finish, move, status  # isort: skip
 
 
 def test_an_axis_without_an_encoder_says_0_and_takes_nothing_else():
@@ -113,6 +113,32 @@ def test_a_record_of_the_position_goes_when_a_hand_turns_the_shaft():
     assert status(again)[1] == codes.COUNTED  # while it was off nobody measured
 
 
+def test_a_record_goes_so_too_when_a_query_has_seen_the_hand_first():
+    rig = encoded()
+    rig.ask(b"1DH0\n")
+    move(rig, b"1PR1\n")
+    rig.run(11_000_000)
+    assert "mountfw.position" in rig.port.files
+    rig.motor1.at += 100
+    rig.send(b"XS?\n")
+    rig.run(200_000)
+    at = rig.axis1.position.millisteps
+    assert "mountfw.position" not in rig.port.files
+    rig.run(11_000_000)
+    assert status(encoded(dict(rig.port.files))) == (at, codes.COUNTED)
+
+
+def test_a_sensor_behind_gears_is_looked_at_between_two_pulses_too():
+    rig = encoded(settings=b"XN97;MM1;DB4;XG80;VA0.1", port=GearedPort)
+    rig.send(b"1PR2\n")
+    rig.settle()
+    rig.run(1_000_000)
+    assert rig.drives() == (0, 0) and rig.controller.moving()
+    before = rig.motor1.reads
+    rig.run(1_000_000)
+    assert rig.motor1.reads - before >= 15  # half a turn between two looks would be lost
+
+
 def test_no_look_at_rest_or_in_the_open_loop_costs_a_board_without_an_encoder_anything():
     rig = encoded(settings=b"XN280")
     reads = rig.motor1.reads
@@ -169,6 +195,20 @@ def test_without_a_record_the_angle_gives_the_position_within_half_a_turn_as_an_
             assert again.errors() == []
     rig = encoded(rig.port.files, b"")  # an encoder that knows no angle
     assert status(rig) == (0, codes.UNKNOWN)
+
+
+def test_a_record_without_an_angle_keeps_its_position_as_the_estimate_that_it_is():
+    rig = encoded(settings=b"XN102;MM1")
+    on_screw(rig, 300)
+    rig.ask(b"1DH0;SM\n")
+    rig.run(300_000)
+    move(rig, b"1PR100\n")
+    at = rig.motor1.at
+    rig.motor1.gone = True
+    rig.motor1.angle = lambda: -1
+    rig.run(11_500_000)
+    again = started_again(dict(rig.port.files), at)
+    assert (again.axis1.position.millisteps, again.axis1.position.certainty) == (100_000, codes.ESTIMATED)
 
 
 def test_phases_see_a_change_of_both_signals_at_once():

@@ -2,7 +2,7 @@
 
 from mountfw import codes
 
-from rig_encoder import encoded, ended, finish, move, status, why  # isort: skip
+from rig_encoder import EncoderPort, GearedPort, encoded, ended, finish, move, status, why  # isort: skip
 
 
 def off_after(rig, us):
@@ -112,6 +112,48 @@ def test_a_motor_that_is_reversed_in_full_run_counts_no_wrong_way():
     assert rig.errors() == []
 
 
+def in_a_stream(rig, frame, gap_us, fault, most_us=600_000):
+    """Send frames, the motor fails by fault(motor) in between. Returns how long after that it was off first; us."""
+    for _ in range(500_000 // gap_us):
+        rig.send(frame)
+        rig.run(gap_us)
+    rig.motor1.catch_up()
+    fault(rig.motor1)
+    failed_at, until = rig.now(), rig.now() + most_us
+    while not rig.controller.errors.waiting and rig.now() < until:
+        rig.send(frame)
+        rig.run(gap_us)
+    return min([at for at, pin, duty in rig.port.edges if pin == 2 and not duty and at > failed_at]) - failed_at
+
+
+def stuck(motor):
+    motor.stuck = True
+
+
+def broken(motor):
+    motor.broken = True
+
+
+def test_frames_that_come_fast_do_not_keep_a_stall_from_being_seen():
+    for frame in (b"02550000", b"02550000\n"):
+        for gap_us in (20_000, 40_000, 55_000):
+            for fault in (stuck, broken):
+                rig = encoded()
+                rig.ask(b"1DH0\n")
+                assert in_a_stream(rig, frame, gap_us, fault) < 80_000
+                assert rig.errors()[0] == 147
+                assert status(rig)[1] == codes.ESTIMATED
+
+
+def test_frames_that_come_fast_do_not_keep_a_following_error_from_being_seen():
+    def slow(motor):
+        motor.supply = 0.1
+
+    rig = encoded()
+    assert in_a_stream(rig, b"02550000", 40_000, slow) < 500_000
+    assert rig.errors() == [144]
+
+
 def test_a_motor_far_too_slow_is_a_following_error():
     for line in (b"1MV+\n", b"1PR1\n"):
         rig = encoded()
@@ -204,6 +246,41 @@ def test_such_a_search_is_refused_unless_it_is_switched_on_and_bounded():
     rig.ask(b"1XA128;1XT700\n")
     move(rig, b"1OR\n")
     assert why(rig) == (codes.HOMING_FAILED, [145])
-    rig.motor1.stuck = True
+
+
+def test_such_a_search_finds_no_end_where_nothing_counts():
+    for port, settings in (
+        (EncoderPort, b"XN280;MM1;XA128"),
+        (EncoderPort, b"XN280;MM1;XA128;XG250"),
+        (GearedPort, b"XN97;MM1;DB4;XG80;XA128"),
+        (GearedPort, b"XN97;MM1;DB4;XG80;XA255"),
+    ):
+        for fault in (stuck, broken):
+            rig = encoded(settings=settings, port=port)
+            fault(rig.motor1)
+            move(rig, b"1OR\n")
+            assert why(rig) == (codes.HOMING_FAILED, [147])
+            assert status(rig) == (0, codes.UNKNOWN)
+
+
+def test_such_a_search_through_the_play_of_gears_finds_the_end():
+    rig = encoded(settings=b"XN97;MM1;DB4;XG80;XA128", port=GearedPort)
+    rig.motor1.ends = (-300, 1e9)
     move(rig, b"1OR\n")
-    assert why(rig) == (codes.HOMING_FAILED, [147])
+    assert why(rig) == (codes.DONE, [])
+    assert status(rig) == (0, codes.MEASURED)
+    assert abs(rig.motor1.at + 300) < 1
+
+
+def test_a_switch_that_opens_on_the_way_back_is_told_once():
+    rig = encoded(settings=b"XN280;MM1;XA128;XL1")
+    rig.motor1.ends = (-200, 1e9)
+    rig.port.switches[rig.board.AXIS_1["stop_pos"]] = 0
+    rig.send(b"1MT-\n")
+    rig.settle()
+    while rig.drives()[0] <= 0:
+        rig.port.horizon_us = rig.port.us + 3_000
+        rig.step()
+    rig.port.switches[rig.board.AXIS_1["stop_pos"]] = 1
+    finish(rig)
+    assert why(rig) == (codes.END_STOP, [104])

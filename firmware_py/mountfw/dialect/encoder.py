@@ -4,7 +4,7 @@ Without one, newfocus.py answers them. On an axis without one, so does this.
 """
 
 from mountfw import codes, const
-from mountfw.dialect.line import NOTHING, key
+from mountfw.dialect.line import HUGE, NOTHING, key
 from mountfw.encoder.settings import ENCODER_SETTINGS
 
 SETTINGS = {key(entry[0]): entry for entry in ENCODER_SETTINGS}
@@ -26,7 +26,6 @@ class EncoderWords:
         self._number = number
         self._set_any = set_any
         self._ask_any = ask_any
-        self._configured = 0  # what ZZ has said
         self._steps = {name: rows[name] for name in ("PR", "PA", "TP", "DH")}
 
     def rows(self):
@@ -74,54 +73,66 @@ class EncoderWords:
         else:
             self._replies.add(counts)
 
-    def _configure(self, _axis, line):
+    def _configure(self, axis, line):
         """Bit 0: no motor is checked when it is to move, so no drive is watched for a stall. Others mean nothing."""
         if self._number(line):
-            self._configured = line.rounded() & _UNCHECKED
-            for axis in self._axes:
+            axis = self._axes[0]
+            while axis:
                 if hasattr(axis, "reader"):
-                    axis.check_motor(not self._configured)
+                    axis.check_motor(not line.rounded() & _UNCHECKED)
+                axis = axis.next
 
-    def _configuration(self, _axis):
-        self._replies.add(self._configured)
+    def _configuration(self, axis):
+        axis = self._axes[0]
+        while axis and not getattr(axis, "unchecked", False):
+            axis = axis.next
+        self._replies.add(_UNCHECKED if axis else 0)
 
     # ---- counts instead of steps
 
     def _move_by(self, axis, line):
         if not getattr(axis, "units", 0):
             self._steps["PR"][1](axis, line)
-        elif self._number(line):
-            axis.by_counts(line.rounded())
+        elif self._counts(axis, line):
+            axis.in_counts.move_by(line.rounded())
 
     def _move_to(self, axis, line):
         if not getattr(axis, "units", 0):
             self._steps["PA"][1](axis, line)
-        elif self._number(line):
-            axis.to_counts(line.rounded())
+        elif self._counts(axis, line):
+            axis.in_counts.move_to(line.rounded())
 
     def _define(self, axis, line):
         if not getattr(axis, "units", 0):
             self._steps["DH"][1](axis, line)
-        elif line.kind == NOTHING or self._number(line):
-            axis.define_counts(line.rounded())
+        elif line.kind == NOTHING or self._counts(axis, line):
+            axis.in_counts.define(line.rounded())
+
+    def _counts(self, axis, line):
+        """Does the line carry a number of counts? HUGE stands for larger ones, which are refused."""
+        if not self._number(line):
+            return False
+        if line.whole >= HUGE:
+            axis.error(codes.AXIS_OUT_OF_RANGE)
+        return line.whole < HUGE
 
     def _last_relative(self, axis):
-        self._in_units("PR", axis, "relative_counts")
+        self._in_units("PR", axis, "relative")
 
     def _target(self, axis):
-        self._in_units("PA", axis, "target_counts")
+        self._in_units("PA", axis, "target")
 
     def _defined(self, axis):
-        self._in_units("DH", axis, "defined_counts")
+        self._in_units("DH", axis, "defined")
 
     def _position(self, axis):
         if getattr(axis, "units", 0):
-            self._replies.add(axis.counts_now())
+            self._replies.add(axis.in_counts.now())
         else:
             self._steps["TP"][2](axis)
 
     def _in_units(self, name, axis, counts):
         if getattr(axis, "units", 0):
-            self._replies.add(getattr(axis, counts))
+            self._replies.add(getattr(axis.in_counts, counts))
         else:
             self._steps[name][2](axis)

@@ -1,4 +1,4 @@
-"""An axis with an encoder. Imports axis, closed_loop, codes, position, settings, stall_homing, ticks, watch.
+"""An axis with an encoder. Imports axis, closed_loop, codes, in_counts, position, settings, stall_homing, ticks, watch.
 
 In the open loop it is an Axis. In the closed loop (`MM1`) its position is measured, its pulses last until their counts
 are there, and every drive is watched. The states, the table and the drive are those of Axis: only when a pulse ends,
@@ -7,6 +7,7 @@ and what comes after it, is decided here.
 
 from mountfw import codes, const
 from mountfw.encoder.closed_loop import ClosedLoop
+from mountfw.encoder.in_counts import InCounts
 from mountfw.encoder.position import MeasuredPosition
 from mountfw.encoder.settings import ENCODER_SETTINGS
 from mountfw.encoder.stall_homing import StallHoming
@@ -46,24 +47,29 @@ class EncodedAxis(Axis):
     zero_angle: int
 
     def __init__(self, number, bridge, positive_stop, negative_stop, homing, error_queue, ticks_us, reader, receiver):
-        self.target_counts = self.relative_counts = self.defined_counts = 0  # as they were said in counts
         self.reader = reader
         self.receiver = receiver
-        self.unchecked = False  # is no drive watched for a stall (ZZ)?
         self._looked_at = 0
         self._loop = ClosedLoop()
-        self._watch = Watch()
-        self._watch.play_us = reader.play_us
-        self._watched_at = -1  # on_at of the drive that is watched
+        self.watch = Watch()
+        self.watch.play_us = reader.play_us
         self._counts = 0  # of the pulse that is to begin, if it is not by its length
-        self._start = None  # the place from which the move that is to begin counts its pulses, if it is by a target
-        self._pulses = False  # is the move under way one of the closed loop?
-        self._rested_at = 0  # counts of the motor while the position is on the flash
-        self._gone = False  # was it told that the encoder does not answer?
-        self._limit = None  # steps: the soft limit at which the run under way ends
+        self._still_at = self._rested_at = 0  # counts of the motor at rest; the latter: while they are on the flash
         self.measured = MeasuredPosition(reader, self)  # its position
+        self.in_counts = InCounts(self)  # the same, and moves, told so
         super().__init__(number, bridge, positive_stop, negative_stop, homing, error_queue, ticks_us, self.measured)
         self._stall_homing = StallHoming(self)
+
+    def reset(self):
+        self.in_counts.reset()
+        self.unchecked = False  # is no drive watched for a stall (ZZ)?
+        self._watched_at = -1  # on_at of the drive that is watched; -1: it is over
+        self._bound_at = 0  # a pulse does not last longer
+        self._start = None  # the place from which the move that is to begin counts its pulses, if it is by a target
+        self._pulses = False  # is the move under way one of the closed loop?
+        self._gone = False  # was it told that the encoder does not answer?
+        self._limit = None  # steps: the soft limit at which the run under way ends
+        super().reset()
 
     # ---- settings
 
@@ -77,15 +83,15 @@ class EncodedAxis(Axis):
             self.closed_loop = self.units = 0
         super()._measure()
         if not self.measured.measure(self.closed_loop, self.counts_per_step, self.inverted):
-            self._watch.forget()
+            self.watch.forget()
         if self.measured.closed:
             self.resting = self.resting or _LOOKS
         per_step = self.measured.per_step
         self._loop.set_up(self.dead_band, per_step, self.pulse_us, self.step_duty, self.reader.play_us > 0)
         self._full_duty = self.step_duty  # of the next move, as all here
         self._settle_us = self.correction_s * 10_000
-        self._watch.stall_us = 0 if self.unchecked else self.stall_ms * 1000
-        self._watch.follow(per_step, self.pulse_us, self.following_error or per_step * 3 >> 2)
+        self.watch.stall_us = 0 if self.unchecked else self.stall_ms * 1000
+        self.watch.follow(per_step, self.pulse_us, self.following_error or per_step * 3 >> 2)
 
     def check_motor(self, checked):
         """Is a drive watched for a stall? From the next move on."""
@@ -93,7 +99,7 @@ class EncodedAxis(Axis):
         self.apply()
 
     def restored(self, recorded):
-        """The position was restored, as it was at this angle; -1: there is no record."""
+        """The position was restored, as it was at this angle (-1: not known); None: there is no record."""
         if not self.measured.restored(recorded):
             self.error(codes.AXIS_RECORD_DIFFERS)
 
@@ -104,11 +110,6 @@ class EncodedAxis(Axis):
             return super().position_now()
         self.measured.look()
         return self.measured.millisteps
-
-    def counts_now(self):
-        """The position in counts, signed, in the axis's own direction."""
-        self.position_now()
-        return self.measured.in_counts()
 
     # ---- moves
 
@@ -137,38 +138,14 @@ class EncodedAxis(Axis):
             self._limit = (self.soft_maximum if direction > 0 else self.soft_minimum) if limited else None
         return begun
 
-    def by_counts(self, n):
-        """Move by n counts; in the open loop by the nearest steps. False: refused, and an error says why."""
-        return self._to(self.counts_now() + n, n, None)
-
-    def to_counts(self, counts):
-        """Move to a position in counts; in the open loop to the nearest step."""
-        return self._to(counts, counts - self.counts_now(), self.measured.place)
-
-    def _to(self, target, n, start):
-        position = self.measured
-        steps = (target + (position.per_step >> 1)) // position.per_step
-        if not position.closed:
-            return self.move_to(steps)
-        if not self.handle(ASK, 0) or self.out_of_reach(steps, steps):
+    def turn(self, n, start, steps):
+        """One drive of n counts, from the place `start` or from where the last move should have ended; to that step."""
+        if abs(n) > self._loop.most():
+            self.error(codes.AXIS_OUT_OF_RANGE)
             return False
-        self.target_counts = target
-        self.relative_counts = n
         self._counts = abs(n)
         self._start = start
         self._begin_pulses(1 if n > 0 else -1 if n else 0, self.pulse_us, steps)
-        return True
-
-    def define_counts(self, counts):
-        """The position here is so many counts. False: refused, and an error says why."""
-        if not self.handle(ASK, 0) or self.out_of_reach(0, abs(counts) // self.measured.per_step + 1):
-            return False
-        if self.drive.on_flash:
-            self.drive.drop_record()
-        if not self.drive.on_flash:
-            self.measured.define_counts(counts)
-            self.defined_counts = self.target_counts = counts
-            self.has_moved = True
         return True
 
     def seek(self, direction, home):
@@ -212,7 +189,9 @@ class EncodedAxis(Axis):
         self.poll_input()
         reason = self._loop.next(position.place)
         self.poll_input()
-        if reason:
+        if reason == codes.FOLLOWING:  # its counts have not come in all the time that it may take
+            self._failed(reason)
+        elif reason:
             self.handle(END, reason)
         else:
             self._drive(position.motor)
@@ -226,6 +205,7 @@ class EncodedAxis(Axis):
         loop.aim(drive.direction, abs(loop.way) + self.measured.gap_left(drive.direction))
         self.handle(DUE_PULSE, loop.bound_us(self.reader.play_us))
         if self.state == PULSE:
+            self._bound_at = self.drive.ends_at
             self._begin_watch(motor)
 
     def _close(self, reason):
@@ -233,6 +213,8 @@ class EncodedAxis(Axis):
             self._pulses = False
             self.measured.done()
         self._limit = None
+        if self.drive.was_cut:
+            self._watched_at = -1
         super()._close(reason)
         self.resting = self.resting or _LOOKS
 
@@ -241,19 +223,21 @@ class EncodedAxis(Axis):
     def service(self, now_us):
         if not self.measured.closed:
             return super().service(now_us)
-        looks = True
-        # a frame or a stop, maybe: it is obeyed first
-        if self.receiver.waits():
+        looks = self.state > REST
+        if not looks:
+            self._watched_at = -1
+            looks = self.state and diff(now_us, self._looked_at) >= _LOOK_AT_REST_US >> 1
+        if self.receiver.waits():  # a frame or a stop, maybe: it is obeyed first
             if not self.state:
                 return NEVER_US
-            # a correction of a pulse is over in less
-            looks = self.state < RUN or diff(now_us, self._looked_at) > _LATE_US
-            if not (looks or self.drive.watched or diff(self.drive.ends_at, now_us) <= _LATE_US):
-                return _LATE_US
+            if self.state >= RUN:  # a correction of a pulse is over in less
+                looks = diff(now_us, self._looked_at) > _LATE_US
+                if not (looks or self.drive.watched or diff(self.drive.ends_at, now_us) <= _LATE_US):
+                    return _LATE_US
         if looks:
             self._looked_at = now_us
             self.poll_input()
-            reason = self._look(now_us) if self.state > REST else 0
+            reason = self._look(now_us)
             self.poll_input()
             if self.drive.inhibited:  # a stop: it is told first
                 return NEVER_US
@@ -272,42 +256,57 @@ class EncodedAxis(Axis):
             self._rest()
             return diff(self.next_at, self._ticks_us())
         if self.state > REST:
-            near = self._pulses and self._loop.near(self._watch.counts)
+            near = self._pulses and self._loop.near(self.watch.counts)
             return min(left_us, _LOOK_US if near else _LOOK_AT_RUN_US)
-        return left_us if self.state else _LOOK_AT_REST_US
+        return min(left_us, _LOOK_AT_REST_US)
 
     def _look(self, now_us):
-        """Look at the encoder in a drive. Returns the reason why it must end, or 0."""
+        """Look at the encoder in a move. Returns the reason why its drive must end, or 0."""
         drive = self.drive
-        if drive.was_cut:
+        if self.state <= REST:
+            self.measured.look()
+        if self.state <= REST or drive.was_cut:
             return 0
         if drive.on_at != self._watched_at:
-            self._begin_watch(self.measured.motor)
+            if self._watched_at < 0 or drive.direction != self.watch.direction:
+                self._begin_watch(self.measured.motor)
+            else:
+                self._watched_at = drive.on_at
+                self.watch.go_on(drive.duty, drive.on_at)
         self.measured.look()
         self.poll_input()
         reason = self._judge(now_us)
         if not reason and self._pulses:
             self.poll_input()
-            us = self._loop.cut_in(self._watch)
-            if us >= 0 and not (drive.was_cut or (self._loop.guessed and diff(drive.ends_at, now_us) < us)):
-                drive.ends_at = add(now_us, us)
-                if drive.gate:
-                    drive.gate.end_at(drive.ends_at)
+            us = self._loop.cut_in(self.watch)
+            if us >= 0 and not drive.was_cut:
+                self._ends_in(us, now_us)
         return reason
+
+    def _ends_in(self, us, now_us):
+        """The pulse's counts will be there then. Its bound, a guess, and a soft stop are not put off by that."""
+        drive, loop = self.drive, self._loop
+        if diff(self._bound_at, now_us) <= us:
+            loop.foretold = loop.guessed
+            us = diff(self._bound_at, now_us)
+        if diff(drive.ends_at, now_us) > us or not (loop.guessed or self.pulses_left == 1):
+            drive.ends_at = add(now_us, us)
+            if drive.gate:
+                drive.gate.end_at(drive.ends_at)
 
     def _judge(self, now_us):
         """The reason why the drive must end, or 0."""
-        if self._watch.lost(self.reader):
+        if self.watch.lost(self.reader):
             return codes.ENCODER_LOST
-        reason = self._watch.look(self.measured.motor, now_us)
-        if not (reason or self.drive.duty != self._full_duty or self.checking & 2 or self._watch.follows(now_us)):
+        reason = self.watch.look(self.measured.motor, now_us)
+        if not (reason or self.drive.duty != self._full_duty or self.checking & 2 or self.watch.follows(now_us)):
             return codes.FOLLOWING
         return reason
 
     def _begin_watch(self, motor):
         drive = self.drive
         self._watched_at = drive.on_at
-        self._watch.begin(motor, drive.direction, drive.duty, self.reader.slips, drive.on_at)
+        self.watch.begin(motor, drive.direction, drive.duty, self.reader.slips, drive.on_at)
 
     def _failed(self, reason):
         if self.measured.certainty:  # is it the motor that does not turn, or the encoder that does not see it?
@@ -332,7 +331,9 @@ class EncodedAxis(Axis):
         if self.resting is True:  # a pulse's
             super().service(now_us)
         self.resting = self.resting or _LOOKS
-        if position.look():
+        position.look()
+        if position.motor != self._still_at:  # a query may have looked before
+            self._still_at = position.motor
             self.has_moved = True
             if drive.on_flash and not -self.dead_band <= apart(position.motor, self._rested_at) <= self.dead_band:
                 drive.drop_record()  # it would tell another number

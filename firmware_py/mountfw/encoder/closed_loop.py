@@ -12,8 +12,10 @@ from mountfw.encoder.watch import FULL_SPEED_US
 from mountfw.wire.ticks import diff as apart  # counts wrap as times do
 
 MOST_CORRECTIONS = const(3)
-_BOUND = const(3)  # a pulse may drive so many times as long as its counts are worth ...
+_LONGER = const(2)  # a pulse may drive so many times longer than its counts are worth, ...
+_MOST_LONGER_US = const(150_000_000)  # ... but no more than this, ...
 _MORE_US = const(50_000)  # ... and this
+_MOST_US = const(250_000_000)  # what a drive's counts may be worth: its bound is no longer than any other drive's
 _NEAR_US = const(60_000)  # of drive at a step's speed
 _MOST_COAST = const(4)  # at most that part of a step
 _LEAST_BACK = const(16)  # that part of a step is the least correction back through the play of gears; assumed
@@ -126,7 +128,7 @@ class ClosedLoop:
         """
         if start is not None:
             self.goal = start
-        elif not self._within(apart(self.goal, place)):
+        elif not self._within(apart(self.goal, place)) or self._far(apart(self.goal, place)):
             self.goal = place
         if not (n and per_pulse):
             per_pulse = 0
@@ -172,6 +174,10 @@ class ClosedLoop:
         band = self._back_band if way * self._direction < 0 else self._dead_band
         return -band <= way <= band
 
+    def _far(self, way):
+        """Is it half a step or more away? A dead band may be larger."""
+        return not -self._per_step < way * 2 < self._per_step
+
     def _learn(self, missed):
         most = self._per_step * 16 // _MOST_COAST
         self._coasts[self._direction > 0].learn(self.was, self.rate, missed, most)
@@ -186,7 +192,14 @@ class ClosedLoop:
 
     def _worth_us(self):
         """How long a drive to the target takes at a step's speed."""
-        return min(self.target * (self._step_us // self._per_step + 1), 100_000_000)
+        return min(self.target, self.most()) * self._count_us()
+
+    def _count_us(self):
+        return self._step_us // self._per_step + 1
+
+    def most(self):
+        """Counts of the longest drive."""
+        return _MOST_US // self._count_us()
 
     def near(self, counts):
         """May the drive be over before the second of two looks in a run?"""
@@ -199,7 +212,8 @@ class ClosedLoop:
         if self.guessed:
             self.foretold = True
             return us
-        return self._worth_us() * _BOUND + _MORE_US + play_us
+        us = self._worth_us()
+        return us + min(us * _LONGER, _MOST_LONGER_US) + _MORE_US + play_us
 
     def cut_in(self, watch):
         """Microseconds until the drive is to be cut; -1 if that is far."""

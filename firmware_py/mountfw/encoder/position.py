@@ -26,6 +26,8 @@ class MeasuredPosition(Position):
         self.reader = reader
         self._axis = axis
         self.per_step = 1  # counts
+        self._counts_per_step = 0  # the same, signed; 0: not known
+        self._step_differs = False  # has the open loop's step changed since this one was measured in?
         self.way = 1  # of the encoder, in the axis's own direction
         self.raw = 0  # the reader's counts when it was looked at
         self.motor = 0  # the same in the axis's direction; wraps
@@ -53,23 +55,31 @@ class MeasuredPosition(Position):
         True in a closed loop whose encoder counts the same way as before: then the last drive says where the play is.
         """
         before = self.way
-        per_step = abs(counts_per_step)
-        closed = bool(closed and per_step)
-        if closed != self.closed or (closed and per_step != self.per_step):
-            if closed and self.closed:
-                super().step_changed()  # a step is another now
-            if self.certainty == codes.MEASURED:
-                self.certainty = codes.COUNTED
+        closed = bool(closed and counts_per_step)
+        if closed != self.closed or (closed and counts_per_step != self._counts_per_step):
+            if self.closed:
+                self._open(closed)
             self.lose_gap()
             self.closed = closed
             self.raw = self.reader.counts()
             self._slips = self.reader.slips
             self._rebase()
-        if per_step:
-            self.per_step = per_step
+        self._counts_per_step = counts_per_step
+        if counts_per_step:
+            self.per_step = abs(counts_per_step)
         self.way = -1 if (counts_per_step < 0) != (inverted > 0) else 1
         self._measure_gap()
         return closed and self.way == before
+
+    def _open(self, again):
+        """The closed loop ends. again: another one begins, in which a step is another, or counts the other way."""
+        self.look()
+        if again or self._step_differs:
+            super().step_changed()
+        self._step_differs = False
+        if self.certainty == codes.MEASURED:  # beside a step it may be coasting
+            beside = self.counts_of(self.millisteps - rounded(self.millisteps) * 1000)
+            self.certainty = codes.COUNTED if abs(beside) <= self._axis.dead_band else codes.ESTIMATED
 
     def _measure_gap(self):
         thousandths = min(self.gap // max(1, self.step // 1000), _MOST_GAP)  # of a step, so that no product is large
@@ -84,7 +94,7 @@ class MeasuredPosition(Position):
         self._steps = self._counts = 0
         self._inside_shown = self.inside
         if self._gap_counts:
-            self._at = min(self.inside // (self.gap // self._gap_counts), self._gap_counts)
+            self._at = min(self.inside // max(1, self.gap // self._gap_counts), self._gap_counts)
 
     # ---- what the encoder says
 
@@ -144,6 +154,8 @@ class MeasuredPosition(Position):
 
     def in_counts(self):
         """The position in counts, rounded."""
+        if self.millisteps != self._shown:
+            self._rebase()
         return self.counts_of(self._base) + self._steps * self.per_step + self._counts
 
     def counts_of(self, millisteps):
@@ -179,22 +191,29 @@ class MeasuredPosition(Position):
             self._axis.zero_angle = (angle - self.way * self.in_counts()) % _TURN or _TURN
 
     def restored(self, recorded):
-        """It was restored as at this angle; -1: there is no record. False if it is not there any more."""
+        """It was restored as at this angle, -1: it did not answer then; None: there is no record.
+
+        False if it is not there any more.
+        """
         angle = self.angle()
-        zero = self._axis.zero_angle  # 1 … 4096; 0: not known
-        if not self.closed or angle < 0 or (recorded < 0 and not zero):
+        since = self._axis.zero_angle if recorded is None else recorded  # the former: 1 … 4096; 0: not known
+        if not self.closed or angle < 0 or (recorded is None and not since):
             return True
-        if recorded < 0:
-            self.millisteps = self._base = 0
-        turned = (angle - (zero if recorded < 0 else recorded) + (_TURN >> 1)) % _TURN - (_TURN >> 1)
-        if recorded >= 0 and -_PLAY <= turned <= _PLAY:
+        if since < 0:
+            if self.certainty:
+                self.certainty = codes.ESTIMATED
             return True
-        if self.certainty or recorded < 0:
+        turned = (angle - since + (_TURN >> 1)) % _TURN - (_TURN >> 1)
+        if recorded is None:
+            self.millisteps = 0
+        elif -_PLAY <= turned <= _PLAY:
+            return True
+        if self.certainty or recorded is None:
             self.certainty = codes.ESTIMATED
         self.millisteps += turned * self.way * 1000 // self.per_step
         self.target = rounded(self.millisteps)
         self._rebase()
-        return recorded < 0
+        return recorded is None
 
     # ---- as of a Position
 
@@ -231,7 +250,9 @@ class MeasuredPosition(Position):
         self._at = self._inside_shown = 0
 
     def step_changed(self):
-        if not self.closed:
+        if self.closed:
+            self._step_differs = True
+        else:
             super().step_changed()
 
     def mirror(self):
@@ -244,8 +265,9 @@ class MeasuredPosition(Position):
         if self.closed:
             self.look()
         super().define(steps)
+        self._rebase()
         if self.closed:
-            self._rebase()
+            self._step_differs = False
             self._measured()
             self._zero()
 

@@ -1,7 +1,8 @@
 """Homing without a switch: the end is where the motor stalls. Imports axis, codes.
 
     SEEK     run towards the end, at reduced duty, until it stalls
-    BACK     run away from it for a fifth of a second: if it stalls there, too, it is no end, but a motor that is stuck
+    BACK     run away from it for a fifth of a second, and through the play of gears: if no count comes there either, it
+             is no end, but a motor that is stuck, or an encoder that does not count
     AGAIN    towards it again, until it stalls: that is the place
 
 The axis drives, counts and ends the move; it says when the motor has stalled. In all it may drive for search_limit_ms.
@@ -48,8 +49,11 @@ class StallHoming:
             if self._home:
                 axis.position.homed()
         else:
-            axis.abort(codes.HOMING_FAILED)
-            axis.error(codes.AXIS_STALLED)
+            self._stuck()
+
+    def _stuck(self):
+        self._axis.abort(codes.HOMING_FAILED)
+        self._axis.error(codes.AXIS_STALLED)
 
     def rested(self):
         """The rest is over."""
@@ -57,7 +61,9 @@ class StallHoming:
 
     def over(self):
         """The drive has come to its end: that of the way back, or all that there may be."""
-        if self._phase == _BACK and self._left_us() > 0:
+        if self._phase == _BACK and not self._axis.watch.turned():
+            self._stuck()
+        elif self._phase == _BACK and self._left_us() > 0:
             self._phase = _AGAIN
             self._axis.handle(DUE_SETTLE, _SETTLE_US)
         else:
@@ -67,7 +73,6 @@ class StallHoming:
     def hit(self):
         """A switch ahead is open."""
         self._axis.abort(codes.END_STOP)
-        self._axis.error_of(codes.END_STOP, self._axis.drive.direction)
 
     def watch(self):
         """A switch has not ended this leg."""
@@ -84,7 +89,8 @@ class StallHoming:
             self.over()
         elif phase == _BACK:
             axis.drive.aim(-self._direction * self._duty)
-            axis.handle(DUE_SEARCH, min(left_us, _BACK_US))
+            back_us = _BACK_US + axis.reader.play_us * 255 // self._duty
+            axis.handle(DUE_SEARCH, min(left_us, back_us))
         else:
             axis.drive.aim(self._direction * self._duty)
             axis.handle(DUE_SEARCH, left_us)

@@ -29,7 +29,8 @@ class Watch:
         self._step_us = 1
         self._most = self._most_more = 0
         self._start = 0
-        self._direction = 0
+        self.direction = 0
+        self._duty = 0
         self._began_at = 0
         self._furthest = self._low = self._high = 0  # and the most since the lowest: it may coast back first
         self._progress_at = 0
@@ -52,16 +53,26 @@ class Watch:
 
     def begin(self, motor, direction, duty, slips, on_at):
         """A drive has begun at on_at, at these counts of the motor."""
-        if not self._coasted(apart(motor, self._start) * self._direction - self.counts):
+        if not self._coasted(apart(motor, self._start) * self.direction - self.counts):
             self._went = 0
         self._start = motor
-        self._direction = direction
+        self.direction = direction
+        self._duty = duty
         self._slips = slips
         self.counts = self._furthest = self._low = self._high = 0
         self._old_counts = self._new_counts = self._step_counts = 0
         self._began_at = self._progress_at = self._old_at = self._new_at = self._step_at = self._now = on_at
         if direction != self._went:
             self._progress_at = self._step_at = add(on_at, self.play_us * 255 // duty)
+
+    def go_on(self, duty, on_at):
+        """The drive goes on, at this duty since on_at: a frame has come. What it has not made yet is still missing."""
+        if duty != self._duty:
+            self._duty, self._step_at, self._step_counts = duty, on_at, self.counts
+
+    def turned(self):
+        """Has the motor turned in this drive? Less may be noise."""
+        return self._furthest > _MOST_NOISE
 
     def _coasted(self, counts):
         """Can a motor have made these counts since the last look at a drive? More are a hand's."""
@@ -73,7 +84,7 @@ class Watch:
 
     def look(self, motor, now_us):
         """The counts now. Returns the reason why the drive must end, or 0."""
-        counts = self.counts = apart(motor, self._start) * self._direction
+        counts = self.counts = apart(motor, self._start) * self.direction
         self._now = now_us
         if counts < self._low:
             self._low = self._high = counts
@@ -83,7 +94,7 @@ class Watch:
                 self._progress_at = now_us
             if counts > self._furthest:
                 self._furthest = counts
-                self._went = self._direction if counts > _MOST_NOISE else 0
+                self._went = self.direction if counts > _MOST_NOISE else 0
         else:
             back = self._furthest - counts
             if self.stall_us and diff(now_us, self._progress_at) >= self.stall_us:

@@ -1,0 +1,147 @@
+"""What settings, *RST and the other unit make of a measured position. Runs under CPython and MicroPython."""
+
+from mountfw import codes
+
+from rig_encoder import encoded, ended, finish, move, status, why  # isort: skip
+
+
+def test_the_loop_closes_and_opens_with_a_take_up_and_nothing_else_is_lost():
+    for line in (b"*RST\n", b"*RCL1\n"):
+        rig = encoded(settings=b"XN280;MM1;XB20000;XL3;SR5;SL-5")
+        rig.ask(b"SM\n")
+        rig.run(300_000)
+        rig.ask(line)
+        rig.run(100_000)
+        assert rig.errors() == []
+        assert rig.ask(b"1XL?;1SR?;1MM?;2XB?\n") == b"3; 5; 1; 20000\r\n"
+        assert [axis.drive.watched for axis in rig.axes] == [True, True]
+    for line in (b"*RCL0\n", b"XX\n"):
+        rig = encoded(settings=b"XN280;MM1;XB20000")
+        rig.ask(line)
+        assert rig.errors() == []
+        assert rig.ask(b"1MM?;1XB?;2MM?\n") == b"0; 0; 0\r\n"
+    rig = encoded(settings=b"XP200;XD1;XN10000;XB1;MM1;MM0")  # a gap of fewer parts than counts
+    assert rig.errors() == []
+
+
+def test_after_a_restart_motors_are_checked_again():
+    rig = encoded()
+    rig.ask(b"SM\n")
+    rig.run(300_000)
+    assert rig.ask(b"ZZ1;ZZ?\n") == b"1\r\n"
+    rig.ask(b"*RST\n")
+    rig.run(100_000)
+    assert rig.ask(b"ZZ?;1MM?\n") == b"0; 1\r\n"
+    rig.motor1.stuck = True
+    move(rig, b"1MV+\n")
+    assert why(rig) == (codes.STALLED, [147])
+
+
+def test_after_a_restart_it_is_told_again_that_an_encoder_does_not_answer():
+    rig = encoded()
+    rig.ask(b"SM\n")
+    rig.run(300_000)
+    rig.motor1.gone = True
+    rig.run(200_000)
+    assert rig.errors() == [149]
+    rig.ask(b"*RST\n")
+    rig.run(200_000)
+    assert rig.errors() == [149]
+
+
+def test_a_position_told_by_other_steps_or_another_direction_is_an_estimate():
+    for line in (b"1XP100000;1MM0\n", b"1XN-280\n", b"1XN281\n"):
+        rig = encoded()
+        rig.ask(b"1DH0\n")
+        move(rig, b"1PR10\n")
+        assert status(rig) == (10_000, codes.MEASURED)
+        rig.ask(line)
+        assert status(rig) == (10_000, codes.ESTIMATED), line
+        rig.ask(b"1DH0;1MM0\n")
+        assert status(rig) == (0, codes.COUNTED), line
+
+
+def test_the_loop_that_opens_while_the_motor_coasts_leaves_an_estimate():
+    rig = encoded()
+    rig.ask(b"1DH0\n")
+    rig.send(b"1MV+\n")
+    rig.settle()
+    rig.run(500_000)
+    rig.ask(b"!\n1MM0\n")
+    assert status(rig)[1] == codes.ESTIMATED
+
+
+def test_a_dead_band_larger_than_a_step_turns_no_move_round():
+    rig = encoded(settings=b"XN280;MM1;DB600")
+    rig.ask(b"1DH0\n")
+    move(rig, b"1PR1\n")
+    rig.motor1.at += 500  # a hand
+    rig.run(200_000)
+    rig.send(b"1PR1\n")
+    rig.settle()
+    rig.run(50_000)
+    assert rig.drives()[0] == 255
+
+
+def test_counts_as_units_are_right_after_a_restart_and_in_the_open_loop():
+    rig = encoded(settings=b"XN280;MM1;SN1")
+    rig.ask(b"1DH0;SM\n")
+    rig.run(300_000)
+    move(rig, b"1PR2800\n")
+    told = int(rig.ask(b"1TP?\n"))
+    assert abs(told - 2800) <= 1
+    rig.run(11_000_000)
+    again = encoded(dict(rig.port.files), b"")
+    assert int(again.ask(b"1TP?\n")) == told
+    move(again, b"1PA%d\n" % told)
+    assert abs(again.motor1.at) < 1
+
+    rig = encoded(settings=b"XN280;SN1")
+    rig.ask(b"1DH0\n")
+    for n in (1, 2, 3):
+        move(rig, b"1PR280\n")
+        assert ended(rig) == (codes.DONE, 1, [])
+        assert rig.ask(b"1TP?\n") == b"%d\r\n" % (280 * n)
+    assert rig.ask(b"1DH1000;1TP?\n") == b"1000\r\n"
+
+
+def test_counts_that_no_axis_can_tell_or_reach_are_refused():
+    rig = encoded(settings=b"XN280;MM1;SN1")
+    rig.ask(b"1DH0\n")
+    for line in (b"1DH20000000\n", b"1PA12000000\n", b"1PR400000\n"):  # the last: a drive of 286 s
+        rig.ask(line)
+        assert rig.errors() == [101], line
+        assert rig.ask(b"1TP?;1PA?\n") == b"0; 0\r\n"
+    rig.ask(b"1ZH8;1SR5;1SL-20\n")
+    rig.ask(b"1PA1401\n")  # a count beyond 5 steps
+    assert rig.errors() == [106]
+    rig.ask(b"1DH-2800\n")  # no move: no limit
+    assert rig.errors() == []
+    assert status(rig) == (-10_000, codes.MEASURED)
+
+
+def test_a_soft_stop_lets_a_pulse_end_but_not_later_than_it_would_have():
+    for settings in (b"XN280;MM1", b"XN280;MM1;ZH2;XG0", b"XN2900;XP2000000;MM1"):
+        rig = encoded(settings=settings)
+        rig.send(b"1PR1\n")
+        rig.settle()
+        rig.run(rig.axis1.pulse_us - 100_000)
+        rig.motor1.catch_up()
+        rig.motor1.supply = 0.1  # a hand brakes it
+        asked_at = rig.now()
+        rig.send(b"1ST\n")
+        finish(rig)
+        assert [at for at, pin, duty in rig.port.edges if pin == 2 and not duty][-1] - asked_at < 250_000
+
+
+def test_a_pulse_whose_counts_do_not_come_ends_at_three_times_its_length():
+    rig = encoded(settings=b"XN280;MM1;XG0;ZH2")
+    rig.ask(b"1DH0\n")
+    rig.send(b"1PR1\n")
+    rig.settle()
+    rig.run(150_000)
+    rig.motor1.stuck = True
+    finish(rig)
+    assert max(rig.on_times(2)) < 3 * 210_000 + 50_000
+    assert why(rig) == (codes.FOLLOWING, [144])
+    assert status(rig)[1] == codes.ESTIMATED
