@@ -143,9 +143,9 @@ Remedy: Put that firmware or board file back, or save what is left (`SM`).
 # ---- errors of one axis
 
 AXIS_OUT_OF_RANGE = _axis_error(1, b"OUT OF RANGE")
-"""A target beyond ±1 000 000 steps, or a run that reached the edge of what can be counted.
+"""A target beyond ±1 000 000 steps (in counts ±9 999 998, or 250 s of one drive), or a run to the edge of counting.
 
-Remedy: Check the number; define a nearer zero with `DH`.
+Remedy: Check the number; define a nearer zero with `DH`; go a long way in counts by several moves.
 """
 
 AXIS_POSITIVE_STOP = _axis_error(4, b"POSITIVE END-STOP REACHED")

@@ -1,4 +1,4 @@
-"""An AS5600 on CircuitPython whose bus fails: the board starts all the same, and waits for it seldom."""
+"""An AS5600 on CircuitPython whose bus fails: the board starts all the same, and does not wait for it again."""
 
 import importlib
 import sys
@@ -8,7 +8,7 @@ import pytest
 
 
 class Bus:
-    """busio.I2C, with one sensor that may fall silent. Returns from each transfer are counted."""
+    """busio.I2C, with one sensor that may fall silent. Its questions are counted."""
 
     pulled_up = True
     answers = True
@@ -50,17 +50,12 @@ def test_a_sensor_that_is_not_plugged_in_keeps_no_board_from_starting(readers, c
     assert reader.gone and reader.angle() == -1
 
 
-def test_a_sensor_that_is_gone_is_asked_once_in_64_looks_until_it_is_back(readers):
+def test_a_sensor_that_is_gone_is_asked_no_more(readers):
     reader = readers.reader(1, {"shaft": (26, 27)})
     assert reader.counts() == 256
     assert not reader.gone
     Bus.answers, Bus.asked = False, 0
-    for _ in range(64 * 5):
+    for _ in range(100):
         reader.counts()
     assert reader.gone
-    assert 3 <= Bus.asked <= 3 + 5
-    Bus.answers = True
-    for _ in range(64):
-        reader.counts()
-    assert not reader.gone
-    assert reader.slips > 0  # it may have been turned meanwhile
+    assert Bus.asked == 3

@@ -130,13 +130,33 @@ def test_a_record_goes_so_too_when_a_query_has_seen_the_hand_first():
 
 def test_a_sensor_behind_gears_is_looked_at_between_two_pulses_too():
     rig = encoded(settings=b"XN97;MM1;DB4;XG80;VA0.1", port=GearedPort)
+    rig.ask(b"2MM0\n")  # nothing else wakes the loop
+    looks = []
+    counts = rig.motor1.counts
+
+    def noted():
+        looks.append(rig.now())
+        return counts()
+
+    rig.motor1.counts = noted
     rig.send(b"1PR2\n")
     rig.settle()
-    rig.run(1_000_000)
+    rig.run(2_000_000)
     assert rig.drives() == (0, 0) and rig.controller.moving()
-    before = rig.motor1.reads
-    rig.run(1_000_000)
-    assert rig.motor1.reads - before >= 15  # half a turn between two looks would be lost
+    # half a turn between two would be lost
+    assert max([late - early for early, late in zip(looks, looks[1:])]) < 100_000
+
+
+def test_a_sensor_whose_lowest_bits_flicker_at_rest_has_a_record_all_the_same():
+    rig = encoded(settings=b"XN97;MM1;DB1;XG80", port=GearedPort)
+    rig.ask(b"1DH0\n")
+    counts = rig.motor1.counts
+    rig.motor1.counts = lambda: counts() + (rig.motor1.reads & 3)
+    rig.run(12_000_000)
+    assert "mountfw.position" in rig.port.files
+    rig.motor1.at += 60  # a hand: more than the play of the gears
+    rig.run(500_000)
+    assert "mountfw.position" not in rig.port.files
 
 
 def test_no_look_at_rest_or_in_the_open_loop_costs_a_board_without_an_encoder_anything():

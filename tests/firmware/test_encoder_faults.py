@@ -154,6 +154,51 @@ def test_frames_that_come_fast_do_not_keep_a_following_error_from_being_seen():
     assert rig.errors() == [144]
 
 
+def reversed_geared():
+    """A board whose encoders sit behind gears; the motor has run in its positive direction."""
+    rig = encoded(settings=b"XN97;MM1;DB4;XG80", port=GearedPort)
+    rig.ask(b"1DH0\n")
+    rig.send(b"02550000")
+    rig.run(1_000_000)
+    rig.ask(b"00000000\n")
+    rig.run(300_000)
+    return rig
+
+
+def test_a_slow_frame_at_first_does_not_stretch_the_play_of_those_after_it():
+    rig = reversed_geared()
+    rig.send(b"-0030000")
+    rig.run(20_000)
+    for _ in range(5):  # a stall within the play is seen when that is over
+        rig.send(b"-2000000")
+        rig.run(100_000)
+    assert in_a_stream(rig, b"-2000000", 40_000, stuck) < 200_000
+    assert rig.errors()[0] == 147
+
+
+def test_frames_that_change_their_duty_in_the_play_of_gears_raise_no_error():
+    for first, then in ((b"-0100000", b"-2550000"), (b"-2550000", b"-0600000")):
+        rig = reversed_geared()
+        rig.motor1.play = 120.0  # a quarter of a second at full duty
+        rig.send(first)
+        rig.run(20_000)
+        for _ in range(40):
+            rig.send(then)
+            rig.run(40_000)
+        assert rig.errors() == [], first
+        assert rig.drives()[0] < 0
+
+
+def test_counts_that_nobody_looked_at_in_time_are_no_following_error():
+    rig = encoded()
+    rig.ask(b"1ZH2;1MV+\n")
+    rig.run(300_000)
+    rig.axis1.checking = 0
+    rig.port.us += 500_000  # the loop was at work elsewhere
+    rig.run(100_000)
+    assert rig.errors() == [] and rig.drives()[0] == 255
+
+
 def test_a_motor_far_too_slow_is_a_following_error():
     for line in (b"1MV+\n", b"1PR1\n"):
         rig = encoded()
@@ -261,6 +306,21 @@ def test_such_a_search_finds_no_end_where_nothing_counts():
             move(rig, b"1OR\n")
             assert why(rig) == (codes.HOMING_FAILED, [147])
             assert status(rig) == (0, codes.UNKNOWN)
+
+
+def test_an_encoder_that_fails_on_the_way_back_to_the_end_makes_no_end():
+    rig = encoded(settings=b"XN280;MM1;XA128")
+    rig.motor1.ends = (-300, 1e9)
+    rig.send(b"1OR\n")
+    rig.settle()
+    while rig.drives()[0] <= 0:
+        rig.run(3_000)
+    while rig.drives()[0] > 0:
+        rig.run(3_000)
+    rig.motor1.broken = True
+    finish(rig)
+    assert why(rig) == (codes.HOMING_FAILED, [147])
+    assert status(rig)[1] != codes.MEASURED
 
 
 def test_such_a_search_through_the_play_of_gears_finds_the_end():

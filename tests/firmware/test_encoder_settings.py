@@ -62,13 +62,40 @@ def test_a_position_told_by_other_steps_or_another_direction_is_an_estimate():
 
 
 def test_the_loop_that_opens_while_the_motor_coasts_leaves_an_estimate():
+    for recorded in (False, True):
+        for run_us in range(500_000, 700_000, 40_000):  # it ends in all places of a step
+            rig = encoded()
+            rig.ask(b"1DH0;SM\n")
+            rig.run(11_000_000)
+            if recorded:  # after a restart nothing is measured
+                rig = encoded(dict(rig.port.files), b"")
+                assert status(rig) == (0, codes.COUNTED)
+            rig.send(b"1MV+\n")
+            rig.settle()
+            rig.run(run_us)
+            rig.ask(b"!\n1MM0\n")
+            assert status(rig)[1] == codes.ESTIMATED
+
+
+def test_the_loop_that_opens_on_a_step_leaves_it_counted():
     rig = encoded()
     rig.ask(b"1DH0\n")
-    rig.send(b"1MV+\n")
-    rig.settle()
-    rig.run(500_000)
-    rig.ask(b"!\n1MM0\n")
-    assert status(rig)[1] == codes.ESTIMATED
+    move(rig, b"1PR3\n")
+    rig.ask(b"1MM0\n")
+    at, certainty = status(rig)
+    assert (abs(at - 3000) < 10, certainty) == (True, codes.COUNTED)
+
+
+def test_a_place_in_the_gap_that_was_recorded_is_that_of_the_first_move():
+    rig = encoded(settings=b"XN280;MM1;XB100000")
+    rig.ask(b"1DH0;SM\n")
+    rig.run(300_000)
+    move(rig, b"1PR5\n")
+    rig.run(11_000_000)
+    again = encoded(dict(rig.port.files), b"")
+    move(again, b"1PR1\n")
+    assert ended(again) == (codes.DONE, 1, [])
+    assert again.on_times(2)[0] < 220_000  # a step, and no gap before it
 
 
 def test_a_dead_band_larger_than_a_step_turns_no_move_round():
@@ -92,7 +119,7 @@ def test_counts_as_units_are_right_after_a_restart_and_in_the_open_loop():
     assert abs(told - 2800) <= 1
     rig.run(11_000_000)
     again = encoded(dict(rig.port.files), b"")
-    assert int(again.ask(b"1TP?\n")) == told
+    assert again.ask(b"1TP?;1PA?\n") == b"%d; 2800\r\n" % told
     move(again, b"1PA%d\n" % told)
     assert abs(again.motor1.at) < 1
 
@@ -102,6 +129,7 @@ def test_counts_as_units_are_right_after_a_restart_and_in_the_open_loop():
         move(rig, b"1PR280\n")
         assert ended(rig) == (codes.DONE, 1, [])
         assert rig.ask(b"1TP?\n") == b"%d\r\n" % (280 * n)
+        assert rig.ask(b"1PR?;1PA?\n") == b"280; %d\r\n" % (280 * n)
     assert rig.ask(b"1DH1000;1TP?\n") == b"1000\r\n"
 
 

@@ -8,7 +8,7 @@ and what comes after it, is decided here.
 from mountfw import codes, const
 from mountfw.encoder.closed_loop import ClosedLoop
 from mountfw.encoder.in_counts import InCounts
-from mountfw.encoder.position import MeasuredPosition
+from mountfw.encoder.position import NOISE, MeasuredPosition
 from mountfw.encoder.settings import ENCODER_SETTINGS
 from mountfw.encoder.stall_homing import StallHoming
 from mountfw.encoder.watch import Watch
@@ -54,7 +54,7 @@ class EncodedAxis(Axis):
         self.watch = Watch()
         self.watch.play_us = reader.play_us
         self._counts = 0  # of the pulse that is to begin, if it is not by its length
-        self._still_at = self._rested_at = 0  # counts of the motor at rest; the latter: while they are on the flash
+        self.still_at = self._rested_at = 0  # counts of the motor at rest; the latter: while they are on the flash
         self.measured = MeasuredPosition(reader, self)  # its position
         self.in_counts = InCounts(self)  # the same, and moves, told so
         super().__init__(number, bridge, positive_stop, negative_stop, homing, error_queue, ticks_us, self.measured)
@@ -102,6 +102,7 @@ class EncodedAxis(Axis):
         """The position was restored, as it was at this angle (-1: not known); None: there is no record."""
         if not self.measured.restored(recorded):
             self.error(codes.AXIS_RECORD_DIFFERS)
+        self.in_counts.target = self.measured.counts_of(self.measured.target * 1000)
 
     # ---- status
 
@@ -170,7 +171,7 @@ class EncodedAxis(Axis):
         """A closed-loop move of |n| pulses begins, each us long at XN's speed. Returns n as the loop makes it."""
         position = self.measured
         per_pulse = self._counts or (
-            us * position.per_step // self.pulse_us if us != self.pulse_us else position.per_step
+            position.share_of_step(us, self.pulse_us) if us != self.pulse_us else position.per_step
         )
         self._counts = 0
         position.look()
@@ -254,7 +255,7 @@ class EncodedAxis(Axis):
         left_us = super().service(now_us)
         if state == PULSE and self.state == REST and self._pulses:
             self._rest()
-            return diff(self.next_at, self._ticks_us())
+            return min(diff(self.next_at, self._ticks_us()), _LOOK_AT_REST_US)
         if self.state > REST:
             near = self._pulses and self._loop.near(self.watch.counts)
             return min(left_us, _LOOK_US if near else _LOOK_AT_RUN_US)
@@ -332,13 +333,15 @@ class EncodedAxis(Axis):
             super().service(now_us)
         self.resting = self.resting or _LOOKS
         position.look()
-        if position.motor != self._still_at:  # a query may have looked before
-            self._still_at = position.motor
+        motor = position.motor
+        band = max(self.dead_band, NOISE) if position.reader.play_us else self.dead_band
+        if not -band <= apart(motor, self.still_at) <= band:  # a query may have looked before
+            self.still_at = motor
             self.has_moved = True
-            if drive.on_flash and not -self.dead_band <= apart(position.motor, self._rested_at) <= self.dead_band:
-                drive.drop_record()  # it would tell another number
+        if drive.on_flash and not -band <= apart(motor, self._rested_at) <= band:
+            drive.drop_record()  # it would tell another number
         if not drive.on_flash:
-            self._rested_at = position.motor
+            self._rested_at = motor
         if position.reader.gone != self._gone:
             self._gone = position.reader.gone
             if self._gone and position.closed:

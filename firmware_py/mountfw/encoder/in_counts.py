@@ -30,15 +30,18 @@ class InCounts:
         return self._move(counts, counts - self.now(), self._axis.measured.place)
 
     def _move(self, target, n, start):
-        if not self._axis.measured.closed:
-            return self._axis.move_to(self._steps(target))
-        if not self._axis.handle(ASK, 0) or self._out_of_reach(target):
-            return False
-        if not self._axis.turn(n, start, self._steps(target)):
+        if not self._begin(target, n, start):
             return False
         self.target = target
         self.relative = n
         return True
+
+    def _begin(self, target, n, start):
+        if not self._axis.measured.closed:
+            return self._axis.move_to(self._steps(target))
+        if not self._axis.handle(ASK, 0) or self._out_of_reach(target):
+            return False
+        return self._axis.turn(n, start, self._steps(target))
 
     def _steps(self, counts):
         """The nearest step."""
@@ -52,9 +55,10 @@ class InCounts:
     def define(self, counts):
         """The position here is so many counts."""
         axis = self._axis
-        if not axis.handle(ASK, 0):
+        if axis.state:
+            axis.error(codes.AXIS_MOVING)
             return False
-        if abs(counts) > MAX_STEPS * axis.measured.per_step:
+        if abs(counts) // axis.measured.per_step >= MAX_STEPS:
             axis.error(codes.AXIS_OUT_OF_RANGE)
             return False
         if axis.drive.on_flash:

@@ -11,7 +11,7 @@ from mountfw.wire.ticks import diff as apart  # counts wrap as times do
 
 _SMALL = const(1 << 29)
 _TURN = const(4096)
-_PLAY = const(4)  # counts that a shaft at rest may be off: noise, and what the screw gives
+NOISE = const(4)  # counts that a shaft at rest may be off: of the sensor, and what the screw gives
 _MOST_GAP = const(20_000)  # thousandths of a step
 
 
@@ -77,9 +77,22 @@ class MeasuredPosition(Position):
         if again or self._step_differs:
             super().step_changed()
         self._step_differs = False
-        if self.certainty == codes.MEASURED:  # beside a step it may be coasting
-            beside = self.counts_of(self.millisteps - rounded(self.millisteps) * 1000)
-            self.certainty = codes.COUNTED if abs(beside) <= self._axis.dead_band else codes.ESTIMATED
+        if not -NOISE <= apart(self.motor, self._axis.still_at) <= NOISE:  # it may be coasting
+            self._beside()
+        elif self.certainty:
+            self._on_a_step()
+
+    def _beside(self):
+        if self.certainty:
+            self.certainty = codes.ESTIMATED
+
+    def _on_a_step(self):
+        """It is counted from here on, if it is a step's."""
+        beside = abs(self.counts_of(self.millisteps - rounded(self.millisteps) * 1000))
+        if beside > max(NOISE, min(self._axis.dead_band, self.per_step >> 4)):
+            self._beside()
+        elif self.certainty == codes.MEASURED:
+            self.certainty = codes.COUNTED
 
     def _measure_gap(self):
         thousandths = min(self.gap // max(1, self.step // 1000), _MOST_GAP)  # of a step, so that no product is large
@@ -158,6 +171,13 @@ class MeasuredPosition(Position):
             self._rebase()
         return self.counts_of(self._base) + self._steps * self.per_step + self._counts
 
+    def share_of_step(self, us, step_us):
+        """Counts of a pulse of us at the speed of a step, so that the product is a small integer."""
+        if step_us > 100_000:
+            us >>= 5
+            step_us >>= 5
+        return us * self.per_step // step_us
+
     def counts_of(self, millisteps):
         """Millisteps in counts, rounded; bounded, so that they are a small integer."""
         steps = millisteps // 1000
@@ -195,6 +215,9 @@ class MeasuredPosition(Position):
 
         False if it is not there any more.
         """
+        self._rebase()
+        if not self.closed and self.certainty:
+            self._on_a_step()
         angle = self.angle()
         since = self._axis.zero_angle if recorded is None else recorded  # the former: 1 … 4096; 0: not known
         if not self.closed or angle < 0 or (recorded is None and not since):
@@ -206,7 +229,7 @@ class MeasuredPosition(Position):
         turned = (angle - since + (_TURN >> 1)) % _TURN - (_TURN >> 1)
         if recorded is None:
             self.millisteps = 0
-        elif -_PLAY <= turned <= _PLAY:
+        elif -NOISE <= turned <= NOISE:
             return True
         if self.certainty or recorded is None:
             self.certainty = codes.ESTIMATED
@@ -277,7 +300,8 @@ class MeasuredPosition(Position):
         self.define(steps)
         self._counts = counts - steps * self.per_step
         self.millisteps = self._shown = steps * 1000 + (self._counts * 1000 + (self.per_step >> 1)) // self.per_step
-        self._zero()
+        if self.closed:
+            self._zero()
 
     def homed(self):
         super().homed()

@@ -44,7 +44,7 @@ class StallHoming:
         if self._phase == _SEEK:
             self._phase = _BACK
             axis.handle(DUE_SETTLE, _SETTLE_US)
-        elif self._phase == _AGAIN:
+        elif self._phase == _AGAIN and axis.watch.turned():
             axis.abort(codes.DONE)
             if self._home:
                 axis.position.homed()

@@ -67,8 +67,15 @@ class Watch:
 
     def go_on(self, duty, on_at):
         """The drive goes on, at this duty since on_at: a frame has come. What it has not made yet is still missing."""
-        if duty != self._duty:
-            self._duty, self._step_at, self._step_counts = duty, on_at, self.counts
+        if duty == self._duty:
+            return
+        left_us = diff(self._progress_at, on_at)
+        if left_us > 0:  # of the play, which lasts as long as the motor is slow
+            self._progress_at = self._step_at = add(on_at, left_us * self._duty // duty)
+        else:
+            self._step_at = on_at
+        self._step_counts = self.counts
+        self._duty = duty
 
     def turned(self):
         """Has the motor turned in this drive? Less may be noise."""
@@ -90,7 +97,7 @@ class Watch:
             self._low = self._high = counts
         if counts > self._high:
             self._high = counts
-            if diff(now_us, self._progress_at) > 0:  # in the play there may be counts of noise
+            if diff(now_us, self._progress_at) > 0 or counts - self._low > _MOST_NOISE:  # the play is over
                 self._progress_at = now_us
             if counts > self._furthest:
                 self._furthest = counts
@@ -122,6 +129,8 @@ class Watch:
             return True
         wrong = self.counts - self._step_counts - self._per_step
         self._step_at, self._step_counts = now_us, self.counts
+        if us >= self._step_us * 2:  # it was not asked in time: they may be those of more than a step
+            return wrong >= -self._most
         return -self._most <= wrong <= self._most_more
 
     def rate(self):

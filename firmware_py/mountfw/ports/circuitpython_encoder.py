@@ -5,7 +5,6 @@ from mountfw.ports.counted import Turns
 
 _ADDRESS = 0x36  # AS5600 data sheet: its only one
 _STATUS = b"\x0b"  # the register before RAW ANGLE
-_RESTS = 63  # looks without asking one that is gone: for a bus that hangs, CircuitPython waits a second each time
 _readers = {}  # pins: reader; its pins are taken until it is given back
 
 
@@ -46,27 +45,23 @@ class Shaft(Turns):
 
         super().__init__()
         self._answer = bytearray(3)
-        self._rests = 0
-        self._bus = None
+        self._is_asked = False
         try:
             self._bus = busio.I2C(pin_of(scl), pin_of(sda), frequency=400_000)
-            self._bus.try_lock()
-        except RuntimeError as e:  # no pull-ups: nothing is plugged in. It is gone, until the next start
+            self._is_asked = self._bus.try_lock()
+        except RuntimeError as e:  # no pull-ups: nothing is plugged in
             print("mountfw: encoder at pins %s and %s: %s" % (sda, scl, e))
 
     def counts(self):
         """4096 a turn; the lowest 12 bits are the angle."""
-        if self._bus is None:
-            return self.count
-        if self.gone and self._rests:
-            self._rests -= 1
+        if not self._is_asked:
             return self.count
         answer = self._answer
         try:
             self._bus.writeto_then_readfrom(_ADDRESS, _STATUS, answer)
         except OSError:
             self.silent()
-            self._rests = _RESTS
+            self._is_asked = not self.gone  # until the next start: for a bus that hangs CircuitPython waits a second
         else:
             self.take(answer[0], answer[1], answer[2])
         return self.count
