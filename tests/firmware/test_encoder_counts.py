@@ -95,12 +95,18 @@ def test_after_the_end_of_a_move_an_encoder_is_looked_at_within_a_tenth_of_a_sec
         assert max([later - sooner for sooner, later in zip(looks, looks[1:])]) < 100_000, line
 
 
-def test_a_record_of_the_position_goes_when_a_hand_turns_the_shaft():
+def recorded():
+    """A board at step 1 whose position is on the flash."""
     rig = encoded()
     rig.ask(b"1DH0\n")
     move(rig, b"1PR1\n")
     rig.run(10_800_000)
     assert "mountfw.position" in rig.port.files
+    return rig
+
+
+def test_a_record_of_the_position_goes_when_a_hand_turns_the_shaft():
+    rig = recorded()
     rig.motor1.at += 1  # less than a dead band is no turn
     rig.run(100_000)
     assert "mountfw.position" in rig.port.files
@@ -114,11 +120,7 @@ def test_a_record_of_the_position_goes_when_a_hand_turns_the_shaft():
 
 
 def test_a_record_goes_so_too_when_a_query_has_seen_the_hand_first():
-    rig = encoded()
-    rig.ask(b"1DH0\n")
-    move(rig, b"1PR1\n")
-    rig.run(11_000_000)
-    assert "mountfw.position" in rig.port.files
+    rig = recorded()
     rig.motor1.at += 100
     rig.send(b"XS?\n")
     rig.run(200_000)
