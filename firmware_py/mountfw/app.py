@@ -41,8 +41,7 @@ class App:
         self.port = port
         self._receiver = receiver
         self._frame = frame
-        self._replies = replies
-        self._own = own
+        self._replies, self._own = replies, own
         self._look = lane.look
         self._lane = lane
         self._ticks_us = port.ticks_us
@@ -54,11 +53,11 @@ class App:
         self._most, self._meanwhile = _READ, _READ_MEANWHILE  # bytes read at once, and in the middle of longer work
         self._shown_at = port.ticks_us()
         self._watch = self._poll_and_watch  # bound once: nothing is allocated in the loop
-        self.poll_by(self.poll_input)
+        self.poll_by(self.poll_input, self._read)
 
     def run(self):
         """Run the loop for ever. An internal fault stops the motors, queues an error, and the loop continues."""
-        self.poll_by(self.poll_input)  # again: _leave() has taken it away
+        self.poll_by(self.poll_input, self._read)  # again: _leave() has taken it away
         try:
             self.gated.enter()
             self._feed = self.port.start_watchdog()
@@ -72,13 +71,14 @@ class App:
         finally:  # Ctrl-C: every move ends at once, so that it is counted right
             self.port.uninterrupted(self._leave, codes.ABORTED)
 
-    def poll_by(self, poll_input):
-        """What takes long calls this now and then."""
+    def poll_by(self, poll_input, read):
+        """What takes long calls poll_input now and then; read where it may be left for a frame."""
         for part in self.controller.axes + (self._records, self._lane):
             part.poll_input = poll_input
+            part.read = read
 
     def _leave(self, reason):
-        self.poll_by(bool)  # does nothing: what comes now is the prompt's
+        self.poll_by(bool, bool)  # does nothing: what comes now is the prompt's
         self._lane.lose()
         self.controller.shutdown(reason)
         self.gated.leave(self._ticks_us)

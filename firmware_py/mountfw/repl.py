@@ -80,7 +80,7 @@ class Mount:
                 a.axis.position.certainty = codes.UNKNOWN
         self.stop()
         self._controller.inhibit(codes.NONE_YET)
-        firmware.poll_by(bool)  # does nothing: what is typed is the prompt's
+        firmware.poll_by(bool, bool)  # does nothing: what is typed is the prompt's
 
     def drive(self, m1, m2, ms):
         """Drive motor 1 (y) and motor 2 (x) at -255 ... 255 for ms milliseconds. Raises ValueError, MoveEnded."""

@@ -4,7 +4,7 @@ usage: board_on_vm.py FAKES_DIR ROOT_DIR [deploy's part, a Python file]
 
 ROOT_DIR is the board's file system, with the firmware on it. Prints one line of JSON: what the board sent after each
 part of the session, its pin edges, and what is left. Where the VM has no emitter of native code, the caller has taken
-the decorators out of the sources, and ptr8, which native code alone knows, stands here for itself.
+the decorators out of the sources, and ptr8 and ptr32, which native code alone knows, stand here for themselves.
 """
 
 import builtins
@@ -80,7 +80,7 @@ def use_fakes():
     if not hasattr(os, "urandom"):
         use_files_of_a_board()
     if not hasattr(builtins, "ptr8"):
-        builtins.ptr8 = lambda buffer: buffer
+        builtins.ptr8 = builtins.ptr32 = lambda buffer: buffer
     builtins.print = lambda *values, sep=" ", end="\n": out.write(sep.join([str(v) for v in values]) + end)
     os.chdir(ROOT)
     sys.path[:] = [""]

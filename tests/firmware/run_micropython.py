@@ -28,6 +28,7 @@ TESTS = (
     "test_homing",
     "test_emergency",
     "test_encoder_counts",
+    "test_encoder_frames",
     "test_encoder_settings",
     "test_counted_moves",
     "test_encoder_faults",

@@ -130,6 +130,55 @@ def test_a_record_goes_so_too_when_a_query_has_seen_the_hand_first():
     assert status(encoded(dict(rig.port.files))) == (at, codes.COUNTED)
 
 
+def test_a_record_goes_when_a_smaller_dead_band_calls_what_was_turned_a_turn():
+    rig = encoded(settings=b"XN280;MM1;DB100")
+    rig.ask(b"1DH0\n")
+    rig.run(13_000_000)
+    rig.motor1.at += 80
+    rig.run(200_000)
+    assert "mountfw.position" in rig.port.files
+    rig.ask(b"1DB1\n")
+    rig.run(200_000)
+    assert "mountfw.position" not in rig.port.files
+
+
+def test_counts_that_come_as_the_record_is_written_are_in_it():
+    rig = encoded(settings=b"XN280;MM1;DB20")
+    rig.ask(b"1DH0\n")
+    rig.run(5_000_000)
+    records = rig.controller.records
+    counts = rig.motor1.counts
+    record = []
+
+    def turned_late():
+        """The shaft turns between the last look at it and the record: 18 counts, which is no turn."""
+        if records.waiting and not record and rig.now() - late_us > 9_990_000:
+            record.append(rig.now())
+            rig.motor1.at += 18
+        return counts()
+
+    late_us = rig.now() - 5_000_000
+    rig.motor1.counts = turned_late
+    rig.run(13_000_000)
+    assert record and "mountfw.position" in rig.port.files
+    rig.motor1.at -= 37  # of what was recorded
+    rig.run(200_000)
+    assert "mountfw.position" not in rig.port.files
+
+
+def test_after_a_run_to_a_soft_limit_the_encoder_is_looked_at_as_after_any_move():
+    rig = encoded(settings=b"XN280;MM1;DB1;SR3;SL-3;ZH8")
+    rig.ask(b"1DH0\n")
+    move(rig, b"1MV+\n")
+    assert ended(rig)[0] == codes.SOFT_LIMIT
+    rig.run(11_000_000)
+    at = status(rig)[0]
+    assert at > 3000 and status(encoded(dict(rig.port.files))) == (at, codes.COUNTED)
+    rig.motor1.at += 900
+    rig.run(100_000)
+    assert "mountfw.position" not in rig.port.files
+
+
 def test_a_sensor_behind_gears_is_looked_at_between_two_pulses_too():
     rig = encoded(settings=b"XN97;MM1;DB4;XG80;VA0.1", port=GearedPort)
     rig.ask(b"2MM0\n")  # nothing else wakes the loop

@@ -69,7 +69,9 @@ def test_what_is_shared_uses_nothing_that_circuitpython_lacks():
             continue
         for node in ast.walk(ast.parse(path.read_text())):
             name = node.attr if isinstance(node, ast.Attribute) else node.id if isinstance(node, ast.Name) else ""
-            assert name not in {"native", "viper", "ptr8", "kbd_intr", "heap_lock", "schedule", "sleep_us"}, path
+            assert name not in {"native", "viper", "ptr8", "ptr32", "kbd_intr", "heap_lock", "schedule", "sleep_us"}, (
+                path
+            )
             assert not isinstance(node, ast.Match | ast.AsyncFunctionDef | ast.NamedExpr), path
 
 

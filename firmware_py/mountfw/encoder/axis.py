@@ -1,4 +1,4 @@
-"""An axis with an encoder. Imports axis, closed_loop, codes, in_counts, position, settings, stall_homing, ticks, watch.
+"""An axis with an encoder. Imports axis, codes, position, settings, ticks, and the rest of this package.
 
 In the open loop it is an Axis. In the closed loop (`MM1`) its position is measured, its pulses last until their counts
 are there, and every drive is watched. The states, the table and the drive are those of Axis: only when a pulse ends,
@@ -6,9 +6,10 @@ and what comes after it, is decided here.
 """
 
 from mountfw import codes, const
+from mountfw.encoder.at_rest import AtRest
 from mountfw.encoder.closed_loop import ClosedLoop
 from mountfw.encoder.in_counts import InCounts
-from mountfw.encoder.position import NOISE, MeasuredPosition
+from mountfw.encoder.position import MeasuredPosition
 from mountfw.encoder.settings import ENCODER_SETTINGS
 from mountfw.encoder.stall_homing import StallHoming
 from mountfw.encoder.watch import Watch
@@ -17,14 +18,14 @@ from mountfw.motion.drive import NEVER_US
 from mountfw.motion.position import rounded
 from mountfw.settings import SETTINGS
 from mountfw.wire.ticks import add, diff
-from mountfw.wire.ticks import diff as apart  # counts wrap as times do
 
 _MANY = const(1 << 20)  # pulses left, for the table: the closed loop counts its own
 _LOOKS = const(2)  # of resting: no pulse's rest, but the encoder is looked at
 _LOOK_US = const(4_000)  # between two looks near a pulse's end, at most: the loop sleeps less than that
 _LOOK_AT_RUN_US = const(13_000)  # else: the loop wakes 3 ms before, for a drive that might end then
 _LOOK_AT_REST_US = const(64_000)  # an AS5600 loses count if a hand turns it by half a turn between two
-_LATE_US = const(15_000)  # in a run what was received is obeyed before a look, but so long at most
+_LATE_US = const(12_000)  # in a run what was received is obeyed before a look, but so long at most
+_LEFT = const(-1)  # a look that another drive has ended
 
 
 class EncodedAxis(Axis):
@@ -54,8 +55,8 @@ class EncodedAxis(Axis):
         self.watch = Watch()
         self.watch.play_us = reader.play_us
         self._counts = 0  # of the pulse that is to begin, if it is not by its length
-        self.still_at = self._rested_at = 0  # counts of the motor at rest; the latter: while they are on the flash
         self.measured = MeasuredPosition(reader, self)  # its position
+        self.at_rest = AtRest(self)
         self.in_counts = InCounts(self)  # the same, and moves, told so
         super().__init__(number, bridge, positive_stop, negative_stop, homing, error_queue, ticks_us, self.measured)
         self._stall_homing = StallHoming(self)
@@ -67,7 +68,7 @@ class EncodedAxis(Axis):
         self._bound_at = 0  # a pulse does not last longer
         self._start = None  # the place from which the move that is to begin counts its pulses, if it is by a target
         self._pulses = False  # is the move under way one of the closed loop?
-        self._gone = False  # was it told that the encoder does not answer?
+        self.at_rest.gone = False
         self._limit = None  # steps: the soft limit at which the run under way ends
         super().reset()
 
@@ -127,7 +128,7 @@ class EncodedAxis(Axis):
         position.look()
         nearest = rounded(position.millisteps)
         beyond = position.counts_of(position.millisteps - nearest * 1000)
-        self._start = apart(position.place, beyond)
+        self._start = diff(position.place, beyond)  # counts wrap as times do
         self.last_relative = steps - nearest
         self._begin_pulses(steps - nearest, self.pulse_us, steps)
         return True
@@ -224,65 +225,89 @@ class EncodedAxis(Axis):
     def service(self, now_us):
         if not self.measured.closed:
             return super().service(now_us)
-        looks = self.state > REST
-        if not looks:
-            self._watched_at = -1
-            looks = self.state and diff(now_us, self._looked_at) >= _LOOK_AT_REST_US >> 1
-        if self.receiver.waits():  # a frame or a stop, maybe: it is obeyed first
-            if not self.state:
-                return NEVER_US
-            if self.state >= RUN:  # a correction of a pulse is over in less
-                looks = diff(now_us, self._looked_at) > _LATE_US
-                if not (looks or self.drive.watched or diff(self.drive.ends_at, now_us) <= _LATE_US):
-                    return _LATE_US
-        if looks:
+        if self.state > REST:
+            return self._serve_drive(now_us)
+        self._watched_at = -1
+        if not self.state:  # what waits is obeyed first
+            return NEVER_US if self.receiver.waits() else self._idle(now_us)
+        if diff(now_us, self._looked_at) >= _LOOK_AT_REST_US >> 1:
             self._looked_at = now_us
-            self.poll_input()
-            reason = self._look(now_us)
+            self.measured.look()
             self.poll_input()
             if self.drive.inhibited:  # a stop: it is told first
                 return NEVER_US
+        return self._go_on(now_us)
+
+    def _serve_drive(self, now_us):
+        """Look at the encoder, and do what is due. What comes meanwhile is obeyed first, but for so long at most."""
+        drive = self.drive
+        late = not 0 <= diff(now_us, self._looked_at) <= _LATE_US or self.watch.overdue(now_us)
+        if not late and self.state >= RUN and self.receiver.waits():  # a correction of a pulse is over in less
+            if not drive.watched and diff(drive.ends_at, now_us) > _LATE_US:
+                return _LATE_US
+        elif not drive.was_cut:
+            reason = self._look(late)
+            if reason == _LEFT or drive.inhibited:
+                return min(max(0, diff(drive.ends_at, now_us)), _LOOK_US)
+            self._looked_at = now_us
             if reason:
                 return self._failed(reason)
-            if self._limit is not None and self.measured.reached(self._limit, self.drive.direction):
-                self.handle(END, codes.SOFT_LIMIT)
+            if self._limit is not None:
+                self.measured.look()
+                if self.measured.reached(self._limit, drive.direction):
+                    self.handle(END, codes.SOFT_LIMIT)
+                    return _LOOK_AT_REST_US
         return self._go_on(now_us)
 
     def _go_on(self, now_us):
-        state = self.state
-        if not state:
-            return self._idle(now_us)
+        before = self.state
         left_us = super().service(now_us)
-        if state == PULSE and self.state == REST and self._pulses:
-            self._rest()
-            return min(diff(self.next_at, self._ticks_us()), _LOOK_AT_REST_US)
         if self.state > REST:
-            near = self._pulses and self._loop.near(self.watch.counts)
-            return min(left_us, _LOOK_US if near else _LOOK_AT_RUN_US)
+            most_us = _LOOK_US if self._pulses and self._loop.near(self.watch.counts) else _LOOK_AT_RUN_US
+            return left_us if left_us < most_us else most_us
+        if before == PULSE and self.state == REST and self._pulses:
+            self._rest()
+            left_us = diff(self.next_at, self._ticks_us())
         return min(left_us, _LOOK_AT_REST_US)
 
-    def _look(self, now_us):
-        """Look at the encoder in a move. Returns the reason why its drive must end, or 0."""
-        drive = self.drive
-        if self.state <= REST:
-            self.measured.look()
-        if self.state <= REST or drive.was_cut:
-            return 0
+    def _look(self, late):
+        """Look at the encoder in a drive. Returns why it must end, or 0; _LEFT if another drive has begun."""
+        if self._left(late):
+            return _LEFT
+        drive, watch = self.drive, self.watch
+        now_us = self._ticks_us()  # reading may have taken long
+        motor = self.measured.motor_now()
         if drive.on_at != self._watched_at:
-            if self._watched_at < 0 or drive.direction != self.watch.direction:
-                self._begin_watch(self.measured.motor)
+            if self._watched_at < 0 or drive.direction != watch.direction:
+                self._begin_watch(self.measured.motor)  # before it
             else:
                 self._watched_at = drive.on_at
-                self.watch.go_on(drive.duty, drive.on_at)
-        self.measured.look()
-        self.poll_input()
-        reason = self._judge(now_us)
-        if not reason and self._pulses:
+                watch.go_on(drive.duty, drive.on_at)
+        if self.reader.gone or (self.reader.slips != watch.slips and watch.lost(self.reader.slips)):
+            return codes.ENCODER_LOST
+        reason = watch.look(motor, now_us)
+        if self._left(late):
+            return _LEFT
+        if not (reason or drive.duty != self._full_duty or self.checking & 2 or watch.follows(now_us)):
+            return codes.FOLLOWING  # which the next look would not find again
+        return reason or (self._foretell(now_us, late) if self._pulses else 0)
+
+    def _foretell(self, now_us, late):
+        """When will the pulse's counts be there? Returns 0, or _LEFT."""
+        us = self._loop.cut_in(self.watch)
+        if self._left(late):
+            return _LEFT
+        if us >= 0 and not self.drive.was_cut:
+            self._ends_in(us, now_us)
+        return 0
+
+    def _left(self, late):
+        """Read what waits, and obey a frame, unless it is too late for that. True if another drive has begun."""
+        if late:
             self.poll_input()
-            us = self._loop.cut_in(self.watch)
-            if us >= 0 and not drive.was_cut:
-                self._ends_in(us, now_us)
-        return reason
+            return False
+        on_at = self.drive.on_at
+        return self.read(0) and (self.drive.on_at != on_at or not self.state)
 
     def _ends_in(self, us, now_us):
         """The pulse's counts will be there then. Its bound, a guess, and a soft stop are not put off by that."""
@@ -295,24 +320,14 @@ class EncodedAxis(Axis):
             if drive.gate:
                 drive.gate.end_at(drive.ends_at)
 
-    def _judge(self, now_us):
-        """The reason why the drive must end, or 0."""
-        if self.watch.lost(self.reader):
-            return codes.ENCODER_LOST
-        reason = self.watch.look(self.measured.motor, now_us)
-        if not (reason or self.drive.duty != self._full_duty or self.checking & 2 or self.watch.follows(now_us)):
-            return codes.FOLLOWING
-        return reason
-
     def _begin_watch(self, motor):
-        drive = self.drive
-        self._watched_at = drive.on_at
-        self.watch.begin(motor, drive.direction, drive.duty, self.reader.slips, drive.on_at)
+        self._watched_at = self.drive.on_at
+        self.watch.begin(motor, self.drive, self.reader.slips)
 
     def _failed(self, reason):
         if self.measured.certainty:  # is it the motor that does not turn, or the encoder that does not see it?
             self.measured.certainty = codes.ESTIMATED
-        self._gone = self._gone or self.reader.gone  # which this end tells
+        self.at_rest.gone = self.at_rest.gone or self.reader.gone  # which this end tells
         if self.state == SEARCH and self.homing is self._stall_homing and reason == codes.STALLED:
             self.homing.stalled()
         else:
@@ -327,23 +342,9 @@ class EncodedAxis(Axis):
             self.next_at = settled_at
 
     def _idle(self, now_us):
-        """Nothing moves, but a hand may turn the shaft. resting stays true, so that the controller comes here."""
-        position, drive = self.measured, self.drive
+        """Nothing moves. resting stays true, so that the controller comes here."""
         if self.resting is True:  # a pulse's
             super().service(now_us)
         self.resting = self.resting or _LOOKS
-        position.look()
-        motor = position.motor
-        band = max(self.dead_band, NOISE) if position.reader.play_us else self.dead_band
-        if not -band <= apart(motor, self.still_at) <= band:  # a query may have looked before
-            self.still_at = motor
-            self.has_moved = True
-        if drive.on_flash and not -band <= apart(motor, self._rested_at) <= band:
-            drive.drop_record()  # it would tell another number
-        if not drive.on_flash:
-            self._rested_at = motor
-        if position.reader.gone != self._gone:
-            self._gone = position.reader.gone
-            if self._gone and position.closed:
-                self.error(codes.AXIS_ENCODER_LOST)
+        self.at_rest.look()
         return _LOOK_AT_REST_US

@@ -106,6 +106,7 @@ class ClosedLoop:
         self._start = Start()
         self._direction = 0
         self._coasts = (Coast(), Coast())
+        self._coast = self._coasts[0]  # that of the next drive
 
     def set_up(self, dead_band, per_step, step_us, duty, play):
         """The settings are these now. With another step, what was learned is forgotten. play: are gears in between?"""
@@ -185,6 +186,8 @@ class ClosedLoop:
     def aim(self, direction, counts):
         """A drive begins: so many counts of the motor."""
         self._direction = direction
+        coast = self._coasts[direction > 0]
+        self._coast = coast if coast.known() else self._coasts[direction < 0]
         self.target = counts
         self.foretold = False
         self._drove = True
@@ -221,8 +224,7 @@ class ClosedLoop:
         if left > 500:
             return -1
         rate = watch.rate()
-        coast = self._coasts[self._direction > 0]
-        coast = (coast if coast.known() else self._coasts[self._direction < 0]).at(rate)
+        coast = self._coast.at(rate)
         sixteenths = left * 16 - coast
         us = 0 if sixteenths <= 0 else watch.until(sixteenths)
         if us >= 0:

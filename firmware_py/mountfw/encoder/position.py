@@ -77,7 +77,7 @@ class MeasuredPosition(Position):
         if again or self._step_differs:
             super().step_changed()
         self._step_differs = False
-        if not -NOISE <= apart(self.motor, self._axis.still_at) <= NOISE:  # it may be coasting
+        if not -NOISE <= apart(self.motor, self._axis.at_rest.still_at) <= NOISE:  # it may be coasting
             self._beside()
         elif self.certainty:
             self._on_a_step()
@@ -137,6 +137,17 @@ class MeasuredPosition(Position):
         self.millisteps = self._base + self._steps * 1000 + (counts * 1000 + (self.per_step >> 1)) // self.per_step
         self._shown = self.millisteps
         return turned
+
+    def motor_now(self):
+        """The motor's counts, in the axis's own direction. Without a gap they are not counted yet: look() does that."""
+        if self._gap_counts:  # where the motor turns back matters
+            self.look()
+            return self.motor
+        return self.motor + apart(self.reader.counts(), self.raw) * self.way
+
+    def same(self):
+        """True if there is nothing for look() to count or to tell."""
+        return self.reader.counts() == self.raw and self.reader.slips == self._slips and not self.reader.gone
 
     def _through(self, turned):
         """What of these counts has moved the mirror."""

@@ -34,9 +34,10 @@ class Watch:
         self._began_at = 0
         self._furthest = self._low = self._high = 0  # and the most since the lowest: it may coast back first
         self._progress_at = 0
-        self._slips = 0
+        self.slips = 0
         self._old_at = self._new_at = 0  # two instants of the past ...
         self._old_counts = self._new_counts = 0
+        self._us = self._quarters = 0  # since the older one, and quarters of a count made since, at the speed of now
         self._now = 0
         self._step_at = 0  # since then one step's time is measured ...
         self._step_counts = 0
@@ -51,19 +52,21 @@ class Watch:
         self._most = most
         self._most_more = most if step_us > FULL_SPEED_US else _ANY
 
-    def begin(self, motor, direction, duty, slips, on_at):
-        """A drive has begun at on_at, at these counts of the motor."""
+    def begin(self, motor, drive, slips):
+        """This drive has begun, at these counts of the motor."""
+        direction = drive.direction
         if not self._coasted(apart(motor, self._start) * self.direction - self.counts):
             self._went = 0
         self._start = motor
         self.direction = direction
-        self._duty = duty
-        self._slips = slips
+        self._duty = drive.duty
+        self.slips = slips
         self.counts = self._furthest = self._low = self._high = 0
         self._old_counts = self._new_counts = self._step_counts = 0
+        on_at = drive.on_at
         self._began_at = self._progress_at = self._old_at = self._new_at = self._step_at = self._now = on_at
         if direction != self._went:
-            self._progress_at = self._step_at = add(on_at, self.play_us * 255 // duty)
+            self._progress_at = self._step_at = add(on_at, self.play_us * 255 // drive.duty)
 
     def go_on(self, duty, on_at):
         """The drive goes on, at this duty since on_at: a frame has come. What it has not made yet is still missing."""
@@ -116,9 +119,13 @@ class Watch:
             self._new_at, self._new_counts = now_us, counts
         return 0
 
-    def lost(self, reader):
-        """True if the encoder has failed in this drive."""
-        return reader.gone or apart(reader.slips, self._slips) > _MOST_SLIPS
+    def overdue(self, now_us):
+        """True if a look that finds no new count is to say that the motor stalled."""
+        return self.stall_us > 0 and diff(now_us, self._progress_at) >= self.stall_us
+
+    def lost(self, slips):
+        """True if the encoder has slipped too often in this drive."""
+        return apart(slips, self.slips) > _MOST_SLIPS
 
     def follows(self, now_us):
         """False if in the last step's time of drive the counts were wrong."""
@@ -134,21 +141,17 @@ class Watch:
         return -self._most <= wrong <= self._most_more
 
     def rate(self):
-        """The speed, in sixteenths of a count in 16.384 ms; 0 if it is not known."""
-        us = diff(self._now, self._old_at)
-        quarters = self._quarters()
-        return quarters * 65_536 // us if us >= _LEAST_US and quarters > 0 else 0
-
-    def until(self, sixteenths):
-        """Microseconds until so many sixteenths of a count (at most 8000) have come, at this speed; -1: not known."""
-        us = diff(self._now, self._old_at)
-        quarters = self._quarters()
-        return sixteenths * us // (quarters << 2) if quarters > 0 and _LEAST_US <= us < _STALE_US + _SPAN_US else -1
-
-    def _quarters(self):
-        """Quarters of a count made since the older instant, at the speed of now.
+        """The speed, in sixteenths of a count in 16.384 ms; 0 if it is not known.
 
         From rest, a motor's speed after less than its time constant is nearly twice that of the mean.
         """
+        us = self._us = diff(self._now, self._old_at)
         made = self.counts - self._old_counts
-        return made * 7 if self._old_at == self._began_at else made * 4
+        quarters = self._quarters = made * 7 if self._old_at == self._began_at else made * 4
+        return quarters * 65_536 // us if us >= _LEAST_US and quarters > 0 else 0
+
+    def until(self, sixteenths):
+        """Microseconds until so many sixteenths of a count (at most 8000) have come, at that speed; -1: not known."""
+        if self._quarters > 0 and _LEAST_US <= self._us < _STALE_US + _SPAN_US:
+            return sixteenths * self._us // (self._quarters << 2)
+        return -1

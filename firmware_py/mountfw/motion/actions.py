@@ -28,7 +28,8 @@ class Actions(Settings):
         self.drive = Drive(bridge, [negative_stop, positive_stop, negative_stop], ticks_us)  # [0] stands for none
         self.switch_homing = self.homing = homing and homing(self)  # the homing of this axis, and the one under way
         self.has_moved = False  # has a move ended, or was its position defined, since store.py asked last?
-        self.poll_input = bool  # nothing: the App sets its own, by which a stop in the middle of longer work cuts
+        self.poll_input = bool  # nothing: the App sets its own, by which a stop in the middle of longer work cuts ...
+        self.read = bool  # ... and this one, by which a frame drives, too: only where that work may be left
         self.inverted = 0
         self.reset()
 

@@ -43,7 +43,7 @@ def _install():
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C in a terminal is the host's
     mp = types.ModuleType("micropython")
     mp.const = mp.native = mp.viper = lambda x: x
-    builtins.ptr8 = lambda buffer: buffer  # viper's view of a buffer
+    builtins.ptr8 = builtins.ptr32 = lambda buffer: buffer  # viper's view of a buffer
     mp.heap_lock = mp.heap_unlock = lambda: 0
     sys.modules["micropython"] = mp
     gc.mem_free = lambda: 0  # CPython has no such number
