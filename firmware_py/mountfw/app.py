@@ -42,8 +42,7 @@ class App:
         self._receiver = receiver
         self._frame = frame
         self._replies, self._own = replies, own
-        self._look = lane.look
-        self._lane = lane
+        self._lane, self._look = lane, lane.look
         self._ticks_us = port.ticks_us
         self.queries = commands.queries
         self._about = commands.queries.about
@@ -75,7 +74,8 @@ class App:
         """What takes long calls poll_input now and then; read where it may be left for a frame."""
         for part in self.controller.axes + (self._records, self._lane):
             part.poll_input = poll_input
-            part.read = read
+        for axis in self.controller.axes:
+            axis.read = read
 
     def _leave(self, reason):
         self.poll_by(bool, bool)  # does nothing: what comes now is the prompt's

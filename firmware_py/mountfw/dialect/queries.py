@@ -165,7 +165,7 @@ class Queries:
 
     def health(self, _axis):
         r = self._replies
-        if not self._controller.driving():  # it walks the heap, 8 ms on a Pico: a pulse and a stop must not wait for it
+        if not self._controller.driving():  # it walks the heap, 9 ms on a Pico: a pulse and a stop must not wait for it
             self._free = self.about.free_memory()
         r.add(self._free)
         r.field(b",", max(0, self.about.longest_us))
