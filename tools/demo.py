@@ -9,6 +9,7 @@ from __future__ import annotations
 import sys
 
 import _bootstrap as bootstrap
+import _programs as programs
 
 WANTED = bootstrap.Wanted(
     purpose="demo",
@@ -21,11 +22,11 @@ WANTED = bootstrap.Wanted(
 def main(arguments: list[str]) -> int:
     """Prepare .venv, then run the demo; without a screen, so that plots go to files."""
     bootstrap.ensure_python(__file__, arguments)
-    bootstrap.prepare(bootstrap.ROOT, WANTED, steps=3)
-    bootstrap.say("[3/3] running the demo …")
-    python = str(bootstrap.venv_python(bootstrap.ROOT / ".venv"))
-    return bootstrap.show([python, "-P", "-m", "mirrormount", "demo", *arguments], MPLBACKEND="Agg")
+    bootstrap.prepare(programs.ROOT, WANTED, steps=3)
+    programs.say("[3/3] running the demo …")
+    python = str(programs.venv_python(programs.ROOT / ".venv"))
+    return programs.show([python, "-P", "-m", "mirrormount", "demo", *arguments], MPLBACKEND="Agg")
 
 
 if __name__ == "__main__":
-    sys.exit(bootstrap.guarded(main))
+    sys.exit(programs.guarded(main))

@@ -20,6 +20,7 @@ from typing import Callable, Dict, List, NamedTuple, Optional, Sequence, Tuple, 
 from xml.etree import ElementTree
 
 import _bootstrap as bootstrap
+import _programs as programs
 
 
 def _has_arm_libc() -> bool:
@@ -128,20 +129,20 @@ def missing(needs: Sequence[Need]) -> List[Need]:
     return [n for n in needs if not (shutil.which(n.check) if isinstance(n.check, str) else n.check())]
 
 
-def settle(needs: Sequence[Need], may_install: bool, run: bootstrap.Run = bootstrap.run) -> List[Need]:
+def settle(needs: Sequence[Need], may_install: bool, run: programs.Run = programs.run) -> List[Need]:
     """Install what is missing if that is allowed; what is still missing afterwards, said on the screen."""
     absent = missing(needs)
     if absent and may_install:
-        bootstrap.say("Installing system packages: " + packages_of(absent))
+        programs.say("Installing system packages: " + packages_of(absent))
         try:
             bootstrap.apt_install(packages_of(absent).split(), run)
-        except bootstrap.Stop as stop:
-            bootstrap.say(str(stop))
+        except programs.Stop as stop:
+            programs.say(str(stop))
         absent = missing(absent)
     for need in absent:
-        bootstrap.say(f"Missing: {need.package} ({need.purpose}); not run: {', '.join(need.not_run)}")
+        programs.say(f"Missing: {need.package} ({need.purpose}); not run: {', '.join(need.not_run)}")
     if absent:
-        bootstrap.say("To install: sudo apt install " + packages_of(absent))
+        programs.say("To install: sudo apt install " + packages_of(absent))
     return absent
 
 
@@ -160,16 +161,16 @@ def chosen(for_pytest: List[str], ci: bool) -> List[Tuple[str, List[str]]]:
 
 def check(step: str, title: str, words: List[str]) -> Result:
     """Run one check under its title."""
-    bootstrap.say(f"\n[{step}] {title}: {' '.join(words)}")
+    programs.say(f"\n[{step}] {title}: {' '.join(words)}")
     start = time.monotonic()
     if words[0] != "pytest":
-        status, output = bootstrap.run(command_of(words))
+        status, output = programs.run(command_of(words))
         if output.strip():
-            bootstrap.say(output.rstrip())
+            programs.say(output.rstrip())
         return Result(title, status, time.monotonic() - start)
     with tempfile.TemporaryDirectory() as folder:
         report = os.path.join(folder, "report.xml")
-        status = bootstrap.show_quietly_ended([*command_of(words), "--junit-xml", report])
+        status = programs.show_quietly_ended([*command_of(words), "--junit-xml", report])
         return Result(title, status, time.monotonic() - start, counted(report))
 
 
@@ -179,14 +180,14 @@ def check_last(title: str, words: List[str]) -> Result:
     with tempfile.TemporaryDirectory() as folder:
         report = os.path.join(folder, "report.xml")
         more = ["--junit-xml", report] if words[0] == "pytest" else []
-        status, output = bootstrap.run([*command_of(words), *more], last=True)
-        bootstrap.say(f"\n{title}: {' '.join(words)}\n{output.rstrip()}")
+        status, output = programs.run([*command_of(words), *more], last=True)
+        programs.say(f"\n{title}: {' '.join(words)}\n{output.rstrip()}")
         return Result(title, status, time.monotonic() - start, counted(report))
 
 
 def command_of(words: List[str]) -> List[str]:
     """A check's command line: a script, or a module of the .venv."""
-    python = bootstrap.venv_python(bootstrap.ROOT / ".venv")
+    python = programs.venv_python(programs.ROOT / ".venv")
     if words[0] == "lint-imports":  # cannot be run as a module: its script lies beside the Python that it is for
         return [str(python.parent / words[0]), *words[1:]]
     return [str(python), *([] if words[0].endswith(".py") else ["-m"]), *words]
@@ -229,11 +230,11 @@ def main(arguments: List[str]) -> int:
     absent = settle(NEEDS, may_install=install_system or ci)
     to_do = chosen(for_pytest, ci)
     steps = len(to_do) + 2
-    bootstrap.prepare(bootstrap.ROOT, WANTED, steps, may_install=install_system or ci)
+    bootstrap.prepare(programs.ROOT, WANTED, steps, may_install=install_system or ci)
     deselected = ["--deselect=" + name for need in absent for name in need.not_run]
     with_times = not for_pytest and not any(need.not_run == _EMULATED for need in absent)
     results: List[Result] = []
-    with bootstrap.Beside() as pool:
+    with programs.Beside() as pool:
         beside = []
         for number, (title, words) in enumerate(to_do, 3):
             extra = [*deselected, *for_pytest] if words[0] == "pytest" else []
@@ -247,9 +248,9 @@ def main(arguments: List[str]) -> int:
             results.append(check(f"{number}/{steps}", title, [*words, *extra]))
         results[:0] = [work.result() for work in beside]
     lines, status = summary(judged(results), absent, ci)
-    bootstrap.say("\nSummary\n  " + "\n  ".join(lines[:-1]) + "\n" + lines[-1])
+    programs.say("\nSummary\n  " + "\n  ".join(lines[:-1]) + "\n" + lines[-1])
     return status
 
 
 if __name__ == "__main__":
-    sys.exit(bootstrap.guarded(main))
+    sys.exit(programs.guarded(main))

@@ -10,9 +10,9 @@ import sys
 from pathlib import Path
 
 import pytest
-from scripts import ROOT, bootstrap, demo
+from scripts import ROOT, bootstrap, demo, programs
 
-SCRIPTS = ["_bootstrap.py", "demo.py", "test.py"]
+SCRIPTS = ["_bootstrap.py", "_programs.py", "demo.py", "test.py"]
 WANTED = bootstrap.Wanted("tests", [["-r", "locked.txt"]], ["pyproject.toml"], ["numpy"])
 
 
@@ -50,7 +50,7 @@ class Machine:
 
 def make_venv(venv, *, made_for=None):
     """The files of a virtual environment that matter here."""
-    python = bootstrap.venv_python(venv)
+    python = programs.venv_python(venv)
     python.parent.mkdir(parents=True, exist_ok=True)
     python.touch()
     (venv / "a-package").touch()
@@ -83,7 +83,7 @@ def test_script_uses_the_standard_library_only(name):
     tree = ast.parse((ROOT / "tools" / name).read_text(encoding="utf-8"))
     names = {alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names}
     names |= {str(node.module) for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
-    assert {name.split(".")[0] for name in names} <= set(sys.stdlib_module_names) | {"_bootstrap"}
+    assert {name.split(".")[0] for name in names} <= set(sys.stdlib_module_names) | {"_bootstrap", "_programs"}
 
 
 def test_newer_python_on_path_is_chosen_and_a_stand_in_is_passed_over():
@@ -120,7 +120,7 @@ def test_old_python_starts_over_with_the_newer_one(monkeypatch):
 def test_without_a_newer_python_the_message_says_what_to_install(monkeypatch, system):
     monkeypatch.setattr(bootstrap.sys, "version_info", (3, 8, 18))
     monkeypatch.setattr(bootstrap, "find_python", lambda commands, version: None)
-    with pytest.raises(bootstrap.Stop, match=rf"(?s)this one is 3\.8.*{system}"):
+    with pytest.raises(programs.Stop, match=rf"(?s)this one is 3\.8.*{system}"):
         bootstrap.ensure_python("demo.py", [])
 
 
@@ -156,7 +156,7 @@ def test_working_venv_of_the_user_is_used_as_it_is(root, capsys):
 
 def test_venv_with_an_old_python_is_not_removed(root):
     make_venv(root / ".venv")
-    with pytest.raises(bootstrap.Stop, match=r"holds Python 3\.9\.1"):
+    with pytest.raises(programs.Stop, match=r"holds Python 3\.9\.1"):
         bootstrap.ensure_venv(root / ".venv", lambda command: (0, "3.9.1"))
     assert (root / ".venv" / "a-package").exists()
 
@@ -173,7 +173,7 @@ def test_link_to_a_broken_venv_is_removed_without_what_it_points_to(root):
 
 
 def test_new_venv_that_does_not_work_is_not_marked(root):
-    with pytest.raises(bootstrap.Stop, match="half made"):
+    with pytest.raises(programs.Stop, match="half made"):
         prepare(root, Machine(healthy=False))
     assert not (root / ".venv" / bootstrap.MADE).exists()
 
@@ -196,7 +196,7 @@ def test_without_ensurepip_uv_makes_the_venv(root):
 def test_without_ensurepip_and_uv_the_apt_line_is_given(root):
     machine = Machine(ensurepip=False)
     line = "sudo apt install python{}.{}-venv".format(*sys.version_info)
-    with pytest.raises(bootstrap.Stop, match=re.escape(line)):
+    with pytest.raises(programs.Stop, match=re.escape(line)):
         bootstrap.create_venv(root / ".venv", machine, may_install=False, which=tools("apt-get"))
     assert machine.times("apt-get") == 0
 
@@ -266,42 +266,18 @@ def test_one_script_does_not_undo_what_the_other_has_prepared(root):
     ],
 )
 def test_failure_of_pip_ends_in_its_last_lines_and_a_remedy(root, output, remedy):
-    with pytest.raises(bootstrap.Stop) as stop:
+    with pytest.raises(programs.Stop) as stop:
         prepare(root, Machine(pip=(1, f"first line\n{output}\n")))
     assert output in str(stop.value)
     assert remedy in str(stop.value).splitlines()[-1]
 
 
-@pytest.mark.parametrize("name", ["HTTPS_PROXY", "http_proxy", "PIP_INDEX_URL", "PIP_CERT", "SSL_CERT_FILE"])
-def test_settings_of_pip_and_proxy_are_passed_on(monkeypatch, name):
-    monkeypatch.setenv(name, "a value of the user's")
-    assert bootstrap.child_env()[name] == "a value of the user's"
-
-
-def test_pip_is_kept_off_the_systems_python():
-    assert bootstrap.child_env()["PIP_REQUIRE_VIRTUALENV"] == "1"
-
-
-# How the scripts end
-
-
-@pytest.mark.parametrize(("error", "status"), [(KeyboardInterrupt(), 130), (OSError("full"), 1)])
-def test_what_goes_wrong_ends_in_one_line_and_a_status(monkeypatch, capsys, error, status):
-    def main(arguments):
-        raise error
-
-    monkeypatch.setattr(bootstrap.sys, "argv", ["demo.py"])
-    assert bootstrap.guarded(main) == status
-    assert len(capsys.readouterr().out.strip().splitlines()) == 1
-
-
-def test_status_of_a_shown_command_is_its_own():
-    assert bootstrap.show([sys.executable, "-c", "raise SystemExit(7)"]) == 7
+# The demo
 
 
 def test_demo_passes_arguments_on_and_needs_no_screen(monkeypatch):
     shown = []
     monkeypatch.setattr(bootstrap, "prepare", lambda *args, **options: None)
-    monkeypatch.setattr(bootstrap, "show", lambda command, **env: shown.append((command[1:], env)) or 5)
+    monkeypatch.setattr(programs, "show", lambda command, **env: shown.append((command[1:], env)) or 5)
     assert demo.main(["--seed", "1"]) == 5
     assert shown == [(["-P", "-m", "mirrormount", "demo", "--seed", "1"], {"MPLBACKEND": "Agg"})]

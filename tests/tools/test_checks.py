@@ -2,14 +2,12 @@
 
 import os
 import re
-import signal
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
-from scripts import ROOT, bootstrap, checks
-from served import PATIENCE_S, wait_for
+from scripts import ROOT, bootstrap, checks, programs
 
 GIT = checks.Need("a-command-nobody-has", "git", "a fresh clone", ("tests/clone",))
 
@@ -19,9 +17,9 @@ def shown(monkeypatch):
     """The commands tools/test.py runs, all of which succeed, when one need is not met."""
     commands = []
     monkeypatch.setattr(bootstrap, "prepare", lambda *args, **options: None)
-    monkeypatch.setattr(bootstrap, "run", lambda command, **_: (commands.append(command[2:]) or 0, ""))
+    monkeypatch.setattr(programs, "run", lambda command, **_: (commands.append(command[2:]) or 0, ""))
     monkeypatch.setattr(bootstrap, "apt_install", lambda packages, run: commands.append(["apt", *packages]))
-    monkeypatch.setattr(bootstrap, "show_quietly_ended", lambda command: commands.append(command[2:-2]) or 0)
+    monkeypatch.setattr(programs, "show_quietly_ended", lambda command: commands.append(command[2:-2]) or 0)
     monkeypatch.setattr(checks, "NEEDS", (GIT,))
     monkeypatch.delenv("CI", raising=False)
     return commands
@@ -71,7 +69,7 @@ def test_only_a_whole_run_checks_the_times_of_the_firmware(shown, monkeypatch, c
     shown.clear()
     checks.main(["--", "-k", "frame"])
     assert times not in shown
-    monkeypatch.setattr(bootstrap, "run", lambda command, **_: (int("--quick" in command), "missed: stop-run"))
+    monkeypatch.setattr(programs, "run", lambda command, **_: (int("--quick" in command), "missed: stop-run"))
     assert checks.main([]) == 1
     output = capsys.readouterr().out
     assert "missed: stop-run" in output and re.search(r"FAILED +times", output)
@@ -95,7 +93,7 @@ def test_the_floor_of_the_coverage_counts_on_ci(shown, monkeypatch):
 
 
 def test_one_failed_check_fails_the_whole_but_stops_nothing(shown, monkeypatch, capsys):
-    monkeypatch.setattr(bootstrap, "run", lambda command, **_: (int("basedpyright" in command), "an error of types"))
+    monkeypatch.setattr(programs, "run", lambda command, **_: (int("basedpyright" in command), "an error of types"))
     assert checks.main([]) == 1
     output = capsys.readouterr().out
     assert "an error of types" in output
@@ -134,100 +132,9 @@ def test_the_last_line_and_the_status_are_of_both_runs_of_pytest(
     shown, monkeypatch, capsys, statuses, reports, status, last
 ):
     monkeypatch.setattr(checks, "NEEDS", ())
-    monkeypatch.setattr(bootstrap, "show_quietly_ended", pytest_that(statuses, reports))
+    monkeypatch.setattr(programs, "show_quietly_ended", pytest_that(statuses, reports))
     assert checks.main([]) == status
     assert capsys.readouterr().out.splitlines()[-1] == last
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="asks for Linux's kinds of scheduling")
-@pytest.mark.parametrize(("program", "idle", "nice"), [("chrt", True, os.nice(0)), ("nice", False, 19)])
-def test_what_comes_last_takes_the_processor_that_nobody_else_wants(monkeypatch, program, idle, nice):
-    which = bootstrap.shutil.which
-    monkeypatch.setattr(bootstrap.shutil, "which", lambda name: which(name) if name == program else None)
-    ask = [sys.executable, "-c", "import os; print(os.sched_getscheduler(0) == os.SCHED_IDLE, os.nice(0))"]
-    assert bootstrap.run(ask) == (0, f"False {os.nice(0)}\n")
-    assert bootstrap.run(ask, last=True) == (0, f"{idle} {nice}\n")
-
-
-AUTOGROUP = """
-import pathlib, time
-group, until = pathlib.Path("/proc/self/autogroup"), time.monotonic() + 60
-while group.exists() and "nice 19" not in group.read_text() and time.monotonic() < until:
-    time.sleep(0.01)
-print(not group.exists() or "nice 19" in group.read_text())
-"""
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="only Linux shares the processors among sessions")
-def test_what_comes_last_comes_behind_other_sessions_too():
-    assert bootstrap.run([sys.executable, "-c", AUTOGROUP], last=True) == (0, "True\n")
-
-
-WAITS = """
-import pathlib, time
-pathlib.Path("began").touch()
-try:
-    time.sleep(600)
-finally:
-    pathlib.Path("ended").touch()
-"""
-
-
-def test_ctrl_c_ends_what_comes_last_too(tmp_path):
-    child = [sys.executable, "-c", f"import os; os.chdir({str(tmp_path)!r})\n{WAITS}"]
-    tools = str(ROOT / "tools")
-    program = f"""import sys, time
-sys.path.insert(0, {tools!r})
-import _bootstrap
-with _bootstrap.Beside() as beside:
-    beside.submit(_bootstrap.run, {child!r}, last=True)
-    time.sleep(600)
-"""
-    run = subprocess.Popen([sys.executable, "-c", program], stderr=subprocess.DEVNULL, start_new_session=True)
-    wait_for(lambda: (tmp_path / "began").exists(), "the child")
-    run.send_signal(signal.SIGINT)
-    assert run.wait(PATIENCE_S) != 0
-    assert (tmp_path / "ended").exists()
-
-
-def test_a_silent_command_is_followed_by_lines_of_progress(monkeypatch, tmp_path):
-    lines, told = [], tmp_path / "told"
-    os.mkfifo(told)
-
-    def say(line: str) -> None:
-        lines.append(line)
-        if len(lines) == 1:
-            told.write_text("")  # the command reads to its end: it is silent until a line of progress was told
-
-    monkeypatch.setattr(bootstrap, "PROGRESS_S", 0.01)
-    monkeypatch.setattr(bootstrap, "say", say)
-    status, output = bootstrap.run(
-        [sys.executable, "-c", "import sys; open(sys.argv[1]).read(); print('done')", str(told)]
-    )
-    assert (status, output) == (0, "done\n")
-    assert re.search(r"^ +-c .*argv.* … \d+ s$", lines[0])
-
-
-SCRIPT = """
-import sys
-sys.path.insert(0, sys.argv[1])
-import _bootstrap as bootstrap
-child = [sys.executable, "-c", "import time; print('runs', flush=True); time.sleep(60)"]
-sys.exit(bootstrap.guarded(lambda _arguments: bootstrap.show_quietly_ended(child)))
-"""
-
-
-@pytest.mark.skipif(os.name == "nt", reason="a console of Windows has no process groups that a test could signal")
-def test_ctrl_c_in_a_check_ends_in_one_line_though_the_check_prints_a_traceback():
-    command = [sys.executable, "-c", SCRIPT, str(ROOT / "tools")]
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
-    ) as script:
-        assert script.stdout.readline() == "runs\n"
-        os.killpg(script.pid, signal.SIGINT)  # as a terminal does: to every process in front of it
-        out, err = script.communicate(timeout=60)
-    assert (script.returncode, err) == (130, "")
-    assert out.strip() == "Stopped; the same command carries on from here."
 
 
 # The suite itself
