@@ -1,13 +1,47 @@
-"""The table of the tests of scans."""
+"""Fixtures: the table of the tests of scans; what the tests of `mirrormount measure` measure on."""
 
 import contextlib
 
 import pytest
 
+from mirrormount.beam.estimate import Estimate
+from mirrormount.cli import measure_work
 from mirrormount.transport.open import open_table
+from mirrormount.virtual import virtual_table
 
 
 @pytest.fixture
 def table():
     with contextlib.closing(open_table("virtual-table://?mounts=1&cameras=2")) as opened:
         yield opened
+
+
+@pytest.fixture
+def own_folder(tmp_path, monkeypatch):
+    """Settings and reports go into the folder of the test."""
+    monkeypatch.setenv("MIRRORMOUNT_CONFIG", str(tmp_path / "settings"))
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture
+def tables(monkeypatch):
+    """The tables that `mirrormount measure` opens."""
+    opened = []
+
+    def open_table(address):
+        opened.append(virtual_table.open_table(address))
+        return opened[-1]
+
+    monkeypatch.setattr(measure_work, "open_table", open_table)
+    return opened
+
+
+@pytest.fixture
+def found(monkeypatch):
+    """An experiment that has found a take-up at once."""
+
+    def at_once(rig, result, _tell):
+        rig.look()
+        result.estimates["x.take_up"] = Estimate(251_000.0, 900.0, "us")
+
+    monkeypatch.setattr(measure_work.backlash, "run", at_once)
