@@ -234,7 +234,7 @@ def test_what_modemmanager_probes_with_moves_nothing():
 def test_a_host_that_never_reads_loses_echoes_whole_and_nothing_else():
     rig = Rig()
     rig.port.reading = False
-    for _ in range(500):
+    for _ in range(100):
         rig.send(b"02550100\n00500050\n")
         rig.settle()
     assert rig.drives() == (50, 50)
@@ -244,7 +244,8 @@ def test_a_host_that_never_reads_loses_echoes_whole_and_nothing_else():
     rig.port.reading = True
     rig.run(2_000_000)
     lines = bytes(rig.port.sent).split(b"\r\n")
-    assert len(lines) % 5 == 1  # whole echoes only
+    assert len(lines) % 5 == 1  # whole echoes only,
+    assert len(lines) < 5 * 200  # and not all of them
     assert lines[-6:] in (
         [b"02550100", b"255", b"100", b"255", b"100", b""],
         [b"00500050", b"50", b"50", b"50", b"50", b""],
