@@ -1,7 +1,8 @@
 """Deploys whose power goes, on the flash of the emulated RP2040: its LittleFS has to stand what a cut leaves.
 
 A cut comes with one erase or program of the flash, which is then done or left half done. The default run cuts in each
-file of an upload, in the commit, and in each rename and removal; --exhaustive at each operation, done and half done.
+file of an upload, in the commit, and in each removal and every third rename; --exhaustive at each operation, done and half
+done.
 """
 
 import random
@@ -110,14 +111,19 @@ def repair(board: Board, deploy: Deploy) -> None:
 def test_after_a_cut_in_any_file_of_an_upload_the_old_firmware_runs_and_the_next_deploy_goes_on(older, switch_on, tell):
     places = random.Random(5)
     board = switch_on(older.old)
-    for path, content in older.todo.upload.items():
+    for number, (path, content) in enumerate(older.todo.upload.items()):
         prompt = board.prompt()
         cut = {"operations": places.randint(1, 1 + len(content) // PAGE), "half": places.choice((False, True))}
         board.cut_after(**cut)
         with pytest.raises(PowerCut):
             prompt.put(path + ".new", content)
-        assert board.firmware() == older.old_hash, (path, cut)
+        board.boot()
+        assert board.simulation.lit, (path, cut)
+        if number % 10 == 0:  # the hash takes twice as long as the boot, and nothing would mend an old file meanwhile
+            assert board.firmware() == older.old_hash, (path, cut)
         board.prompt().put(path + ".new", content)
+    board.power_cycle()
+    assert board.firmware() == older.old_hash
     _, todo = board.deploy(older.wanted)
     assert not todo.upload
     repair(board, older)
@@ -133,16 +139,18 @@ def test_before_the_journal_is_in_place_the_old_firmware_runs_and_from_then_on_t
     tell(len(runs))
 
 
-def test_a_boot_that_puts_the_new_firmware_in_place_may_be_cut_in_any_rename_and_removal(older, switch_on, tell):
+def test_a_boot_that_puts_the_new_firmware_in_place_may_be_cut_in_a_rename_or_a_removal(older, switch_on, tell):
     places = random.Random(7)
     board = switch_on(older.committed)
     assert board.count(board.boot) >= sum(operations for _, operations in older.steps)
-    before = 0
+    before = cuts = 0
     for i, (call, operations) in enumerate(older.steps):
-        assert cut_in_boot(board, before + places.randint(1, operations), half=i % 2 == 0) == older.new_hash, call
+        if i % 3 == 0 or call.startswith("os.remove"):
+            assert cut_in_boot(board, before + places.randint(1, operations), half=i % 2 == 0) == older.new_hash, call
+            cuts += 1
         before += operations
     repair(board, older)
-    tell(len(older.steps))
+    tell(cuts)
 
 
 HALF = pytest.mark.parametrize("half", [False, True], ids=["done", "half_done"])
