@@ -12,19 +12,19 @@ time of the table, x and y of each camera in um), and the memory of each process
 
 import argparse
 import contextlib
-import http.client
 import json
 import os
 import socket
-import subprocess
 import sys
 import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from looking_on import lookers
 from numpy.typing import NDArray
 
 from mirrormount.beam import events
@@ -51,8 +51,8 @@ Numbers = NDArray[np.float64]
 PERIOD_S = 1 / 60  # less than a frame's, so that the frames set the pace
 TRUTH_S = 0.1  # between two samples of the true beam
 MEMORY_S = 10.0
+BEGIN_S = 3.0  # that the pages have to begin
 PERSON_S = 5.0  # until somebody opens a gate
-STATE_S, PICTURE_S = 0.25, 0.08  # between two questions of a page
 PARTS = 6
 ROOM_S = 600.0  # of the truth, beyond what was asked for
 TRIES = 5  # to calibrate and align
@@ -67,6 +67,11 @@ class Watch:
         self.gates: list[str] = []
         self.person: threading.Event = threading.Event()
         self._last_s: float | None = None
+
+    def begin_anew(self) -> None:
+        """Forget what was before."""
+        self.periods_s.clear()
+        self.looks, self.gates = 0, []
 
     def listen(self, event: events.Event) -> None:
         """Take an event: two looks with nothing moved between them are a period."""
@@ -121,63 +126,6 @@ class Truth:
         return self._rows[: self._count].copy()
 
 
-def look_on(port: int, name: str) -> None:
-    """One page, without a browser, until its standard input ends: prints what it got."""
-    got = {"states": 0, "pictures": 0, "bytes": 0, "failures": 0, "slowest_s": 0.0}
-    ended = threading.Event()
-
-    def ask(path: str, every_s: float) -> None:
-        after = "0"
-        server = http.client.HTTPConnection("127.0.0.1", port, timeout=20)
-        while not ended.is_set():
-            begin_s = time.monotonic()
-            try:
-                server.request("GET", f"{path}?after={after}", headers={"X-Page": name})
-                answer = server.getresponse()
-                body = answer.read()
-            except OSError:
-                got["failures"] += not ended.is_set()
-                server.close()
-                ended.wait(1)
-                continue
-            got["slowest_s"] = max(got["slowest_s"], time.monotonic() - begin_s)
-            got["bytes"] += len(body)
-            if answer.status == 200 and path == "/hold/state":
-                got["states"] += 1
-                history = json.loads(body)["history"]
-                after = f"{history[-1]['t']:.2f}" if history else after
-            elif answer.status == 200:
-                got["pictures"] += 1
-                after = str(json.loads(answer.headers["X-Seen"])["n"])
-            ended.wait(max(0.0, every_s - (time.monotonic() - begin_s)))
-
-    threads = [
-        threading.Thread(target=ask, args=arguments, daemon=True)
-        for arguments in (("/hold/state", STATE_S), ("/camera/1", PICTURE_S), ("/camera/2", PICTURE_S))
-    ]
-    for thread in threads:
-        thread.start()
-    sys.stdin.read()
-    ended.set()
-    print(json.dumps(got))
-
-
-@contextlib.contextmanager
-def lookers(port: int, found: list[dict[str, float]]) -> Iterator[None]:
-    """Two processes that look on; what they got is put into found."""
-    command = [sys.executable, "-P", __file__, "--look-on", str(port)]
-    running = [
-        subprocess.Popen([*command, name], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-        for name in ("first", "second")
-    ]
-    try:
-        yield
-    finally:
-        for process in running:
-            out, _ = process.communicate("")
-            found.append(json.loads(out))
-
-
 def plugs(table: VirtualTable, number: int) -> Callable[[], Port]:
     """What opens the port of a board, at first and again after it was lost: then it has been switched off and on."""
     ports = iter([table.ports[number]])
@@ -210,7 +158,7 @@ def memory_mb() -> dict[str, float]:
         with contextlib.suppress(OSError):  # it has ended
             if status.read_text().rpartition(")")[2].split()[1] == str(os.getpid()):
                 command = (status.parent / "cmdline").read_bytes()
-                role = "page" if b"--look-on" in command else "other"
+                role = "page" if b"looking_on.py" in command else "other"
                 found[f"{role} {status.parent.name}"] = int((status.parent / "statm").read_text().split()[1]) * page_mb
     return found
 
@@ -234,8 +182,33 @@ def busy_s() -> float:
     return (user + nice + system + irq + soft) / os.sysconf("SC_CLK_TCK")
 
 
-def hour(options: argparse.Namespace) -> dict[str, object]:
-    """Calibrate, align, hold. Returns the figures."""
+@dataclass
+class Held:
+    """What an hour has left: its figures are made of it."""
+
+    watch: Watch
+    summary: Summary
+    errors_um: Numbers  # each spot's x and y, a row for each sample of the truth
+    lever_m: float
+    seconds: float
+    own_s: float  # of a processor, this process
+    all_s: float  # of all processors, everything
+    memory: Sequence[dict[str, float]]
+    looking_on: Sequence[dict[str, float]]
+    log_events_lost: int
+
+
+def eyes_of(table: VirtualTable) -> list[CameraEye]:
+    """An eye for each camera, which holds the middle of its picture."""
+    um = 1000 * table.cameras[0].sensor.pixel_mm
+    return [
+        CameraEye(camera.name, camera, ((camera.size.width - 1) / 2, (camera.size.height - 1) / 2), (um, um), at_m)
+        for camera, at_m in zip(table.cameras, table.truth.geometry.cameras_m, strict=True)
+    ]
+
+
+def hour(options: argparse.Namespace) -> Held:
+    """Calibrate, align, hold."""
     address = f"virtual-table://?speed=1&off=2&profile={options.profile}&seed={options.seed}"
     with contextlib.ExitStack() as kept:
         table = kept.enter_context(open_table(address))
@@ -243,14 +216,9 @@ def hour(options: argparse.Namespace) -> dict[str, object]:
         for number, name in enumerate(("first", "second")):
             supervisor = Supervisor(plugs(table, number), patience_s=options.patience)
             mounts.append((name, kept.enter_context(supervisor), ("x", "y")))
-        um = 1000 * table.cameras[0].sensor.pixel_mm
-        eyes = [
-            CameraEye(camera.name, camera, ((camera.size.width - 1) / 2, (camera.size.height - 1) / 2), (um, um), at_m)
-            for camera, at_m in zip(table.cameras, table.truth.geometry.cameras_m, strict=True)
-        ]
-        loop = kept.enter_context(SupervisedTable("hour", mounts, eyes))
-        watched, watch = WatchedTable(loop), Watch()
-        board = HoldBoard({eye.name: eye.um_per_px for eye in eyes})
+        eyes = eyes_of(table)
+        watched = WatchedTable(kept.enter_context(SupervisedTable("hour", mounts, eyes)))
+        watch, board = Watch(), HoldBoard({eye.name: eye.um_per_px for eye in eyes})
         folder = options.run or Path(kept.enter_context(tempfile.TemporaryDirectory())) / "run"
         log = kept.enter_context(RunLog(folder, {"seed": options.seed, "profile": options.profile}))
 
@@ -267,51 +235,58 @@ def hour(options: argparse.Namespace) -> dict[str, object]:
         page = threading.Thread(target=server.run, args=([listener],), daemon=True)
         page.start()
         got: list[dict[str, float]] = []
-        memory: list[dict[str, float]] = []
-        ended = threading.Event()
-
-        def mind() -> None:
-            while not ended.wait(MEMORY_S):
-                memory.append(memory_mb())
-                with (folder / "memory.jsonl").open("a") as file:
-                    file.write(json.dumps({"t": time.monotonic()} | memory[-1]) + "\n")
-
-        def person() -> None:
-            while not ended.wait(0.5):
-                if watch.person.is_set():
-                    ended.wait(PERSON_S)
-                    watch.person.clear()
-                    hold.go_on()
-
         with lookers(listener.getsockname()[1], got):
-            ended.wait(3.0)  # they have begun
-            watch.periods_s.clear()
-            watch.looks, watch.gates = 0, []
+            time.sleep(BEGIN_S)
+            watch.begin_anew()
             truth = Truth(table, watched, options.seconds)
-            threads = [threading.Thread(target=work) for work in (mind, person)]
-            for thread in threads:
-                thread.start()
-            begin_s, own_s, all_s = time.monotonic(), time.process_time(), busy_s()
-            threading.Timer(options.seconds, hold.stop).start()
-            summary = hold.run()
-            seconds, own_s, all_s = (
-                now - begun
-                for now, begun in (
-                    (time.monotonic(), begin_s),
-                    (time.process_time(), own_s),
-                    (busy_s(), all_s),
-                )
-            )
+            with minded(folder, watch, hold) as memory:
+                begun = (time.monotonic(), time.process_time(), busy_s())
+                threading.Timer(options.seconds, hold.stop).start()
+                summary = hold.run()
+                ended = (time.monotonic(), time.process_time(), busy_s())
             rows = truth.rows()
             np.save(folder / "truth.npy", rows)
-            ended.set()
-            for thread in threads:
-                thread.join()
         server.should_exit = True
         page.join(5)
+        seconds, own_s, all_s = (after - before for after, before in zip(ended, begun, strict=True))
         lever = lever_m(eyes) or np.nan
-    errors_um = rows[:, 2:]
-    angles = (errors_um[:, 2:4] - errors_um[:, :2]) / lever
+        return Held(watch, summary, rows[:, 2:], lever, seconds, own_s, all_s, memory, got, log.lost)
+
+
+@contextlib.contextmanager
+def minded(folder: Path, watch: Watch, hold: Hold) -> Iterator[list[dict[str, float]]]:
+    """Meanwhile memory is sampled, and a person opens the gates that only a person opens. Yields the samples."""
+    memory: list[dict[str, float]] = []
+    ended = threading.Event()
+
+    def sample() -> None:
+        while not ended.wait(MEMORY_S):
+            memory.append(memory_mb())
+            with (folder / "memory.jsonl").open("a") as file:
+                file.write(json.dumps({"t": time.monotonic()} | memory[-1]) + "\n")
+
+    def person() -> None:
+        while not ended.wait(0.5):
+            if watch.person.is_set():
+                ended.wait(PERSON_S)
+                watch.person.clear()
+                hold.go_on()
+
+    threads = [threading.Thread(target=work) for work in (sample, person)]
+    for thread in threads:
+        thread.start()
+    try:
+        yield memory
+    finally:
+        ended.set()
+        for thread in threads:
+            thread.join()
+
+
+def figures(options: argparse.Namespace, held: Held) -> dict[str, object]:
+    """The figures of an hour, for JSON."""
+    errors_um, seconds, watch = held.errors_um, held.seconds, held.watch
+    angles = (errors_um[:, 2:4] - errors_um[:, :2]) / held.lever_m
     periods_ms = 1000 * np.array(watch.periods_s)
     parts = [float(np.sqrt((part**2).mean(axis=0)).max()) for part in np.array_split(angles, PARTS)]
     return {
@@ -322,7 +297,7 @@ def hour(options: argparse.Namespace) -> dict[str, object]:
         "rms_urad_of_sixths": parts,
         "max_um": float(np.abs(errors_um).max()),
         "over_80_um": float((np.abs(errors_um).max(axis=1) > 80).mean()),
-        "seen": summary.to_json(final=False) | {"gates": watch.gates},
+        "seen": held.summary.to_json(final=False) | {"gates": watch.gates},
         "looks_a_second": watch.looks / seconds,
         "period_ms": {
             "median": float(np.median(periods_ms)),
@@ -331,14 +306,14 @@ def hour(options: argparse.Namespace) -> dict[str, object]:
             "over_100": int((periods_ms > 100).sum()),
             "of": len(periods_ms),
         },
-        "memory_mb": growth(memory),
+        "memory_mb": growth(held.memory),
         "processor": {
-            "own": own_s / seconds,
-            "all": all_s / seconds,
+            "own": held.own_s / seconds,
+            "all": held.all_s / seconds,
             "processors": os.cpu_count(),
         },
-        "log_events_lost": log.lost,
-        "looking_on": got,
+        "log_events_lost": held.log_events_lost,
+        "looking_on": held.looking_on,
     }
 
 
@@ -351,12 +326,8 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--patience", type=float, default=2.0, metavar="S", help="as of `mirrormount hold` (2)")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures to FILE, too")
     parser.add_argument("--run", type=Path, metavar="FOLDER", help="keep log, true beam and memory in this new folder")
-    parser.add_argument("--look-on", nargs=2, metavar=("PORT", "NAME"), help=argparse.SUPPRESS)
     options = parser.parse_args(arguments)
-    if options.look_on:
-        look_on(int(options.look_on[0]), options.look_on[1])
-        return 0
-    text = json.dumps(hour(options), indent=1)
+    text = json.dumps(figures(options, hour(options)), indent=1)
     print(text)
     if options.json:
         options.json.write_text(text + "\n", encoding="utf-8")
