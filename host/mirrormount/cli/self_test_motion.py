@@ -9,7 +9,10 @@ from mirrormount.common.errors import REASONS, MoveEnded
 from mirrormount.device.mount import Axis, Ended, Mount
 from mountfw import codes as wire
 
-_KEEP_ALIVE_MS = 100
+_KEEP_ALIVE_MS = 50
+# less than the host's own keep-alive, which must not be the one that acts; and much more than this one, for on a busy
+# computer a virtual board runs slower than the clock of its host
+_SILENCE_S = 0.4
 _LATE_US = 1000  # what a pulse may be wrong by
 _BY_ENCODER = (wire.CLOSED_LOOP_FAILED, wire.STALLED, wire.WRONG_WAY, wire.FOLLOWING, wire.ENCODER_LOST)
 _WHY = "what its encoder counts has ended it, see there; docs/errors.md has the causes"
@@ -56,7 +59,7 @@ def keep_alive(mount: Mount, axis: Axis) -> str:
     """A move ends when its host falls silent, and the board says so."""
     _rest(mount, axis)
     mount.send(f"XK{_KEEP_ALIVE_MS};{axis.number}PR{_long_move(axis)}")
-    mount.link.sleep(4 * _KEEP_ALIVE_MS / 1000)
+    mount.link.sleep(_SILENCE_S)
     _must_be(axis.wait(), wire.KEEP_ALIVE)
     codes = [error.code for error in mount.errors()]
     if wire.KEEP_ALIVE_LOST not in codes:
