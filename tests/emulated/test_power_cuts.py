@@ -1,8 +1,7 @@
 """Deploys whose power goes, on the flash of the emulated RP2040: its LittleFS has to stand what a cut leaves.
 
 A cut comes with one erase or program of the flash, which is then done or left half done. The default run cuts in each
-file of an upload, in the commit, and in each removal and every third rename; --exhaustive at each operation, done and half
-done.
+file of an upload, in the commit, and in each removal and every third rename; --exhaustive at each operation, both ways.
 """
 
 import random
