@@ -88,7 +88,7 @@ def old(tmp_path):
 
 def test_a_power_cut_in_mid_deploy_leaves_a_board_that_works_and_the_next_deploy_repairs_it(old, tmp_path):
     flash = tmp_path / "flash.bin"
-    for writes in (7, 80):  # early and late; test_power_cuts.py cuts in each file, and in each step of the commit
+    for writes in (7, 80):  # early and late; test_power_cuts.py cuts in each file, and in the commit
         board = old()
         deploy = subprocess.Popen(
             [sys.executable, "-m", "mirrormount", "deploy", "--port", str(board.link), "--replace-main"],

@@ -21,7 +21,7 @@ def test_pip_is_kept_off_the_systems_python():
     assert programs.child_env()["PIP_REQUIRE_VIRTUALENV"] == "1"
 
 
-# While one runs
+# Beside and behind others
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="asks for Linux's kinds of scheduling")

@@ -10,8 +10,8 @@ from mirrormount.device.mount import Axis, Ended, Mount
 from mountfw import codes as wire
 
 _KEEP_ALIVE_MS = 50
-# less than the host's own keep-alive, which must not be the one that acts; and much more than this one, for on a busy
-# computer a virtual board runs slower than the clock of its host
+# less than the host's own keep-alive (KEEP_ALIVE_MS), which must not be the one that acts; and much more than this one,
+# for on a busy computer a virtual board runs slower than the clock of its host
 _SILENCE_S = 0.4
 _LATE_US = 1000  # what a pulse may be wrong by
 _BY_ENCODER = (wire.CLOSED_LOOP_FAILED, wire.STALLED, wire.WRONG_WAY, wire.FOLLOWING, wire.ENCODER_LOST)
