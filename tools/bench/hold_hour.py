@@ -51,7 +51,6 @@ Numbers = NDArray[np.float64]
 PERIOD_S = 1 / 60  # less than a frame's, so that the frames set the pace
 TRUTH_S = 0.1  # between two samples of the true beam
 MEMORY_S = 10.0
-BEGIN_S = 3.0  # that the pages have to begin
 PERSON_S = 5.0  # until somebody opens a gate
 PARTS = 6
 ROOM_S = 600.0  # of the truth, beyond what was asked for
@@ -236,7 +235,6 @@ def hour(options: argparse.Namespace) -> Held:
         page.start()
         got: list[dict[str, float]] = []
         with lookers(listener.getsockname()[1], got):
-            time.sleep(BEGIN_S)
             watch.begin_anew()
             truth = Truth(table, watched, options.seconds)
             with minded(folder, watch, hold) as memory:

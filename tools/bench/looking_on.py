@@ -14,13 +14,17 @@ import threading
 import time
 from collections.abc import Iterator
 
-STATE_S, PICTURE_S = 0.25, 0.08  # between two questions of a page
+EVERY_S = {"/hold/state": 0.25, "/camera/1": 0.08, "/camera/2": 0.08}  # between two questions of a page
 
 
 def look_on(port: int, name: str) -> None:
-    """One page, without a browser, until its standard input ends: prints what it got."""
+    """One page, without a browser, until its standard input ends.
+
+    Prints a line once each of its questions was answered, and at its end what it got.
+    """
     got = {"states": 0, "pictures": 0, "bytes": 0, "failures": 0, "slowest_s": 0.0}
     ended = threading.Event()
+    answered = {path: threading.Event() for path in EVERY_S}
 
     def ask(path: str, every_s: float) -> None:
         after = "0"
@@ -36,6 +40,7 @@ def look_on(port: int, name: str) -> None:
                 server.close()
                 ended.wait(1)
                 continue
+            answered[path].set()
             got["slowest_s"] = max(got["slowest_s"], time.monotonic() - begin_s)
             got["bytes"] += len(body)
             if answer.status == 200 and path == "/hold/state":
@@ -47,12 +52,12 @@ def look_on(port: int, name: str) -> None:
                 after = str(json.loads(answer.headers["X-Seen"])["n"])
             ended.wait(max(0.0, every_s - (time.monotonic() - begin_s)))
 
-    threads = [
-        threading.Thread(target=ask, args=arguments, daemon=True)
-        for arguments in (("/hold/state", STATE_S), ("/camera/1", PICTURE_S), ("/camera/2", PICTURE_S))
-    ]
+    threads = [threading.Thread(target=ask, args=arguments, daemon=True) for arguments in EVERY_S.items()]
     for thread in threads:
         thread.start()
+    for answer in answered.values():
+        answer.wait()
+    print("begun", flush=True)
     sys.stdin.read()
     ended.set()
     print(json.dumps(got))
@@ -60,13 +65,16 @@ def look_on(port: int, name: str) -> None:
 
 @contextlib.contextmanager
 def lookers(port: int, found: list[dict[str, float]]) -> Iterator[None]:
-    """Two processes that look on; what they got is put into found."""
+    """Two processes that look on, from when both have had answers; what they got is put into found."""
     command = [sys.executable, "-P", __file__, str(port)]
     running = [
         subprocess.Popen([*command, name], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         for name in ("first", "second")
     ]
     try:
+        for process in running:
+            assert process.stdout
+            process.stdout.readline()
         yield
     finally:
         for process in running:
