@@ -6,13 +6,14 @@ from collections.abc import Callable, Iterator
 from mirrormount.cli import self_test_encoder
 from mirrormount.cli.outcomes import Wrong
 from mirrormount.common.errors import REASONS, MoveEnded
+from mirrormount.common.keep_alive import KEEP_ALIVE_MS
 from mirrormount.device.mount import Axis, Ended, Mount
 from mountfw import codes as wire
 
 _KEEP_ALIVE_MS = 50
-# less than the host's own keep-alive (KEEP_ALIVE_MS), which must not be the one that acts; and much more than this one,
-# for on a busy computer a virtual board runs slower than the clock of its host
-_SILENCE_S = 0.4
+# less than the host's own keep-alive, which must not be the one that acts; and much more than this one, for on a busy
+# computer a virtual board runs slower than the clock of its host
+_SILENCE_S = 0.8 * KEEP_ALIVE_MS / 1000
 _LATE_US = 1000  # what a pulse may be wrong by
 _BY_ENCODER = (wire.CLOSED_LOOP_FAILED, wire.STALLED, wire.WRONG_WAY, wire.FOLLOWING, wire.ENCODER_LOST)
 _WHY = "what its encoder counts has ended it, see there; docs/errors.md has the causes"
