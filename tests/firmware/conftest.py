@@ -4,6 +4,7 @@ import os
 import shutil
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 
 import pytest
 from circuitpy_board import Board
@@ -15,15 +16,13 @@ from mirrormount.virtual.simulation import Simulation
 
 @pytest.fixture
 def boards() -> Iterator[Callable[..., Board]]:
-    made: list[Board] = []
+    with ExitStack() as made:
 
-    def make(simulation: Simulation) -> Board:
-        made.append(Board(simulation))
-        return made[-1]
+        def make(simulation: Simulation) -> Board:
+            made.callback(simulation.close)
+            return Board(simulation)
 
-    yield make
-    for board in made:
-        board.simulation.close()
+        yield make
 
 
 @pytest.fixture(params=["CPython", "MicroPython"])
