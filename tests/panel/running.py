@@ -135,7 +135,7 @@ class Panel:
 
 
 def press(button: Locator) -> None:
-    """Press it as a person does: again, if the page had just moved it (static/moved.js)."""
+    """Press what drives as a person does: again, if the page had just moved it (static/moved.js), as at a message."""
     body = button.page.locator("body")
     refused = True
     while refused:

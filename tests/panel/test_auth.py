@@ -6,7 +6,7 @@ import re
 import sys
 
 import pytest
-from running import Panel, wait_for_motion
+from running import Panel, press, wait_for_motion
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
@@ -76,7 +76,7 @@ def test_a_wider_network_makes_a_one_time_code_and_prints_the_link(wide):
 def test_the_link_opens_the_panel_once_and_leaves_the_address_bar_clean(open_page, wide, board):
     page = open_page(wide.url, **FRESH)
     page.wait_for_url(wide.url.partition("enter")[0])
-    page.get_by_role("button", name="UP", exact=True).click()
+    press(page.get_by_role("button", name="UP", exact=True))
     page.get_by_text("+1.000").wait_for()
     again = next(line for line in iter(wide.process.stdout.readline, "") if not line.startswith("ready "))
     assert "the link was used by" in again
@@ -233,7 +233,7 @@ def test_any_loopback_address_can_be_listened_to(open_page, board, tmp_path, pan
     panel = Panel(str(board.link), tmp_path, "--host", "127.0.0.2", *panel_options)
     try:
         assert panel.url.startswith("http://127.0.0.2:")
-        open_page(panel.url).get_by_role("button", name="UP", exact=True).click()
+        press(open_page(panel.url).get_by_role("button", name="UP", exact=True))
         wait_for_motion(board)
     finally:
         panel.kill()

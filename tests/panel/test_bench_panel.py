@@ -164,7 +164,7 @@ def test_what_an_encoder_measures_is_shown_and_a_stall_is_told_with_its_remedy(p
     expect(x.locator(".position")).to_have_text(re.compile(r"^\+(0\.[5-9]|1\.)"))
     panel.bench("jam m2")
     page.get_by_label("Number of steps").fill("40")
-    page.get_by_text("right ▶").click()
+    press(page.get_by_text("right ▶"))
     expect(page.locator(".news")).to_contain_text(re.compile("x motor stalled.*Cause: .*Remedy: ", re.DOTALL))
     expect(x.locator(".reason")).to_have_text("last move: motor stalled")
     expect(x.locator(".lamps")).to_contain_text("estimated")

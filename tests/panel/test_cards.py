@@ -79,7 +79,7 @@ def test_a_pulse_that_is_set_is_the_pulse_that_is_made(page, board):
     page.get_by_label("x: length of a step's pulse, us").fill("50000")
     page.get_by_role("button", name="Apply").click()
     page.get_by_text("applied", exact=True).wait_for()
-    page.get_by_role("button", name="RIGHT", exact=True).click()
+    press(page.get_by_role("button", name="RIGHT", exact=True))
     page.get_by_text("+1.000").wait_for()
     assert on_times_us(board, "m2_en") == [pytest.approx(50_000, abs=50)]
 
@@ -186,7 +186,7 @@ def test_an_error_in_a_motion_is_listed_with_cause_and_remedy(page, board):
     page.get_by_role("button", name="Apply").click()
     page.get_by_text("applied", exact=True).wait_for()
     page.get_by_label("Speed of Y").fill("255")
-    page.get_by_role("button", name="OK", exact=True).first.click()
+    press(page.get_by_role("button", name="OK", exact=True).first)
     page.get_by_text("the board says 140: ").first.wait_for()
     page.get_by_text("Cause: One run or one frame drove for as long as XM allows.").wait_for()
     page.get_by_text("Remedy: Send the next one in time, or raise XM.").wait_for()
@@ -195,7 +195,7 @@ def test_an_error_in_a_motion_is_listed_with_cause_and_remedy(page, board):
 
 def test_certainty_is_unknown_first_then_counted_and_estimated_after_a_run(page):
     page.get_by_text("position unknown").nth(1).wait_for()
-    page.get_by_role("button", name="Zero").first.click()
+    press(page.get_by_role("button", name="Zero").first)
     page.get_by_text("counted").wait_for()
     page.keyboard.down("ArrowRight")
     page.get_by_text("estimated").wait_for()
@@ -251,7 +251,7 @@ def test_every_control_can_be_reached_with_the_tab_key(page):
 def test_a_refusal_is_in_sight_and_nothing_covers_stop(open_page, panel, width):
     page = open_page(panel.url, viewport={"width": width, "height": 844})
     page.get_by_label("Speed of Y").fill("256")
-    page.get_by_role("button", name="OK", exact=True).first.click()
+    press(page.get_by_role("button", name="OK", exact=True).first)
     # It slides in: Vue marks it from before it is in the page until it is in its place.
     told = page.locator(".q-notification:not([class*='-enter-'])", has_text="nothing was done: the speed of Y")
     told.wait_for()

@@ -27,7 +27,7 @@ def test_a_page_hands_control_over_and_takes_it_back_by_a_press_without_being_cl
     page.get_by_text("camera loop asks").wait_for(state="hidden")
     assert panel.loop("jog") == "done"
     run_until_driving(board)
-    page.get_by_role("button", name="UP", exact=True).click()
+    press(page.get_by_role("button", name="UP", exact=True))
     assert "aborted" in panel.loop("outcome")
     page.locator(".position").nth(1).get_by_text("+1.000").wait_for()  # the press was a step of its own
     wait_for_rest(board)

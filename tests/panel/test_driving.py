@@ -4,7 +4,7 @@ import itertools
 import re
 
 import pytest
-from running import pulses, run_until_driving, wait_for_rest
+from running import press, pulses, run_until_driving, wait_for_rest
 from served import wait_for
 
 from mirrormount.panel.cards_of_motion import SLOW
@@ -44,7 +44,7 @@ def on_times_us(board, enable: str) -> list[int]:
 
 @pytest.mark.parametrize("word", LEGS)
 def test_a_short_press_is_one_step_that_way(page, board, word):
-    page.get_by_role("button", name=word, exact=True).click()
+    press(page.get_by_role("button", name=word, exact=True))
     wait_for_pulses(board, 1)
     assert legs_used(board) == {LEGS[word]}
     assert on_times_us(board, LEGS[word][:2] + "_en") == [pytest.approx(PULSE_US, abs=50)]
@@ -178,7 +178,7 @@ def test_more_taps_than_can_wait_are_told(page, board):
 
 @goes_on
 def test_a_diagonal_button_steps_both_axes_at_once_and_holds_run_both(page, board):
-    page.get_by_role("button", name="UP AND LEFT").click()
+    press(page.get_by_role("button", name="UP AND LEFT"))
     wait_for_pulses(board, 2)
     assert legs_used(board) == {"m1_pos", "m2_neg"}
     for enable in ("m1_en", "m2_en"):
@@ -217,7 +217,7 @@ def test_a_finger_on_a_phone_drives_as_a_mouse_does(open_page, panel, board):
 @goes_on
 def test_fine_steps_are_as_many_as_stated(page, board):
     page.get_by_label("Number of steps").fill("3")
-    page.get_by_role("button", name="left", exact=False).get_by_text("◀ left").click()
+    press(page.get_by_role("button", name="left", exact=False).get_by_text("◀ left"))
     wait_for_pulses(board, 3)
     page.get_by_text("−3.000").wait_for()
     assert on_times_us(board, "m2_en") == [pytest.approx(PULSE_US, abs=50)] * 3
@@ -228,7 +228,7 @@ def test_fine_steps_are_as_many_as_stated(page, board):
 def test_typed_speeds_run_both_motors_until_stop(page, board):
     page.get_by_label("Speed of Y").fill("-100")
     page.get_by_label("Speed of X").fill("50")
-    page.get_by_role("button", name="OK").click()
+    press(page.get_by_role("button", name="OK"))
     wait_for(lambda: board.enables() == {"m1_en": 100 * 257, "m2_en": 50 * 257}, "both motors at their speeds")
     assert legs_used(board) == {"m1_neg", "m2_pos"}
     page.get_by_role("button", name="STOP").click()
@@ -239,7 +239,7 @@ def test_typed_speeds_run_both_motors_until_stop(page, board):
 def test_a_speed_that_cannot_be_is_told_and_drives_nothing(page, board, typed):
     page.get_by_label("Speed of Y").fill(typed)
     page.get_by_label("Speed of X").fill("50")
-    page.get_by_role("button", name="OK").click()
+    press(page.get_by_role("button", name="OK"))
     page.get_by_text("nothing was done: the speed of Y").wait_for()
     assert board.edges() == []
 
@@ -257,7 +257,7 @@ def test_go_to_makes_the_way_that_is_left(page, board):
 def test_zero_makes_the_present_position_zero(page, board):
     page.keyboard.press("ArrowRight")
     page.get_by_text("+1.000").wait_for()
-    page.get_by_role("button", name="Zero").first.click()
+    press(page.get_by_role("button", name="Zero").first)
     page.get_by_text("counted").wait_for()
     page.get_by_text("+1.000").wait_for(state="detached")
 
@@ -266,7 +266,7 @@ def test_zero_makes_the_present_position_zero(page, board):
 @pytest.mark.parametrize("how", ["button", "Escape", "Escape in a field"])
 def test_stop_ends_a_move_of_20_steps(page, board, how):
     page.get_by_label("Number of steps").fill("20")
-    page.get_by_text("right ▶").click()
+    press(page.get_by_text("right ▶"))
     run_until_driving(board)
     if how == "button":
         page.get_by_role("button", name="STOP").click()
@@ -282,7 +282,7 @@ def test_stop_ends_a_move_of_20_steps(page, board, how):
 def test_an_arrow_key_in_a_field_moves_the_cursor_only(page, board):
     page.get_by_label("Number of steps").focus()
     page.keyboard.press("ArrowLeft")
-    page.get_by_role("button", name="UP", exact=True).click()
+    press(page.get_by_role("button", name="UP", exact=True))
     wait_for_pulses(board, 1)
     assert legs_used(board) == {"m1_pos"}
 
@@ -291,14 +291,14 @@ def test_an_arrow_key_in_a_field_moves_the_cursor_only(page, board):
 @pytest.mark.parametrize("typed", ["+3", "3"])
 def test_the_button_says_which_way_fine_steps_go(page, board, typed):
     page.get_by_label("Number of steps").fill(typed)
-    page.get_by_text("◀ left").click()
+    press(page.get_by_text("◀ left"))
     wait_for_pulses(board, 3)
     assert legs_used(board) == {"m2_neg"}
 
 
 def test_a_negative_number_of_steps_is_refused(page, board):
     page.get_by_label("Number of steps").fill("-3")
-    page.get_by_text("◀ left").click()
+    press(page.get_by_text("◀ left"))
     page.get_by_text("the button says which way").wait_for()
     assert board.edges() == []
 
@@ -317,7 +317,7 @@ def test_a_mouse_button_that_comes_up_while_another_is_down_stops(page, board):
 def test_stop_obeys_a_click_that_no_pointer_made(page, board):
     """As screen readers and voice control click."""
     page.get_by_label("Number of steps").fill("20")
-    page.get_by_text("right ▶").click()
+    press(page.get_by_text("right ▶"))
     run_until_driving(board)
     page.evaluate("document.querySelector('[data-stop]').click()")
     page.get_by_text("last move: aborted").wait_for()

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from http.client import HTTPConnection
 
 import pytest
-from running import Panel, wait_for_motion
+from running import Panel, press, wait_for_motion
 from served import wait_for
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
@@ -62,7 +62,7 @@ def test_a_site_that_frames_the_panel_cannot_have_a_press_steer_it(open_page, fo
     for x, y in ((210, 140), (210, 320), (100, 230), (320, 230)):  # where the pad is
         foreign.mouse.click(x, y)
     page = open_page(panel.url)
-    page.get_by_role("button", name="UP", exact=True).click()  # no page was there before: this one controls
+    press(page.get_by_role("button", name="UP", exact=True))  # no page was there before: this one controls
     wait_for_motion(board)
     assert {e["pin"] for e in board.edges()} == {"m1_pos", "m1_en"}
 
@@ -105,7 +105,7 @@ def test_pages_that_are_fetched_in_a_row_do_not_end_what_the_controlling_page_dr
 
 def start_steps(page, board) -> None:
     page.get_by_label("Number of steps").fill(str(STEPS))
-    page.get_by_text("right ▶").click()
+    press(page.get_by_text("right ▶"))
     wait_for_motion(board)
 
 

@@ -4,7 +4,7 @@ import signal
 
 import pytest
 from looks import DESK, PHONE, THEMES, assert_readable, assert_touchable, settled
-from running import run_until_driving
+from running import press, run_until_driving
 from served import wait_for
 
 from mirrormount.panel.cards_of_state import curves
@@ -30,7 +30,7 @@ def test_everything_can_be_read(open_page, panel, board, colors):
     page.get_by_text("Wiring, pulse and speed, take-up, limits").click()
     page.get_by_text("What goes over the wire").click()
     page.get_by_label("Speed of Y").fill("256")
-    page.get_by_role("button", name="OK", exact=True).first.click()
+    press(page.get_by_role("button", name="OK", exact=True).first)
     page.locator(".toast").wait_for()
     assert_readable(page, "OK", "Save on the board", "Go to", "nothing was done")
     page.get_by_role("button", name="Factory").click()
@@ -60,7 +60,7 @@ def test_everything_that_can_be_touched_is_at_least_44_px(open_page, panel, view
     page.get_by_text("Wiring, pulse and speed, take-up, limits").click()
     page.get_by_text("What goes over the wire").click()
     page.get_by_label("Speed of Y").fill("256")
-    page.get_by_role("button", name="OK", exact=True).first.click()
+    press(page.get_by_role("button", name="OK", exact=True).first)
     page.locator(".toast").wait_for()
     settled(page)
     assert_touchable(page)
@@ -98,7 +98,7 @@ def test_what_has_the_focus_is_neither_under_stop_nor_under_the_header(open_page
 @pytest.mark.parametrize("viewport", [PHONE, DESK])
 def test_no_message_covers_take_control(open_page, page, panel, viewport):
     watcher = open_page(panel.url, viewport=viewport)
-    watcher.get_by_role("button", name="UP", exact=True).click()
+    press(watcher.get_by_role("button", name="UP", exact=True))
     watcher.locator(".toast", has_text="another page controls").wait_for()
     settled(watcher)
     watcher.get_by_role("button", name="Take control").click(timeout=5000)  # fails if something is in front of it

@@ -43,7 +43,7 @@ def hold(page, board) -> None:
 
 def start_20_steps(page) -> None:
     page.get_by_label("Number of steps").fill("20")
-    page.get_by_text("right ▶").click()
+    press(page.get_by_text("right ▶"))
 
 
 def test_a_tab_that_is_closed_while_held_stops(page, panel, board):
@@ -123,7 +123,7 @@ def test_ending_the_panel_stops_what_moves_and_says_nothing_ill(page, panel, boa
 def test_only_one_page_drives_and_the_other_watches(open_page, page, panel, board):
     watcher = open_page(panel.url)
     watcher.get_by_text("you watch").wait_for()
-    watcher.get_by_role("button", name="UP", exact=True).click()
+    press(watcher.get_by_role("button", name="UP", exact=True))
     watcher.get_by_text("another page controls").wait_for()
     assert board.edges() == []
 
@@ -145,9 +145,9 @@ def test_whoever_takes_control_stops_what_the_other_drove_and_drives(open_page, 
     page.get_by_text("you watch").wait_for()
     other.get_by_text("last move: aborted").wait_for()
     wait_for_rest(board)
-    other.get_by_role("button", name="UP", exact=True).click()
+    press(other.get_by_role("button", name="UP", exact=True))
     wait_for(lambda: any(e["pin"] == "m1_pos" for e in board.edges()), "the step of the other page")
-    page.get_by_role("button", name="DOWN", exact=True).click()
+    press(page.get_by_role("button", name="DOWN", exact=True))
     page.get_by_text("another page controls").wait_for()
     assert not any(e["pin"] == "m1_neg" for e in board.edges())
 
@@ -155,7 +155,7 @@ def test_whoever_takes_control_stops_what_the_other_drove_and_drives(open_page, 
 def test_a_page_that_comes_after_the_one_that_controlled_has_gone_controls(open_page, page, panel, board):
     page.close()
     other = open_page(panel.url)
-    other.get_by_role("button", name="UP", exact=True).click()
+    press(other.get_by_role("button", name="UP", exact=True))
     wait_for_motion(board)
 
 
@@ -165,13 +165,13 @@ def test_an_unplugged_board_is_told_and_comes_back_without_moving(page, panel, b
     folder = board.link.parent
     board.end()
     page.get_by_text("No board:").wait_for()
-    page.get_by_role("button", name="UP", exact=True).click()
+    press(page.get_by_role("button", name="UP", exact=True))
     page.get_by_text("nothing was done").first.wait_for()
     with ServedBoard(folder) as again:
         page.get_by_text("the board is back").wait_for()
         page.get_by_text("No board:").wait_for(state="hidden")
         assert again.edges() == []
-        page.get_by_role("button", name="UP", exact=True).click()
+        press(page.get_by_role("button", name="UP", exact=True))
         run_until_driving(again)
 
 
@@ -181,7 +181,7 @@ def test_an_error_of_the_board_is_shown_with_cause_and_remedy(page, panel, board
     wait_for_rest(board)
     before = board.edges()
     page.get_by_label("Number of steps").fill("1000000")  # to 1 000 001: beyond what can be counted
-    page.get_by_text("right ▶").click()
+    press(page.get_by_text("right ▶"))
     page.get_by_text("the board says 201").first.wait_for()
     assert board.edges() == before
 
@@ -196,7 +196,7 @@ def test_a_page_that_watches_cannot_change_settings_or_the_zero(open_page, page,
     watcher = open_page(panel.url)
     page.keyboard.press("ArrowRight")
     watcher.get_by_text("+1.000").wait_for()
-    watcher.get_by_role("button", name="Zero").first.click()
+    press(watcher.get_by_role("button", name="Zero").first)
     watcher.get_by_text("another page controls").wait_for()
     watcher.get_by_text("Wiring, pulse and speed, take-up, limits").click()
     watcher.get_by_role("button", name="Restore saved").click()
@@ -244,7 +244,7 @@ def test_a_terminal_that_is_closed_ends_the_panel_as_a_service_manager_does(page
 def test_a_panel_that_cannot_write_its_log_drives(open_page, board):
     panel = Panel(str(board.link), Path(os.devnull), program=PANEL)
     try:
-        open_page(panel.url).get_by_role("button", name="UP", exact=True).click()
+        press(open_page(panel.url).get_by_role("button", name="UP", exact=True))
         wait_for_motion(board)
     finally:
         panel.kill()

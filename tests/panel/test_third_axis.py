@@ -1,6 +1,7 @@
 """A board with three axes: the panel has what a person needs for each."""
 
 import pytest
+from running import press
 from served import ServedBoard, wait_for
 from three_axes import make_board_files
 
@@ -25,9 +26,9 @@ def position(page, number: int) -> str:
 
 def test_the_third_axis_steps_runs_goes_home_and_has_its_settings(page):
     plus = page.get_by_role("button", name="AXIS 3 PLUS")
-    plus.click()
+    press(plus)
     wait_for(lambda: position(page, 2) == "+1.000", "a step")
-    page.get_by_role("button", name="− Axis 3").click()
+    press(page.get_by_role("button", name="− Axis 3"))
     wait_for(lambda: position(page, 2) == "+0.000", "a step back")
     plus.hover()
     page.mouse.down()

@@ -51,17 +51,17 @@ def run(page, name):
     """Both motors of one mount, until somebody stops them."""
     for word in "XY":
         part(page, name).get_by_label(f"Speed of {word}").fill("200")
-    part(page, name).get_by_role("button", name="OK", exact=True).click()
+    press(part(page, name).get_by_role("button", name="OK", exact=True))
 
 
 def test_each_part_drives_its_own_mount_and_arrow_keys_the_one_that_was_touched_last(page, boards):
     page.keyboard.press("ArrowRight")  # no mount was touched: none is driven
-    part(page, "second").get_by_label("UP", exact=True).click()
+    press(part(page, "second").get_by_label("UP", exact=True))
     expect(axis(page, "second", "Y · up and down")).to_have_text("+1.000")
     page.keyboard.press("ArrowRight")
     expect(axis(page, "second", "X · right and left")).to_have_text("+1.000")
     part(page, "first").get_by_label("Number of steps").fill("2")
-    part(page, "first").get_by_text("◀ left").click()
+    press(part(page, "first").get_by_text("◀ left"))
     expect(axis(page, "first", "X · right and left")).to_have_text("−2.000")
     assert {edge["pin"][:2] for edge in boards["first"].edges() if edge.get("duty")} == {"m2"}
     expect(axis(page, "first", "Y · up and down")).to_have_text("+0.000")
@@ -95,7 +95,7 @@ def test_one_is_unplugged_while_the_other_works_and_is_back_when_it_is_plugged_i
 
 def test_both_can_be_read_and_touched_and_nothing_is_cut_off(page, boards):
     expect(axis(page, "second", "Y · up and down")).to_have_text("+0.000")
-    part(page, "second").get_by_label("UP", exact=True).click()
+    press(part(page, "second").get_by_label("UP", exact=True))
     for viewport in (PHONE, {"width": 1300, "height": 900}, DESK):
         page.set_viewport_size(viewport)
         assert_touchable(page)
