@@ -119,7 +119,7 @@ def test_two_boards_are_named_and_neither_is_opened(monkeypatch, capsys):
     monkeypatch.setattr(mirrormount.transport.find.list_ports, "comports", lambda: ports)
     monkeypatch.setattr(mirrormount.transport.open, "SerialPort", None)  # opening anything would fail loudly
     monkeypatch.delenv("MIRRORMOUNT_PORT", raising=False)
-    assert main.main(["stop"]) == 1
+    assert main.main(["status"]) == 1
     assert "/dev/ttyACM0, /dev/ttyACM1" in capsys.readouterr().err
 
 

@@ -3,10 +3,10 @@
 import argparse
 import time
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
-from mirrormount.cli.command import Command, open_any, port_options
-from mirrormount.common.errors import BadFile, MountError, NoAnswer, NoBoardFound, NotAMount, PortBusy
+from mirrormount.cli.command import Command, PortOfEnvironment, open_any, port_options
+from mirrormount.common.errors import MountError, NoAnswer, NoBoardFound, NotAMount, PortBusy
 from mirrormount.common.names import is_name
 
 if TYPE_CHECKING:
@@ -17,6 +17,13 @@ _PROMPT_S = 1.0  # how long a prompt may take to come back
 _BUSY_S = 1.5  # how long a program may have it and take no stop: another `stop`, or one that has just opened it
 
 
+class _Port(NamedTuple):
+    """Where a mount may be."""
+
+    address: str
+    named: bool  # by a person, in the environment or in the table; else its USB id or its drive is all that is known
+
+
 def run(args: argparse.Namespace) -> None:
     """Stop the mount at --port, or all. Raises MountError."""
     from mirrormount.transport.stop_socket import owners
@@ -25,12 +32,15 @@ def run(args: argparse.Namespace) -> None:
         with open_any(args):  # opening already stops, and says so if it could not
             pass
         print("stopped")
+    elif isinstance(args.port, PortOfEnvironment):  # nobody has typed it: somebody may mean another mount
+        stop(None, args.port)
     else:
         stop(args.port)
 
 
-def stop(address: str | None) -> None:
-    """Stop the mount at address; without one, every mount that this user has open, and the one that is plugged in.
+def stop(address: str | None, of_environment: str | None = None) -> None:
+    """Stop the mount at address; without one, all: every mount that a program of this user has open, the one that the
+    environment names, those of the table, and those that are plugged in.
 
     Raises MountError if one of them did not stop, or cannot be known to have; the others are stopped all the same.
     With several of those, the message has all of them. A program that has the port is asked before anything of the
@@ -49,8 +59,10 @@ def stop(address: str | None) -> None:
     problems += _ask(owners)
     if address and problems and _have_left(owners):
         owners, problems = [], []  # as they were asked they closed the port, which does not stop
-    if not owners or address is None:
-        problems += _stop_by_opening(address, bool(owners))
+    if not address:
+        problems += _stop_all(of_environment, bool(owners))
+    elif not owners:
+        problems += _stop_at([_Port(address, named=True)])
     if len(problems) > 1:
         raise MountError("; ".join(str(problem) for problem in problems))
     if problems:
@@ -67,7 +79,7 @@ def _ask(owners: "Sequence[Owner]") -> list[MountError]:
             problems.append(answer)
         else:
             how = "stopped" if answer == STOPPED else "stop sent, and not confirmed by the board"
-            print(f"{how} (by {owner}, which has the port)")
+            _say(f"{how} (by {owner}, which has the port)")
     return problems
 
 
@@ -81,64 +93,110 @@ def _have_left(owners: "Sequence[Owner]") -> bool:
     return True
 
 
-def _stop_by_opening(address: str | None, others_were_asked: bool) -> list[MountError]:
-    """Open the mount at address, else those of the table, else the one that is plugged in: opening stops it.
-
-    Returns what went wrong.
-    """
-    from mirrormount.device.named import addresses
+def _stop_all(of_environment: str | None, others_were_asked: bool) -> list[MountError]:
+    """Stop every mount that may be there and that no program was asked for. Returns what went wrong."""
+    from mirrormount.transport.find import find_one
     from mirrormount.transport.stop_socket import owners
 
-    problems: list[MountError] = []
-    try:
-        named = [] if address else addresses()
-    except BadFile as e:
-        named = []
-        problems.append(e)
-    for one in [address] if address else named or [None]:
-        if one and not address and owners(one):
-            continue  # its program was asked
+    ports, problems = _every_port(of_environment)
+    if not (ports or problems or others_were_asked):
         try:
-            problems += _open(one, "" if address or not one else f"{one}: ")
+            find_one()  # says what is plugged in instead
+        except NoBoardFound as e:
+            problems.append(e)
+    return problems + _stop_at([port for port in ports if not owners(port.address)])
+
+
+def _every_port(of_environment: str | None) -> tuple[list[_Port], list[MountError]]:
+    """Where mounts may be, each port once; and the reasons why not all of them are known."""
+    from mirrormount.device.named import addresses, place_of
+    from mirrormount.transport.find import find
+    from mirrormount.transport.stop_socket import real_name
+
+    places = (
+        (lambda: [place_of(of_environment).address] if of_environment else [], True),
+        (addresses, True),
+        (lambda: [device for device, _ in find()], False),
+    )
+    ports: dict[str, _Port] = {}
+    problems: list[MountError] = []
+    for look, named in places:
+        try:
+            for address in look():
+                ports.setdefault(real_name(address), _Port(address, named))
         except MountError as e:
-            if not others_were_asked or not isinstance(e, NoBoardFound):
-                problems.append(e)
-    return problems
+            problems.append(e)
+    return list(ports.values()), problems
 
 
-def _open(address: str | None, name: str) -> list[MountError]:
-    """Open a mount, which stops it, and print that with its name. Returns what went wrong, or raises MountError."""
+def _stop_at(ports: Sequence[_Port]) -> list[MountError]:
+    """Stop the mounts at these ports, at the same time: one that does not answer delays no other's stop.
+
+    Returns what went wrong. Where a person has named some, the others may be another instrument: what could not be
+    stopped there is told, and is no failure.
+    """
+    from concurrent.futures import ThreadPoolExecutor
+
+    several = len(ports) > 1
+    some_named = any(port.named for port in ports)
+
+    def stop_at(port: _Port) -> list[MountError]:
+        name = f"{port.address}: " if several else ""
+        try:
+            return _open(port.address, name, may_interrupt=port.named or not several)
+        except MountError as e:
+            if port.named or not some_named:
+                return [e]
+            _say(f"{port.address}: plugged in too, and not stopped: {e}")
+            return []
+
+    with ThreadPoolExecutor(max(1, len(ports))) as pool:
+        return [problem for problems in pool.map(stop_at, ports) for problem in problems]
+
+
+def _open(address: str, name: str, may_interrupt: bool) -> list[MountError]:
+    """Open a mount, which stops it, and print that with its name. Returns what went wrong, or raises MountError.
+
+    may_interrupt: if it is no mount that answers, a program at a Python prompt there may be ended.
+    """
     from mirrormount.device.mount import Mount
-    from mirrormount.transport.find import find_one
     from mirrormount.transport.processes import who_has
     from mirrormount.transport.stop_socket import owners
 
-    one = address or find_one()
     holder: Owner | None = None
     end = 0.0
     while True:
         try:
-            Mount.open(one).close()  # opening stops, and says so if it could not
+            Mount.open(address).close()  # opening stops, and says so if it could not
         except PortBusy as e:
-            now = who_has(one)
+            now = who_has(address)
             if not end or (now and now != holder):  # of a crowd of stops each has its turn
                 end = time.monotonic() + _BUSY_S
             holder = now or holder
             if time.monotonic() > end:
                 raise PortBusy(f"{e}; that program takes no stop from here{_way(holder)}") from e
             time.sleep(_LOOK_S)  # no event shows that another process has closed a port
-            if has := owners(one):
+            if has := owners(address):
                 problems = _ask(has)
                 if not problems or not _have_left(has):
                     return problems
             continue
         except NotAMount as e:
-            if type(e) is not NotAMount or not _end_program(one):
+            if type(e) is not NotAMount:
                 raise
-            print(f"{name}stopped: the program at the board's Python prompt was ended (Ctrl-D there starts mountfw)")
+            if not may_interrupt:
+                raise NotAMount(f"{e}; if it is one, name it: mirrormount stop --port {address}") from e
+            if not _end_program(address):
+                raise
+            _say(f"{name}stopped: the program at the board's Python prompt was ended (Ctrl-D there starts mountfw)")
         else:
-            print(f"{name}stopped")
+            _say(f"{name}stopped")
         return []
+
+
+def _say(line: str) -> None:
+    """Print a line in one piece: several mounts are stopped at the same time."""
+    print(f"{line}\n", end="", flush=True)
 
 
 def _way(holder: "Owner | None") -> str:

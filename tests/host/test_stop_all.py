@@ -1,0 +1,115 @@
+"""`mirrormount stop` without a port that somebody has typed: every mount that may be there is stopped."""
+
+import os
+import threading
+from types import SimpleNamespace
+
+import pytest
+from served import PATIENCE_S, wait_for
+
+import mirrormount.transport.find
+from mirrormount import Mount
+from mirrormount.cli import main
+
+# on a busy computer a board in real time answers later than its client waits
+pytestmark = [pytest.mark.wall_clock, pytest.mark.usefixtures("runtime")]
+
+
+def plug_in(monkeypatch, *addresses: object) -> None:
+    """These look like boards with MicroPython, and nothing else is plugged in."""
+    ports = [SimpleNamespace(device=str(a), vid=0x2E8A, pid=5, serial_number=None) for a in addresses]
+    monkeypatch.setattr(mirrormount.transport.find.list_ports, "comports", lambda: ports)
+
+
+@pytest.fixture(autouse=True)
+def nothing_else(tmp_path, monkeypatch) -> None:
+    """No table, no port in the environment, and nothing plugged in yet."""
+    monkeypatch.setenv("MIRRORMOUNT_CONFIG", str(tmp_path))
+    for name in ("MIRRORMOUNT_TABLE", "MIRRORMOUNT_PORT"):
+        monkeypatch.delenv(name, raising=False)
+    plug_in(monkeypatch)
+
+
+@pytest.fixture
+def mute():
+    """A serial port of another instrument, which answers nothing; heard(): what was written to it."""
+    ours, theirs = os.openpty()
+    yield SimpleNamespace(address=os.ttyname(theirs), heard=lambda: os.read(ours, 1 << 16))
+    os.close(ours)
+    os.close(theirs)
+
+
+def leave_running(board) -> None:
+    """A motor that runs on, without a program that has the port."""
+    with open(board.link, "wb", buffering=0) as raw:
+        raw.write(b"1XM60000;1MV+\n")
+    wait_for(board.driving, "the motor to run")
+
+
+def test_each_board_that_is_plugged_in_is_stopped(serve, monkeypatch, capsys):
+    boards = [serve(), serve()]
+    for board in boards:
+        leave_running(board)
+    plug_in(monkeypatch, *(board.link for board in boards))
+    assert main.main(["stop"]) == 0
+    assert not any(board.driving() for board in boards)
+    assert sorted(capsys.readouterr().out.splitlines()) == sorted(f"{board.link}: stopped" for board in boards)
+
+
+def test_a_port_in_the_environment_hides_no_other_board(serve, monkeypatch, capsys):
+    named, other = serve(), serve()
+    leave_running(other)
+    plug_in(monkeypatch, other.link)
+    monkeypatch.setenv("MIRRORMOUNT_PORT", str(named.link))
+    assert main.main(["stop"]) == 0
+    assert not other.driving()
+    assert sorted(capsys.readouterr().out.splitlines()) == sorted(f"{b.link}: stopped" for b in (named, other))
+
+
+def test_a_port_that_is_typed_is_the_only_one(serve, monkeypatch, capsys):
+    meant, other = serve(), serve()
+    leave_running(other)
+    plug_in(monkeypatch, other.link)
+    assert main.main(["stop", "--port", str(meant.link)]) == 0
+    assert other.driving()
+    assert capsys.readouterr().out == "stopped\n"
+
+
+def test_a_board_that_goes_by_two_names_is_stopped_once(board, monkeypatch, capsys):
+    plug_in(monkeypatch, os.path.realpath(board.link))
+    monkeypatch.setenv("MIRRORMOUNT_PORT", str(board.link))
+    assert main.main(["stop"]) == 0
+    assert capsys.readouterr().out == "stopped\n"
+
+
+def test_of_several_boards_the_one_that_is_no_mount_is_told_and_its_program_is_not_interrupted(
+    board, mute, monkeypatch, capsys
+):
+    plug_in(monkeypatch, board.link, mute.address)
+    assert main.main(["stop"]) == 1
+    said = capsys.readouterr()
+    assert said.out == f"{board.link}: stopped\n"
+    assert f"if it is one, name it: mirrormount stop --port {mute.address}" in said.err
+    assert b"\x03" not in mute.heard()
+
+
+def test_beside_a_mount_that_is_named_another_instrument_is_told_and_is_no_failure(board, mute, monkeypatch, capsys):
+    plug_in(monkeypatch, mute.address)
+    monkeypatch.setenv("MIRRORMOUNT_PORT", str(board.link))
+    assert main.main(["stop"]) == 0
+    said = capsys.readouterr()
+    assert f"{board.link}: stopped\n" in said.out and f"{mute.address}: plugged in too, and not stopped: " in said.out
+    assert said.err == ""
+
+
+def test_all_are_stopped_at_the_same_time(monkeypatch, capsys):
+    together = threading.Barrier(2, timeout=PATIENCE_S)
+    monkeypatch.setattr(Mount, "open", lambda address: together.wait() is not None and SimpleNamespace(close=str))
+    plug_in(monkeypatch, "/dev/ttyACM0", "/dev/ttyACM1")
+    assert main.main(["stop"]) == 0
+    assert sorted(capsys.readouterr().out.splitlines()) == ["/dev/ttyACM0: stopped", "/dev/ttyACM1: stopped"]
+
+
+def test_nothing_to_stop_is_said_with_a_remedy(capsys):
+    assert main.main(["stop"]) == 1
+    assert "no board found: plug one in" in capsys.readouterr().err
