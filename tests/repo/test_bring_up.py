@@ -30,11 +30,12 @@ def test_the_commands_of_the_rehearsal_work_in_their_order(tmp_path):
         machines.micropython(tmp_path)
     except EmulatorMissing as e:
         pytest.skip(str(e))
-    (start,), (setting, *commands) = blocks()
+    (start,), (setting, *commands, unsetting) = blocks()
     name, _, value = setting.removeprefix("export ").partition("=")
     environment = os.environ | {name: value, "MIRRORMOUNT_CONFIG": str(tmp_path)}
     program, *words = shlex.split(start)
     assert program == "mirrormount" and name == "MIRRORMOUNT_PORT" and len(commands) >= 12
+    assert unsetting == f"unset {name}"
     board = subprocess.Popen([SCRIPT, *words], cwd=tmp_path, stdout=subprocess.PIPE, text=True)
     try:
         assert board.stdout and board.stdout.readline().startswith("ready ")

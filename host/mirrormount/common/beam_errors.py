@@ -77,6 +77,6 @@ class NotControllable(MountError):
 
 
 class GateEnded(MountError):
-    """A gate of the loop that holds the beam closed, and a person has to act. Motors are off.
+    """A gate has closed in the loop that holds the beam: motors are off, and a person has to act.
     Remedy: What the line says; docs/hold.md has every gate.
     """
