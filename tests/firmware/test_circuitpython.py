@@ -194,6 +194,12 @@ def test_a_bridge_with_two_pwms_is_driven_by_adafruits_dc_motor(new):
     assert duties["m2_neg"] == pytest.approx(100 / 255, abs=1e-3)
     board.send(b"!")
     assert board.run(1_000, board.off)
+    board.ask(b"1XP50000\n")
+    board.send(b"1PR2\n")
+    board.run(1_500_000)
+    assert board.off()
+    position, ended, error = board.ask(b"1TP?;1XE?;TB?\n").split(b"; ")
+    assert (position, ended[:4], error) == (b"2", b"1,2,", b"0, NO ERROR DETECTED\r\n")
 
 
 def test_a_board_without_a_board_file_drives_nothing_and_says_what_to_write(tmp_path, boards, capfd):

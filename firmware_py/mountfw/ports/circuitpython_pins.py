@@ -12,6 +12,7 @@ import microcontroller
 import pwmio
 
 from mountfw.ports import shared
+from mountfw.wire.ticks import diff
 
 # A new duty takes effect at the end of the PWM's period (RP2040 data sheet 4.5.2). Off is a duty here: to drive the pin
 # as a level, CircuitPython needs a new object. So no period is longer than 50 us, whatever the board file says.
@@ -79,7 +80,7 @@ def output(number, pwm_hz=0):
 
 
 class TwoPwmBridge:
-    """A bridge with two PWM inputs, as bridge.TwoPwmBridge: by Adafruit's DCMotor. Both inputs low is coasting."""
+    """A bridge with two PWM inputs, as bridges.TwoPwmBridge: by Adafruit's DCMotor. Both inputs low is coasting."""
 
     def __init__(self, pos, neg, dead_time_us, pause_us, ticks_us):
         from adafruit_motor.motor import DCMotor  # in lib/ on the drive; no other bridge needs it
@@ -93,6 +94,14 @@ class TwoPwmBridge:
     def cut(self):
         """No drive."""
         self._motor.throttle = None
+
+    def cut_at(self, us):
+        """Wait for this time (ticks), which must be near, and cut. Returns the time."""
+        now_us = self._ticks_us()
+        while diff(us, now_us) > 0:
+            now_us = self._ticks_us()
+        self.cut()
+        return now_us
 
     def off(self):
         """No drive, coasting."""
