@@ -112,8 +112,8 @@ Remedy: Read the answers, or ask less often.
 """
 
 WATCHDOG_RESET = _error(66, b"FIRMWARE HAD HUNG: BOARD WAS RESET")
-"""The loop did not come round for a second, so the watchdog reset the board: motors off, positions start anew. Queued
-at the start that follows.
+"""The loop did not come round for a second (CircuitPython: 4 s), so the watchdog reset the board: motors off, positions
+start anew. Queued at the start that follows.
 
 Remedy: Report it with the commands that led to it (`XH?` has the cause 3 then), and what was changed in the firmware.
 """

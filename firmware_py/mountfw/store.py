@@ -53,7 +53,7 @@ def position_line(axis):
         (axis.number, axis.inverted, p.step, p.gap, p.gap_known, p.inside)
         + (p.millisteps, certainty, p.target, p.defined, p.home_known, p.home)
     )
-    return line + (" %d\n" % p.angle() if hasattr(axis, "restored") else "\n")
+    return line + (" %d %d\n" % p.recorded() if hasattr(axis, "restored") else "\n")
 
 
 def restore_position(axis, numbers):
@@ -77,7 +77,7 @@ def restore_position(axis, numbers):
         p.gap_known = gap_known != 0
         p.inside = inside
     if hasattr(axis, "restored"):  # it has an encoder
-        axis.restored(numbers[12] if len(numbers) > 12 else -1)
+        axis.restored(numbers[12:])
 
 
 class Records:

@@ -1,7 +1,11 @@
 """Ctrl-C comes while the loop looks at its input, wherever that is: the drive is counted, or the position unknown."""
 
+import sys
+from dis import opname
+
 import pytest
 from rig import Rig
+from rig_encoder import encoded
 
 from mountfw import codes
 
@@ -75,3 +79,48 @@ def test_what_has_driven_is_counted_or_the_position_is_unknown(begin):
             known += 1
             assert abs(position.millisteps - PER_MS * sum(rig.on_times(2)) / 1000) < NEAR, number
     assert known > 5
+
+
+def leave_at_jump(rig, number, action) -> bool:
+    """Ctrl-C at a jump in what a position does with its encoder's counts. False if there are fewer."""
+    jumps = 0
+
+    def each(frame, event, _argument):
+        nonlocal jumps
+        if event == "opcode" and "JUMP" in opname[frame.f_code.co_code[frame.f_lasti]]:
+            jumps += 1
+            if jumps == number:
+                raise KeyboardInterrupt
+        return each
+
+    def trace(frame, _event, _argument):
+        if not frame.f_code.co_filename.endswith("encoder/position.py"):
+            return None
+        frame.f_trace_opcodes, frame.f_trace_lines = True, False
+        return each
+
+    sys.settrace(trace)
+    try:
+        action()
+    except KeyboardInterrupt:
+        return True
+    finally:
+        sys.settrace(None)
+    return False
+
+
+@pytest.mark.parametrize("counts", [50, 700, -700])
+def test_what_an_encoder_has_turned_is_counted_whole_or_not_yet(counts):
+    for number in range(1, 60):
+        rig = encoded()
+        rig.ask(b"1DH0\n")
+        position = rig.axis1.position
+        before = position.motor
+        rig.motor1.at += counts
+        left = leave_at_jump(rig, number, position.look)
+        position.look()
+        assert (position.motor - before, position.in_counts(), position.certainty) == (counts, counts, codes.MEASURED)
+        assert position.millisteps == (counts * 1000 + 140) // 280
+        if not left:
+            break
+    assert number > 3

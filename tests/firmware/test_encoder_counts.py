@@ -4,6 +4,7 @@ from rig import Board, Rig
 
 from mountfw import codes
 from mountfw.ports.counted import Phases, Turns
+from mountfw.store import seal, unseal
 
 from rig_encoder import EncoderPort, GearedPort, encoded, ended, finish, move, status  # isort: skip
 
@@ -282,6 +283,53 @@ def test_a_record_without_an_angle_keeps_its_position_as_the_estimate_that_it_is
     assert (again.axis1.position.millisteps, again.axis1.position.certainty) == (100_000, codes.ESTIMATED)
 
 
+def test_the_first_answer_of_a_sensor_that_was_silent_at_the_start_is_no_motion():
+    rig = encoded(settings=b"XN102;MM1")
+    on_screw(rig, 700)
+    rig.ask(b"1DH9;SM\n")
+    rig.run(11_500_000)
+    assert "mountfw.position" in rig.port.files
+    again = encoded(dict(rig.port.files), b"")
+    again.motor1.gone = True
+    again.controller.reset()
+    assert status(again) == (9000, codes.ESTIMATED)
+    again.motor1.at += 700
+    again.motor1.slips += 1
+    again.motor1.gone = False
+    again.run(200_000)
+    assert status(again) == (9000, codes.ESTIMATED)
+    again.motor1.at += 102  # a hand, from here on
+    again.run(200_000)
+    assert status(again) == (10_000, codes.ESTIMATED)
+
+
+def test_a_position_that_was_measured_in_other_steps_is_not_known_again():
+    for saved, meanwhile, known in (
+        (b"XN280;MM1", b"1XN140", False),
+        (b"XN280;MM1", b"1DB2", True),
+        (b"XN280", b"1XN140;1MM1", True),  # by time from now on
+    ):
+        rig = encoded(settings=saved + b";SM")
+        rig.run(200_000)
+        rig.ask(meanwhile + b";1DH0\n")
+        move(rig, b"1PR2\n")
+        rig.run(11_500_000)
+        at = status(rig)[0]
+        assert "mountfw.position" in rig.port.files
+        again = status(encoded(dict(rig.port.files), b""))
+        assert again == (at, codes.COUNTED) if known else again == (0, codes.UNKNOWN)
+
+
+def test_a_record_of_a_firmware_that_did_not_note_the_step_is_known_again():
+    rig = encoded()
+    rig.ask(b"1DH3;SM\n")
+    rig.run(11_500_000)
+    files = dict(rig.port.files)
+    lines = unseal(files["mountfw.position"])
+    files["mountfw.position"] = seal("".join([line.rsplit(" ", 1)[0] + "\n" for line in lines]))
+    assert status(encoded(files, b"")) == (3000, codes.COUNTED)
+
+
 def test_phases_see_a_change_of_both_signals_at_once():
     phases = Phases()
     order = (0, 1, 3, 2)
@@ -297,6 +345,7 @@ def test_phases_see_a_change_of_both_signals_at_once():
 def test_turns_of_an_angle_are_counted_over_its_zero_and_a_lost_magnet_is_told():
     turns = Turns()
     assert turns.gone
+    assert not turns.silent() and turns.gone
     turns.take(0x20, 0x0F, 0xF0)
     assert (turns.count & 4095, turns.gone) == (4080, False)
     start = turns.count
@@ -310,8 +359,7 @@ def test_turns_of_an_angle_are_counted_over_its_zero_and_a_lost_magnet_is_told()
     assert not turns.gone
     turns.take(0x20, 0x0F, 0xFE)
     assert (turns.count - start, turns.slips) == (14, before)
-    for _ in range(3):
-        turns.silent()
+    assert [turns.silent() for _ in range(4)] == [False, False, True, True]
     assert turns.gone
     turns.take(0x20, 0, 0)
     assert not turns.gone and turns.slips == before + 1

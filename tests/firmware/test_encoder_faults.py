@@ -293,6 +293,15 @@ def test_such_a_search_is_refused_unless_it_is_switched_on_and_bounded():
     assert why(rig) == (codes.HOMING_FAILED, [145])
 
 
+def test_such_a_search_is_refused_where_no_stall_is_checked():
+    for line in (b"1XG0\n", b"ZZ1\n"):
+        rig = encoded(settings=b"XN280;MM1;XA128")
+        rig.ask(line)
+        rig.ask(b"1OR\n")
+        assert rig.errors() == [135]
+        assert not any(duty for _, pin, duty in rig.port.edges if pin == 2)
+
+
 def test_such_a_search_finds_no_end_where_nothing_counts():
     for port, settings in (
         (EncoderPort, b"XN280;MM1;XA128"),

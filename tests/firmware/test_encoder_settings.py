@@ -173,3 +173,27 @@ def test_a_pulse_whose_counts_do_not_come_ends_at_three_times_its_length():
     assert max(rig.on_times(2)) < 3 * 210_000 + 50_000
     assert why(rig) == (codes.FOLLOWING, [144])
     assert status(rig)[1] == codes.ESTIMATED
+
+
+def test_after_xi_a_step_begins_where_the_last_one_has_ended():
+    rig = encoded(settings=b"XN280;MM1;DB100")
+    rig.ask(b"1DH0\n")
+    move(rig, b"1PR1\n")
+    rig.motor1.at += 60  # a hand, within the dead band: the goal is there no more
+    rig.ask(b"1XI1\n")
+    before = rig.motor1.at
+    move(rig, b"1PR1\n")
+    assert ended(rig)[0] == codes.DONE
+    assert abs(rig.motor1.at - before + 280) < 20
+
+
+def test_the_first_step_after_a_run_in_the_open_loop_waits_for_nothing():
+    rig = encoded(settings=b"XN280;VA0.1")
+    rig.run(700_000_000)  # more than half a turn of the clock
+    rig.send(b"1MV+\n")
+    rig.run(100_000)
+    rig.ask(b"1ST\n")
+    rig.port.edges.clear()
+    rig.send(b"1PR1\n")
+    rig.run(100_000)
+    assert rig.drives()[0]

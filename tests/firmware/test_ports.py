@@ -18,7 +18,50 @@ CORE = ("app.py", "build.py", "store.py", "repl.py")
 Arity = tuple[int, int]  # the fewest and the most arguments
 
 
-def test_a_stop_waits_2_ms_at_most_for_an_as5600_whose_bus_hangs(monkeypatch):
+@pytest.fixture
+def reader_of(monkeypatch):
+    """The readers of MicroPython's port, on a chip without PIO; reader_of(bus): with this I2C."""
+
+    def reader_of(bus):
+        machine = types.ModuleType("machine")
+        machine.Pin, machine.I2C = int, bus  # pyright: ignore[reportAttributeAccessIssue]
+        for name in [n for n in sys.modules if n in ("rp2", "machine") or n.endswith(".micropython_encoder")]:
+            monkeypatch.delitem(sys.modules, name)
+        monkeypatch.setitem(sys.modules, "machine", machine)
+        monkeypatch.setitem(sys.modules, "rp2", None)
+        reader = importlib.import_module("mountfw.ports.micropython_encoder").reader
+        monkeypatch.delitem(sys.modules, "mountfw.ports.micropython_encoder")
+        return reader
+
+    return reader_of
+
+
+def test_a_sensor_that_is_gone_is_asked_at_every_16th_look_and_is_there_again_when_it_answers(reader_of):
+    class Bus:
+        answers, asked = True, 0
+
+        def __init__(self, _number, **_options):
+            pass
+
+        def readfrom_mem_into(self, _address, _register, answer):
+            Bus.asked += 1
+            if not Bus.answers:
+                raise OSError(5)
+            answer[:] = b"\x20\x01\x00"
+
+    reader = reader_of(Bus)(1, {"shaft": (8, 9)})
+    assert reader.counts() == 256 and not reader.gone
+    Bus.answers, Bus.asked = False, 0
+    for _ in range(3 + 160):
+        reader.counts()
+    assert reader.gone and Bus.asked == 3 + 10
+    Bus.answers = True
+    for _ in range(16):
+        reader.counts()
+    assert not reader.gone
+
+
+def test_a_stop_waits_2_ms_at_most_for_an_as5600_whose_bus_hangs(reader_of):
     asked = {}
 
     class Bus:
@@ -27,16 +70,23 @@ def test_a_stop_waits_2_ms_at_most_for_an_as5600_whose_bus_hangs(monkeypatch):
         def __init__(self, _number, **options):
             asked.update(options)
 
-    machine = types.ModuleType("machine")
-    machine.Pin, machine.I2C = int, Bus  # pyright: ignore[reportAttributeAccessIssue]
-    for name in [n for n in sys.modules if n in ("rp2", "machine") or n.endswith(".micropython_encoder")]:
-        monkeypatch.delitem(sys.modules, name)
-    monkeypatch.setitem(sys.modules, "machine", machine)
-    monkeypatch.setitem(sys.modules, "rp2", None)
-    reader = importlib.import_module("mountfw.ports.micropython_encoder").reader
-    monkeypatch.delitem(sys.modules, "mountfw.ports.micropython_encoder")
-    reader(1, {"shaft": (8, 9)})
+    reader_of(Bus)(1, {"shaft": (8, 9)})
     assert asked["timeout"] == 2_000  # us; MicroPython's own is 50 ms
+
+
+def test_every_bridge_has_the_four_verbs():
+    classes = {
+        node.name + path.name: node
+        for path in [FIRMWARE / "bridges.py", *(FIRMWARE / "ports").glob("*.py")]
+        for node in ast.parse(path.read_text()).body
+        if isinstance(node, ast.ClassDef) and node.name.endswith("Bridge")
+    }
+    assert len(classes) >= 5
+    for name, node in classes.items():
+        of_base = () if not node.bases else ("cut", "cut_at", "off", "drive")  # Bridge is the one that others extend
+        own = {f.name for f in node.body if isinstance(f, ast.FunctionDef)}
+        own |= {a.attr for a in ast.walk(node) if isinstance(a, ast.Attribute) and isinstance(a.ctx, ast.Store)}
+        assert own.union(of_base) >= {"cut", "cut_at", "off", "drive"}, name
 
 
 def arity_of(arguments: ast.arguments) -> Arity:

@@ -70,6 +70,7 @@ class EncodedAxis(Axis):
         self._pulses = False  # is the move under way one of the closed loop?
         self.at_rest.gone = False
         self._limit = None  # steps: the soft limit at which the run under way ends
+        self.resting = False
         super().reset()
 
     # ---- settings
@@ -85,8 +86,8 @@ class EncodedAxis(Axis):
         super()._measure()
         if not self.measured.measure(self.closed_loop, self.counts_per_step, self.inverted):
             self.watch.forget()
-        if self.measured.closed:
-            self.resting = self.resting or _LOOKS
+            self._loop.turned_round(self.measured.place)
+        self.resting = (self.resting or _LOOKS) if self.measured.closed else self.resting is True
         per_step = self.measured.per_step
         self._loop.set_up(self.dead_band, per_step, self.pulse_us, self.step_duty, self.reader.play_us > 0)
         self._full_duty = self.step_duty  # of the next move, as all here
@@ -100,7 +101,7 @@ class EncodedAxis(Axis):
         self.apply()
 
     def restored(self, recorded):
-        """The position was restored, as it was at this angle (-1: not known); None: there is no record."""
+        """The position was restored. recorded: what its record has of the encoder; None: there is no record."""
         if not self.measured.restored(recorded):
             self.error(codes.AXIS_RECORD_DIFFERS)
         self.in_counts.target = self.measured.counts_of(self.measured.target * 1000)
@@ -152,7 +153,8 @@ class EncodedAxis(Axis):
 
     def seek(self, direction, home):
         """Find the end-stop in direction 1 or -1, or the end by stall where none is fitted."""
-        if not self.measured.closed or not self.stall_duty or self.stop_towards(direction).fitted:
+        watched = self.measured.closed and self.watch.stall_us  # else the motor would be pressed on at its end
+        if not (watched and self.stall_duty) or self.stop_towards(direction).fitted:
             return super().seek(direction, home)
         if not self.handle(ASK, 0):
             return False
@@ -171,9 +173,7 @@ class EncodedAxis(Axis):
     def _begin_loop(self, n, us):
         """A closed-loop move of |n| pulses begins, each us long at XN's speed. Returns n as the loop makes it."""
         position = self.measured
-        per_pulse = self._counts or (
-            position.share_of_step(us, self.pulse_us) if us != self.pulse_us else position.per_step
-        )
+        per_pulse = self._counts or position.share_of_step(us, self.pulse_us)
         self._counts = 0
         position.look()
         self.poll_input()
@@ -218,7 +218,7 @@ class EncodedAxis(Axis):
         if self.drive.was_cut:
             self._watched_at = -1
         super()._close(reason)
-        self.resting = self.resting or _LOOKS
+        self.resting = self.resting or (self.measured.closed and _LOOKS)
 
     # ---- the loop
 

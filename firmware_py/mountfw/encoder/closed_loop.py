@@ -113,13 +113,21 @@ class ClosedLoop:
         self._dead_band = dead_band
         self._back_band = max(dead_band, per_step // _LEAST_BACK) if play else dead_band
         if per_step != self._per_step or step_us != self._step_us or duty != self._duty:
-            self._coasts[0].forget()
-            self._coasts[1].forget()
-            self._start.forget()
+            self._forget()
         self._per_step = per_step
         self._step_us = step_us
         self._duty = duty
         self._near = per_step * _NEAR_US // step_us + 8  # it starts up, too
+
+    def turned_round(self, place):
+        """The motor's other direction may be the positive one now. It is at this place."""
+        self._forget()
+        self.goal = place
+
+    def _forget(self):
+        self._coasts[0].forget()
+        self._coasts[1].forget()
+        self._start.forget()
 
     def begin(self, place, start, n, per_pulse):
         """A move by n pulses of per_pulse counts each, from the place `start`, which is near. Returns n.

@@ -33,6 +33,7 @@ class MeasuredPosition(Position):
         self.motor = 0  # the same in the axis's direction; wraps
         self.place = 0  # what of it has moved the mirror; wraps
         self._slips = 0
+        self._blind = False  # did it not answer at `raw`? Then its first answer is no motion
         self._gap_counts = 0
         self._at = 0  # counts from the gap's negative end, as `inside` ...
         self._inside_shown = 0  # ... which was made of them
@@ -46,8 +47,7 @@ class MeasuredPosition(Position):
     def reset(self):
         """As at power-up: nothing is known."""
         super().reset()
-        self.raw = self.reader.counts()
-        self._slips = self.reader.slips
+        self._count_from_here()
 
     def measure(self, closed, counts_per_step, inverted):
         """The settings are these. XP, XD and XB are in step and gap already.
@@ -61,8 +61,7 @@ class MeasuredPosition(Position):
                 self._open(closed)
             self.lose_gap()
             self.closed = closed
-            self.raw = self.reader.counts()
-            self._slips = self.reader.slips
+            self._count_from_here()
             self._rebase()
         self._counts_per_step = counts_per_step
         if counts_per_step:
@@ -70,6 +69,11 @@ class MeasuredPosition(Position):
         self.way = -1 if (counts_per_step < 0) != (inverted > 0) else 1
         self._measure_gap()
         return closed and self.way == before
+
+    def _count_from_here(self):
+        self.raw = self.reader.counts()
+        self._slips = self.reader.slips
+        self._blind = self.reader.gone
 
     def _open(self, again):
         """The closed loop ends. again: another one begins, in which a step is another, or counts the other way."""
@@ -115,28 +119,33 @@ class MeasuredPosition(Position):
         """Count what it has turned since. Returns the counts in the axis's own direction."""
         raw = self.reader.counts()
         self._axis.poll_input()
-        turned = apart(raw, self.raw) * self.way
         if self.reader.slips != self._slips or self.reader.gone:
-            self._slips = self.reader.slips
-            if self.certainty:
-                self.certainty = codes.ESTIMATED
+            self._doubt(raw)
+        turned = apart(raw, self.raw) * self.way
         if not turned:
             return 0
         if self.millisteps != self._shown or self.inside != self._inside_shown:
             self._rebase()
-        self.raw = raw
-        self.motor = apart(self.motor + turned, 0)
         moved = self._through(turned) if self._gap_counts else turned
-        self.place = apart(self.place + moved, 0)
         counts = self._counts + moved
-        if not 0 <= counts < self.per_step:
-            whole = counts // self.per_step
-            counts -= whole * self.per_step
-            self._steps += whole
+        whole = counts // self.per_step
+        counts -= whole * self.per_step
+        shown = self._base + (self._steps + whole) * 1000 + (counts * 1000 + (self.per_step >> 1)) // self.per_step
+        self.raw = raw  # from here on no jump, which is where a Ctrl-C may come: all of it is counted, or nothing
+        self.motor = apart(self.motor + turned, 0)
+        self.place = apart(self.place + moved, 0)
+        self._steps += whole
         self._counts = counts
-        self.millisteps = self._base + self._steps * 1000 + (counts * 1000 + (self.per_step >> 1)) // self.per_step
-        self._shown = self.millisteps
+        self.millisteps = self._shown = shown
         return turned
+
+    def _doubt(self, raw):
+        """Counts are missing, or the sensor does not answer."""
+        self._slips = self.reader.slips
+        if self._blind and not self.reader.gone:
+            self._blind = False
+            self.raw = raw
+        self._beside()
 
     def motor_now(self):
         """The motor's counts, in the axis's own direction. Without a gap they are not counted yet: look() does that."""
@@ -221,16 +230,24 @@ class MeasuredPosition(Position):
         if angle >= 0:
             self._axis.zero_angle = (angle - self.way * self.in_counts()) % _TURN or _TURN
 
+    def recorded(self):
+        """What a record has of the encoder: the angle, and the counts of the step that it is measured in, or 0."""
+        return self.angle(), self._counts_per_step if self.closed else 0
+
     def restored(self, recorded):
-        """It was restored as at this angle, -1: it did not answer then; None: there is no record.
+        """It was restored with this of recorded(): less by an older firmware, None without a record.
 
         False if it is not there any more.
         """
         self._rebase()
+        if self.closed and len(recorded or ()) > 1 and recorded[1] not in (0, self._counts_per_step):
+            self.reset()
+            return True
         if not self.closed and self.certainty:
             self._on_a_step()
         angle = self.angle()
-        since = self._axis.zero_angle if recorded is None else recorded  # the former: 1 … 4096; 0: not known
+        then = recorded[0] if recorded else -1
+        since = self._axis.zero_angle if recorded is None else then  # the former: 1 … 4096; 0: not known
         if not self.closed or angle < 0 or (recorded is None and not since):
             return True
         if since < 0:

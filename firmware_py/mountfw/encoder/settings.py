@@ -61,7 +61,8 @@ _setting(b"XG", "stall_ms", 0, 1000, 60)
 _setting(b"XA", "stall_duty", 0, 255, 0)
 """Encoder: duty of a search for the end by stall; 0: off
 
-Where no switch is fitted in that direction, `MT` and `OR` then run so until the motor stalls, off it, and again.
+Where no switch is fitted in that direction, `MT` and `OR` then run so until the motor stalls, off it, and again. They
+are refused with n35 where a stall is not checked (`XG0` or `ZZ1`).
 """
 
 _setting(b"XZ", "zero_angle", 0, 4096, 0, AT_REST)

@@ -60,8 +60,9 @@ class Shaft(Turns):
         try:
             self._bus.writeto_then_readfrom(_ADDRESS, _STATUS, answer)
         except OSError:
-            self.silent()
-            self._is_asked = not self.gone  # until the next start: for a bus that hangs CircuitPython waits a second
+            self._is_asked = (
+                not self.silent()
+            )  # until the next start: for a bus that hangs CircuitPython waits a second
         else:
             self.take(answer[0], answer[1], answer[2])
         return self.count

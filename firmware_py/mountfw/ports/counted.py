@@ -44,9 +44,9 @@ class Turns:
 
     def __init__(self):
         self.slips = 0
-        self.gone = True
+        self.gone = True  # until the first answer
         self.count = 0  # its lowest 12 bits are the angle
-        self._silent = _MOST_SILENT
+        self._silent = 0  # looks in a row
 
     def angle(self):
         """The angle, 0 … 4095, when it was looked at last; -1: it does not answer."""
@@ -60,15 +60,15 @@ class Turns:
         angle = (high & 15) << 8 | low
         way = (angle - self.count + (_TURN >> 1)) & (_TURN - 1)
         self.count = (self.count + way - (_TURN >> 1) + _HALF & _MASK) - _HALF
-        if self._silent:  # meanwhile it may have turned further than half a turn
-            if self._silent >= _MOST_SILENT:
-                self.slips = self.slips + 1 & _MASK
-            self._silent = 0
+        self._silent = 0
+        if self.gone:  # meanwhile it may have turned further than half a turn
+            self.slips = self.slips + 1 & _MASK
             self.gone = False
 
     def silent(self):
-        """No answer."""
-        self._silent += 1
-        if self._silent >= _MOST_SILENT:
-            self._silent = _MOST_SILENT
-            self.gone = True
+        """No answer. Returns True if it is one of many: to ask each time is not worth what it takes."""
+        self._silent = min(self._silent + 1, _MOST_SILENT)
+        if self._silent < _MOST_SILENT:
+            return False
+        self.gone = True
+        return True

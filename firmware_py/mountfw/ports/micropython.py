@@ -1,4 +1,4 @@
-"""The hardware's verbs on MicroPython (RP2040 and RP2350). The only file that names `machine`.
+"""The hardware's verbs on MicroPython (RP2040 and RP2350). Only ports/micropython*.py and rp2_*.py name `machine`.
 
 The protocol runs on the console, sys.stdin and sys.stdout, so Ctrl-C (0x03) belongs to the
 interpreter and raises KeyboardInterrupt.

@@ -22,6 +22,7 @@ _FIFO = const(4)  # old words wait in there
 _ADDRESS = const(0x36)  # AS5600 data sheet: its only one
 _STATUS = const(0x0B)  # the register before RAW ANGLE
 _TIMEOUT_US = const(2_000)  # an answer takes 0.2 ms; a stop waits as long for a bus that hangs
+_PAUSE = const(15)  # looks; each OSError takes a piece of the heap
 
 
 def reader(number, pins):
@@ -134,14 +135,19 @@ class Shaft(Turns):
         bus = machine.I2C(sda >> 1 & 1, scl=Pin(scl), sda=Pin(sda), freq=400_000, timeout=_TIMEOUT_US)
         self._read = bus.readfrom_mem_into
         self._answer = bytearray(3)
+        self._pause = 0  # looks at which it is not asked
 
     def counts(self):
         """4096 a turn; the lowest 12 bits are the angle."""
+        if self._pause:
+            self._pause -= 1
+            return self.count
         answer = self._answer
         try:
             self._read(_ADDRESS, _STATUS, answer)
         except OSError:
-            self.silent()
+            if self.silent():
+                self._pause = _PAUSE
         else:
             self.take(answer[0], answer[1], answer[2])
         return self.count
