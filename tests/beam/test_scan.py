@@ -13,7 +13,7 @@ from mirrormount.beam import find_spot
 from mirrormount.beam.open_camera import open_camera
 from mirrormount.beam.patterns import FARTHEST, line, raster, spiral
 from mirrormount.beam.scan import Signal, find, grey_signal, scan, spot_signal
-from mirrormount.beam.scan_files import UNKNOWN, CsvFile, metadata, of_camera, write_hdf5
+from mirrormount.beam.scan_files import UNKNOWN, CsvFile, Hdf5File, metadata, of_camera
 from mirrormount.beam.scan_page import ScanPage
 from mirrormount.common.errors import BadValue, CannotWrite, MoveEnded
 from mirrormount.device.mount import Mount
@@ -189,14 +189,14 @@ def test_both_files_have_all_samples_and_the_same_metadata(mount, tmp_path):
         line(1, -1, 3),
     )
     about = metadata(mount, pattern, signal)
-    file = CsvFile(tmp_path / "a.csv", about, signal)
+    file, whole = CsvFile(tmp_path / "a.csv", about, signal), Hdf5File(tmp_path / "a.h5", about, signal, 3)
     samples = []
     for sample in scan(mount, pattern, signal):
         file.add(sample)
         samples.append(sample)
         assert len(rows_of(tmp_path / "a.csv")[0]) == len(samples)  # before the file is closed
     file.end("complete")
-    write_hdf5(tmp_path / "a.h5", about, signal, samples, "complete")
+    whole.end(samples, "complete")
     rows, said = rows_of(tmp_path / "a.csv")
     assert [row["power"] for row in rows] == ["", str(1 / 3), str(2 / 3)]
     assert rows[0]["missing"] == "power is not finite: nan"
@@ -226,11 +226,33 @@ def test_a_disk_that_fails_leaves_no_half_hdf5_file(mount, tmp_path, monkeypatch
         raise OSError(28, "No space left on device")
 
     signal, path = Signal.of(lambda _mount: 1.0), tmp_path / "a.h5"
-    about = metadata(mount, line(1, 0, 1), signal)
+    whole = Hdf5File(path, metadata(mount, line(1, 0, 1), signal), signal, 1)
     monkeypatch.setattr("mirrormount.beam.scan_files.os.fsync", full)
     with pytest.raises(CannotWrite, match="No space left"):
-        write_hdf5(path, about, signal, [], "complete")
+        whole.end([], "complete")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_of_two_scans_under_way_only_one_writes_an_hdf5_file(mount, tmp_path):
+    signal, path = Signal.of(lambda _mount: 1.0), tmp_path / "a.h5"
+    about = metadata(mount, line(1, 0, 1), signal)
+    first = Hdf5File(path, about, signal, 1)
+    with pytest.raises(CannotWrite, match=r"a\.h5\.part: exists; another scan writes a\.h5 now"):
+        Hdf5File(path, about, signal, 1)
+    first.end([], "complete")
+    with h5py.File(path) as whole:
+        assert whole.attrs["ended"] == "complete"
+
+
+def test_a_file_that_comes_in_mid_scan_is_not_replaced_and_the_scan_is_kept_beside_it(mount, tmp_path):
+    signal, path = Signal.of(lambda _mount: 1.0), tmp_path / "a.h5"
+    whole = Hdf5File(path, metadata(mount, line(1, 0, 1), signal), signal, 1)
+    path.write_text("mine")
+    with pytest.raises(CannotWrite, match=r"a\.h5: File exists; the scan is in .*a\.h5\.part"):
+        whole.end([], "complete")
+    assert path.read_text() == "mine"
+    with h5py.File(tmp_path / "a.h5.part") as kept:
+        assert kept.attrs["ended"] == "complete"
 
 
 def test_what_a_camera_does_not_know_is_said_to_be_unknown_and_never_invented(tmp_path):

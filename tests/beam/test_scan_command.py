@@ -1,5 +1,6 @@
 """`mirrormount scan`: what it says, what it writes, and what is left of a scan that is cut."""
 
+import contextlib
 import itertools
 import json
 import resource
@@ -76,6 +77,25 @@ def test_a_scan_that_does_not_begin_leaves_the_page_of_before(tmp_path, capsys):
     assert main(words) == 1
     assert "exists; a scan is a new file" in capsys.readouterr().err
     assert "2 of 2 places. Ended: complete" in page.read_text("utf-8")
+
+
+def test_a_scan_that_does_not_begin_leaves_no_part_of_an_hdf5_file(tmp_path, capsys):
+    rows = tmp_path / "map.csv"
+    rows.write_text("mine")
+    words = ["scan", "line", "1", "0", "2", "--virtual", "--csv", str(rows), "--hdf5", str(tmp_path / "map.h5")]
+    assert main(words) == 1
+    assert capsys.readouterr().err == f"mirrormount: {rows}: exists; a scan is a new file\n"
+    assert list(tmp_path.iterdir()) == [rows]
+
+
+def test_the_part_of_a_scan_that_was_killed_is_told_before_anything_moves(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(scan_work, "open_table", pytest.fail)
+    path, part = tmp_path / "map.h5", tmp_path / "map.h5.part"
+    part.touch()
+    assert main(["scan", "line", "1", "0", "2", "--virtual", "--hdf5", str(path)]) == 1
+    assert capsys.readouterr().err == (
+        f"mirrormount: {part}: exists; another scan writes map.h5 now, or one was cut off: then move it away\n"
+    )
 
 
 def test_a_scan_without_a_file_says_first_that_nothing_is_kept(opened, capsys):
@@ -156,14 +176,30 @@ def test_what_cannot_be_scanned_is_refused_in_one_line(words, says, capsys):
     assert err.startswith("mirrormount: ")
 
 
-def test_a_disk_that_is_full_leaves_whole_rows_and_is_told_by_the_files_name(opened, tmp_path, capsys):
-    path = tmp_path / "a.csv"
+@contextlib.contextmanager
+def little_room():
+    """There is room for 3000 bytes of a file."""
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (3_000, limits[1]))
     try:
-        assert main(["scan", "raster", "9", "9", "--virtual", "--csv", str(path)]) == 1
+        yield
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+
+
+def test_an_hdf5_file_for_which_there_is_no_room_is_told_before_anything_moves(opened, tmp_path, capsys):
+    path = tmp_path / "a.h5"
+    with little_room():
+        assert main(["scan", "raster", "9", "9", "--virtual", "--hdf5", str(path)]) == 1
+    assert capsys.readouterr().err == f"mirrormount: {path}: File too large\n"
+    assert not opened.simulations[0].edges
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_disk_that_is_full_leaves_whole_rows_and_is_told_by_the_files_name(opened, tmp_path, capsys):
+    path = tmp_path / "a.csv"
+    with little_room():
+        assert main(["scan", "raster", "9", "9", "--virtual", "--csv", str(path)]) == 1
     assert capsys.readouterr().err.startswith(f"mirrormount: {path}: File too large")
     text = path.read_bytes()
     assert text.endswith(b"\n")

@@ -34,6 +34,7 @@ _UNITS = {"time_s": "s", "x": "steps", "y": "steps", "position_x": "steps", "pos
 _OWN = tuple(field.name for field in fields(Sample) if field.name not in ("values", "missing"))
 _WHOLE = ("number", "x", "y")
 _TEXTS = ("certainty_x", "certainty_y", "missing")
+_ROOM, _ROOM_OF_PLACE = 1 << 16, 320  # bytes of an HDF5 file: without places, and of one; both were measured
 Metadata = Mapping[str, Any]  # values that JSON has
 
 
@@ -121,42 +122,78 @@ def check_hdf5(path: Path) -> None:
         raise ExtraMissing(f"HDF5 needs a package that is not installed (h5py): {install('scan')}")
     if os.path.lexists(path):
         raise CannotWrite(f"{path}: exists; a scan is a new file")
+    if os.path.lexists(part := _part_of(path)):
+        raise CannotWrite(f"{part}: exists; another scan writes {path.name} now, or one was cut off: then move it away")
     if not os.access(path.parent, os.W_OK):
         raise CannotWrite(f"{path}: no such folder, or no right to write in it")
 
 
-def write_hdf5(path: Path, about: Metadata, signal: Signal, samples: Sequence[Sample], ended: str) -> None:
-    """Write a scan; under its name the file is there when it is whole. A value that there is not is NaN.
+class Hdf5File:
+    """An HDF5 file that is written at the end. Until then FILE.part keeps its name and its room on the disk."""
 
-    Datasets: one for each column, with its unit as the attribute `unit`. Raises CannotWrite.
-    """
-    import h5py
+    def __init__(self, path: Path, about: Metadata, signal: Signal, places: int) -> None:
+        """places: of the whole scan. Raises ExtraMissing; CannotWrite, also if the file or its part exists."""
+        check_hdf5(path)
+        self._path, self._part, self._about, self._signal = path, _part_of(path), about, signal
+        self._file = _guarded(self._part, lambda: self._part.open("xb"))  # no file and no link is written to
+        self._write(lambda: bytes(_ROOM + _ROOM_OF_PLACE * places))
 
-    part = path.with_name(path.name + ".part")
-    columns: dict[str, list[Any]] = {name: [getattr(sample, name) for sample in samples] for name in (*_OWN, "missing")}
-    for at, name in enumerate(signal.columns):
-        columns[name] = [sample.values[at] if sample.values else float("nan") for sample in samples]
+    def end(self, samples: Sequence[Sample], ended: str) -> None:
+        """Write the scan; under its name the file is there when it is whole. A value that there is not is NaN.
 
-    def write() -> None:
+        Datasets: one for each column, with its unit as the attribute `unit`. Raises CannotWrite; where a file of that
+        name was made meanwhile, the scan stays in the part.
+        """
+        self._write(lambda: self._whole(samples, ended))
+        self._file.close()
+        try:
+            self._path.open("xb").close()  # only a file of our own is replaced; not every disk has hard links
+            os.replace(self._part, self._path)
+        except OSError as e:
+            raise CannotWrite(f"{self._path}: {e.strerror or e}; the scan is in {self._part}") from e
+
+    def drop(self) -> None:
+        """Give up name and room; there is no file then."""
+        with contextlib.suppress(OSError):
+            self._file.close()
+        with contextlib.suppress(OSError):
+            self._part.unlink()
+
+    def _whole(self, samples: Sequence[Sample], ended: str) -> bytes:
+        import h5py
+
+        names = (*_OWN, "missing")
+        columns: dict[str, list[Any]] = {name: [getattr(sample, name) for sample in samples] for name in names}
+        for at, name in enumerate(self._signal.columns):
+            columns[name] = [sample.values[at] if sample.values else float("nan") for sample in samples]
         whole = io.BytesIO()
         with h5py.File(whole, "w") as file:
-            for name, value in {**about, "ended": ended}.items():
+            for name, value in {**self._about, "ended": ended}.items():
                 file.attrs[name] = json.dumps(value) if isinstance(value, dict) else value
             for name, data in columns.items():
                 kind = h5py.string_dtype() if name in _TEXTS else int if name in _WHOLE else float
-                file.create_dataset(name, data=data, dtype=kind).attrs["unit"] = about["units"].get(name, "")
-        with part.open("xb") as file:  # neither a file nor a link of that name is written to
-            try:
-                file.write(whole.getbuffer())
-                file.flush()
-                os.fsync(file.fileno())
-            except BaseException:
-                file.close()
-                part.unlink(missing_ok=True)
-                raise
-        os.replace(part, path)
+                file.create_dataset(name, data=data, dtype=kind).attrs["unit"] = self._about["units"].get(name, "")
+        return whole.getvalue()
 
-    _guarded(path, write)
+    def _write(self, content: Callable[[], bytes]) -> None:
+        """Write content() into the part, in place of what it had. Raises CannotWrite; there is no part then."""
+
+        def to_disk() -> None:
+            try:
+                self._file.seek(0)
+                self._file.write(content())
+                self._file.truncate()
+                self._file.flush()
+                os.fsync(self._file.fileno())
+            except BaseException:
+                self.drop()
+                raise
+
+        _guarded(self._path, to_disk)
+
+
+def _part_of(path: Path) -> Path:
+    return path.with_name(path.name + ".part")
 
 
 def _guarded(path: Path, act: Callable[[], _T]) -> _T:

@@ -13,7 +13,7 @@ from mirrormount.beam.open_camera import open_beside_mount
 from mirrormount.beam.patterns import Pattern
 from mirrormount.beam.scale import Scale
 from mirrormount.beam.scan import Sample, Signal, grey_signal, scan, spot_signal
-from mirrormount.beam.scan_files import COMPLETE, CsvFile, Metadata, check_hdf5, metadata, of_camera, write_hdf5
+from mirrormount.beam.scan_files import COMPLETE, CsvFile, Hdf5File, Metadata, check_hdf5, metadata, of_camera
 from mirrormount.beam.scan_page import ScanPage
 from mirrormount.cli.command import note, virtual_address, virtual_camera, whole
 from mirrormount.common.errors import BadValue, CannotWrite
@@ -93,7 +93,13 @@ def _begun(csv: Path | None, page: Path | None, about: Metadata, pattern: Patter
 def _kept(args: argparse.Namespace, about: Metadata, pattern: Pattern, signal: Signal) -> Iterator[_Kept]:
     """The files, which are ended with the reason whatever happens."""
     csv, hdf5 = args.csv, args.hdf5
-    kept = _begun(csv, args.page, about, pattern, signal)
+    whole = Hdf5File(hdf5, about, signal, pattern.measured) if hdf5 else None
+    try:
+        kept = _begun(csv, args.page, about, pattern, signal)
+    except BaseException:
+        if whole:
+            whole.drop()
+        raise
     try:
         try:
             yield kept
@@ -104,8 +110,8 @@ def _kept(args: argparse.Namespace, about: Metadata, pattern: Pattern, signal: S
         try:
             kept.end()
         finally:
-            if hdf5:
-                write_hdf5(hdf5, about, signal, kept.samples, kept.ended)
+            if whole:
+                whole.end(kept.samples, kept.ended)
             if kept.ended not in (COMPLETE, _FOUND):
                 files = " and ".join(str(path) for path in (csv, hdf5) if path)
                 print(f"{len(kept.samples)} places were measured" + (f": {files}" if files else ""))
