@@ -60,7 +60,7 @@ def angle_weight(cameras: int) -> Matrix:
 class Hold:
     """The loop. run() in one thread; stop() and go_on() from any.
 
-    saved(response): called now and then with the refined response. Raises ResponseOfOther.
+    response: each correction refines it; whoever keeps it saves it after run(). Raises ResponseOfOther.
     """
 
     def __init__(
