@@ -43,7 +43,7 @@ def work(verb: str, args: argparse.Namespace) -> int:
     path = args.calibration or (None if args.virtual else calibration.path().with_name("table-calibration.json"))
     if path:
         check_place(path)
-    with ended_in_order(), contextlib.ExitStack() as stack:
+    with ended_in_order(interrupts=True), contextlib.ExitStack() as stack:
         table, halt = stack.enter_context(_virtual(args) if args.virtual else _real(args))
         check_controllable(table)
         page = stack.enter_context(_page(args, table, halt)) if verb == "hold" and args.page else None
@@ -57,21 +57,31 @@ def work(verb: str, args: argparse.Namespace) -> int:
                 print(path)
             return 0
         response, gaps, fresh = _response(table, tell, path)
-        summary = Summary(table.eyes)
-        if verb == "align" or fresh:
-            summary = align(table, response, gaps, tell, **(goals if verb == "align" else {}))
+        if verb == "align":
+            summary = align(table, response, gaps, tell, **goals)
             _tell_align(summary)
-        if verb == "hold":
-            goals_of_hold = {key: goals[key] for key in ("rms_urad", "most_um")}
-            hold = Hold(table, response, gaps if fresh else None, tell, **goals_of_hold)
-            summary = hold.summary
-            if page:
-                page.hold = hold
-            with contextlib.suppress(KeyboardInterrupt):
-                hold.run(goals["seconds"])
-            _tell_hold(summary)
-        _keep(response, path, args.json, summary.to_json(final=verb == "align"))
-        return 0 if summary.reached else 1
+            _keep(response, path, args.json, summary.to_json(final=True))
+            return 0 if summary.reached else 1
+        if fresh:
+            _tell_align(align(table, response, gaps, tell))
+        goals_of_hold = {key: goals[key] for key in ("rms_urad", "most_um")}
+        hold = Hold(table, response, gaps if fresh else None, tell, **goals_of_hold)
+        if page:
+            page.hold = hold
+        _hold(hold, goals["seconds"], path, args.json)
+        return 0 if hold.summary.reached else 1
+
+
+def _hold(hold: Hold, seconds: float | None, path: Path | None, numbers: Path | None) -> None:
+    """Hold until the end or Ctrl-C. However it ends, what was learned is told and kept. Raises MountError."""
+    try:
+        with contextlib.suppress(KeyboardInterrupt):
+            hold.run(seconds)
+    finally:
+        try:
+            _tell_hold(hold.summary)
+        finally:  # there may be no terminal any more
+            _keep(hold.response, path, numbers, hold.summary.to_json(final=False))
 
 
 def _goals(verb: str, args: argparse.Namespace) -> dict[str, Any]:
