@@ -224,6 +224,13 @@ def test_the_page_tells_it_in_words_and_curves_and_holds_nothing_of_others(writt
         assert words in text
 
 
+def test_a_report_replaces_no_file_but_a_page(written, tmp_path):
+    (file := tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(CannotWrite, match="is no report; name another one"):
+        write_report(file, read_run(written))
+    assert file.read_text() == "mine"
+
+
 def test_a_short_run_is_told_in_minutes_and_a_long_one_in_hours(written, tmp_path):
     long = read_run(written)
     short = replace(long, minutes=long.minutes[:3])

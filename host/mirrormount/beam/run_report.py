@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import LogFormatter
 
-from mirrormount.beam.html_page import chart, page, table, text
+from mirrormount.beam.html_page import BEGINS, chart, page, table, text
 from mirrormount.beam.over_time import Sums, joined
 from mirrormount.beam.run_minutes import MINUTE_S, Minute
 from mirrormount.beam.run_reader import Run, spectrum
@@ -22,7 +22,8 @@ _LONG_S = 3600.0  # from here on in hours
 
 
 def write_report(path: Path, run: Run) -> None:
-    """Write the page. Raises CannotWrite."""
+    """Write the page. Raises CannotWrite, also if a file is there that is no page."""
+    whole_file.check_replaceable(path, BEGINS)
     whole_file.write(path, page("mirrormount hold", list(_parts(run))))
 
 
