@@ -14,6 +14,7 @@ from mirrormount.beam.tracker import Tracker
 from mirrormount.cli import hold_work
 from mirrormount.cli.main import main
 
+ONE = ("--virtual", "--mounts", "1", "--cameras", "1", "--off", "0")
 LEVER_M = 1.2  # between the cameras
 SECONDS = 240
 
@@ -196,8 +197,7 @@ def test_the_command_holds_the_virtual_table_and_writes_its_figures(tmp_path, ca
 
 def test_a_goal_that_is_not_met_is_no_success(tmp_path):
     file = tmp_path / "hold.json"
-    arguments = ["hold", "--virtual", "--mounts", "1", "--cameras", "1", "--off", "0", "--duration", "3"]
-    assert main([*arguments, "--max-um", "0.001", "--json", str(file)]) == 1
+    assert main(["hold", *ONE, "--duration", "3", "--max-um", "0.001", "--json", str(file)]) == 1
     assert not json.loads(file.read_text())["reached"]
 
 
@@ -229,3 +229,26 @@ def test_numbers_that_cannot_be_written_are_told_before_anything_moves(verb, tmp
         assert main([verb, "--virtual", "--json", str(file)]) == 1
         assert capsys.readouterr().err.startswith(f"mirrormount: cannot write {file}: ")
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("verb", ["calibrate", "align", "hold"])
+def test_numbers_never_replace_the_file_of_something_else(verb, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(hold_work, "open_table", pytest.fail)
+    (file := tmp_path / "notes.json").write_text('{"mine": 1}')
+    assert main([verb, "--virtual", "--json", str(file)]) == 1
+    assert "a file of that name exists" in capsys.readouterr().err
+    assert file.read_text() == '{"mine": 1}'
+
+
+def test_numbers_replace_those_of_an_earlier_run(tmp_path):
+    file, words = tmp_path / "all.json", [*ONE, "--calibration", str(tmp_path / "calibration.json")]
+    for verb in (["calibrate"], ["align"], ["hold", "--duration", "1"], ["calibrate"]):
+        assert main([*verb, *words, "--json", str(file)]) == 0
+        assert ("um_for_a_step" in json.loads(file.read_text())) == (verb == ["calibrate"])
+
+
+def test_a_users_own_link_to_the_numbers_is_kept(tmp_path):
+    link, file = tmp_path / "all.json", tmp_path / "mine.json"
+    link.symlink_to(file)
+    assert main(["calibrate", *ONE, "--json", str(link)]) == 0
+    assert link.is_symlink() and json.loads(file.read_text())["reached"]

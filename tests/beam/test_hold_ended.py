@@ -1,6 +1,7 @@
 """`mirrormount hold` that is ended by a signal, or whose last stop fails: what it learned by then is told and kept."""
 
 import json
+import resource
 import signal
 from types import SimpleNamespace
 
@@ -48,7 +49,9 @@ def run(tmp_path, measured, monkeypatch, capsys):
         status = main(words)
         learned = json.loads(calibration.read_text())["short_pulses"][0]["1"]
         out, err = capsys.readouterr()
-        return SimpleNamespace(status=status, out=out, err=err, learned=learned, numbers=json.loads(numbers.read_text()))
+        return SimpleNamespace(
+            status=status, out=out, err=err, learned=learned, numbers=json.loads(numbers.read_text())
+        )
 
     return run
 
@@ -94,3 +97,19 @@ def test_a_second_ctrl_c_does_not_interrupt_what_is_kept(run, monkeypatch):
     ended = run(lambda: signal.raise_signal(signal.SIGINT))
     assert ended.status == 0 and ended.err == ""
     assert ended.learned == LEARNED and ended.numbers["seconds"] > 0
+
+
+def test_a_disk_that_fills_up_in_mid_hold_leaves_the_numbers_of_before(run, tmp_path):
+    before = {"reached": False}
+    (tmp_path / "hold.json").write_text(json.dumps(before, indent=1))
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+
+    def full():
+        resource.setrlimit(resource.RLIMIT_FSIZE, (10, limits[1]))
+        raise KeyboardInterrupt
+
+    try:
+        ended = run(full)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert "File too large" in ended.err and ended.numbers == before

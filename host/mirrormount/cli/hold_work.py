@@ -20,6 +20,7 @@ from mirrormount.beam.response import Response, check_place, load, save
 from mirrormount.beam.run_log import RunLog
 from mirrormount.beam.summary import Summary
 from mirrormount.cli.command import from_extra, number, patience_of, positive, virtual_address, whole
+from mirrormount.common import whole_file
 from mirrormount.common.errors import BadValue, CannotWrite
 from mirrormount.common.progress import StatusLine
 from mirrormount.common.signals import ended_in_order
@@ -33,13 +34,14 @@ from mirrormount.virtual.sensor import Sensor
 if TYPE_CHECKING:
     from mirrormount.cli.hold_page import HoldPage
 
+_NUMBERS_BEGIN = '{\n "reached": '  # the file of --json
 _VIRTUAL_S = 3600.0  # of a virtual hold, unless another duration is asked for
 
 
 def work(verb: str, args: argparse.Namespace) -> int:
     """Run one of the three; the exit status: 0 only if the goal was met. Raises MountError."""
     goals = _goals(verb, args)
-    _check_writable(args.json)
+    _check_numbers(args.json)
     path = args.calibration or (None if args.virtual else calibration.path().with_name("table-calibration.json"))
     if path:
         check_place(path)
@@ -51,7 +53,7 @@ def work(verb: str, args: argparse.Namespace) -> int:
         tell = stack.enter_context(_told(args, page.board.listen if page else None))
         if verb == "calibrate":
             response, _ = _calibrated(table, tell)
-            result = response.to_json() | {"reached": True, "seconds": round(table.now_s(), 3)}
+            result = {"reached": True, "seconds": round(table.now_s(), 3)} | response.to_json()
             _keep(response, path, args.json, result)
             if path:
                 print(path)
@@ -230,22 +232,28 @@ def _tell_hold(summary: Summary) -> None:
     )
 
 
-def _check_writable(path: Path | None) -> None:
-    """Raises CannotWrite now, and not after hours of holding."""
-    if path is None or (path.exists() and not (path.is_file() or path.is_dir())):
-        return  # a device or a pipe is opened once
-    new = not path.exists()
-    try:
-        path.open("a").close()
-        if new:
-            path.unlink()
-    except OSError as e:
-        raise CannotWrite(f"cannot write {path}: {e.strerror or e}") from e
+def _check_numbers(path: Path | None) -> None:
+    """Raises CannotWrite now, and not after hours of holding; also if a file is there that is no earlier run's."""
+    if path and not _is_device(path):
+        file = whole_file.behind(path)
+        whole_file.check_replaceable(file, _NUMBERS_BEGIN)
+        whole_file.check_writable(file)
 
 
 def _write(path: Path | None, result: dict[str, Any]) -> None:
-    if path:
-        try:
-            path.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
-        except OSError as e:
-            raise CannotWrite(f"{path}: {e.strerror or e}") from e
+    """Write --json. Raises CannotWrite."""
+    if path is None:
+        return
+    text = json.dumps(result, indent=1) + "\n"
+    if not _is_device(path):
+        whole_file.write(whole_file.behind(path), text)
+        return
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as e:
+        raise CannotWrite(f"{path}: {e.strerror or e}") from e
+
+
+def _is_device(path: Path) -> bool:
+    """True for what holds no content that could be lost: a device, a pipe. It is opened once."""
+    return path.exists() and not (path.is_file() or path.is_dir())
