@@ -7,7 +7,7 @@ from mirrormount.beam.camera import Controls, Frame, Size
 from mirrormount.beam.eyes import CameraEye
 from mirrormount.beam.supervised import SupervisedTable, answer
 from mirrormount.common.beam_errors import CameraAbsent, CameraGone, CameraSizeChanged
-from mirrormount.common.errors import MoveEnded, NotInControl
+from mirrormount.common.errors import BadFile, MoveEnded, NotInControl
 from mirrormount.supervise import Supervisor
 from mirrormount.supervise.lease import Client
 
@@ -143,3 +143,23 @@ def test_a_camera_that_comes_back_is_opened_again_and_must_have_its_size():
         next(frames)
     with pytest.raises(CameraSizeChanged, match="came back with 320 x 240"):
         next(eye.frames())
+
+
+def test_a_camera_is_waited_for_while_table_toml_cannot_be_read():
+    back = _Camera(Size(640, 480))
+    edited = iter([True, False])
+
+    def reopen():
+        if next(edited):
+            raise BadFile("table.toml, line 3: no value")
+        return back
+
+    eye = CameraEye("near", _Camera(Size(640, 480)), (320.0, 240.0), (50.0, 50.0), 0.4, reopen=reopen)
+    frames = eye.frames()
+    next(frames)
+    with pytest.raises(CameraGone):
+        next(frames)
+    with pytest.raises(CameraGone, match=r"near: it is not opened again: table\.toml, line 3"):
+        next(eye.frames())
+    next(eye.frames())
+    assert eye.camera is back

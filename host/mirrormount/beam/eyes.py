@@ -5,7 +5,8 @@ from collections.abc import Callable, Iterator
 from mirrormount.beam import NoSpot, Spot, find_spot
 from mirrormount.beam.camera import Camera, Frame, Size
 from mirrormount.beam.picture import Dark
-from mirrormount.common.beam_errors import CameraError, CameraSizeChanged
+from mirrormount.common.beam_errors import CameraError, CameraGone, CameraSizeChanged
+from mirrormount.common.errors import MountError
 
 
 class CameraEye:
@@ -50,7 +51,7 @@ class CameraEye:
         try:
             if self._failed and self._reopen:
                 self._camera.close()
-                self._camera = self._reopen()
+                self._camera = _opened_again(self.name, self._reopen)
             if self._camera.size != self.size:
                 raise CameraSizeChanged(f"{self.name}: the camera came back with {self._camera.size}, not {self.size}")
             self._failed = False
@@ -66,3 +67,13 @@ class CameraEye:
     def close(self) -> None:
         """Release the camera."""
         self._camera.close()
+
+
+def _opened_again(name: str, reopen: Callable[[], Camera]) -> Camera:
+    """reopen(). Raises CameraError whatever stands in the way, such as a table.toml that somebody edits just now."""
+    try:
+        return reopen()
+    except CameraError:
+        raise
+    except MountError as e:
+        raise CameraGone(f"{name}: it is not opened again: {e}") from e
