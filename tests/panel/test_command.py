@@ -92,6 +92,7 @@ def test_a_port_that_is_named_is_taken(served):
         (["--virtual", "--mounts", "2", "--camera", "1"], "moves the spot by one mount"),
         (["--virtual", "--http", "http"], "--http is a port number"),
         (["--virtual", "--http", "65536"], "--http is a port number"),
+        (["--virtual", "--http", "9" * 5000], "--http is a port number"),
         (["--virtual", "--patience", "5"], "--patience is 0.1 to 2 seconds"),
         (["--virtual", "--patience", "nan"], "--patience is 0.1 to 2 seconds"),
         (["--virtual", "--host", "no.such.host.invalid"], "no such host"),

@@ -17,6 +17,7 @@ from types import FrameType
 from mirrormount.cli.browser_link import page_to
 from mirrormount.common.errors import BadAddress, BadValue, CannotListen
 from mirrormount.common.tokens import SHORT, is_short, read_token
+from mirrormount.common.validation import digits
 from mirrormount.panel.sign_in import SignIn
 
 _PORT = 8080
@@ -87,13 +88,14 @@ def _listen(host: str, port: str | None) -> socket.socket:
 
     Raises BadValue, BadAddress, CannotListen.
     """
-    if port is not None and not (port.isascii() and port.isdecimal() and int(port) < 65536):
-        raise BadValue(f"--http is a port number, 0 to 65535, not {port!r}")
+    try:
+        ports = range(_PORT, _PORT + _TRIED) if port is None else [digits(port, 65535)]
+    except BadValue:
+        raise BadValue(f"--http is a port number, 0 to 65535, not {str(port)[:80]!r}") from None
     try:
         family, _, _, _, where = socket.getaddrinfo(host, None, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)[0]
     except (OSError, UnicodeError) as e:
         raise BadAddress(f"{host}: there is no such host to listen at") from e
-    ports = range(_PORT, _PORT + _TRIED) if port is None else [int(port)]
     failures = []
     for number in ports:
         try:

@@ -13,6 +13,7 @@ from collections import Counter
 
 from mirrormount.common.errors import BadAddress, BadValue, CannotListen, TokenNeeded
 from mirrormount.common.tokens import LONGEST, Guesses, same
+from mirrormount.common.validation import digits
 from mirrormount.network.client_session import ClientSession
 from mirrormount.transport.first_bytes import FirstBytes
 from mirrormount.transport.refusals import TOKEN_REFUSED, refusal_line
@@ -33,9 +34,13 @@ def parse_where(text: str) -> tuple[str, int]:
     host, colon, port = text.rpartition(":")
     if not colon:
         host = "127.0.0.1"
-    if not host or not (port.isascii() and port.isdecimal()) or int(port) > 65535:
-        raise BadValue(f"--tcp is HOST:PORT, for instance 127.0.0.1:5023, not {text!r}")
-    return host.strip("[]"), int(port)
+    try:
+        number = digits(port, 65535)
+    except BadValue:
+        host, number = "", 0
+    if not host:
+        raise BadValue(f"--tcp is HOST:PORT, for instance 127.0.0.1:5023, not {text[:80]!r}")
+    return host.strip("[]"), number
 
 
 class Listener:
