@@ -208,13 +208,27 @@ def test_what_was_recorded_before_a_fault_is_kept(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "line", ["{", '{"file": "../x.png", "time_s": 0, "number": 0, "repeated": 0, "late": 0}', '{"file": "x.png"}']
+    "line",
+    [
+        b"{",
+        b'{"file": "../x.png", "time_s": 0, "number": 0, "repeated": 0, "late": 0}',
+        b'{"file": "x.png"}',
+        b'{"file": "x.png", "time_s": 0, "number": 1e400, "repeated": 0, "late": 0}',
+        b'{"file": "\xff.png", "time_s": 0, "number": 0, "repeated": 0, "late": 0}',
+    ],
 )
 def test_a_damaged_recording_is_one_line(tmp_path, line):
     (tmp_path / "camera.json").write_text(json.dumps({"name": "cam", "width": 64, "height": 48}))
-    (tmp_path / "frames.jsonl").write_text(line + "\n")
+    (tmp_path / "frames.jsonl").write_bytes(line + b"\n")
     with pytest.raises(CameraError, match="line 1"):
         list(open_camera(str(tmp_path)).frames())
+
+
+def test_a_recording_of_pictures_without_end_is_refused(tmp_path):
+    (tmp_path / "camera.json").write_text('{"name": "cam", "width": 1e400, "height": 48}')
+    (tmp_path / "frames.jsonl").touch()
+    with pytest.raises(CameraError, match=r"camera\.json: not the head of a recording"):
+        open_camera(str(tmp_path))
 
 
 def test_a_folder_of_pictures_is_a_camera(tmp_path):
@@ -230,8 +244,11 @@ def test_a_folder_of_pictures_is_a_camera(tmp_path):
     [
         ("", BadAddress),
         ("no such camera", CameraAbsent),
+        ("99999999999", CameraAbsent),
+        ("9" * 5000, CameraAbsent),
         ("virtual-table://?mounts=1&cameras=1#2", CameraAbsent),
         ("virtual-table://#x", BadAddress),
+        ("virtual-table://#" + "9" * 5000, BadAddress),
     ],
 )
 def test_a_camera_that_is_not_there_is_refused(address, kind):

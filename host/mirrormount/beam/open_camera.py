@@ -56,7 +56,7 @@ def _of_table(address: str) -> Camera:
     table_address, _, number = address.partition("#")
     table = open_table(table_address)
     try:
-        if number and not (number.isascii() and number.isdigit()):
+        if number and not (number.isascii() and number.isdigit() and len(number) < 10):
             raise BadAddress(f"after # comes the camera's number, 1 to {len(table.cameras)}, not {number[:20]!r}")
         at = int(number or 1)
         if not 1 <= at <= len(table.cameras):

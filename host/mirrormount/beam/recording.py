@@ -76,19 +76,19 @@ class Recording(Folder):
             self.size = Size(int(about["width"]), int(about["height"]))
             fixed = about.get("exposure_fixed"), about.get("gain_fixed")
             self.controls = Controls(*fixed, about.get("exposure"), about.get("exposure_unit"), about.get("gain"))
-        except (OSError, ValueError, KeyError, TypeError) as e:
+        except (OSError, ValueError, KeyError, TypeError, OverflowError) as e:
             raise CameraError(f"{folder / _ABOUT}: not the head of a recording: {e}") from e
 
     def frames(self) -> Iterator[Frame]:
         """The recorded frames. Raises CameraError at a line or a picture that cannot be read."""
         number = 0
-        with (self._folder / _LIST).open(encoding="utf-8") as lines:
+        with (self._folder / _LIST).open("rb") as lines:  # a line that is no text is that line's error
             for number, line in enumerate(lines, 1):
                 try:
                     one = json_text.loads(line)
                     name, time_s = str(one["file"]), float(one["time_s"])
                     count, repeated, late = int(one["number"]), bool(one["repeated"]), bool(one["late"])
-                except (ValueError, KeyError, TypeError) as e:
+                except (ValueError, KeyError, TypeError, OverflowError) as e:
                     raise CameraError(f"{self._folder / _LIST}, line {number}: {e}") from e
                 if Path(name).name != name:
                     raise CameraError(f"{self._folder / _LIST}, line {number}: {name[:80]!r} is no file's name")

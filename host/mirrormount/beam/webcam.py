@@ -18,6 +18,7 @@ from mirrormount.common.beam_errors import CameraAbsent, CameraGone
 
 SYSFS = Path("/sys/class/video4linux")
 _TRIED = 6  # indices that are tried where the system does not list cameras
+_INDEX_DIGITS = 9  # of an index: OpenCV takes a C int
 _SILENT_S = 5.0  # without a frame for so long, the camera is gone
 
 
@@ -67,7 +68,7 @@ def tried() -> list[Device]:
 
 def open_webcam(which: str, *, limits: Limits = Limits()) -> "Webcam":  # noqa: B008
     """The webcam of an index ("0"), a device or video file, or a part of a name. Raises CameraAbsent."""
-    if which.isascii() and which.isdigit():
+    if which.isascii() and which.isdigit() and len(which) <= _INDEX_DIGITS:
         return Webcam(_capture(int(which)), _name(int(which)), limits)
     if os.path.exists(which):
         return Webcam(_capture(which), which, limits)
