@@ -63,6 +63,13 @@ def test_an_angle_of_incidence_that_nobody_gave_is_not_known(folder, capsys):
     assert of_axes.mirror_urad(Estimate(1, 0, "px"), "x") and of_axes.mirror_urad(Estimate(1, 0, "px"), "y") is None
 
 
+def test_the_help_says_that_an_angle_that_is_not_given_is_not_known(capsys):
+    with pytest.raises(SystemExit):
+        main(["camera", "scale", "ruler", "--help"])
+    words = " ".join(capsys.readouterr().out.split())
+    assert "between beam and mirror's normal (default: as saved before, else not known)" in words
+
+
 @pytest.mark.parametrize("command", ["camera scale pitch 3", "scan line 1 0 1", "measure steps"])
 def test_a_saved_scale_of_another_size_is_not_left_out_in_silence(command, folder, capsys):
     assert main(["camera", "scale", "pitch", "5", "--distance", "1500"]) == 0

@@ -45,7 +45,11 @@ def _scale(parser: argparse.ArgumentParser) -> None:
         _camera(source)
         source.add_argument("--distance", metavar="MM", help="from the mirror to the screen, along the beam")
         source.add_argument("--distance-error", metavar="MM", help="its standard error (0)")
-        source.add_argument("--incidence", metavar="DEGREES", help="between beam and mirror's normal (0)")
+        source.add_argument(
+            "--incidence",
+            metavar="DEGREES",
+            help="between beam and mirror's normal (default: as saved before, else not known)",
+        )
         source.add_argument("--incidence-error", metavar="DEGREES", help="its standard error (0)")
 
 
