@@ -1,13 +1,17 @@
 """What setup, status, check and config make of encoders."""
 
+import signal
+
 import pytest
 
-from mirrormount.cli import main
+from mirrormount.cli import check, main
 from mirrormount.cli.dialogue import Dialogue
 from mirrormount.cli.self_test import run_checks
 from mirrormount.cli.setup_course import run_course
 from mirrormount.cli.setup_encoder import encoder as set_up
 from mirrormount.common import errors
+from mirrormount.device import settings
+from mirrormount.device.encoder import Encoded
 
 
 def test_a_setting_of_an_encoder_that_is_not_there_is_told_in_one_line(capsys):
@@ -116,3 +120,24 @@ def test_check_at_rest_tells_an_encoder_that_does_not_answer(loop, capsys):
         run_checks(lambda: mount.mount, move=False)
     line = next(line for line in capsys.readouterr().out.splitlines() if "x encoder" in line)
     assert line.startswith("FAILED") and "does not answer" in line and "its plug" in line
+
+
+@pytest.mark.parametrize(("name", "status"), [("SIGTERM", 143), ("SIGINT", 130)])
+def test_a_signal_ends_check_and_a_further_ctrl_c_leaves_the_loops_closed_too(loop, monkeypatch, name, status):
+    mount = loop().mount
+    put_back = settings.put_back
+
+    def ended(_axis, _steps):
+        assert mount.x.closed_loop == 0
+        signal.raise_signal(getattr(signal, name))
+
+    def interrupted(*args):
+        signal.raise_signal(signal.SIGINT)
+        put_back(*args)
+
+    monkeypatch.setattr(Encoded, "_counts_of", ended)
+    monkeypatch.setattr(settings, "put_back", interrupted)
+    monkeypatch.setattr(check, "open_mount", lambda _args: mount)
+    monkeypatch.setattr(mount.session, "close", lambda: None)
+    assert main.main(["check", "--move"]) == status
+    assert [axis.closed_loop for axis in mount.axes] == [1, 1]

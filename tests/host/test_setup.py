@@ -1,17 +1,22 @@
 """`mirrormount setup` with a person who looks at the virtual screen and presses virtual switches."""
 
+import contextlib
 import math
 import re
+import signal
+import subprocess
+import sys
 
 import pytest
-from served import run_cli
+from served import HANG_S, run_cli
 from three_axes import make_firmware, switch_on
 
 from mirrormount import Mount
+from mirrormount.cli import main, setup, setup_course
 from mirrormount.cli.dialogue import Dialogue
 from mirrormount.cli.setup_course import run_course
 from mirrormount.common import errors
-from mirrormount.device import calibration
+from mirrormount.device import calibration, settings
 from mirrormount.device.scale_fit import Marks, beam_per_mirror, measure
 from mirrormount.transport.lines import Link
 from mirrormount.virtual.bench import SCREEN_MM
@@ -272,6 +277,69 @@ def test_ctrl_c_leaves_the_motors_off_and_nothing_changed(mount):
     assert "nothing was saved" in person.said[-1]
     assert mount.settings() == before
     assert not any(mount.link.port.simulation.bench.duties().values())
+
+
+@pytest.mark.parametrize(("name", "status"), [("SIGTERM", 143), ("SIGHUP", 129), ("SIGINT", 130)])
+def test_a_signal_ends_setup_and_a_further_ctrl_c_leaves_nothing_changed_either(mount, monkeypatch, name, status):
+    before = mount.settings()
+    person = Person(mount, {"Which way": ["left"]})
+    put_back, signals = settings.put_back, [getattr(signal, name)]
+
+    def answer(question: str) -> str:
+        if person.asked and mount.settings() != before and signals:
+            signal.raise_signal(signals.pop())
+        return person(question)
+
+    def interrupted(*args):
+        signal.raise_signal(signal.SIGINT)
+        put_back(*args)
+
+    monkeypatch.setattr(settings, "put_back", interrupted)
+    monkeypatch.setattr(setup, "open_mount", lambda _args: contextlib.nullcontext(mount))
+    monkeypatch.setattr(setup_course, "run_course", lambda mount: run_course(mount, answer, person.say))
+    assert main.main(["setup"]) == status
+    assert not signals and "nothing was saved" in person.said[-1]
+    assert mount.settings() == before
+    assert not any(mount.link.port.simulation.bench.duties().values())
+
+
+def test_ctrl_c_while_the_settings_are_put_back_leaves_nothing_changed(mount, monkeypatch):
+    before = mount.settings()
+    put_back, presses = settings.put_back, [KeyboardInterrupt()]
+
+    def interrupted(*args):
+        if presses:
+            raise presses.pop()
+        put_back(*args)
+
+    monkeypatch.setattr(settings, "put_back", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        set_up(mount, {"Which way": ["left", EOFError()]})
+    assert mount.settings() == before
+
+
+def test_setup_whose_output_nobody_reads_any_more_leaves_nothing_changed(mount):
+    before = mount.settings()
+    person = Person(mount)
+
+    def say(_text: str) -> None:
+        if mount.settings() != before:
+            raise BrokenPipeError
+
+    with pytest.raises(BrokenPipeError):
+        run_course(mount, person, say)
+    assert mount.settings() == before
+
+
+def test_a_byte_that_is_no_text_is_a_wrong_answer_and_asked_again(monkeypatch):
+    monkeypatch.setenv("PYTHONIOENCODING", "utf-8:strict")
+    words = ("setup", "--port", "virtual://?speed=max")
+    run = subprocess.run(
+        [sys.executable, "-m", "mirrormount", *words], input=b"\xff\n\xc3", capture_output=True, timeout=HANG_S
+    )
+    assert run.returncode == 1
+    assert run.stdout.count(b"please answer yes or no") == 2
+    assert run.stderr.count(b"\n") == 1 and b"the input has ended: nothing was saved" in run.stderr
 
 
 def test_a_no_at_the_end_saves_nothing(mount):

@@ -14,8 +14,10 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Print one line a check. Raises CheckFailed if one failed."""
     from mirrormount.cli.self_test import run_checks
+    from mirrormount.common.signals import ended_in_order
 
-    run_checks(lambda: open_mount(args), move=args.move)
+    with ended_in_order(interrupts=True):
+        run_checks(lambda: open_mount(args), move=args.move)
 
 
 COMMAND = Command("check", "test the mount step by step; nothing moves without --move", run, arguments)

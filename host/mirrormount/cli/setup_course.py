@@ -4,12 +4,14 @@ All or nothing: until the last question is answered with yes, nothing is saved. 
 motors are off and the old settings are on the board.
 """
 
+import contextlib
 from collections.abc import Callable
 
 from mirrormount.cli.dialogue import Dialogue
 from mirrormount.cli.setup_encoder import encoder, measured, open_loops
 from mirrormount.cli.setup_steps import Ways, direction, scale, switches, ways
 from mirrormount.common.errors import MountError, SetupEnded
+from mirrormount.common.signals import Terminated
 from mirrormount.device import calibration, settings
 from mirrormount.device.calibration import Scale
 from mirrormount.device.mount import Axis, Mount
@@ -37,15 +39,16 @@ def run_course(mount: Mount, ask: Callable[[str], str] = input, say: Callable[[s
             say(_put_back(mount, before))
             return
     except EOFError:
-        say("")  # the question stands without an answer
-        raise SetupEnded(f"the input has ended: {_put_back(mount, before)}") from None
-    except KeyboardInterrupt:
-        say(f"\n{_put_back(mount, before)}")
-        raise
+        ended = SetupEnded(f"the input has ended: {_put_back(mount, before)}")
+        with contextlib.suppress(OSError):
+            say("")  # the question stands without an answer
+        raise ended from None
     except SetupEnded as e:
         raise SetupEnded(f"{e}: {_put_back(mount, before)}") from e
-    except MountError:
-        say(_put_back(mount, before))
+    except BaseException as e:  # Ctrl-C and other signals, too, and output that nobody reads
+        outcome = _put_back(mount, before)
+        with contextlib.suppress(OSError):
+            say(outcome if isinstance(e, MountError) else f"\n{outcome}")
         raise
     _save(mount, scales, say)
 
@@ -100,6 +103,9 @@ def _put_back(mount: Mount, before: dict[str, dict[str, int | float]]) -> str:
         settings.put_back(mount.session, before)
     except MountError as e:
         return f"nothing was saved; the settings could not be put back ({e}): a restart of the board does that"
+    except (KeyboardInterrupt, Terminated):  # of a shell command the only one: it ignores further ones
+        _put_back(mount, before)
+        raise
     return _NOTHING
 
 

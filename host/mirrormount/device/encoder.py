@@ -80,8 +80,8 @@ class Encoded(Moves):
         _ = self.counts  # there is one
         before = settings.read(self._session)[self.name]
         was = {name: before[name] for name in ("closed_loop", "units") if name in before}
-        settings.write(self._session, {self.name: dict.fromkeys(was, 0)})
         try:
+            settings.write(self._session, {self.name: dict.fromkeys(was, 0)})
             way = -1 if before["inverted"] else 1
             forward, _ = self._counts_of(n)
             back, first = self._counts_of(-n)
