@@ -33,9 +33,10 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Carry out the verb. Raises MountError; BadValue and BadFile before a port is opened."""
     from mirrormount.cli import config_verbs
+    from mirrormount.common.signals import ended_in_order
 
     config_verbs.check_arguments(args)
-    with open_mount(args) as mount:
+    with ended_in_order(interrupts=True), open_mount(args) as mount:
         config_verbs.carry_out(mount, args)
 
 

@@ -147,7 +147,7 @@ class MoveEnded(MountError):
 
 class SettingRefused(MountError):
     """The board does not take a setting: it moves, or the value does not go with the others (error n10, n35). The
-    line names setting and error; all settings are as they were.
+    line names setting and error; all settings are as they were, but for those that the line names.
     Remedy: See the board's error of that number.
     """
 

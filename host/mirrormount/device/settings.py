@@ -5,13 +5,22 @@ if it refuses a setting, all settings are restored.
 """
 
 import contextlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from mirrormount.common.axis_names import is_axis
 from mirrormount.common.declared import one_line, texts
-from mirrormount.common.errors import BadValue, BoardError, NotAMount, NotSupported, SettingRefused
+from mirrormount.common.errors import (
+    BadValue,
+    BoardError,
+    ConnectionLost,
+    MountError,
+    NoAnswer,
+    NotAMount,
+    NotSupported,
+    SettingRefused,
+)
 from mirrormount.common.printable import printable
 from mirrormount.device.session import Session
 from mountfw import codes as wire
@@ -142,9 +151,10 @@ def read_one(session: Session, axis: str, name: str) -> int | float:
 
 
 def write(session: Session, wanted: Mapping[str, Mapping[str, int | float]]) -> None:
-    """Change the settings that differ from the board's: all of them, or none.
+    """Change the settings that differ from the board's: all of them, or none, also where an interrupt ends it.
 
-    Raises BadValue before any byte is sent, SettingRefused when the board refuses one.
+    Raises BadValue before any byte is sent, SettingRefused when the board refuses one; NoAnswer, ConnectionLost. The
+    error says if the settings are not as they were.
     """
     check(wanted)
     for axis in wanted:
@@ -153,34 +163,65 @@ def write(session: Session, wanted: Mapping[str, Mapping[str, int | float]]) -> 
     before = read(session)
     check_together(before, wanted)
     try:
-        _apply(session, wanted)
+        for one in _differing(session, wanted):
+            _set(session, *one)
+    except (SettingRefused, NoAnswer, ConnectionLost) as e:
+        raise type(e)(f"{e}; {_undone(session, before)}") from e
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(f"stopped; {_undone(session, before)}") from None
+    except BaseException:
+        _undone(session, before)
+        raise
+
+
+def _undone(session: Session, before: Mapping[str, Mapping[str, int | float]]) -> str:
+    """Put the settings back. Returns how they are, for an error."""
+    try:
+        put_back(session, before)
     except SettingRefused as e:
-        with contextlib.suppress(SettingRefused):  # a refused setting was not changed
-            _apply(session, before)
-        raise SettingRefused(f"{e}; the settings are as they were") from e
+        return str(e)
+    except MountError:
+        return "which settings are changed is not known: `mirrormount config get` shows them"
+    return "the settings are as they were"
 
 
 def put_back(session: Session, before: Mapping[str, Mapping[str, int | float]]) -> None:
-    """Write settings that the board had before.
+    """Write settings that the board had before; one that it refuses does not keep the others from it.
 
-    Where an encoder has failed meanwhile, the board says so when its loop is closed again, once for each axis: that
-    refuses nothing. Raises SettingRefused.
+    Where an encoder has failed meanwhile, the board says so when its loop is closed again or soon after that, once for
+    each axis: that refuses nothing. Raises SettingRefused if some are not as they were.
     """
-    for _ in before:
+    for _ in range(1 + len(before)):
+        with contextlib.suppress(BoardError):
+            if not _set_differing(session, before):
+                return
+    if left := _set_differing(session, before):
+        raise SettingRefused(f"the board does not take back {', '.join(left)}")
+
+
+def _set_differing(session: Session, before: Mapping[str, Mapping[str, int | float]]) -> list[str]:
+    """Set those that differ, also after a refusal, which may depend on a later one. Returns them: [] if none did."""
+    found: list[str] = []
+    for axis, name, value in _differing(session, before):
+        found.append(f"{axis}.{name} = {value}")
         with contextlib.suppress(SettingRefused):
-            write(session, before)
-            return
-    write(session, before)
+            _set(session, axis, name, value)
+    return found
 
 
-def _apply(session: Session, wanted: Mapping[str, Mapping[str, int | float]]) -> None:
-    """Set those that differ. Inverting an axis swaps its limits: it comes first, and the rest is compared after it."""
+def _differing(
+    session: Session, wanted: Mapping[str, Mapping[str, int | float]]
+) -> Iterator[tuple[str, str, int | float]]:
+    """Axis, name and value of those that differ from the board's, each to be set before the next one is taken.
+
+    Inverting an axis swaps its limits: it comes first, and the rest is compared after it.
+    """
     for names in (["inverted"], [name for name in SETTINGS if name != "inverted"]):
         now = read(session)
         for axis in wanted:
             for name in names:
                 if name in wanted[axis] and wanted[axis][name] != now[axis].get(name, 0):  # 0: no encoder
-                    _set(session, axis, name, wanted[axis][name])
+                    yield axis, name, wanted[axis][name]
 
 
 def _set(session: Session, axis: str, name: str, value: int | float) -> None:
