@@ -36,6 +36,15 @@ def test_a_ruler_saves_millimetres_a_pixel_and_angles(folder, capsys):
     assert (found.mm_per_px, found.distance_mm, found.sigma_distance_mm, found.incidence_deg) == (0.05, 1500, 5, 45)
 
 
+def test_a_value_that_cannot_be_written_again_is_told_with_its_file_which_stays(folder, capsys):
+    scale.path().parent.mkdir()
+    scale.path().write_text("days = [1, 2]\n")
+    assert main(["camera", "scale", "pitch", "3"]) == 1
+    err = capsys.readouterr().err
+    assert err.startswith(f"mirrormount: {scale.path()}: days = [1, 2] is no number") and err.count("\n") == 1
+    assert scale.path().read_text() == "days = [1, 2]\n"
+
+
 def test_a_checkerboard_in_the_picture_is_measured(folder, capsys):
     assert main(["camera", "scale", "checkerboard", "9", "6", "5"]) == 0
     assert "angles need --distance" in capsys.readouterr().out

@@ -8,6 +8,7 @@ import subprocess
 import sys
 
 import pytest
+from full_disk import run_with_room
 from served import HANG_S, run_cli
 from three_axes import make_firmware, switch_on
 
@@ -356,6 +357,23 @@ def test_a_damaged_calibration_file_is_told_before_anything_moves(mount):
         set_up(mount)
     assert not [e for e in mount.link.port.simulation.edges if e[1].endswith("_en") and e[2]]
     assert calibration.path().read_text() == "x = = 3"
+
+
+def test_a_value_that_cannot_be_written_again_is_told_before_anything_is_asked(mount):
+    calibration.path().write_text(f"[{mount.board_id}]\nmeasured = 2026-05-01\n")
+    person = Person(mount)
+    with pytest.raises(errors.BadFile, match=r"measured = 2026-05-01 is no number.* move the file away") as damage:
+        run_course(mount, person, person.say)
+    assert str(calibration.path()) in str(damage.value)
+    assert not person.asked
+    assert calibration.path().read_text().endswith("measured = 2026-05-01\n")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="RLIMIT_FSIZE")
+def test_a_disk_without_room_is_told_before_anything_is_asked():
+    run = run_with_room(1000, "setup", "--port", "virtual://?speed=max")
+    assert (run.returncode, run.stdout) == (1, "")
+    assert run.stderr.startswith(f"mirrormount: cannot write {calibration.path()}: ") and run.stderr.count("\n") == 1
 
 
 def test_readings_that_go_the_wrong_way_are_taken_again(mount):

@@ -173,7 +173,7 @@ def write(camera: Camera, scale: Scale) -> Path:
         raise BadValue(f"the scale is of {scale.width} x {scale.height} pixels, the camera has {camera.size}")
     tables = toml_file.read(path())
     tables[camera.name] = {key: value for key, value in asdict(scale).items() if value is not None}
-    whole_file.write(path(), toml_file.text(tables, _HEADING), make_folder=True)
+    whole_file.write(path(), toml_file.text_for(path(), tables, _HEADING), make_folder=True)
     return path()
 
 

@@ -26,12 +26,13 @@ Ctrl-C ends it at any time: motors off, nothing saved."""
 def run_course(mount: Mount, ask: Callable[[str], str] = input, say: Callable[[str], None] = print) -> None:
     """Ask and move, and save at the end if the answer is yes.
 
-    Raises SetupEnded if the input ends or a step fails, BadFile if the calibration file is damaged, and as
-    Axis.step() does.
+    Raises SetupEnded if the input ends or a step fails, BadFile or CannotWrite if the scales could not be saved, and
+    as Axis.step() does.
     """
     talk = Dialogue(ask, say)
     for axis in mount.axes:
         calibration.read(mount.board_id, axis.number)  # a damaged file is reported now, not after all the work
+    calibration.check_writable()
     before = mount.settings()
     try:
         scales = _go_through(mount, talk)

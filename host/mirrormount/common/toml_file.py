@@ -66,8 +66,16 @@ def read(path: Path) -> dict[str, Any]:
         raise BadFile(f"{path}: {e.strerror}") from e
 
 
+def text_for(path: Path, tables: Mapping[str, Any], heading: str) -> str:
+    """text() of tables most of which were read from that file, which anybody may have written. Raises BadFile."""
+    try:
+        return text(tables, heading)
+    except BadFile as e:
+        raise BadFile(f"{path}: {e}: correct it, or move the file away") from e
+
+
 def text(tables: Mapping[str, Any], heading: str) -> str:
-    """Tables of numbers, truth values and texts as TOML, below a heading of comments."""
+    """Tables of numbers, truth values and texts as TOML, below a heading of comments. Raises BadFile."""
     lines = [f"# {line}" for line in heading.splitlines()]
     _add(lines, tables, ())
     return "\n".join(lines) + "\n"
@@ -77,21 +85,22 @@ def _add(lines: list[str], table: Mapping[str, Any], path: tuple[str, ...]) -> N
     values = {key: value for key, value in table.items() if not isinstance(value, Mapping)}
     if path and (values or not table):
         lines += ["", f"[{'.'.join(map(_key, path))}]"]
-    lines += [f"{_key(key)} = {_value(value)}" for key, value in values.items()]
+    lines += [f"{_key(key)} = {_value(value, key)}" for key, value in values.items()]
     for key, value in table.items():
         if isinstance(value, Mapping):
             _add(lines, value, (*path, key))
 
 
 def _key(key: str) -> str:
-    return key if _BARE_KEY.fullmatch(key) else _value(key)
+    return key if _BARE_KEY.fullmatch(key) else _value(key, key)
 
 
-def _value(value: object) -> str:
+def _value(value: object, key: str) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, int | float):
         return repr(value)
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")  # a TOML string escapes as JSON does
-    raise BadFile(f"{value!r} is none of the values that these files hold: number, truth value, text")
+    shown = printable(str(value), 60)
+    raise BadFile(f"{printable(key, 60)} = {shown} is no number, truth value or text, as all in these files is")

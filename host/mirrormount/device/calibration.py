@@ -12,7 +12,7 @@ table for each axis of each board, under the board's unique id:
     beam_per_mirror = 2.0  # by how much the beam turns when the mirror turns by 1; for angles of the beam
     screen_mm = 1500.0     # from the mirror to the screen; for mm on the screen
 
-Imports errors, toml_file.
+Imports errors, toml_file, whole_file.
 """
 
 import os
@@ -23,7 +23,7 @@ from typing import Any
 
 from platformdirs import user_config_path
 
-from mirrormount.common import toml_file
+from mirrormount.common import toml_file, whole_file
 from mirrormount.common.errors import BadFile, NotCalibrated
 from mirrormount.common.printable import printable
 
@@ -96,8 +96,14 @@ def write(board_id: str, scales: Mapping[int, Scale]) -> Path:
         measured = {key: getattr(scale, key) for key in _NUMBERS}
         board[f"axis{axis}"] = {k: v for k, v in measured.items() if v is not None} | asdict(scale.step)
     # a link in the user's own folder of settings is the user's: the file that it leads to is written
-    toml_file.write(path().resolve(), toml_file.text(tables, _HEADING), make_folder=True)
+    toml_file.write(path().resolve(), toml_file.text_for(path(), tables, _HEADING), make_folder=True)
     return path()
+
+
+def check_writable() -> None:
+    """Raise BadFile or CannotWrite if write() would: for work whose result must not be lost. Makes the folder."""
+    toml_file.text_for(path(), _tables(), _HEADING)
+    whole_file.check_writable(path().resolve(), make_folder=True)
 
 
 def scale_of(board_id: str, axis: int, name: str, direction: int, step: Step) -> tuple[Scale, float]:
