@@ -253,6 +253,17 @@ def test_steps_on_the_sketch_last_about_as_long_as_the_papers():
     assert all(abs(us - 200_000) < 5_000 for us in lengths), lengths
 
 
+@pytest.mark.parametrize("speed", [1.001, -1.001, 0, 0.001, float("nan"), "1"])
+def test_a_jog_speed_that_is_none_is_refused_and_not_sent_to_the_sketch(speed):
+    sketch = Sketch()
+    mount = SketchMount(Link(sketch))
+    before = list(sketch.obeyed)
+    with pytest.raises(errors.BadValue, match="a jog's speed"):
+        mount.x.jog(speed)
+    sketch.sleep(1)
+    assert sketch.obeyed == before
+
+
 def test_a_stop_reaches_the_sketch_even_right_after_another_frame():
     sketch = Sketch()
     mount = SketchMount(Link(sketch))

@@ -65,6 +65,7 @@ def test_a_motion_that_the_board_refuses_says_so_in_its_outcome(loop, board):
         lambda loop: loop.step("x", 1.5),
         lambda loop: loop.move_to("x", 10**7),
         lambda loop: loop.jog("y", 0),
+        lambda loop: loop.jog("y", 0.001),
         lambda loop: loop.pulse("y", 199),
         lambda loop: loop.halt("w"),
     ],

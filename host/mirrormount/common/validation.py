@@ -27,6 +27,16 @@ def real_number(value: object, most: int, what: str) -> int | float:
     return _within(number, most, what)
 
 
+def jog_duty(speed: object) -> int:
+    """The duty, -255 … 255, that is nearest to a jog's speed, -1 … 1 of full duty and not 0. Raises BadValue."""
+    if isinstance(speed, bool) or not isinstance(speed, int | float) or not 0 < abs(speed) <= 1:
+        raise BadValue(f"a jog's speed is a number within -1 … 1 other than 0, not {speed!r}")
+    duty = round(speed * 255)
+    if duty == 0:
+        raise BadValue(f"a jog's speed comes in steps of 1/255: {speed!r} is none")
+    return duty
+
+
 def _within(number: int | float, most: int, what: str) -> int | float:
     if abs(number) > most:
         raise BadValue(f"{what} is within -{most} … {most}, not {number}")

@@ -8,7 +8,7 @@ are spaced, each is confirmed by its echo, and a stop is repeated until it is co
 from typing import Self
 
 from mirrormount.common.errors import BadValue, ConnectionLost, MountError, NoAnswer, NotAMount, NotSupported
-from mirrormount.common.validation import whole_number
+from mirrormount.common.validation import jog_duty, whole_number
 from mirrormount.device.frame import encode
 from mirrormount.transport.lines import Link
 from mirrormount.transport.open import open_port
@@ -186,8 +186,8 @@ class SketchAxis:
             self._mount.pulse(*((speed, 0) if self.number == 1 else (0, speed)))
 
     def jog(self, speed: float) -> None:
-        """Run at speed, -1 ... 1, until stop(): nothing else will stop it."""
-        duty = whole_number(round(speed * 255), 255, "speed x 255")
+        """Run at speed, -1 … 1 and not 0, until stop(): nothing else stops it. Raises BadValue, and as drive()."""
+        duty = jog_duty(speed)
         self._mount.drive(*((duty, 0) if self.number == 1 else (0, duty)))
 
     def stop(self) -> None:

@@ -7,7 +7,7 @@ interrupted cell of a notebook) of a method that waits for a motion stops all mo
 import html
 
 from mirrormount.common.errors import BadValue
-from mirrormount.common.validation import whole_number, whole_numbers
+from mirrormount.common.validation import jog_duty, whole_number, whole_numbers
 from mirrormount.device import settings
 from mirrormount.device.encoder import Encoded
 from mirrormount.device.moves import Progress
@@ -96,20 +96,16 @@ class Axis(Encoded):
         The duty comes in steps of 1/255; the nearest is taken. Without feed the caller keeps it alive,
         as in Mount.drive().
         """
-        if isinstance(speed, bool) or not isinstance(speed, int | float) or not 0 < abs(speed) <= 1:
-            raise BadValue(f"a jog's speed is a number within -1 … 1 other than 0, not {speed!r}")
-        duty = round(abs(speed) * 255)
-        if duty == 0:
-            raise BadValue(f"a jog's speed comes in steps of 1/255: {speed!r} is none")
+        duty = jog_duty(speed)
         a, session = self.number, self._session
         stops = session.gate.last_stop()
         if self.status().moving:  # the present move is superseded
             self.stop()
         run_duty, limit_ms = whole_numbers(session.ask(f"{a}XV?;{a}XM?"), 2, "; ")
-        sign = "+" if speed > 0 else "-"
+        sign = "+" if duty > 0 else "-"
         with session.stopped_by_interrupt():
             # the stored run duty is put back in the same line
-            session.start(f"{a}XV{duty};{a}MV{sign};{a}XV{run_duty}", stops)
+            session.start(f"{a}XV{abs(duty)};{a}MV{sign};{a}XV{run_duty}", stops)
             self.expect_end(limit_ms / 1000)
             if feed:
                 session.keep_alive.start()

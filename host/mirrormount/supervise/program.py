@@ -6,7 +6,7 @@ from types import TracebackType
 from typing import Self, TypeVar
 
 from mirrormount.common.errors import BadValue
-from mirrormount.common.validation import whole_number
+from mirrormount.common.validation import jog_duty, whole_number
 from mirrormount.device.mount import Mount
 from mirrormount.device.moves import pulse_length
 from mirrormount.supervise.lease import Client
@@ -84,8 +84,7 @@ class Program(Client):
 
         Raises as step().
         """
-        if isinstance(speed, bool) or not isinstance(speed, int | float) or not 0 < abs(speed) <= 1:
-            raise BadValue(f"a jog's speed is a number within -1 … 1 other than 0, not {speed!r}")
+        jog_duty(speed)
         return self._ask(Jog(self._checked(axis), speed))
 
     def home(self, axis: str) -> Motion:
