@@ -43,6 +43,18 @@ def test_on_a_terminal_the_result_is_offered_and_saved_only_for_yes(answer, save
     assert ("to use it: mirrormount config set x.take_up_us 251000 --save" in out) is not saved
 
 
+def test_a_take_up_beyond_what_the_board_takes_up_is_told_with_what_was_measured(tables, monkeypatch, capsys):
+    def worn(rig, result, _tell):
+        rig.look()
+        result.estimates["x.take_up"] = Estimate(2_800_000.0, 900.0, "us")
+
+    monkeypatch.setattr(measure_work.backlash, "run", worn)
+    assert main.main(["measure", "backlash", *SEED, "--axes", "x"]) == 0
+    out = capsys.readouterr().out
+    assert "x.take_up_us: 0 → 2000000\n" in out
+    assert "  x: a turn loses 2.8 s of drive, and the board takes up 2 s at most\n" in out
+
+
 def test_without_a_terminal_nothing_is_asked_and_nothing_is_saved(found, tables, monkeypatch, capsys):
     monkeypatch.setattr("builtins.input", pytest.fail)
     assert main.main(["measure", "backlash", *SEED, "--axes", "x"]) == 0

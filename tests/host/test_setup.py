@@ -144,6 +144,18 @@ def test_the_take_up_that_setup_finds_closes_the_gap_of_a_turn(mount):
     assert abs(lost_in_a_turn()) < before / 4
 
 
+def test_a_take_up_beyond_what_the_board_takes_up_is_told_with_what_was_measured(mount):
+    def mm(steps: float) -> str:  # of 0.2 mrad of the mirror
+        return f"{SCREEN_MM * math.tan(2 * 0.2e-3 * steps):.4f}"
+
+    lost = 14
+    marks = [mm(0), mm(40), mm(lost), mm(lost - 40), mm(0)]
+    person = set_up(mount, {"(more is right)": marks, "Steps from": ["40"]}, distance_mm=SCREEN_MM)
+    assert mount.settings()["x"]["take_up_us"] == 2_000_000
+    told = "take-up 2000000 us (a turn loses 2.8 s of drive, and the board takes up 2 s at most)"
+    assert any(told in text for text in person.said)
+
+
 def test_what_setup_has_found_is_kept_through_a_recall(mount):
     set_up(mount, {"End-stop switches on y": ["none"]}, distance_mm=SCREEN_MM)
     found = mount.settings()

@@ -9,10 +9,9 @@ from mirrormount.beam.optics import Optics
 from mirrormount.beam.result import Result
 from mirrormount.device import calibration
 from mirrormount.device.mount import Mount
-from mirrormount.device.scale_fit import beam_per_mirror
+from mirrormount.device.scale_fit import beam_per_mirror, take_up
 
 OF_USE = ("steps", "backlash", "pulses")  # experiments from which something follows
-_MOST_TAKE_UP_US = 2_000_000  # the range of XB
 _SURE = 3.0  # standard errors by which a pulse moves the spot for certain
 _PULSE = re.compile(r"\.pulse_([0-9.]+)ms$")
 
@@ -51,9 +50,11 @@ def _wanted() -> bool:
 
 
 def _take_up(mount: Mount, axes: Sequence[str], result: Result, _optics: Optics) -> Offer:
-    found = {axis: result.estimates[f"{axis}.take_up"].value for axis in axes}
-    after = {axis: {"take_up_us": min(_MOST_TAKE_UP_US, max(0, round(value)))} for axis, value in found.items()}
-    return _settings(mount, after, "take_up_us", "The take-up is saved on the board.")
+    found = {axis: take_up(result.estimates[f"{axis}.take_up"].value) for axis in axes}
+    after = {axis: {"take_up_us": us} for axis, (us, _) in found.items()}
+    offer = _settings(mount, after, "take_up_us", "The take-up is saved on the board.")
+    notes = [f"{axis}: {beyond}" for axis, (_, beyond) in found.items() if beyond]
+    return replace(offer, changes=[*offer.changes, *notes])
 
 
 def _step(mount: Mount, axes: Sequence[str], result: Result, _optics: Optics) -> Offer | None:

@@ -72,11 +72,11 @@ def _go_through(mount: Mount, talk: Dialogue) -> dict[int, Scale]:
     mirrors = [{mount.x: axes[mount.x], mount.y: axes[mount.y]}]  # the axes of each mirror
     mirrors += [{axis: way} for axis, way in axes.items() if axis not in mirrors[0] and way.like]
     for mirror in mirrors:
-        for axis, (found, take_up_us) in _measure(mount, mirror, talk).items():
+        for axis, (found, take_up) in _measure(mount, mirror, talk).items():
             scales[axis.number] = found
             summary.append(
                 f"{axis.name}: {found.positive:g} mrad of the mirror a step {axes[axis].positive},"
-                f" {found.negative:g} {axes[axis].negative}; take-up {take_up_us} us"
+                f" {found.negative:g} {axes[axis].negative}; take-up {take_up}"
             )
     for axis in axes:
         inverted, fitted = axis.ask_whole("XI?", "XL?")
@@ -86,7 +86,7 @@ def _go_through(mount: Mount, talk: Dialogue) -> dict[int, Scale]:
     return scales
 
 
-def _measure(mount: Mount, axes: dict[Axis, Ways], talk: Dialogue) -> dict[Axis, tuple[Scale, int]]:
+def _measure(mount: Mount, axes: dict[Axis, Ways], talk: Dialogue) -> dict[Axis, tuple[Scale, str]]:
     """Ask for the geometry of one mirror, and measure the scale and take-up of its axes; {} without a distance."""
     mirror = "the mirror" if mount.x in axes else f"the mirror of {' and '.join(axis.name for axis in axes)}"
     distance_mm = talk.number(f"Distance from {mirror} to the screen, in mm (0: no scale now)", "mm", 0, 1e6)

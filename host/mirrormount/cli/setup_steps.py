@@ -10,10 +10,9 @@ from mirrormount.cli.dialogue import Dialogue
 from mirrormount.common.errors import SettingRefused, SetupEnded
 from mirrormount.device.calibration import Scale, Step
 from mirrormount.device.mount import Axis, Mount
-from mirrormount.device.scale_fit import Marks, Measured, beam_per_mirror, measure
+from mirrormount.device.scale_fit import Marks, Measured, beam_per_mirror, measure, take_up
 
 _TRIES = (5, 10, 20)  # steps: the first few may vanish in the backlash
-_MOST_TAKE_UP_US = 2_000_000
 _USUAL_MRAD = (0.01, 2.0)  # of the mirror a step; the paper's mount: 0.2
 _ALIKE = 0.25  # relative difference of the two directions that needs no question
 
@@ -103,8 +102,8 @@ def switches(mount: Mount, axis: Axis, way: Ways, talk: Dialogue) -> None:
 
 def scale(
     mount: Mount, axis: Axis, way: Ways, talk: Dialogue, distance_mm: float, incidence_deg: float, n: int
-) -> tuple[Scale, int]:
-    """Measure the scale of both directions and the backlash. Returns the scale and the take-up in us of drive."""
+) -> tuple[Scale, str]:
+    """Measure the scale of both directions and the backlash. Returns the scale, and the take-up in words."""
     mount.apply({axis.name: {"take_up_us": 0}})  # it would hide the backlash
     factor = beam_per_mirror(way.like, incidence_deg)
     while True:
@@ -117,11 +116,11 @@ def scale(
         elif _plausible(found, axis, way, talk, distance_mm):
             break
     pulse_us, step_duty, inverted = axis.ask_whole("XP?", "XD?", "XI?")
-    take_up_us = min(_MOST_TAKE_UP_US, round(found.backlash * pulse_us))
+    take_up_us, beyond = take_up(found.backlash * pulse_us)
     mount.apply({axis.name: {"take_up_us": take_up_us}})
     step = Step(pulse_us, step_duty, inverted)
     positive, negative, beam = (float(f"{n:.4g}") for n in (found.positive, found.negative, factor))
-    return Scale(positive, negative, step, beam, distance_mm), take_up_us
+    return Scale(positive, negative, step, beam, distance_mm), f"{take_up_us} us" + (f" ({beyond})" if beyond else "")
 
 
 def _step(mount: Mount, axis: Axis, way: Ways, n: int, talk: Dialogue) -> None:

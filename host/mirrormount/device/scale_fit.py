@@ -8,10 +8,20 @@ about an axis in that plane (both follow from r = d - 2 (d·n) n).
 import math
 from dataclasses import dataclass
 
+from mirrormount.device.settings import SETTINGS
+
 
 def beam_per_mirror(name: str, incidence_deg: float) -> float:
     """By how much the beam turns when the mirror turns by 1, for axis x or y and a beam in a horizontal plane."""
     return 2.0 if name == "x" else 2.0 * math.cos(math.radians(incidence_deg))
+
+
+def take_up(lost_us: float) -> tuple[int, str]:
+    """The setting take_up_us for what a turn loses, in us of drive; and words where that is beyond its range, or ""."""
+    most = int(SETTINGS["take_up_us"].most)
+    if lost_us <= most:
+        return max(0, round(lost_us)), ""
+    return most, f"a turn loses {lost_us * 1e-6:.3g} s of drive, and the board takes up {most * 1e-6:g} s at most"
 
 
 @dataclass(frozen=True)
