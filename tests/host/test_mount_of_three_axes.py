@@ -7,10 +7,10 @@ import pytest
 import transcript
 from served import run_cli
 from three_axes import make_firmware, switch_on
-from transcript import AT_REST, IDENTITY, TranscriptPort, opened, sent, started
+from transcript import AT_REST, IDENTITY, TranscriptPort, opened, second_pair, sent, started
 
 from mirrormount import Limits, Mount
-from mirrormount.cli import main
+from mirrormount.cli import main, moving
 from mirrormount.cli.config_verbs import export, import_, load
 from mirrormount.common import errors
 from mirrormount.device import calibration
@@ -57,14 +57,19 @@ def test_axes_are_in_the_boards_order_and_x_and_y_by_the_number_of_x(count, x_ax
 
 
 def test_the_second_pair_of_axes_is_a_mount_of_its_own_and_takes_no_frames():
-    status = "|".join(["7,100,0", *(f"{number}000,0,0,0,1,1" for number in range(1, 5))])
-    port = TranscriptPort([("!", None), ("*IDN?", IDENTITY), *[("XS?", status)] * 2])
-    mount = Mount(Link(port), x_axis=4)
+    mount = second_pair(polls=2)
     assert (mount.x.number, mount.y.number) == (4, 3)
     assert list(mount.by_name) == ["x", "y", "axis1", "axis2"]
     assert mount.status().y.position == 3
     with pytest.raises(errors.NotSupported, match="motors 1 and 2"):
         mount.drive(10, 0)
+    mount.close()
+
+
+def test_a_drive_command_of_the_second_pair_is_refused_as_a_drive_is():
+    mount = second_pair()
+    with pytest.raises(errors.NotSupported, match="motors 1 and 2"):
+        moving.drive(mount, 100, 0, None)
     mount.close()
 
 

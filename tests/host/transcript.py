@@ -58,6 +58,13 @@ class TranscriptPort:
         assert not self.left, f"the host never said {self.left[0][0]!r}"
 
 
+def second_pair(polls: int = 1) -> Mount:
+    """A mount whose x is axis 4, on a board that is asked for its status so many times."""
+    status = "|".join(["7,100,0", *(f"{number}000,0,0,0,1,1" for number in range(1, 5))])
+    port = TranscriptPort([("!", None), ("*IDN?", IDENTITY), *[("XS?", status)] * polls])
+    return Mount(Link(port), x_axis=4)
+
+
 def opened(lines: list[tuple[str, str | None]]) -> Mount:
     """A mount at whose port these lines are to be heard, after those of the opening."""
     return Mount(Link(TranscriptPort([("!", None), ("*IDN?", IDENTITY), ("XS?", AT_REST), *lines])))

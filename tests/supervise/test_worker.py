@@ -5,10 +5,13 @@ import threading
 import pytest
 from served import PATIENCE_S, wait_for
 from supervised import Clock, at_work, moving, polled, sent
+from transcript import second_pair
 
-from mirrormount.common.errors import ConnectionLost
+from mirrormount.common.errors import ConnectionLost, NotSupported
+from mirrormount.supervise.motions import Asked, start
 from mirrormount.supervise.presses import HOLD_S
 from mirrormount.supervise.requests import Drive, GoTo, Press, Steps
+from mirrormount.supervise.state import State
 from mountfw import codes as wire
 
 RIGHT = Press({"x": 1}, 255)
@@ -175,3 +178,10 @@ def test_who_asked_when_there_was_no_board_does_not_cost_the_one_that_came(worke
     worker.call(lambda mount: mount.status()).result(PATIENCE_S)
     assert worker.mount is mount
     assert list(worker.notices) == []
+
+
+def test_a_drive_of_axes_3_and_4_is_refused_as_not_supported_and_is_no_fault(page):
+    mount = second_pair()
+    with pytest.raises(NotSupported, match="motors 1 and 2"):
+        start(mount, Asked(page, Drive(100, 0), 0, 0.0), State())
+    mount.close()

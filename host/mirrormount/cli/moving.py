@@ -77,6 +77,8 @@ def drive(mount: Mount | SketchMount, m1: int, m2: int, seconds: float | None) -
         mount.drive(m1, m2)
         _let_run(mount, seconds)
         return
+    if mount.x.number > 2:
+        mount.drive(m1, m2)  # raises NotSupported
     axes = [axis for axis in (mount.x, mount.y) if (m1, m2)[axis.number - 1]]
     _run(mount, axes, seconds, lambda: mount.drive(m1, m2))
 

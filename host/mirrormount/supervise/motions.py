@@ -188,7 +188,7 @@ def start(mount: Mount, asked: Asked, state: State) -> None:
         case Drive(x, y):
             targets.clear()
             duty = {mount.x.number: x, mount.y.number: y}
-            mount.drive(duty[1], duty[2], feed=False)
+            mount.drive(duty.get(1, 0), duty.get(2, 0), feed=False)  # raises NotSupported for axes 3 and 4
         case Home(axis):
             targets[axis] = None
             mount.axis(axis).start_homing()
