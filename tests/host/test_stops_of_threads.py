@@ -1,6 +1,7 @@
 """A stop meets the start of a motion: in another thread, and in a block that it ends."""
 
 import threading
+from collections.abc import Callable
 
 import pytest
 from served import PATIENCE_S
@@ -17,21 +18,22 @@ def mount():
 
 
 class CountingPort:
-    """A port that notes when one thread makes its n-th call of read() or write()."""
+    """A port that notes when one thread makes its n-th call of read() or write(), and calls `then` before it."""
 
     def __init__(self, port: Port) -> None:
         self._port = port
         self.lockstep = port.lockstep
-        self._left, self._thread, self.reached = 0, "", threading.Event()
+        self.note("", 0)
 
-    def note(self, thread: str, calls: int) -> None:
-        self._left, self._thread, self.reached = calls, thread, threading.Event()
+    def note(self, thread: str, calls: int, then: Callable[[], None] = lambda: None) -> None:
+        self._left, self._thread, self._then, self.reached = calls, thread, then, threading.Event()
 
     def _count(self) -> None:
         if threading.current_thread().name == self._thread:
             self._left -= 1
             if self._left == 0:
                 self.reached.set()
+                self._then()
 
     def read(self, timeout_s: float) -> bytes:
         self._count()
@@ -69,13 +71,32 @@ def test_a_stop_of_another_thread_is_not_overtaken_by_the_start_of_a_motion(call
             assert not mount.status().moving
 
 
-@pytest.mark.parametrize("start", ["step", "jog", "drive", "start_homing"])
+@pytest.mark.parametrize(("line", "keep_alive"), [("2PR5", True), ("XK500;2PR5", True), ("2MV+", False)])
+def test_a_line_does_not_start_a_motion_after_a_stop_that_came_while_old_errors_were_read(mount, line, keep_alive):
+    simulation = mount.link.port.simulation
+    mount.link.port = port = CountingPort(mount.link.port)
+
+    def stop():
+        other = threading.Thread(target=mount.halt)
+        other.start()
+        other.join(PATIENCE_S)
+
+    port.note(threading.current_thread().name, 2, then=stop)
+    with pytest.raises(errors.MoveEnded):
+        mount.send(line, keep_alive=keep_alive)
+    mount.sleep(1)
+    assert simulation.edges == []
+
+
+@pytest.mark.parametrize("start", ["step", "jog", "drive", "start_homing", "send", "send_with_keep_alive"])
 def test_nothing_starts_in_a_block_after_a_stop_in_it(mount, start):
     starts = {
         "step": lambda: mount.x.step(3),
         "jog": lambda: mount.x.jog(1),
         "drive": lambda: mount.drive(100, 100),
         "start_homing": mount.x.start_homing,
+        "send": lambda: mount.send("2PR3", keep_alive=False),
+        "send_with_keep_alive": lambda: mount.send("XK500;2PR3"),
     }
     with mount.unless_stopped():
         mount.halt()

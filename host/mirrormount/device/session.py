@@ -194,12 +194,12 @@ class Session:
         no command line (command_lines.py:check_line); MoveEnded as start(); NoAnswer.
         """
         check_line(line)
-        if not (keep_alive and starts_motion(line)) or keep_alives_ms(line):
-            return self._send(line)
-        last_stop = self.gate.last_stop()
+        gate = self.gate.starting(self.gate.last_stop()) if starts_motion(line) else None
+        if not (gate and keep_alive) or keep_alives_ms(line):
+            return self._send(line, gate)
         self.keep_alive.check()
         with self.stopped_by_interrupt():
-            answers = self._send(with_keep_alive(line), self.gate.starting(last_stop))
+            answers = self._send(with_keep_alive(line), gate)
             self.keep_alive.start()
         return answers
 
