@@ -2,6 +2,7 @@
 
 import errno
 import json
+import signal
 from pathlib import Path
 
 import pytest
@@ -20,6 +21,7 @@ from drive_board import (
 )
 
 from mirrormount.common import errors
+from mirrormount.common.signals import Terminated
 from mirrormount.deploy import circuitpython, circuitpython_plan, fileset
 from mirrormount.deploy.circuitpython_copy import Files
 from mirrormount.deploy.micropython import Options, deploy, undeploy
@@ -294,6 +296,59 @@ def test_a_drive_that_fails_before_the_firmware_is_touched_leaves_it_running(dep
     with pytest.raises(errors.DriveFull, match="nothing of the firmware was changed"):
         deploy(Options())
     assert contents(deployed.root) == before and deployed.running
+
+
+def end_when_it_hears(board: Board, monkeypatch, data: bytes, times: int, end: BaseException) -> None:
+    """Once, the command is ended right after the board has received this data for the n-th time."""
+    heard: list[bytes] = []
+    real = board.hear
+
+    def hear(address: str, received: bytes) -> bytes:
+        answer = real(address, received)
+        if data in received:
+            heard.append(received)
+            if len(heard) == times:
+                raise end
+        return answer
+
+    monkeypatch.setattr(board, "hear", hear)
+
+
+@pytest.mark.parametrize("end", [KeyboardInterrupt(), Terminated(signal.SIGTERM)])
+@pytest.mark.parametrize("command", [deploy, undeploy])
+@pytest.mark.parametrize("data", [b"\x03", b"import microcontroller"])
+def test_a_command_that_is_ended_at_the_prompt_restarts_the_board(deployed, firmware, monkeypatch, command, data, end):
+    (firmware / "zoom.py").write_text("")
+    end_when_it_hears(deployed, monkeypatch, data, 1, end)
+    with pytest.raises(type(end)):
+        command(Options())
+    assert deployed.resets == 1 and not deployed.at_prompt
+
+
+@pytest.mark.parametrize("times", [3, 4])  # Ctrl-C: approach, restart, for its last words, for the files of before
+def test_a_deploy_that_is_ended_after_the_new_firmware_failed_restarts_the_board(board, firmware, monkeypatch, times):
+    break_it(firmware)
+    end_when_it_hears(board, monkeypatch, b"\x03", times, KeyboardInterrupt())
+    with pytest.raises(KeyboardInterrupt):
+        deploy(Options())
+    assert board.resets == 2 and not board.at_prompt
+
+
+def test_a_drive_that_cannot_be_read_before_anything_is_written_leaves_the_firmware_running(
+    deployed, firmware, monkeypatch
+):
+    (firmware / "motion" / "axis.py").write_text("# newer\n")
+    real = Files.read
+
+    def read(self, path):
+        if deployed.at_prompt:
+            raise OSError(errno.EIO, "injected")
+        return real(self, path)
+
+    monkeypatch.setattr(Files, "read", read)
+    with pytest.raises(errors.DriveFailed, match="nothing was changed"):
+        deploy(Options())
+    assert deployed.running
 
 
 def test_what_is_read_back_differently_is_told(board, monkeypatch):

@@ -8,7 +8,7 @@ import contextlib
 import re
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 from serial.tools import list_ports
 
@@ -80,12 +80,12 @@ def deploy(drive: Drive, this: dict[str, bytes], options: Options, progress: Pro
     if todo.nothing:
         told = _already(drive, options.stop, expected)
     else:
-        ports = _approach(drive, options.stop)
-        back = WayBack(files, todo)
-        with _restart_if_it_fails(ports):
+        with _at_prompt(drive, options.stop) as ports:
+            back = WayBack(files, todo)
             install(files, todo, progress)
+            longest_s = _restart(ports, progress)
         try:
-            told = _restart(drive, ports, expected, progress)
+            told = _listen(drive, expected, longest_s)
         except FirmwareFailed as e:
             ours = belongs(CODE, there, old)
             raise FirmwareFailed(f"{e}; {_put_back(drive, back, ports, ours, progress)}") from e
@@ -106,12 +106,11 @@ def undeploy(drive: Drive, options: Options, progress: Progress) -> str:
         why = f" ({MANIFEST} there is not as deploy writes it: {old.damage})" if old.damage else ""
         raise DeployError(f"{drive} has no firmware that deploy has put there{why}: nothing was removed")
     check_writable(_room(drive))
-    ports = _approach(drive, options.stop)
-    progress.phase("removing")
-    with _restart_if_it_fails(ports):
+    with _at_prompt(drive, options.stop) as ports:
+        progress.phase("removing")
         removed, kept, restored = remove(files)
-    if ports.console:
-        circuitpython_console.reset(ports.console)
+        if ports.console:
+            circuitpython_console.reset(ports.console)
     again = "" if ports.console else "; now press the board's reset button"
     back = f"; there again: {', '.join(restored)}" if restored else ""
     changed = f"; kept, because changed since: {', '.join(kept)}" if kept else ""
@@ -157,8 +156,12 @@ def _check_claims(drive: Drive) -> None:
         )
 
 
-def _approach(drive: Drive, stop: bool) -> Channels:
-    """Check that no motor moves, and interrupt the program. Returns the ports. Raises DeployError, CannotOpen."""
+@contextlib.contextmanager
+def _at_prompt(drive: Drive, stop: bool) -> Iterator[Channels]:
+    """Check that no motor moves, and interrupt the program. Gives the ports; within, the board is to be restarted.
+
+    Raises DeployError, CannotOpen.
+    """
     ports = _channels(drive)
     if drive.has_mountfw and ports.protocol:  # another program must not get this query
         link = Link(open_port(ports.protocol))
@@ -167,14 +170,18 @@ def _approach(drive: Drive, stop: bool) -> Channels:
             quiet(link, stop)
         finally:
             link.close()
-    if ports.console:
-        circuitpython_console.interrupt(ports.console)
-    return ports
+    with _restart_if_it_fails(ports):
+        if ports.console:
+            circuitpython_console.interrupt(ports.console)
+        yield ports
 
 
 @contextlib.contextmanager
-def _restart_if_it_fails(ports: Channels):
-    """If the deploy fails, restart the board: with its old program, or with the code.py that does nothing."""
+def _restart_if_it_fails(ports: Channels) -> Iterator[None]:
+    """If what is done at the prompt fails or is ended, restart the board.
+
+    It then runs its old program, or the code.py that does nothing.
+    """
     try:
         yield
     except BaseException:
@@ -188,18 +195,19 @@ def _already(drive: Drive, stop: bool, expected: tuple[str, ...]) -> str:
     """For a drive that needs no change: ask for the hash of what runs, and restart the board only if it differs."""
     with contextlib.suppress(NotSeenRunning):
         return _listen(drive, expected, 0.0)
-    ports = _approach(drive, stop)
-    return _restart(drive, ports, expected, Progress())
+    with _at_prompt(drive, stop) as ports:
+        longest_s = _restart(ports, Progress())
+    return _listen(drive, expected, longest_s)
 
 
-def _restart(drive: Drive, ports: Channels, expected: tuple[str, ...], progress: Progress) -> str:
-    """Restart the board and wait for its answers. Raises FirmwareFailed, NotSeenRunning."""
+def _restart(ports: Channels, progress: Progress) -> float:
+    """Restart the board, or ask the user to. Returns how long it may take to answer, in seconds."""
     if ports.console:
         progress.phase("restarting")
         circuitpython_console.reset(ports.console)
-        return _listen(drive, expected, _BACK_S)
+        return _BACK_S
     progress.phase("the files are on the drive; no console of this board is here: press its reset button now")
-    return _listen(drive, expected, _BY_HAND_S)
+    return _BY_HAND_S
 
 
 def _put_back(drive: Drive, back: WayBack, ports: Channels, ours: bool, progress: Progress) -> str:
@@ -208,9 +216,10 @@ def _put_back(drive: Drive, back: WayBack, ports: Channels, ours: bool, progress
     if not ports.console:
         return "the new files are on the drive"
     try:
-        circuitpython_console.interrupt(ports.console)
-        back.go(progress)
-        circuitpython_console.reset(ports.console)
+        with _restart_if_it_fails(ports):
+            circuitpython_console.interrupt(ports.console)
+            back.go(progress)
+            circuitpython_console.reset(ports.console)
     except MountError as e:
         return f"the files that were there could not be put back ({e}): deploy again"
     if not ours:
@@ -241,7 +250,7 @@ def _listen(drive: Drive, expected: tuple[str, ...] | None, longest_s: float) ->
         time.sleep(_AGAIN_S)
     if longest_s and ports.console:
         said = ""
-        with contextlib.suppress(MountError):
+        with contextlib.suppress(MountError), _restart_if_it_fails(ports):
             said = circuitpython_console.last_words(ports.console)
         if said:
             raise FirmwareFailed(f"the firmware on the board does not start; it says: {said}")
