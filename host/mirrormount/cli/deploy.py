@@ -33,7 +33,7 @@ def run(args: argparse.Namespace) -> None:
     from mirrormount.deploy.micropython import Options, deploy
 
     options = Options(port_of(args), args.stop, args.source, args.board, args.pins, args.replace_main, args.drive)
-    with ended_in_order():
+    with ended_in_order(interrupts=True):
         print(deploy(options))
 
 

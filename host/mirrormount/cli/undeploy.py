@@ -11,7 +11,7 @@ def run(args: argparse.Namespace) -> None:
     from mirrormount.common.signals import ended_in_order
     from mirrormount.deploy.micropython import Options, undeploy
 
-    with ended_in_order():
+    with ended_in_order(interrupts=True):
         print(undeploy(Options(port_of(args), args.stop, drive=args.drive)))
 
 
