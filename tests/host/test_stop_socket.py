@@ -8,6 +8,7 @@ import stat
 import subprocess
 import sys
 import threading
+from pathlib import Path
 
 import pytest
 from served import PATIENCE_S, run_cli, wait_for
@@ -262,10 +263,11 @@ def test_all_are_asked_at_once():
 
 
 def test_a_socket_left_by_a_dead_program_of_the_same_number_is_in_nobodys_way(runtime):
-    Stoppable(["/dev/ttyTEST"], lambda: SENT).close()
+    earlier = Stoppable(["/dev/ttyTEST"], lambda: SENT)
+    earlier.close()
     names = ["/dev/ttyTEST", "socket://127.0.0.1:1"]
     for name in names:
-        path = runtime / f"{stop_socket._key(name)}.{os.getpid()}.{stoppable._count + 1}.stop"
+        path = runtime / f"{stop_socket._key(name)}.{os.getpid()}.{earlier._number + 1}.stop"
         with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as dead:
             dead.bind(str(path))
     owner = Stoppable(names, lambda: STOPPED)
@@ -274,6 +276,31 @@ def test_a_socket_left_by_a_dead_program_of_the_same_number_is_in_nobodys_way(ru
         assert [ask(found) for found in owners("socket://127.0.0.1:1")] == [STOPPED]
     finally:
         owner.close()
+
+
+@pytest.mark.parametrize("which", ["the same", "another"])
+def test_one_that_is_closed_while_a_socket_is_made_anew_leaves_nothing(runtime, monkeypatch, which):
+    """The collector of garbage closes that of a forgotten Mount in any thread, so also in one that is in there."""
+    monkeypatch.setattr(stoppable, "_PRESENT_S", 0.01)
+    before, closed = set(threading.enumerate()), threading.Event()
+    opened = [Stoppable([f"/dev/ttyTEST{i}"], lambda: STOPPED) for i in range(2)]
+    threads = set(threading.enumerate()) - before
+    forgotten = opened.pop(0 if which == "the same" else 1)
+
+    def collect() -> Path:
+        forgotten.close()
+        closed.set()
+        return stop_socket.make_folder()
+
+    monkeypatch.setattr(stoppable, "make_folder", collect)
+    owners("/dev/ttyTEST0")[0].path.unlink()
+    assert closed.wait(PATIENCE_S)
+    opened[0].close()
+    for thread in threads:
+        thread.join(PATIENCE_S)
+    assert not any(thread.is_alive() for thread in threads)
+    assert list(runtime.iterdir()) == []
+    assert not held_here("/dev/ttyTEST0") and not held_here("/dev/ttyTEST1")
 
 
 def test_what_is_no_socket_is_left_alone_and_stops_no_stop(runtime):

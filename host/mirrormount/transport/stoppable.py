@@ -10,6 +10,7 @@ waiting for a lock that a hanging thread may hold.
 
 import contextlib
 import errno
+import itertools
 import os
 import socket
 import struct
@@ -30,14 +31,17 @@ _PASSING = (
     errno.ECONNABORTED,
 )  # too many files, or the client has gone
 
-_held: dict[str, int] = {}  # ports that this process has open, with their counts
-_held_lock = threading.Lock()
-_count = 0  # Stoppables that this process has made
+# Nothing here takes a lock: the collector of garbage may close one in any thread, also in one that is in this file.
+_held: dict[int, list[str]] = {}  # the open Stoppables of this process: their numbers, with the names of their ports
+_numbers = itertools.count(1)
 
 
 def held_here(address: str) -> bool:
     """True if this process has the port open. Each virtual:// board is a new one: False."""
-    return not address.startswith("virtual://") and real_name(address) in _held
+    if address.startswith("virtual://"):
+        return False
+    name = real_name(address)
+    return any(name in names for names in list(_held.values()))
 
 
 class Stoppable:
@@ -48,18 +52,14 @@ class Stoppable:
     """
 
     def __init__(self, names: Sequence[str], stop: Callable[[], str]) -> None:
-        global _count
         self._names = [real_name(name) for name in names]
         self._stop = stop
         self._process = os.getpid()
         self.why_not: str | None = None
         self._server: socket.socket | None = None
         self._paths: list[Path] = []
-        with _held_lock:
-            _count += 1
-            self._number = _count
-            for name in self._names:
-                _held[name] = _held.get(name, 0) + 1
+        self._number = next(_numbers)
+        _held[self._number] = self._names
         if supported():
             try:
                 self._server = self._bound()
@@ -74,15 +74,9 @@ class Stoppable:
         """Accept no more stops. In a forked process it does nothing: the socket is the parent's."""
         if self._process != os.getpid():
             return
-        with _held_lock:
-            for name in self._names:
-                _held[name] = _held.get(name, 1) - 1
-                if _held[name] <= 0:
-                    del _held[name]
-            self._names = []
-            server, self._server = self._server, None
-            self._remove()
-        if server:
+        _held.pop(self._number, None)  # first: a socket that is made anew is closed again by its thread from here on
+        self._remove()
+        if server := self._server:
             with contextlib.suppress(OSError):
                 server.shutdown(socket.SHUT_RDWR)  # ends accept() on Linux; the thread is a daemon elsewhere
             server.close()
@@ -112,14 +106,15 @@ class Stoppable:
 
     def _present(self, server: socket.socket) -> socket.socket:
         """The socket; a new one if a name of it is gone, as with its folder when the user has logged out."""
-        if all(path.exists() for path in self._paths):
+        if self._number not in _held or all(path.exists() for path in self._paths):
             return server
-        with _held_lock, contextlib.suppress(OSError, MountError):  # no folder yet: the next look tries again
-            if self._server is server:
-                self._remove()
-                self._server = self._bound()
-                server.close()
-                return self._server
+        with contextlib.suppress(OSError, MountError):  # no folder yet: the next look tries again
+            self._remove()
+            self._server = anew = self._bound()
+            server.close()
+            if self._number not in _held:  # closed meanwhile
+                self.close()
+            return anew
         return server
 
     def _serve(self, server: socket.socket) -> None:
