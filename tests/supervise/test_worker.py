@@ -7,11 +7,15 @@ from served import PATIENCE_S, wait_for
 from supervised import Clock, at_work, moving, polled, sent
 from transcript import second_pair
 
-from mirrormount.common.errors import ConnectionLost, NotSupported
+from mirrormount import Mount
+from mirrormount.common.errors import ConnectionLost, NoBoardFound, NotSupported
 from mirrormount.supervise.motions import Asked, start
 from mirrormount.supervise.presses import HOLD_S
 from mirrormount.supervise.requests import Drive, GoTo, Press, Steps
 from mirrormount.supervise.state import State
+from mirrormount.supervise.worker import Worker
+from mirrormount.transport.open import open_port
+from mirrormount.transport.port import Port
 from mountfw import codes as wire
 
 RIGHT = Press({"x": 1}, 255)
@@ -185,3 +189,25 @@ def test_a_drive_of_axes_3_and_4_is_refused_as_not_supported_and_is_no_fault(pag
     with pytest.raises(NotSupported, match="motors 1 and 2"):
         start(mount, Asked(page, Drive(100, 0), 0, 0.0), State())
     mount.close()
+
+
+def test_a_board_that_is_opened_only_after_the_close_is_closed_again(board, lease, monkeypatch):
+    opening, closed = threading.Event(), threading.Event()
+
+    def late() -> Port:
+        if threading.current_thread() is not worker._thread:
+            raise NoBoardFound("not yet")
+        opening.set()
+        closed.wait(PATIENCE_S)
+        return open_port(str(board.link))
+
+    worker = Worker(late, lease)
+    worker.open(absent=True)
+    assert opening.wait(PATIENCE_S)
+    with monkeypatch.context() as patch:
+        patch.setattr(worker._thread, "join", lambda _s: None)  # it needs longer than close() waits
+        worker.close()
+    closed.set()
+    worker._thread.join(PATIENCE_S)
+    assert worker.mount is None
+    Mount.open(str(board.link)).close()

@@ -3,7 +3,7 @@
 import contextlib
 from collections.abc import Callable
 
-from mirrormount.common.errors import BadValue, MountError
+from mirrormount.common.errors import BadValue, ConnectionLost, MountError
 from mirrormount.device.mount import Mount
 from mirrormount.device.named import Place, place_of, x_axis_of
 from mirrormount.supervise.wire_log import WireLog
@@ -32,6 +32,7 @@ class Connection:
         self.port: Port | None = None
         self.mount: Mount | None = None
         self.trouble = "not connected yet"
+        self._closed = False
 
     def open(self) -> Mount:
         """Connect; motors that moved are stopped. Raises MountError, and notes why."""
@@ -52,6 +53,9 @@ class Connection:
             raise
         mount.accept_stops(place.address, also=self._on_stop)
         self.port, self.mount, self.trouble = port, mount, ""
+        if self._closed:  # meanwhile: nobody else closes what was opened since
+            self.close()
+            raise ConnectionLost("the port was closed again: it opened only after close()")
         return mount
 
     def _open_port(self) -> tuple[Place, Port]:
@@ -70,7 +74,8 @@ class Connection:
                     last()
 
     def close(self) -> None:
-        """Motors off, port closed. Raises MountError if they did not stop."""
+        """Motors off, port closed, also if another thread is in open(). Raises MountError if they did not stop."""
+        self._closed = True  # first: what open() opens is closed by open() from here on
         mount, self.mount = self.mount, None
         self.trouble = "closed"
         if mount:
