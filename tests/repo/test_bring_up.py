@@ -11,9 +11,12 @@ from pathlib import Path
 import pytest
 
 from mirrormount.common.errors import EmulatorMissing
+from mirrormount.transport import circuitpy_ports
+from mirrormount.transport.find import KNOWN_IDS
 from mirrormount.virtual import machines
 
-PAGE = (Path(__file__).parent.parent.parent / "docs" / "bring-up.md").read_text()
+DOCS = Path(__file__).parent.parent.parent / "docs"
+PAGE = (DOCS / "bring-up.md").read_text()
 SCRIPT = str(Path(sys.executable).with_name("mirrormount"))
 
 
@@ -65,3 +68,12 @@ def test_what_the_page_says_of_the_board_files_is_true():
     for named in re.findall(r"--board (\w+)`", PAGE):
         assert named in known or named == "NAME"
     assert set(FILE_OF.values()) <= set(known)
+
+
+def test_the_page_and_the_udev_file_have_the_usb_ids_that_are_looked_for():
+    ids = [f"{vendor:04x}:{product:04x}" for vendor, product in KNOWN_IDS]
+    rules = re.findall(r'idVendor}=="(\w+)", ATTRS{idProduct}=="(\w+)"', (DOCS / "60-mirrormount.rules").read_text())
+    assert {":".join(rule) for rule in rules} == set(ids)
+    assert all(f"USB id {one}" in PAGE for one in ids)
+    in_doubt = circuitpy_ports._USB_IDS["adafruit_feather_rp2040"]
+    assert in_doubt not in KNOWN_IDS and f"{in_doubt[0]:04x}:{in_doubt[1]:04x}" in PAGE

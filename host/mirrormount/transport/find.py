@@ -7,7 +7,8 @@ from mirrormount.transport import circuitpy_ports
 from mirrormount.transport.circuitpy_drives import find_drives
 
 # USB ids (vendor, product) that are certainly a MicroPython board. CircuitPython boards have hundreds: they are
-# known by their drives. Nothing else is ever written to unasked: an unknown port may be another instrument.
+# known by their drives. An Adafruit Feather RP2040 has the same id (239a:80f2) with either, so it is not here. Nothing
+# else is ever written to unasked: an unknown port may be another instrument.
 KNOWN_IDS = {(0x2E8A, 0x0005): "MicroPython on RP2040/RP2350"}
 
 
