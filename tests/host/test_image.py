@@ -206,6 +206,27 @@ def test_two_processes_do_not_make_the_same_part_of_the_cache_at_once(tmp_path):
         fcntl.flock(other, at_once)  # free again
 
 
+@pytest.mark.skipif(os.name != "posix", reason="the lock needs POSIX")
+def test_two_processes_do_not_build_an_image_at_once_and_the_second_takes_the_firsts(monkeypatch, site, tmp_path):
+    import fcntl
+
+    monkeypatch.setenv("CI", "true")  # which builds
+    monkeypatch.setattr(image, "can_build", lambda: True)
+
+    def build(folder: Path) -> Path:
+        with (tmp_path / "image.lock").open("a") as other, pytest.raises(BlockingIOError):
+            fcntl.flock(other, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        folder.mkdir()
+        (folder / NAME).write_bytes(CONTENT)
+        return folder / NAME
+
+    monkeypatch.setattr(image, "build", build)
+    first = image.find_image(None)
+    looks = iter([None, first])  # the second looks while the first builds, and again when that is over
+    monkeypatch.setattr(image, "_kept", lambda _folder: next(looks))
+    assert image.find_image(None) == first
+
+
 def test_a_cache_that_cannot_be_written_to_is_one_line(tmp_path, monkeypatch):
     (tmp_path / "file").touch()
     monkeypatch.setenv("MIRRORMOUNT_CACHE", str(tmp_path / "file"))

@@ -104,9 +104,19 @@ def find_image(image: Path | None) -> Path:
         _check_boots(image)
         return image
     folder = cache() / "images"
+    if found := _kept(folder):
+        return found
+    with held("image"):  # two builds in one folder would undo each other
+        return _kept(folder) or _made(folder)
+
+
+def _kept(folder: Path) -> Path | None:
     found = sorted([*folder.glob("*.uf2"), *folder.glob("*.bin")])
-    if found:
-        return found[-1]
+    return found[-1] if found else None
+
+
+def _made(folder: Path) -> Path:
+    """Fetch or build an image. Raises EmulatorMissing."""
     try:
         return fetch(OFFICIAL, folder)
     except NotFetched as e:
