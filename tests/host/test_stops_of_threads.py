@@ -7,6 +7,7 @@ import pytest
 from served import PATIENCE_S
 
 from mirrormount import Mount
+from mirrormount.cli import command_line, main, moving
 from mirrormount.common import errors
 from mirrormount.transport.port import Port
 
@@ -134,3 +135,32 @@ def test_a_block_of_one_thread_is_no_block_of_another(mount):
         with pytest.raises(errors.MoveEnded):
             mount.x.step(3)
     mount.x.step(1)  # asked for after the stop
+
+
+@pytest.mark.parametrize(
+    ("work", "words"),
+    [
+        (moving, "step x 3"),
+        (moving, "move x 3"),
+        (moving, "home x"),
+        (moving, "jog x 0.5 --seconds 1"),
+        (moving, "drive 100 100 --seconds 1"),
+        (command_line, "send 2PR3"),
+    ],
+)
+def test_a_stop_that_finds_a_command_before_its_motion_is_for_that_motion(monkeypatch, capsys, work, words):
+    name, *_ = words.split()
+    do = getattr(work, name)
+    edges = []
+
+    def stopped_first(mount, *arguments):
+        edges.append(mount.link.port.simulation.edges)
+        other = threading.Thread(target=mount.halt)
+        other.start()
+        other.join(PATIENCE_S)
+        do(mount, *arguments)
+
+    monkeypatch.setattr(work, name, stopped_first)
+    assert main.main([*words.split(), "--port", "virtual://?speed=max"]) == 1
+    assert "stopped before it began" in capsys.readouterr().err
+    assert edges == [[]]

@@ -1,11 +1,27 @@
 """The commands that move: step, move, home, jog, drive. moving.py does the work."""
 
 import argparse
+import contextlib
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 from mirrormount.cli.command import SECONDS_HELP, Command, axis_argument, number, open_any, port_options, whole
 from mirrormount.common.errors import BadValue
 from mirrormount.common.units import HELP as UNITS_HELP
 from mirrormount.common.units import STEPS, UNITS
+
+if TYPE_CHECKING:
+    from mirrormount.device.arduino_sketch import SketchMount
+    from mirrormount.device.mount import Mount
+
+
+@contextlib.contextmanager
+def _opened(args: argparse.Namespace) -> "Iterator[Mount | SketchMount]":
+    """The mount that the arguments name. A stop that comes before the motion has begun is for that motion, too."""
+    from mirrormount.device.mount import Mount
+
+    with open_any(args) as mount, mount.unless_stopped() if isinstance(mount, Mount) else contextlib.nullcontext():
+        yield mount
 
 
 def step_arguments(parser: argparse.ArgumentParser) -> None:
@@ -21,7 +37,7 @@ def step(args: argparse.Namespace) -> None:
     from mirrormount.cli import moving
 
     n = number(args.n, "N")
-    with open_any(args) as mount:
+    with _opened(args) as mount:
         moving.step(mount, args.axis, n, args.unit)
 
 
@@ -38,7 +54,7 @@ def move(args: argparse.Namespace) -> None:
     from mirrormount.cli import moving
 
     position = number(args.position, "POSITION")
-    with open_any(args) as mount:
+    with _opened(args) as mount:
         moving.move(mount, args.axis, position, args.unit)
 
 
@@ -52,7 +68,7 @@ def home(args: argparse.Namespace) -> None:
     """Home an axis. Raises MountError."""
     from mirrormount.cli import moving
 
-    with open_any(args) as mount:
+    with _opened(args) as mount:
         moving.home(mount, args.axis)
 
 
@@ -69,7 +85,7 @@ def jog(args: argparse.Namespace) -> None:
     from mirrormount.cli import moving
 
     speed, seconds = number(args.speed, "SPEED"), _seconds(args)
-    with open_any(args) as mount:
+    with _opened(args) as mount:
         moving.jog(mount, args.axis, speed, seconds)
 
 
@@ -86,7 +102,7 @@ def drive(args: argparse.Namespace) -> None:
     from mirrormount.cli import moving
 
     m1, m2, seconds = whole(args.m1, "M1"), whole(args.m2, "M2"), _seconds(args)
-    with open_any(args) as mount:
+    with _opened(args) as mount:
         moving.drive(mount, m1, m2, seconds)
 
 

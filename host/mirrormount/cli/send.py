@@ -28,7 +28,8 @@ def run(args: argparse.Namespace) -> None:
     with mount if args.wait else contextlib.closing(mount):
         if isinstance(mount, SketchMount):
             raise NotSupported(f"no command lines: {LIMITS}")
-        (command_line.send if args.wait else command_line.start)(mount, args.line)
+        with mount.unless_stopped():  # a stop that comes before the line is for its motion, too
+            (command_line.send if args.wait else command_line.start)(mount, args.line)
 
 
 COMMAND = Command("send", "send one command line of docs/protocol.md, for instance 2XI1 or 2TP?", run, arguments)
