@@ -10,6 +10,7 @@ from contextlib import suppress
 
 import pytest
 
+from mirrormount.beam.rig import MountRig
 from mirrormount.cli import main, measure_work
 from mirrormount.virtual import virtual_table
 
@@ -98,3 +99,18 @@ def test_a_motor_that_runs_when_the_signal_comes_is_off_at_the_pins(name, capsys
     out, err = capsys.readouterr()
     assert "partial report" in out and err == f"mirrormount: ended by {name}\n"
     assert driven() and not any(driven().values())
+
+
+def test_a_stop_between_two_moves_ends_the_measurement_before_the_next_one(monkeypatch, capsys):
+    moved = MountRig.step
+    steps = []
+
+    def stopped_after(rig, axis, n):
+        steps.append(n)
+        moved(rig, axis, n)
+        rig.mount.session.stop_for_another_program()
+
+    monkeypatch.setattr(MountRig, "step", stopped_after)
+    assert main.main(["measure", "steps", "--virtual"]) == 1
+    assert "stopped before it began" in capsys.readouterr().err
+    assert len(steps) == 2

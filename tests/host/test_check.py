@@ -178,3 +178,19 @@ def test_no_mount_is_one_line_and_status_1(capsys):
 def test_the_shell_command_ends_with_0_when_all_is_well(capsys):
     assert main.main(["check", "--port", "virtual://?speed=max"]) == 0
     assert "stop: answered" in capsys.readouterr().out
+
+
+def test_after_a_stop_by_another_program_nothing_more_moves_and_the_rest_is_not_tested(mount, capsys, monkeypatch):
+    step = Axis.step
+
+    def stopped_in_it(axis, n, *arguments, **options):
+        if n < 0:
+            mount.session.stop_for_another_program()
+        step(axis, n, *arguments, **options)
+
+    monkeypatch.setattr(Axis, "step", stopped_in_it)
+    with pytest.raises(errors.CheckFailed, match="stopped by `mirrormount stop`: the rest was not tested"):
+        run_checks(lambda: mount, move=True)
+    told = capsys.readouterr().out.splitlines()
+    assert told[-1].startswith("FAILED     x one step back")
+    assert len(drives(mount)) == 1

@@ -355,6 +355,21 @@ def test_a_byte_that_is_no_text_is_a_wrong_answer_and_asked_again(monkeypatch):
     assert run.stderr.count(b"\n") == 1 and b"the input has ended: nothing was saved" in run.stderr
 
 
+def test_a_stop_by_another_program_in_a_question_ends_setup_before_the_next_step(mount):
+    before = mount.settings()
+    person = Person(mount)
+
+    def answer(question: str) -> str:
+        if "Which way" in question:
+            mount.session.stop_for_another_program()
+        return person(question)
+
+    with pytest.raises(errors.MoveEnded, match="stopped before it began"):
+        run_course(mount, answer, person.say)
+    assert mount.settings() == before
+    assert person.said[-1].startswith("nothing was saved")
+
+
 def test_a_no_at_the_end_saves_nothing(mount):
     before = mount.settings()
     person = set_up(mount, {"Save this": ["no"]})

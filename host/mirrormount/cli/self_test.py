@@ -29,16 +29,25 @@ def run_checks(open_mount: Callable[[], Mount], *, move: bool) -> None:
         _line("ok", "port", "a mount answers")
         for what, test in _checks(mount, move):
             try:
-                _line("ok", what, test())
+                with mount.unless_stopped():
+                    _check_not_stopped(mount)  # in the block: a stop from here on keeps the test from moving
+                    _line("ok", what, test())
             except NotTested as e:
                 _line("not tested", what, str(e))
-            except ConnectionLost:
+            except (ConnectionLost, CheckFailed):
                 raise
             except (MountError, Wrong) as e:
                 failed += 1
                 _line("FAILED", what, str(e))
+                _check_not_stopped(mount)
     if failed:
         raise CheckFailed(f"{failed} {'check' if failed == 1 else 'checks'} failed")
+
+
+def _check_not_stopped(mount: Mount) -> None:
+    """Raise CheckFailed if another program has stopped the mount: then nothing more is to move."""
+    if mount.session.stops_by_others:
+        raise CheckFailed("stopped by `mirrormount stop`: the rest was not tested")
 
 
 def _line(verdict: str, what: str, found: str) -> None:

@@ -35,7 +35,8 @@ def run_course(mount: Mount, ask: Callable[[str], str] = input, say: Callable[[s
     calibration.check_writable()
     before = mount.settings()
     try:
-        scales = _go_through(mount, talk)
+        with mount.unless_stopped():  # a stop in a question is for what follows it, too
+            scales = _go_through(mount, talk)
         if not talk.yes(f"Save this on the board{f', and the scales in {calibration.path()}' if scales else ''}?"):
             say(_put_back(mount, before))
             return

@@ -53,6 +53,7 @@ class Session:
         this = weakref.ref(self)  # threads must not keep it
         self.keep_alive = KeepAlive(lambda: (own := this()) is not None and own.status().moving, not link.lockstep)
         self._stoppables: list[Stoppable] = []
+        self.stops_by_others = 0  # how many stops other programs have asked for
         self._end: weakref.finalize | None = None
         self.status()
 
@@ -105,10 +106,8 @@ class Session:
 
     def age(self) -> str:
         """How old the last status is, for a text. The board is not asked."""
-        if self._closed:
-            return "closed"
-        if not self.board.last:
-            return "not seen yet"
+        if self._closed or not self.board.last:
+            return "closed" if self._closed else "not seen yet"
         return f"as it was {self.link.monotonic() - self.board.last[0]:.1f} s ago"
 
     # ---- stops
@@ -154,6 +153,7 @@ class Session:
 
         Returns STOPPED or SENT. Raises ConnectionLost, NoAnswer.
         """
+        self.stops_by_others += 1
         with self.gate.stopping(_GATE_S):
             self.keep_alive.end()
             self.link.port.write(b"!\n")
