@@ -53,7 +53,7 @@ def position_line(axis):
         (axis.number, axis.inverted, p.step, p.gap, p.gap_known, p.inside)
         + (p.millisteps, certainty, p.target, p.defined, p.home_known, p.home)
     )
-    return line + (" %d %d\n" % p.recorded() if hasattr(axis, "restored") else "\n")
+    return line + (" %d %d %d\n" % p.recorded() if hasattr(axis, "restored") else "\n")
 
 
 def restore_position(axis, numbers):

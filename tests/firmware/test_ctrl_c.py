@@ -124,3 +124,40 @@ def test_what_an_encoder_has_turned_is_counted_whole_or_not_yet(counts):
         if not left:
             break
     assert number > 3
+
+
+@pytest.mark.parametrize("counts", [30, -43, 700])
+def test_what_went_through_the_gap_is_right_or_an_estimate(counts):
+    whole = 0
+    for number in range(1, 60):
+        rig = encoded(settings=b"XN280;MM1;XB60000")  # a gap of 84 counts
+        rig.ask(b"1DH0\n")
+        position = rig.axis1.position
+        rig.motor1.at += 200
+        position.look()
+        rig.motor1.at -= 40  # into the gap, which is known now
+        position.look()
+        before = position.in_counts()
+        rig.motor1.at += counts
+        left = leave_at_jump(rig, number, position.look)
+        position.look()
+        if position.certainty == codes.MEASURED:
+            whole += 1
+            inside = 44 + counts
+            assert position.in_counts() - before == (inside - 84 if inside > 84 else min(inside, 0))
+        if not left:
+            break
+    assert whole and number > 3
+
+
+def test_counts_that_a_sensor_has_lost_are_told_though_a_ctrl_c_comes_as_they_are_seen():
+    for number in range(1, 60):
+        rig = encoded()
+        rig.ask(b"1DH0\n")
+        rig.motor1.slips += 1
+        left = leave_at_jump(rig, number, rig.axis1.position.look)
+        rig.axis1.position.look()
+        assert rig.axis1.position.certainty == codes.ESTIMATED
+        if not left:
+            break
+    assert number > 2

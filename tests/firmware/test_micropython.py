@@ -37,7 +37,7 @@ AT_START = {
 }
 # file work, while all rests
 AT_START |= {"load", "save_begin", "recall", "_parsed", "restore", "record", "_try"}
-AT_START |= {"restore_position", "position_line"}
+AT_START |= {"restore_position", "restored", "position_line"}
 MOST_WORDS = 11  # of a call's state that MicroPython keeps on the C stack (VM_MAX_STATE_ON_STACK)
 WORDS_OF_A_TRY = 3  # mp_exc_stack_t
 

@@ -86,7 +86,7 @@ class EncodedAxis(Axis):
         super()._measure()
         if not self.measured.measure(self.closed_loop, self.counts_per_step, self.inverted):
             self.watch.forget()
-            self._loop.turned_round(self.measured.place)
+            self._loop.start_afresh(self.measured.place)
         self.resting = (self.resting or _LOOKS) if self.measured.closed else self.resting is True
         per_step = self.measured.per_step
         self._loop.set_up(self.dead_band, per_step, self.pulse_us, self.step_duty, self.reader.play_us > 0)

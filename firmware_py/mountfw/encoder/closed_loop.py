@@ -119,8 +119,8 @@ class ClosedLoop:
         self._duty = duty
         self._near = per_step * _NEAR_US // step_us + 8  # it starts up, too
 
-    def turned_round(self, place):
-        """The motor's other direction may be the positive one now. It is at this place."""
+    def start_afresh(self, place):
+        """What was learned may be of the motor's other direction, or of long ago. It is at this place."""
         self._forget()
         self.goal = place
 

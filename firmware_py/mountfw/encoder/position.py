@@ -34,6 +34,7 @@ class MeasuredPosition(Position):
         self.place = 0  # what of it has moved the mirror; wraps
         self._slips = 0
         self._blind = False  # did it not answer at `raw`? Then its first answer is no motion
+        self._torn = False  # is a look not over, or left by a Ctrl-C?
         self._gap_counts = 0
         self._at = 0  # counts from the gap's negative end, as `inside` ...
         self._inside_shown = 0  # ... which was made of them
@@ -109,9 +110,9 @@ class MeasuredPosition(Position):
         """Others have said where it is: count from there."""
         self._base = self._shown = self.millisteps
         self._steps = self._counts = 0
-        self._inside_shown = self.inside
         if self._gap_counts:
             self._at = min(self.inside // max(1, self.gap // self._gap_counts), self._gap_counts)
+        self._inside_shown = self.inside
 
     # ---- what the encoder says
 
@@ -137,15 +138,16 @@ class MeasuredPosition(Position):
         self._steps += whole
         self._counts = counts
         self.millisteps = self._shown = shown
+        self._torn = False
         return turned
 
     def _doubt(self, raw):
         """Counts are missing, or the sensor does not answer."""
-        self._slips = self.reader.slips
         if self._blind and not self.reader.gone:
-            self._blind = False
             self.raw = raw
+            self._blind = False
         self._beside()
+        self._slips = self.reader.slips  # last: a Ctrl-C before that leaves the doubt to the next look
 
     def motor_now(self):
         """The motor's counts, in the axis's own direction. Without a gap they are not counted yet: look() does that."""
@@ -160,6 +162,10 @@ class MeasuredPosition(Position):
 
     def _through(self, turned):
         """What of these counts has moved the mirror."""
+        if self._torn:  # the gap has these counts already, or a part of them
+            self._beside()
+            self.lose_gap()
+        self._torn = True
         direction = 1 if turned > 0 else -1
         if not self.gap_known:
             if direction != self._way:
@@ -196,7 +202,7 @@ class MeasuredPosition(Position):
         if step_us > 100_000:
             us >>= 5
             step_us >>= 5
-        return us * self.per_step // step_us
+        return us // step_us * self.per_step + us % step_us * self.per_step // step_us
 
     def counts_of(self, millisteps):
         """Millisteps in counts, rounded; bounded, so that they are a small integer."""
@@ -231,8 +237,8 @@ class MeasuredPosition(Position):
             self._axis.zero_angle = (angle - self.way * self.in_counts()) % _TURN or _TURN
 
     def recorded(self):
-        """What a record has of the encoder: the angle, and the counts of the step that it is measured in, or 0."""
-        return self.angle(), self._counts_per_step if self.closed else 0
+        """Of a record: the angle; counts of the step that it is measured in, or 0; is the timed step another since?"""
+        return self.angle(), self._counts_per_step if self.closed else 0, self._step_differs
 
     def restored(self, recorded):
         """It was restored with this of recorded(): less by an older firmware, None without a record.
@@ -240,19 +246,22 @@ class MeasuredPosition(Position):
         False if it is not there any more.
         """
         self._rebase()
-        if self.closed and len(recorded or ()) > 1 and recorded[1] not in (0, self._counts_per_step):
+        measured_in, differs = recorded[1:3] if len(recorded or ()) > 2 else (0, 0)
+        in_other_steps = measured_in not in (0, self._counts_per_step)
+        if not self.closed:
+            if differs or in_other_steps:
+                super().step_changed()
+            self._on_a_step()
+            return True
+        if in_other_steps:
             self.reset()
             return True
-        if not self.closed and self.certainty:
-            self._on_a_step()
+        self._step_differs = differs != 0
         angle = self.angle()
-        then = recorded[0] if recorded else -1
-        since = self._axis.zero_angle if recorded is None else then  # the former: 1 … 4096; 0: not known
-        if not self.closed or angle < 0 or (recorded is None and not since):
-            return True
-        if since < 0:
-            if self.certainty:
-                self.certainty = codes.ESTIMATED
+        since = self._axis.zero_angle if recorded is None else (recorded or (-1,))[0]  # the former: 0: not known
+        if self.reader.gone or angle >= 0 > since:
+            self._beside()
+        if angle < 0 or since < 0 or (recorded is None and not since):
             return True
         turned = (angle - since + (_TURN >> 1)) % _TURN - (_TURN >> 1)
         if recorded is None:

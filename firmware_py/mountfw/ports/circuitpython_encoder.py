@@ -60,9 +60,8 @@ class Shaft(Turns):
         try:
             self._bus.writeto_then_readfrom(_ADDRESS, _STATUS, answer)
         except OSError:
-            self._is_asked = (
-                not self.silent()
-            )  # until the next start: for a bus that hangs CircuitPython waits a second
+            # one that is gone: not until the next start, for CircuitPython waits a second for a bus that hangs
+            self._is_asked = not self.silent()
         else:
             self.take(answer[0], answer[1], answer[2])
         return self.count

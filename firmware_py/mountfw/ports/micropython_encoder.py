@@ -3,7 +3,8 @@
 counted.py says what a reader is. Only for a board file that names an encoder.
 """
 
-# pyright: reportUndefinedVariable=false
+# pyright: reportUndefinedVariable=false, reportAttributeAccessIssue=false
+import time
 from array import array
 
 import machine
@@ -22,7 +23,7 @@ _FIFO = const(4)  # old words wait in there
 _ADDRESS = const(0x36)  # AS5600 data sheet: its only one
 _STATUS = const(0x0B)  # the register before RAW ANGLE
 _TIMEOUT_US = const(2_000)  # an answer takes 0.2 ms; a stop waits as long for a bus that hangs
-_PAUSE = const(15)  # looks; each OSError takes a piece of the heap
+_AGAIN_MS = const(500)  # until a sensor that is gone is asked again: each OSError takes a piece of the heap
 
 
 def reader(number, pins):
@@ -135,19 +136,19 @@ class Shaft(Turns):
         bus = machine.I2C(sda >> 1 & 1, scl=Pin(scl), sda=Pin(sda), freq=400_000, timeout=_TIMEOUT_US)
         self._read = bus.readfrom_mem_into
         self._answer = bytearray(3)
-        self._pause = 0  # looks at which it is not asked
+        self._left_at = None  # when it did not answer last, if it is gone
 
     def counts(self):
         """4096 a turn; the lowest 12 bits are the angle."""
-        if self._pause:
-            self._pause -= 1
+        if self._left_at is not None and time.ticks_diff(time.ticks_ms(), self._left_at) < _AGAIN_MS:
             return self.count
         answer = self._answer
         try:
             self._read(_ADDRESS, _STATUS, answer)
         except OSError:
             if self.silent():
-                self._pause = _PAUSE
+                self._left_at = time.ticks_ms()
         else:
+            self._left_at = None
             self.take(answer[0], answer[1], answer[2])
         return self.count
