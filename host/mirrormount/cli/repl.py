@@ -10,7 +10,7 @@ def run(args: argparse.Namespace) -> None:
     from mirrormount.cli.board_prompt import open_prompt
     from mirrormount.common.signals import ended_in_order
 
-    with ended_in_order():
+    with ended_in_order(interrupts=True):
         open_prompt(port_of(args))
 
 

@@ -1,8 +1,6 @@
 """`mirrormount setup`: the course of questions of setup_course.py."""
 
 import argparse
-import io
-import sys
 
 from mirrormount.cli.command import Command, open_mount, port_options
 
@@ -12,8 +10,6 @@ def run(args: argparse.Namespace) -> None:
     from mirrormount.cli.setup_course import run_course
     from mirrormount.common.signals import ended_in_order
 
-    if isinstance(sys.stdin, io.TextIOWrapper):
-        sys.stdin.reconfigure(errors="replace")  # a byte that is no text is a wrong answer: it is asked again
     with ended_in_order(interrupts=True), open_mount(args) as mount:
         run_course(mount)
 

@@ -18,7 +18,7 @@ class KeepAlive:
     def __init__(self, is_moving: Callable[[], bool], threaded: bool) -> None:
         self._is_moving = is_moving
         self._threaded = threaded
-        self._active = threading.Event()
+        self._active = False  # no Event, which has a lock: a Mount may be freed in any thread, in the middle of that
         self._lock = threading.Lock()
         self._thread: threading.Thread | None = None
         self._starts = 0  # a thread that ends checks whether a motion was started meanwhile
@@ -27,13 +27,13 @@ class KeepAlive:
     @property
     def active(self) -> bool:
         """True while a motion is kept alive."""
-        return self._active.is_set()
+        return self._active
 
     def start(self) -> None:
         """Keep the motion that was just started alive until it ends."""
         with self._lock:
             self._starts += 1
-            self._active.set()
+            self._active = True
             if not self._threaded or self._thread:
                 return
             self._thread = threading.Thread(target=self._feed, name="keep-alive", daemon=True)
@@ -41,7 +41,7 @@ class KeepAlive:
 
     def end(self) -> None:
         """Stop feeding. Does not wait for the thread."""
-        self._active.clear()
+        self._active = False
 
     def join(self, timeout_s: float | None = None) -> None:
         """Wait for the end of the thread: at the end of the motion, or of end()."""
@@ -59,12 +59,12 @@ class KeepAlive:
         while True:
             starts, moving = self._starts, False
             try:
-                moving = self._active.is_set() and self._is_moving()
+                moving = self._active and self._is_moving()
             except MountError as e:
                 self._failure = e
             with self._lock:
                 if not moving and starts == self._starts:
-                    self._active.clear()
+                    self._active = False
                     self._thread = None
                     return
             time.sleep(FEED_S)
