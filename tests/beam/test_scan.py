@@ -1,8 +1,10 @@
 """Scans on the virtual table: the pattern's places, the signal at each, and the files."""
 
+import errno
 import itertools
 import json
 import math
+import os
 
 import cv2
 import numpy as np
@@ -253,6 +255,18 @@ def test_a_file_that_comes_in_mid_scan_is_not_replaced_and_the_scan_is_kept_besi
     assert path.read_text() == "mine"
     with h5py.File(tmp_path / "a.h5.part") as kept:
         assert kept.attrs["ended"] == "complete"
+
+
+def test_a_scan_that_cannot_get_its_name_stays_in_the_part_and_leaves_no_empty_file(mount, tmp_path, monkeypatch):
+    def full(_part, _path):
+        raise OSError(errno.EIO, "Input/output error")
+
+    signal, path = Signal.of(lambda _mount: 1.0), tmp_path / "a.h5"
+    whole = Hdf5File(path, metadata(mount, line(1, 0, 1), signal), signal, 1)
+    monkeypatch.setattr(os, "replace", full)
+    with pytest.raises(CannotWrite, match=r"a\.h5: Input/output error; the scan is in .*a\.h5\.part"):
+        whole.end([], "complete")
+    assert not path.exists() and (tmp_path / "a.h5.part").exists()
 
 
 def test_what_a_camera_does_not_know_is_said_to_be_unknown_and_never_invented(tmp_path):

@@ -165,7 +165,7 @@ def at_the_run_duty(mount, monkeypatch, act) -> None:
     ("name", "status", "says"),
     [
         ("SIGINT", 130, "mirrormount: stopped; the settings are as they were\n"),
-        ("SIGTERM", 143, "mirrormount: ended by SIGTERM\n"),
+        ("SIGTERM", 143, "mirrormount: ended by SIGTERM; the settings are as they were\n"),
     ],
 )
 def test_a_signal_in_the_middle_of_an_import_puts_all_back(mount, monkeypatch, tmp_path, capsys, name, status, says):
@@ -182,6 +182,17 @@ def test_a_signal_in_the_middle_of_an_import_puts_all_back(mount, monkeypatch, t
     assert main.main(["config", "import", str(file)]) == status
     assert capsys.readouterr().err == says
     assert mount.settings() == before
+
+
+def test_ctrl_c_in_the_middle_of_saving_says_that_the_settings_are_in_use(mount, monkeypatch, capsys):
+    def interrupted(_mount):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Mount, "save", interrupted)
+    monkeypatch.setattr(config, "open_mount", lambda _args: contextlib.nullcontext(mount))
+    assert main.main(["config", "set", "--save", "x.run_duty", "9"]) == 130
+    said = capsys.readouterr().err
+    assert said == "mirrormount: stopped; the board uses the settings, and may not have saved them\n"
 
 
 def test_an_answer_that_is_lost_in_the_middle_of_a_change_puts_all_back(mount, monkeypatch):

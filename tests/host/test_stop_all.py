@@ -1,15 +1,18 @@
 """`mirrormount stop` without a port that somebody has typed: every mount that may be there is stopped."""
 
 import os
+import subprocess
+import sys
 import threading
 from types import SimpleNamespace
 
 import pytest
-from served import PATIENCE_S, wait_for
+from served import HANG_S, PATIENCE_S, wait_for
 
 import mirrormount.transport.find
 from mirrormount import Mount
-from mirrormount.cli import main
+from mirrormount.cli import main, stop
+from mirrormount.common.errors import NoAnswer
 
 # on a busy computer a board in real time answers later than its client waits
 pytestmark = [pytest.mark.wall_clock, pytest.mark.usefixtures("runtime")]
@@ -89,7 +92,8 @@ def test_of_several_boards_the_one_that_is_no_mount_is_told_and_its_program_is_n
     assert main.main(["stop"]) == 1
     said = capsys.readouterr()
     assert said.out == f"{board.link}: stopped\n"
-    assert f"if it is one, name it: mirrormount stop --port {mute.address}" in said.err
+    assert f"{mute.address}: nothing answers" in said.err
+    assert f"if it is one, name it (mirrormount stop --port {mute.address})" in said.err
     assert b"\x03" not in mute.heard()
 
 
@@ -98,8 +102,74 @@ def test_beside_a_mount_that_is_named_another_instrument_is_told_and_is_no_failu
     monkeypatch.setenv("MIRRORMOUNT_PORT", str(board.link))
     assert main.main(["stop"]) == 0
     said = capsys.readouterr()
-    assert f"{board.link}: stopped\n" in said.out and f"{mute.address}: plugged in too, and not stopped: " in said.out
+    assert f"{board.link}: stopped\n" in said.out
+    assert f"left alone: {mute.address}: nothing answers" in said.out
     assert said.err == ""
+
+
+def test_beside_a_mount_that_is_named_a_board_that_cannot_be_stopped_is_a_failure(serve, monkeypatch, capsys):
+    import serial
+
+    named, other = serve(), serve()
+    plug_in(monkeypatch, other.link)
+    monkeypatch.setenv("MIRRORMOUNT_PORT", str(named.link))
+    with serial.Serial(str(other.link), exclusive=True):
+        assert main.main(["stop"]) == 1
+    said = capsys.readouterr()
+    assert said.out == f"{named.link}: stopped\n" and f"{other.link}: another program" in said.err
+
+
+def test_a_virtual_board_in_the_environment_is_no_board_beside_a_real_one(board, monkeypatch, capsys):
+    leave_running(board)
+    plug_in(monkeypatch, board.link)
+    monkeypatch.setenv("MIRRORMOUNT_PORT", "virtual://")
+    assert main.main(["stop"]) == 0
+    assert capsys.readouterr().out == "stopped\n"
+    assert not board.driving()
+
+
+def test_a_program_that_opens_a_port_while_others_are_asked_is_asked_too(board, holder, monkeypatch, capsys):
+    looked_for = stop._every_port
+
+    def late(of_environment):
+        holder(str(board.link), "m.send('2XM60000'); m.x.jog(1)")
+        wait_for(board.driving, "the motor to run")
+        return looked_for(of_environment)
+
+    monkeypatch.setattr(stop, "_every_port", late)
+    monkeypatch.setenv("MIRRORMOUNT_PORT", str(board.link))
+    assert main.main(["stop"]) == 0
+    assert not board.driving()
+    assert capsys.readouterr().out.startswith("stopped (by process ")
+
+
+def test_a_program_that_does_not_answer_delays_no_other_boards_stop(board, monkeypatch):
+    opened = threading.Event()
+    monkeypatch.setattr(Mount, "open", lambda _address: opened.set() or SimpleNamespace(close=str))
+    monkeypatch.setattr(stop, "_ask", lambda _owners: [] if opened.wait(PATIENCE_S) else [NoAnswer("it waited")])
+    plug_in(monkeypatch, board.link)
+    assert main.main(["stop"]) == 0
+
+
+def test_what_cannot_be_printed_keeps_no_board_from_its_stop(board, holder, serve):
+    other = serve()
+    holder(str(other.link))
+    leave_running(board)
+    environment = os.environ | {"MIRRORMOUNT_PORT": str(board.link)}
+    with open("/dev/full", "wb", buffering=0) as full:
+        words = [sys.executable, "-m", "mirrormount", "stop"]
+        run = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, env=environment, timeout=HANG_S)
+    assert not board.driving()
+    assert run.returncode == 1 and run.stderr.startswith(b"mirrormount: standard output: ")
+
+
+def test_ctrl_c_does_not_say_that_all_have_stopped(monkeypatch, capsys):
+    def interrupted(_of_environment):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(stop, "_every_port", interrupted)
+    assert main.main(["stop"]) == 130
+    assert capsys.readouterr().err == "mirrormount: interrupted: not every mount is known to have stopped\n"
 
 
 def test_all_are_stopped_at_the_same_time(monkeypatch, capsys):

@@ -107,6 +107,14 @@ def test_nothing_starts_in_a_block_after_a_stop_in_it(mount, start):
     assert mount.link.port.simulation.edges == []
 
 
+def test_a_stop_by_another_program_between_opening_and_block_counts_where_that_is_asked_for(mount):
+    mount.session.stop_for_another_program()
+    with mount.unless_stopped():
+        mount.x.step(1)
+    with pytest.raises(errors.MoveEnded, match="stopped before it began"), mount.unless_stopped(since_open=True):
+        mount.x.step(1)
+
+
 def test_the_end_of_an_inner_block_does_not_end_the_outer_one(mount):
     with mount.unless_stopped():
         with mount.unless_stopped():

@@ -148,7 +148,11 @@ class Hdf5File:
         self._file.close()
         try:
             self._path.open("xb").close()  # only a file of our own is replaced; not every disk has hard links
-            os.replace(self._part, self._path)
+            try:
+                os.replace(self._part, self._path)
+            except BaseException:
+                self._path.unlink(missing_ok=True)
+                raise
         except OSError as e:
             raise CannotWrite(f"{self._path}: {e.strerror or e}; the scan is in {self._part}") from e
 

@@ -42,9 +42,12 @@ def carry_out(mount: Mount, args: argparse.Namespace) -> None:
 
 
 def _kept(mount: Mount, save: bool, saved: str) -> str:
-    """Save if that is wanted. Returns for how long the settings last."""
+    """Save if that is wanted. Returns for how long the settings last. Ctrl-C says that the board has taken them."""
     if save:
-        mount.save()
+        try:
+            mount.save()
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt("stopped; the board uses the settings, and may not have saved them") from None
     return saved if save else _LASTS
 
 

@@ -58,7 +58,7 @@ def measure(args: argparse.Namespace) -> None:
         observer = Observer(camera)
         origin = Origin(began, __version__, mount.identity, camera.name, mount.settings(), optics)
         try:
-            with _shown(mount) as tell, _stopped(mount), mount.unless_stopped():  # a stop between two moves counts
+            with _shown(mount) as tell, _stopped(mount), mount.unless_stopped(since_open=True):
                 work(MountRig(mount, observer, axes), result, tell)
         except BaseException as e:
             result.partial = "stopped by Ctrl-C" if isinstance(e, KeyboardInterrupt) else str(e) or type(e).__name__

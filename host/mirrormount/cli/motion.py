@@ -20,7 +20,9 @@ def _opened(args: argparse.Namespace) -> "Iterator[Mount | SketchMount]":
     """The mount that the arguments name. A stop that comes before the motion has begun is for that motion, too."""
     from mirrormount.device.mount import Mount
 
-    with open_any(args) as mount, mount.unless_stopped() if isinstance(mount, Mount) else contextlib.nullcontext():
+    with open_any(args) as mount, contextlib.ExitStack() as stack:
+        if isinstance(mount, Mount):  # a sketch's has no such block
+            stack.enter_context(mount.unless_stopped(since_open=True))
         yield mount
 
 

@@ -39,7 +39,7 @@ def work(args: argparse.Namespace) -> int:
         name = "spot" if searches else args.signal
         signal = spot_signal(camera) if name == "spot" else grey_signal(camera)
         about = metadata(mount, pattern, signal, read=name, **of_camera(camera, scale))
-        with _kept(args, about, pattern, signal) as kept:
+        with _kept(args, about, pattern, signal) as kept, mount.unless_stopped(since_open=True):
             keeps = bool(args.csv or args.hdf5)
             if not (keeps or searches):
                 print("nothing is kept: --csv FILE or --hdf5 FILE writes place and value of each", flush=True)

@@ -28,7 +28,7 @@ def run(args: argparse.Namespace) -> None:
     with mount if args.wait else contextlib.closing(mount):
         if isinstance(mount, SketchMount):
             raise NotSupported(f"no command lines: {LIMITS}")
-        with mount.unless_stopped():  # a stop that comes before the line is for its motion, too
+        with mount.unless_stopped(since_open=True):  # a stop that comes before the line is for its motion, too
             (command_line.send if args.wait else command_line.start)(mount, args.line)
 
 

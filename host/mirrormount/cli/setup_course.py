@@ -35,7 +35,7 @@ def run_course(mount: Mount, ask: Callable[[str], str] = input, say: Callable[[s
     calibration.check_writable()
     before = mount.settings()
     try:
-        with mount.unless_stopped():  # a stop in a question is for what follows it, too
+        with mount.unless_stopped(since_open=True):  # a stop in a question is for what follows it, too
             scales = _go_through(mount, talk)
         if not talk.yes(f"Save this on the board{f', and the scales in {calibration.path()}' if scales else ''}?"):
             say(_put_back(mount, before))

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 _LEAVES_S, _LOOK_S = 0.5, 0.02  # how long a program that could not stop may take to close the port
 _PROMPT_S = 1.0  # how long a prompt may take to come back
 _BUSY_S = 1.5  # how long a program may have it and take no stop: another `stop`, or one that has just opened it
+_not_said: list[OSError] = []  # why lines could not be printed
 
 
 class _Port(NamedTuple):
@@ -32,10 +33,14 @@ def run(args: argparse.Namespace) -> None:
         with open_any(args):  # opening already stops, and says so if it could not
             pass
         print("stopped")
-    elif isinstance(args.port, PortOfEnvironment):  # nobody has typed it: somebody may mean another mount
-        stop(None, args.port)
-    else:
-        stop(args.port)
+        return
+    named = isinstance(args.port, PortOfEnvironment)  # nobody has typed it: somebody may mean another mount
+    try:
+        stop(None if named else args.port, args.port if named else None)
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt("interrupted: not every mount is known to have stopped") from None
+    if _not_said:
+        raise _not_said.pop()
 
 
 def stop(address: str | None, of_environment: str | None = None) -> None:
@@ -46,27 +51,112 @@ def stop(address: str | None, of_environment: str | None = None) -> None:
     With several of those, the message has all of them. A program that has the port is asked before anything of the
     client library is imported.
     """
+    problems = _stop_one(address) if address else _stop_all(of_environment)
+    texts = list(dict.fromkeys(map(str, problems)))
+    if len(texts) > 1:
+        raise MountError("; ".join(texts))
+    if problems:
+        raise problems[0]
+
+
+def _stop_one(address: str) -> list[MountError]:
+    """Stop the mount at an address or of a name. Returns what went wrong."""
     from mirrormount.transport import stop_socket
 
-    if address and is_name(address):
+    if is_name(address):
         from mirrormount.device.named import place_of
 
         address = place_of(address).address
-    owners = stop_socket.owners(address)
+    if owners := stop_socket.owners(address):
+        problems = _ask(owners)
+        if not problems or not _have_left(owners):
+            return problems
+    return _stop_at([_Port(address, named=True)], [])  # as they were asked they closed the port, which does not stop
+
+
+def _stop_all(of_environment: str | None) -> list[MountError]:
+    """Stop every mount that may be there: programs are asked while the other ports are looked for and opened.
+
+    Returns what went wrong.
+    """
+    from threading import Thread
+
+    from mirrormount.transport import stop_socket
+
+    owners = stop_socket.owners()
     problems: list[MountError] = []
-    if not address and (why := stop_socket.why_none()):
+    if why := stop_socket.why_none():
         problems.append(NoAnswer(f"no program that has a port open can be asked for a stop: {why}"))
-    problems += _ask(owners)
-    if address and problems and _have_left(owners):
-        owners, problems = [], []  # as they were asked they closed the port, which does not stop
-    if not address:
-        problems += _stop_all(of_environment, bool(owners))
-    elif not owners:
-        problems += _stop_at([_Port(address, named=True)])
-    if len(problems) > 1:
-        raise MountError("; ".join(str(problem) for problem in problems))
-    if problems:
-        raise problems[0]
+    asking = Thread(target=lambda: problems.extend(_ask(owners)))
+    asking.start()
+    try:
+        others = _stop_unasked(of_environment, owners)
+    finally:
+        asking.join()
+    return problems + others
+
+
+def _stop_unasked(of_environment: str | None, asked: "Sequence[Owner]") -> list[MountError]:
+    """Stop the mounts that may be there, but for those whose programs are asked. Returns what went wrong."""
+    from mirrormount.transport.find import find_one
+
+    ports, problems = _every_port(of_environment)
+    if not (ports or problems or asked):
+        try:
+            find_one()  # says what is plugged in instead
+        except NoBoardFound as e:
+            problems.append(e)
+    return problems + _stop_at(ports, asked)
+
+
+def _every_port(of_environment: str | None) -> tuple[list[_Port], list[MountError]]:
+    """Where mounts may be, each port once; and the reasons why not all of them are known."""
+    from mirrormount.device.named import addresses, place_of
+    from mirrormount.transport.find import find
+    from mirrormount.transport.stop_socket import real_name
+
+    places = (
+        (lambda: [place_of(of_environment).address] if of_environment else [], True),
+        (addresses, True),
+        (lambda: [device for device, _ in find()], False),
+    )
+    ports: dict[str, _Port] = {}
+    problems: list[MountError] = []
+    for look, named in places:
+        try:
+            for address in look():
+                ports.setdefault(real_name(address), _Port(address, named))
+        except MountError as e:
+            problems.append(e)
+    real = [port for port in ports.values() if not port.address.startswith("virtual://")]
+    return real or list(ports.values()), problems  # a virtual board would be a new one, in which nothing runs
+
+
+def _stop_at(ports: Sequence[_Port], asked: "Sequence[Owner]") -> list[MountError]:
+    """Stop the mounts at these ports, at the same time: one that does not answer delays no other's stop.
+
+    Returns what went wrong. Where a person has named some, the others may be another instrument: one that is no mount
+    is told, and is no failure.
+    """
+    from concurrent.futures import ThreadPoolExecutor
+
+    several = len(ports) > 1
+    some_named = any(port.named for port in ports)
+
+    def stop_at(port: _Port) -> list[MountError]:
+        name = f"{port.address}: " if several else ""
+        try:
+            return _open(port.address, name, asked, may_interrupt=port.named or not several)
+        except MountError as e:
+            if several and not str(e).startswith(port.address):
+                e.args = (f"{name}{e}",)
+            if port.named or not some_named or not isinstance(e, NotAMount):
+                return [e]
+            _say(f"left alone: {e}")
+            return []
+
+    with ThreadPoolExecutor(max(1, len(ports))) as pool:
+        return [problem for problems in pool.map(stop_at, ports) for problem in problems]
 
 
 def _ask(owners: "Sequence[Owner]") -> list[MountError]:
@@ -93,76 +183,18 @@ def _have_left(owners: "Sequence[Owner]") -> bool:
     return True
 
 
-def _stop_all(of_environment: str | None, others_were_asked: bool) -> list[MountError]:
-    """Stop every mount that may be there and that no program was asked for. Returns what went wrong."""
-    from mirrormount.transport.find import find_one
-    from mirrormount.transport.stop_socket import owners
-
-    ports, problems = _every_port(of_environment)
-    if not (ports or problems or others_were_asked):
-        try:
-            find_one()  # says what is plugged in instead
-        except NoBoardFound as e:
-            problems.append(e)
-    return problems + _stop_at([port for port in ports if not owners(port.address)])
-
-
-def _every_port(of_environment: str | None) -> tuple[list[_Port], list[MountError]]:
-    """Where mounts may be, each port once; and the reasons why not all of them are known."""
-    from mirrormount.device.named import addresses, place_of
-    from mirrormount.transport.find import find
-    from mirrormount.transport.stop_socket import real_name
-
-    places = (
-        (lambda: [place_of(of_environment).address] if of_environment else [], True),
-        (addresses, True),
-        (lambda: [device for device, _ in find()], False),
-    )
-    ports: dict[str, _Port] = {}
-    problems: list[MountError] = []
-    for look, named in places:
-        try:
-            for address in look():
-                ports.setdefault(real_name(address), _Port(address, named))
-        except MountError as e:
-            problems.append(e)
-    return list(ports.values()), problems
-
-
-def _stop_at(ports: Sequence[_Port]) -> list[MountError]:
-    """Stop the mounts at these ports, at the same time: one that does not answer delays no other's stop.
-
-    Returns what went wrong. Where a person has named some, the others may be another instrument: what could not be
-    stopped there is told, and is no failure.
-    """
-    from concurrent.futures import ThreadPoolExecutor
-
-    several = len(ports) > 1
-    some_named = any(port.named for port in ports)
-
-    def stop_at(port: _Port) -> list[MountError]:
-        name = f"{port.address}: " if several else ""
-        try:
-            return _open(port.address, name, may_interrupt=port.named or not several)
-        except MountError as e:
-            if port.named or not some_named:
-                return [e]
-            _say(f"{port.address}: plugged in too, and not stopped: {e}")
-            return []
-
-    with ThreadPoolExecutor(max(1, len(ports))) as pool:
-        return [problem for problems in pool.map(stop_at, ports) for problem in problems]
-
-
-def _open(address: str, name: str, may_interrupt: bool) -> list[MountError]:
+def _open(address: str, name: str, asked: "Sequence[Owner]", may_interrupt: bool) -> list[MountError]:
     """Open a mount, which stops it, and print that with its name. Returns what went wrong, or raises MountError.
 
-    may_interrupt: if it is no mount that answers, a program at a Python prompt there may be ended.
+    Programs that have the port meanwhile are asked, but for those that are asked elsewhere. may_interrupt: if it is no
+    mount that answers, a program at a Python prompt there may be ended.
     """
     from mirrormount.device.mount import Mount
     from mirrormount.transport.processes import who_has
     from mirrormount.transport.stop_socket import owners
 
+    if (has := owners(address)) and all(owner in asked for owner in has):
+        return []
     holder: Owner | None = None
     end = 0.0
     while True:
@@ -185,7 +217,7 @@ def _open(address: str, name: str, may_interrupt: bool) -> list[MountError]:
             if type(e) is not NotAMount:
                 raise
             if not may_interrupt:
-                raise NotAMount(f"{e}; if it is one, name it: mirrormount stop --port {address}") from e
+                raise NotAMount(f"{e}; if it is one, name it (mirrormount stop --port {address})") from e
             if not _end_program(address):
                 raise
             _say(f"{name}stopped: the program at the board's Python prompt was ended (Ctrl-D there starts mountfw)")
@@ -195,8 +227,11 @@ def _open(address: str, name: str, may_interrupt: bool) -> list[MountError]:
 
 
 def _say(line: str) -> None:
-    """Print a line in one piece: several mounts are stopped at the same time."""
-    print(f"{line}\n", end="", flush=True)
+    """Print a line in one piece: several mounts are stopped at the same time. That it cannot be is told after all."""
+    try:
+        print(f"{line}\n", end="", flush=True)
+    except OSError as e:
+        _not_said.append(e)
 
 
 def _way(holder: "Owner | None") -> str:

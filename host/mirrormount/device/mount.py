@@ -8,8 +8,8 @@
 A motion is kept alive while it lasts: a program that dies stops the mount. Positions are in steps of the axis.
 """
 
-from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager
+import contextlib
+from collections.abc import Callable, Iterator, Mapping
 from typing import Self
 
 from mirrormount.common.errors import BadValue, NotSupported, PortBusy
@@ -21,6 +21,7 @@ from mirrormount.device.frame import encode
 from mirrormount.device.named import Place, place_of, x_axis_of
 from mirrormount.device.session import Session
 from mirrormount.device.status import AxisStatus, Ended, Homed, Limits, QueuedError, Status, table
+from mirrormount.device.stop_gate import not_begun
 from mirrormount.transport.find import find_one
 from mirrormount.transport.lines import Link
 from mirrormount.transport.open import open_port
@@ -129,12 +130,17 @@ class Mount:
         """
         self.session.halt()
 
-    def unless_stopped(self) -> AbstractContextManager[None]:
+    @contextlib.contextmanager
+    def unless_stopped(self, *, since_open: bool = False) -> Iterator[None]:
         """A motion of this thread in the block starts only if no thread has stopped the mount since the block began.
 
-        In a block within a block it is since the outer one began.
+        In a block within a block it is since the outer one began. since_open: MoveEnded at once if another program has
+        stopped the mount since it was opened.
         """
-        return self.session.gate.unless_stopped()
+        with self.session.gate.unless_stopped():
+            if since_open and self.session.stops_by_others:  # asked in the block: of a later one the gate knows
+                raise not_begun()
+            yield
 
     def accept_stops(self, address: str, also: Callable[[], None] | None = None) -> None:
         """Let `mirrormount stop` of this user stop this mount until it is closed; open() does this.

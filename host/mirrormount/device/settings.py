@@ -22,6 +22,7 @@ from mirrormount.common.errors import (
     SettingRefused,
 )
 from mirrormount.common.printable import printable
+from mirrormount.common.signals import Terminated
 from mirrormount.device.session import Session
 from mountfw import codes as wire
 from mountfw import settings as declared
@@ -169,6 +170,9 @@ def write(session: Session, wanted: Mapping[str, Mapping[str, int | float]]) -> 
         raise type(e)(f"{e}; {_undone(session, before)}") from e
     except KeyboardInterrupt:
         raise KeyboardInterrupt(f"stopped; {_undone(session, before)}") from None
+    except Terminated as e:
+        e.args = (f"{e}; {_undone(session, before)}",)
+        raise
     except BaseException:
         _undone(session, before)
         raise

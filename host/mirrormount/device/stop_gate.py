@@ -9,6 +9,11 @@ from mirrormount.common.errors import MoveEnded
 from mountfw import codes as wire
 
 
+def not_begun() -> MoveEnded:
+    """Of a motion that a stop has kept from starting."""
+    return MoveEnded("mount", wire.ABORTED, 0, None, ["stopped before it began"])
+
+
 class StopGate:
     """Held while a stop is written, and while a line that starts a motion is written.
 
@@ -33,7 +38,7 @@ class StopGate:
         """Inside, no other thread writes a stop. Raises MoveEnded if there was one after last_stop."""
         with self._lock:
             if last_stop != self._last:
-                raise MoveEnded("mount", wire.ABORTED, 0, None, ["stopped before it began"])
+                raise not_begun()
             yield
 
     @contextlib.contextmanager
