@@ -99,7 +99,7 @@ One run or one frame drives no longer.
 """
 
 _setting(b"XT", "search_limit_ms", 1, 400_000, 120_000)
-"""Limits: longest search for a switch, or an end by stall, ms of drive
+"""Limits: longest search for a switch or an end, ms of drive
 
 Of `MT` and `OR`. `PR` and `PA` have no limit of time: their steps bound them, and the soft limits.
 """

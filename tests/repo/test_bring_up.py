@@ -27,6 +27,7 @@ def blocks() -> list[list[str]]:
     return [[line.partition(" #")[0].strip() for line in block.splitlines()] for block in found]
 
 
+@pytest.mark.wall_clock  # a command that gets no processor for half a second is stopped by the board, by design
 @pytest.mark.skipif(os.name != "posix", reason="a pseudo-terminal needs POSIX")
 def test_the_commands_of_the_rehearsal_work_in_their_order(tmp_path):
     try:

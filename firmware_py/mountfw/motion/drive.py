@@ -1,9 +1,8 @@
 """The drive of one motor: a gate, on, cut, a deadline and the measured on-time. Imports codes, ticks.
 
 A pulse, a run and a frame are one on() with its deadline; measured_us() returns how long the motor had drive. Only
-_set() turns a motor on, and the port's lane (docs/lane.md) by the same verb of the bridge. The clock is read right
-before each pin write. Between any two lines here an interrupt may run guard(), or set `emergency`: both only cut, on()
-checks again after it has driven, and Axis.service() does the rest.
+_set(), and the lane (docs/lane.md), turn a motor on. The clock is read right before each pin write. Between any two
+lines here an interrupt may run guard(), or set `emergency`: both only cut, on() checks again, Axis.service() the rest.
 """
 
 from mountfw import codes, const

@@ -71,7 +71,7 @@ class AxisProperties:
     run_limit_ms = Property[int]()
     """Limits: longest run, ms"""
     search_limit_ms = Property[int]()
-    """Limits: longest search for a switch, or an end by stall, ms of drive"""
+    """Limits: longest search for a switch or an end, ms of drive"""
     counts_per_step = Property[int]()
     """Encoder: counts of one step; 0: not measured"""
     closed_loop = Property[int]()
