@@ -34,9 +34,9 @@ def run(args: argparse.Namespace) -> None:
             pass
         print("stopped")
         return
-    named = isinstance(args.port, PortOfEnvironment)  # nobody has typed it: somebody may mean another mount
+    untyped = isinstance(args.port, PortOfEnvironment)  # somebody may mean another mount
     try:
-        stop(None if named else args.port, args.port if named else None)
+        stop(None if untyped else args.port, args.port if untyped else None)
     except KeyboardInterrupt:
         raise KeyboardInterrupt("interrupted: not every mount is known to have stopped") from None
     if _not_said:
@@ -48,8 +48,8 @@ def stop(address: str | None, of_environment: str | None = None) -> None:
     environment names, those of the table, and those that are plugged in.
 
     Raises MountError if one of them did not stop, or cannot be known to have; the others are stopped all the same.
-    With several of those, the message has all of them. A program that has the port is asked before anything of the
-    client library is imported.
+    With several of those, the message has all of them. A program that has a port is asked before anything of the client
+    library is imported.
     """
     problems = _stop_one(address) if address else _stop_all(of_environment)
     texts = list(dict.fromkeys(map(str, problems)))
