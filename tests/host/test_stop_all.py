@@ -55,7 +55,7 @@ def test_each_board_that_is_plugged_in_is_stopped(serve, monkeypatch, capsys):
         leave_running(board)
     plug_in(monkeypatch, *(board.link for board in boards))
     assert main.main(["stop"]) == 0
-    assert not any(board.driving() for board in boards)
+    wait_for(lambda: not any(board.driving() for board in boards), "the stops")
     assert sorted(capsys.readouterr().out.splitlines()) == sorted(f"{board.link}: stopped" for board in boards)
 
 
@@ -65,7 +65,7 @@ def test_a_port_in_the_environment_hides_no_other_board(serve, monkeypatch, caps
     plug_in(monkeypatch, other.link)
     monkeypatch.setenv("MIRRORMOUNT_PORT", str(named.link))
     assert main.main(["stop"]) == 0
-    assert not other.driving()
+    wait_for(lambda: not other.driving(), "the stop")
     assert sorted(capsys.readouterr().out.splitlines()) == sorted(f"{b.link}: stopped" for b in (named, other))
 
 
@@ -125,7 +125,7 @@ def test_a_virtual_board_in_the_environment_is_no_board_beside_a_real_one(board,
     monkeypatch.setenv("MIRRORMOUNT_PORT", "virtual://")
     assert main.main(["stop"]) == 0
     assert capsys.readouterr().out == "stopped\n"
-    assert not board.driving()
+    wait_for(lambda: not board.driving(), "the stop")
 
 
 def test_a_program_that_opens_a_port_while_others_are_asked_is_asked_too(board, holder, monkeypatch, capsys):
@@ -139,7 +139,7 @@ def test_a_program_that_opens_a_port_while_others_are_asked_is_asked_too(board, 
     monkeypatch.setattr(stop, "_every_port", late)
     monkeypatch.setenv("MIRRORMOUNT_PORT", str(board.link))
     assert main.main(["stop"]) == 0
-    assert not board.driving()
+    wait_for(lambda: not board.driving(), "the stop")
     assert capsys.readouterr().out.startswith("stopped (by process ")
 
 
@@ -159,7 +159,7 @@ def test_what_cannot_be_printed_keeps_no_board_from_its_stop(board, holder, serv
     with open("/dev/full", "wb", buffering=0) as full:
         words = [sys.executable, "-m", "mirrormount", "stop"]
         run = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, env=environment, timeout=HANG_S)
-    assert not board.driving()
+    wait_for(lambda: not board.driving(), "the stop")
     assert run.returncode == 1 and run.stderr.startswith(b"mirrormount: standard output: ")
 
 
