@@ -1,23 +1,16 @@
 """`mirrormount setup` with a person who looks at the virtual screen and presses virtual switches."""
 
-import contextlib
 import math
-import re
-import signal
-import subprocess
-import sys
 
 import pytest
-from full_disk import run_with_room
-from served import HANG_S, run_cli
+from setup_person import Person, set_up
 from three_axes import make_firmware, switch_on
 
 from mirrormount import Mount
-from mirrormount.cli import main, setup, setup_course
 from mirrormount.cli.dialogue import Dialogue
 from mirrormount.cli.setup_course import run_course
 from mirrormount.common import errors
-from mirrormount.device import calibration, settings
+from mirrormount.device import calibration
 from mirrormount.device.scale_fit import Marks, beam_per_mirror, measure
 from mirrormount.transport.lines import Link
 from mirrormount.virtual.bench import SCREEN_MM
@@ -32,81 +25,6 @@ def own_folder(tmp_path, monkeypatch):
 def mount():
     with Mount.open("virtual://?speed=max&bench=switches") as mount:
         yield mount
-
-
-class Person:
-    """Answers what setup asks from what is to be seen on the bench. said: what setup told; asked: its questions.
-
-    answers: {part of a question: answers to give, one after the other, before looking at the bench}. An
-    answer that is an exception is raised.
-    """
-
-    def __init__(
-        self,
-        mount: Mount,
-        answers: dict[str, list] | None = None,
-        *,
-        distance_mm: float = 0,
-        wires_swapped: bool = False,
-    ) -> None:
-        self.bench = mount.link.port.simulation.bench
-        self.answers = answers or {}
-        self.spot = self.bench.spot_mm()
-        self.said: list[str] = []
-        self.asked: list[str] = []
-        self.distance_mm = distance_mm
-        self.swapped = wires_swapped
-
-    def say(self, text: str) -> None:
-        self.said.append(text)
-
-    def __call__(self, question: str) -> str:
-        self.asked.append(question)
-        self.bench.broken.clear()
-        for part, answers in self.answers.items():
-            if part in question and answers:
-                answer = answers.pop(0)
-                if isinstance(answer, BaseException):
-                    raise answer
-                return answer
-        return next(reply(self, question) for part, reply in REPLIES.items() if part in question)
-
-    def way(self, _question: str) -> str:
-        before, self.spot = self.spot, self.bench.spot_mm()
-        x, y = self.spot[0] - before[0], self.spot[1] - before[1]
-        if max(abs(x), abs(y)) < 0.5:
-            return "nothing"
-        return ("right" if x > 0 else "left") if abs(x) > abs(y) else ("up" if y > 0 else "down")
-
-    def press(self, question: str) -> str:
-        side = re.search(r"the (\w+) switch", question)[1]
-        motor = "m2" if side in ("right", "left") else "m1"
-        positive = (side in ("right", "up")) != self.swapped
-        self.bench.broken.add(f"{motor}_sw_{'pos' if positive else 'neg'}")
-        self.swapped = False  # and exchanges the wires when told to
-        return ""
-
-    def read(self, question: str) -> str:
-        return f"{self.bench.spot_mm()['right' not in question]:.1f}"
-
-
-REPLIES = {
-    "May it move": lambda person, question: "yes",
-    "Which way": Person.way,
-    "End-stop switches": lambda person, question: "both",
-    "Press the": Person.press,
-    "Distance": lambda person, question: f"{person.distance_mm:g}",
-    "Angle": lambda person, question: "45",
-    "Steps from": lambda person, question: "8",
-    "Where is the spot": Person.read,
-    "Save this": lambda person, question: "yes",
-}
-
-
-def set_up(mount: Mount, answers: dict[str, list] | None = None, **more) -> Person:
-    person = Person(mount, answers, **more)
-    run_course(mount, person, person.say)
-    return person
 
 
 def mirror_mrad(train) -> float:
@@ -270,150 +188,10 @@ def test_an_axis_of_a_second_mirror_gets_a_scale_by_its_own_distance(mount_of_th
     assert mount_of_three.settings()["axis3"]["take_up_us"] == pytest.approx(1.6 * 200_000, rel=0.01)
 
 
-@pytest.mark.parametrize("question", ["May it", "Which way", "Press the", "Distance", "Where is", "Save this"])
-def test_input_that_ends_leaves_nothing_changed(mount, question):
-    mount.apply({"x": {"inverted": 1, "take_up_us": 1234}})
-    before = mount.settings()
-    with pytest.raises(errors.SetupEnded, match=r"input has ended: nothing was saved") as ended:
-        set_up(mount, {question: [EOFError()]}, distance_mm=SCREEN_MM)
-    assert "\n" not in str(ended.value)
-    assert mount.settings() == before
-    assert not calibration.path().exists()
-
-
-def test_ctrl_c_leaves_the_motors_off_and_nothing_changed(mount):
-    mount.apply({"x": {"inverted": 1}})
-    before = mount.settings()
-    person = Person(mount, {"Where is": [KeyboardInterrupt()]}, distance_mm=SCREEN_MM)
-    with pytest.raises(KeyboardInterrupt):
-        run_course(mount, person, person.say)
-    assert "nothing was saved" in person.said[-1]
-    assert mount.settings() == before
-    assert not any(mount.link.port.simulation.bench.duties().values())
-
-
-@pytest.mark.parametrize(("name", "status"), [("SIGTERM", 143), ("SIGHUP", 129), ("SIGINT", 130)])
-def test_a_signal_ends_setup_and_a_further_ctrl_c_leaves_nothing_changed_either(mount, monkeypatch, name, status):
-    before = mount.settings()
-    person = Person(mount, {"Which way": ["left"]})
-    put_back, signals = settings.put_back, [getattr(signal, name)]
-
-    def answer(question: str) -> str:
-        if person.asked and mount.settings() != before and signals:
-            signal.raise_signal(signals.pop())
-        return person(question)
-
-    def interrupted(*args):
-        signal.raise_signal(signal.SIGINT)
-        put_back(*args)
-
-    monkeypatch.setattr(settings, "put_back", interrupted)
-    monkeypatch.setattr(setup, "open_mount", lambda _args: contextlib.nullcontext(mount))
-    monkeypatch.setattr(setup_course, "run_course", lambda mount: run_course(mount, answer, person.say))
-    assert main.main(["setup"]) == status
-    assert not signals and "nothing was saved" in person.said[-1]
-    assert mount.settings() == before
-    assert not any(mount.link.port.simulation.bench.duties().values())
-
-
-def test_ctrl_c_while_the_settings_are_put_back_leaves_nothing_changed(mount, monkeypatch):
-    before = mount.settings()
-    put_back, presses = settings.put_back, [KeyboardInterrupt()]
-
-    def interrupted(*args):
-        if presses:
-            raise presses.pop()
-        put_back(*args)
-
-    monkeypatch.setattr(settings, "put_back", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        set_up(mount, {"Which way": ["left", EOFError()]})
-    assert mount.settings() == before
-
-
-def test_setup_whose_output_nobody_reads_any_more_leaves_nothing_changed(mount):
-    before = mount.settings()
-    person = Person(mount)
-
-    def say(_text: str) -> None:
-        if mount.settings() != before:
-            raise BrokenPipeError
-
-    with pytest.raises(BrokenPipeError):
-        run_course(mount, person, say)
-    assert mount.settings() == before
-
-
-def test_a_byte_that_is_no_text_is_a_wrong_answer_and_asked_again(monkeypatch):
-    monkeypatch.setenv("PYTHONIOENCODING", "utf-8:strict")
-    words = ("setup", "--port", "virtual://?speed=max")
-    run = subprocess.run(
-        [sys.executable, "-m", "mirrormount", *words], input=b"\xff\n\xc3", capture_output=True, timeout=HANG_S
-    )
-    assert run.returncode == 1
-    assert run.stdout.count(b"please answer yes or no") == 2
-    assert run.stderr.count(b"\n") == 1 and b"the input has ended: nothing was saved" in run.stderr
-
-
-def test_a_stop_by_another_program_in_a_question_ends_setup_before_the_next_step(mount):
-    before = mount.settings()
-    person = Person(mount)
-
-    def answer(question: str) -> str:
-        if "Which way" in question:
-            mount.session.stop_for_another_program()
-        return person(question)
-
-    with pytest.raises(errors.MoveEnded, match="stopped before it began"):
-        run_course(mount, answer, person.say)
-    assert mount.settings() == before
-    assert person.said[-1].startswith("nothing was saved")
-
-
-def test_a_no_at_the_end_saves_nothing(mount):
-    before = mount.settings()
-    person = set_up(mount, {"Save this": ["no"]})
-    assert "nothing was saved" in person.said[-1]
-    assert mount.settings() == before
-    assert not calibration.path().exists()
-
-
-def test_a_damaged_calibration_file_is_told_before_anything_moves(mount):
-    calibration.path().write_text("x = = 3")
-    with pytest.raises(errors.BadFile, match="line 1"):
-        set_up(mount)
-    assert not [e for e in mount.link.port.simulation.edges if e[1].endswith("_en") and e[2]]
-    assert calibration.path().read_text() == "x = = 3"
-
-
-def test_a_value_that_cannot_be_written_again_is_told_before_anything_is_asked(mount):
-    calibration.path().write_text(f"[{mount.board_id}]\nmeasured = 2026-05-01\n")
-    person = Person(mount)
-    with pytest.raises(errors.BadFile, match=r"measured = 2026-05-01 is no number.* move the file away") as damage:
-        run_course(mount, person, person.say)
-    assert str(calibration.path()) in str(damage.value)
-    assert not person.asked
-    assert calibration.path().read_text().endswith("measured = 2026-05-01\n")
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="RLIMIT_FSIZE")
-def test_a_disk_without_room_is_told_before_anything_is_asked():
-    run = run_with_room(1000, "setup", "--port", "virtual://?speed=max")
-    assert (run.returncode, run.stdout) == (1, "")
-    assert run.stderr.startswith(f"mirrormount: cannot write {calibration.path()}: ") and run.stderr.count("\n") == 1
-
-
 def test_readings_that_go_the_wrong_way_are_taken_again(mount):
     person = set_up(mount, {"(more is right)": ["0", "-26", "-20", "10", "0"]}, distance_mm=SCREEN_MM)
     assert any("must grow to the right" in text for text in person.said)
     assert calibration.read(mount.board_id, mount.x.number) is not None
-
-
-def test_without_anybody_to_answer_setup_is_one_line_and_moves_nothing(tmp_path):
-    run = run_cli("setup", "--port", f"virtual://?speed=max&edges={tmp_path / 'edges'}")
-    assert run.returncode == 1
-    assert run.stderr.count("\n") == 1 and "the input has ended: nothing was saved" in run.stderr
-    assert "_en" not in (tmp_path / "edges").read_text()
 
 
 def test_the_arithmetic_gives_back_what_made_the_marks():
