@@ -14,6 +14,9 @@ fcntl = pytest.importorskip("fcntl")
 
 from mirrormount.transport.open import open_port  # noqa: E402
 
+# a board waits for the rest of its echo for 20 ms of its own time, which is this computer's
+pytestmark = pytest.mark.wall_clock
+
 
 class Cooked:
     """The port in the mode of `stty sane`, open in this process; other programs write to it."""
