@@ -77,6 +77,16 @@ def digits(text: str, most: int) -> int:
     return int(text)
 
 
+def host_and_port(text: str, host: str = "") -> tuple[str, int]:
+    """HOST:PORT, of which HOST may stand in brackets; host is the one where text is PORT only. Raises BadValue."""
+    named, colon, port = text.rpartition(":")
+    number = digits(port, 65535)
+    host = named if colon else host
+    if not host:
+        raise BadValue(f"HOST:PORT is needed, not {text[:80]!r}")
+    return host.strip("[]"), number
+
+
 def whole_numbers(answer: str, count: int, between: str = ",") -> list[int]:
     """A board's answer as so many whole numbers, none of more than 53 bits. Raises NotAMount."""
     try:

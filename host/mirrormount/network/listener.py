@@ -13,7 +13,7 @@ from collections import Counter
 
 from mirrormount.common.errors import BadAddress, BadValue, CannotListen, TokenNeeded
 from mirrormount.common.tokens import LONGEST, Guesses, same
-from mirrormount.common.validation import digits
+from mirrormount.common.validation import host_and_port
 from mirrormount.network.client_session import ClientSession
 from mirrormount.transport.first_bytes import FirstBytes
 from mirrormount.transport.refusals import TOKEN_REFUSED, refusal_line
@@ -31,16 +31,10 @@ _LOST_AFTER = (10, 5, 3)  # a silent connection is probed after 10 s, then each 
 
 def parse_where(text: str) -> tuple[str, int]:
     """HOST:PORT, or PORT on the loopback interface. Raises BadValue."""
-    host, colon, port = text.rpartition(":")
-    if not colon:
-        host = "127.0.0.1"
     try:
-        number = digits(port, 65535)
+        return host_and_port(text, "127.0.0.1")
     except BadValue:
-        host, number = "", 0
-    if not host:
-        raise BadValue(f"--tcp is HOST:PORT, for instance 127.0.0.1:5023, not {text[:80]!r}")
-    return host.strip("[]"), number
+        raise BadValue(f"--tcp is HOST:PORT, for instance 127.0.0.1:5023, not {text[:80]!r}") from None
 
 
 class Listener:

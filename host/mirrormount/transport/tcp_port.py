@@ -6,7 +6,7 @@ import socket
 
 from mirrormount.common.errors import BadAddress, BadValue, ConnectionLost
 from mirrormount.common.printable import printable
-from mirrormount.common.validation import digits
+from mirrormount.common.validation import host_and_port
 from mirrormount.transport.failures import open_error
 from mirrormount.transport.port import WRITE_S
 
@@ -50,15 +50,12 @@ def connect(address: str) -> SocketPort:
 
     pyserial's own socket:// is not used: it reads one byte at a time and drops the bytes before a hang-up.
     """
-    host, _, number = address.removeprefix("socket://").rstrip("/").rpartition(":")
     try:
-        port = digits(number, 65535)
+        where = host_and_port(address.removeprefix("socket://").rstrip("/"))
     except BadValue:
-        host, port = "", 0
-    if not host:
-        raise BadAddress(f"{printable(address)}: a socket's address is socket://HOST:PORT")
+        raise BadAddress(f"{printable(address)}: a socket's address is socket://HOST:PORT") from None
     try:
-        connection = socket.create_connection((host.strip("[]"), port), timeout=WRITE_S)
+        connection = socket.create_connection(where, timeout=WRITE_S)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     except UnicodeError as e:
         raise BadAddress(f"{address}: not a host's name") from e
