@@ -29,6 +29,7 @@ TESTS = (
     "test_emergency",
     "test_encoder_counts",
     "test_encoder_frames",
+    "test_encoder_records",
     "test_encoder_settings",
     "test_counted_moves",
     "test_encoder_faults",
