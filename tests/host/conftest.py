@@ -13,6 +13,7 @@ from deployed import Served, mpy_of_the_vm
 from served import ServedBoard
 from serving import Served as ServeProcess
 
+from mirrormount import Mount
 from mirrormount.common.errors import EmulatorMissing
 from mirrormount.deploy.fileset import firmware
 from mirrormount.deploy.micropython_plan import plan
@@ -93,6 +94,19 @@ def runtime(tmp_path_factory, monkeypatch):
     folder = tmp_path_factory.mktemp("run")
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(folder))
     return folder / "mirrormount"
+
+
+@pytest.fixture
+def own_folder(tmp_path, monkeypatch):
+    """A folder of settings of this test's own."""
+    monkeypatch.setenv("MIRRORMOUNT_CONFIG", str(tmp_path))
+
+
+@pytest.fixture
+def mount():
+    """A mount with end-stops, in lockstep."""
+    with Mount.open("virtual://?speed=max&bench=switches") as mount:
+        yield mount
 
 
 @pytest.fixture

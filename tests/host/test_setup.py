@@ -15,16 +15,7 @@ from mirrormount.device.scale_fit import Marks, beam_per_mirror, measure
 from mirrormount.transport.lines import Link
 from mirrormount.virtual.bench import SCREEN_MM
 
-
-@pytest.fixture(autouse=True)
-def own_folder(tmp_path, monkeypatch):
-    monkeypatch.setenv("MIRRORMOUNT_CONFIG", str(tmp_path))
-
-
-@pytest.fixture
-def mount():
-    with Mount.open("virtual://?speed=max&bench=switches") as mount:
-        yield mount
+pytestmark = pytest.mark.usefixtures("own_folder")
 
 
 def mirror_mrad(train) -> float:

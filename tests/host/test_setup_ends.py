@@ -10,23 +10,13 @@ from full_disk import run_with_room
 from served import HANG_S, run_cli
 from setup_person import Person, set_up
 
-from mirrormount import Mount
 from mirrormount.cli import main, setup, setup_course
 from mirrormount.cli.setup_course import run_course
 from mirrormount.common import errors
 from mirrormount.device import calibration, settings
 from mirrormount.virtual.bench import SCREEN_MM
 
-
-@pytest.fixture(autouse=True)
-def own_folder(tmp_path, monkeypatch):
-    monkeypatch.setenv("MIRRORMOUNT_CONFIG", str(tmp_path))
-
-
-@pytest.fixture
-def mount():
-    with Mount.open("virtual://?speed=max&bench=switches") as mount:
-        yield mount
+pytestmark = pytest.mark.usefixtures("own_folder")
 
 
 @pytest.mark.parametrize("question", ["May it", "Which way", "Press the", "Distance", "Where is", "Save this"])
