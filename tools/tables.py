@@ -13,7 +13,7 @@ from pathlib import Path
 
 from mirrormount.common import remedies
 from mirrormount.common.declared import one_line, texts
-from mirrormount.deploy.fileset import boards, firmware
+from mirrormount.deploy.firmware import boards, firmware
 from mirrormount.device.settings import ENCODER, SETTINGS
 from mountfw import codes
 from mountfw.board_file import FILE_OF

@@ -4,7 +4,7 @@ import shutil
 
 import pytest
 
-from mirrormount.deploy import fileset
+from mirrormount.deploy.firmware import firmware
 from mirrormount.virtual import emulator
 from mirrormount.virtual.files import THIS
 from mirrormount.virtual.image import mpy_of
@@ -24,7 +24,7 @@ def lane(request) -> bool:
 def board(lane, make_board, tmp_path):
     text = f"from mountfw.boards.pico import *\n\nLANE = {lane}\n"
     flash = tmp_path / "flash.bin"
-    files = fileset.firmware(mpy_of(emulator.find_image(None))) | {THIS: text.encode()}
+    files = firmware(mpy_of(emulator.find_image(None))) | {THIS: text.encode()}
     shutil.copyfile(emulator.flash_with_firmware(None, files), flash)
     return make_board("rp2040", flash=flash)
 

@@ -14,7 +14,7 @@ import pytest
 from power import NO_REPLAY, Board, Deploy, PowerCut, another_version, compiled, staged, staged_once, without_replay
 
 from mirrormount.common.errors import EmulatorMissing
-from mirrormount.deploy.fileset import firmware
+from mirrormount.deploy.firmware import firmware
 from mirrormount.deploy.mpremote import commit_call, script_for
 from mirrormount.virtual import emulator
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 from mirrormount.deploy import on_board
-from mirrormount.deploy.fileset import folders
+from mirrormount.deploy.firmware import folders
 from mirrormount.deploy.micropython_plan import Plan, plan
 from mirrormount.deploy.mpremote import replay_source
 

@@ -125,7 +125,7 @@ def test_a_pressed_emergency_stop_fails_and_drives_nothing(mount, capsys, monkey
 
 
 def test_other_files_than_this_hosts_are_told(mount, capsys, monkeypatch):
-    monkeypatch.setattr("mirrormount.deploy.known.known_hashes", lambda: iter(["0" * 64]))
+    monkeypatch.setattr("mirrormount.deploy.firmware.known_hashes", lambda: iter(["0" * 64]))
     lines, passed = check(mount, capsys)
     assert passed and lines["firmware"].startswith("not tested") and "mirrormount deploy" in lines["firmware"]
 

@@ -4,7 +4,7 @@ import pytest
 from drive_board import Board, make_drive, plug_in
 
 from mirrormount import Mount, __version__
-from mirrormount.deploy import fileset
+from mirrormount.deploy.firmware import package
 from mirrormount.deploy.micropython import Options, deploy
 from mirrormount.transport.lines import Link
 from mirrormount.virtual import machines
@@ -38,7 +38,7 @@ class BootedBoard(Board):
 
 @pytest.fixture
 def board(tmp_path, monkeypatch):
-    code = (fileset.package() / "entry" / "code.py").read_bytes()
+    code = (package() / "entry" / "code.py").read_bytes()
     board = BootedBoard(make_drive(tmp_path / "CIRCUITPY"), code)
     plug_in(board, monkeypatch, back_s=5)
     yield board

@@ -7,7 +7,7 @@ from deployed import contents
 
 import mountfw
 from mirrormount.common import errors
-from mirrormount.deploy.board_file import read_pins
+from mirrormount.deploy.firmware import read_pins
 from mirrormount.deploy.micropython import Options, deploy
 
 BOARDS = Path(mountfw.__file__).parent / "boards"

@@ -8,7 +8,7 @@ import pytest
 from cut_board import MAIN, OLD_MAIN, THEIRS, Board, PowerCut
 
 from mirrormount.deploy import on_board
-from mirrormount.deploy.fileset import folders, sources
+from mirrormount.deploy.firmware import folders, sources
 
 
 def firmware(number: int, suffix: str, names: tuple[str, ...], main: str = MAIN) -> dict[str, bytes]:

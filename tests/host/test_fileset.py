@@ -3,7 +3,7 @@
 import pytest
 
 from mirrormount.common.errors import DeployError
-from mirrormount.deploy.fileset import MPY_OF_PICO, MPY_VERSION, firmware, sources
+from mirrormount.deploy.firmware import MPY_OF_PICO, MPY_VERSION, firmware, sources
 
 NATIVE = {path for path, text in sources("micropython").items() if b"@micropython.viper" in text}
 ARCHITECTURE = 0xF << 10  # in sys.implementation._mpy

@@ -11,7 +11,7 @@ from drive_board import contents, hash_on_board, make_drive
 from flat_layout import flat
 
 from mirrormount.deploy.circuitpython_copy import Files, remove
-from mirrormount.deploy.fileset import firmware_hash, folders, sources
+from mirrormount.deploy.firmware import firmware_hash, folders, sources
 
 OLD = flat("micropython", ".mpy") | {"main.py": f"{MAIN}# 0.1.0\n".encode()}
 ROOMS = ("boards", "dialect", "encoder", "motion", "ports", "wire")

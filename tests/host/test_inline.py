@@ -7,8 +7,8 @@ import re
 import pytest
 
 from mirrormount.common.errors import DeployError
-from mirrormount.deploy import fileset
-from mirrormount.deploy.fileset import MPY_OF_PICO, firmware, sources
+from mirrormount.deploy import firmware as fileset
+from mirrormount.deploy.firmware import MPY_OF_PICO, firmware, sources
 from mirrormount.deploy.inline import constants, inlined
 
 SOURCES = sources("micropython")

@@ -62,7 +62,7 @@ def test_the_commands_of_the_rehearsal_work_in_their_order(tmp_path):
 
 
 def test_what_the_page_says_of_the_board_files_is_true():
-    from mirrormount.deploy.fileset import boards, firmware
+    from mirrormount.deploy.firmware import boards, firmware
     from mountfw.board_file import FILE_OF
 
     known = boards(firmware(None))

@@ -9,7 +9,7 @@ import pytest
 
 from mirrormount.common import beam_errors, errors, remedies
 from mirrormount.common.declared import texts
-from mirrormount.deploy.fileset import firmware
+from mirrormount.deploy.firmware import firmware
 from mountfw import codes
 
 ROOT = Path(__file__).parents[2]

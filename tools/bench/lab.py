@@ -16,7 +16,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Self
 
-from mirrormount.deploy import fileset
+from mirrormount.deploy.firmware import firmware, sources
 from mirrormount.virtual import emulator
 from mirrormount.virtual.board import Options, make_simulation
 from mirrormount.virtual.files import THIS, board_text
@@ -191,7 +191,7 @@ class Board(Lockstep):
 
 def has_gate() -> bool:
     """True if the firmware has a gate, which cuts a drive without the loop (docs/architecture.md)."""
-    return _GATE in fileset.sources("micropython")
+    return _GATE in sources("micropython")
 
 
 class Lab:
@@ -232,7 +232,7 @@ class Lab:
 
     def board(self, *, source: bool = False, switches: bool = False) -> Board:
         """A new board that has started. source: with .py files instead of .mpy; switches: end-stops wired."""
-        files = fileset.firmware(None if source else mpy_of(emulator.find_image(self._image)))
+        files = firmware(None if source else mpy_of(emulator.find_image(self._image)))
         text = board_text("pico", 2, self._encoder) or "from mountfw.boards.pico import *\n"
         if not self._gate and has_gate():
             text += "\nGATE = False\n"

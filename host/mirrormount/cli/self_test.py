@@ -90,7 +90,7 @@ def identity(mount: Mount) -> str:
 
 def firmware(mount: Mount) -> str:
     """Are the files on the board those that this host would deploy?"""
-    from mirrormount.deploy.known import known_hashes
+    from mirrormount.deploy.firmware import known_hashes
 
     if mount.send("XF?") in known_hashes():
         return "the files on the board are those that this host deploys"

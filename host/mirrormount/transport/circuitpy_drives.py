@@ -1,19 +1,16 @@
 """Drives of CircuitPython boards, found by the boot_out.txt that CircuitPython writes at start-up."""
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 from mirrormount.common.errors import WrongDrive
 from mirrormount.common.printable import printable
 from mirrormount.common.supported import CIRCUITPYTHON, text
 from mirrormount.transport import volumes
-from mirrormount.transport.circuitpy_files import read_beginning
 
 _FIRST_LINE = re.compile(r"Adafruit CircuitPython (\S+) on [^;]*; *(.*)")
 _NUMBER = re.compile(r"(\d{1,4})\.(\d{1,4})")
-_BOARD_ID = re.compile(r"[a-z0-9_]{1,60}")
-_UID = re.compile(r"[0-9A-F]{4,64}")
 _LONGEST = 4096  # the needed lines come first, the output of boot.py after them
 GET_IT = (
     "the .uf2 for the board is at circuitpython.org/downloads: double-press reset, or hold BOOTSEL while plugging in,"
@@ -23,17 +20,13 @@ GET_IT = (
 
 @dataclass(frozen=True)
 class Drive:
-    """A board's drive: its mount point, and the fields of its boot_out.txt. uid is upper-case hex, or "".
-
-    vouched: the user has named a port as this board's.
-    """
+    """A board's drive: its mount point, and the fields of its boot_out.txt. uid is upper-case hex, or ""."""
 
     path: Path
     version: str
     name: str
     board_id: str = ""
     uid: str = ""
-    vouched: bool = field(default=False, compare=False)
 
     def __str__(self) -> str:
         return f"{printable(str(self.path))} ({self.name})"
@@ -52,21 +45,16 @@ def find_drives() -> list[Drive]:
 def read_drive(path: Path) -> Drive | None:
     """The drive at path, or None if it has no boot_out.txt of CircuitPython."""
     try:
-        said = read_beginning(path, "boot_out.txt", _LONGEST).decode("utf-8", "replace")
-    except (OSError, WrongDrive):
+        with (path / "boot_out.txt").open("rb") as f:
+            said = f.read(_LONGEST).decode("utf-8", "replace")
+    except OSError:
         return None
     found = _FIRST_LINE.match(said)
     if not found:
         return None
     fields = dict(line.split(":", 1) for line in said.splitlines() if line.startswith(("Board ID:", "UID:")))
     board_id, uid = fields.get("Board ID", "").strip(), fields.get("UID", "").strip().upper()
-    return Drive(
-        path,
-        printable(found[1], 40),
-        printable(found[2].strip(), 60),
-        board_id if _BOARD_ID.fullmatch(board_id) else "",
-        uid if _UID.fullmatch(uid) else "",
-    )
+    return Drive(path, printable(found[1], 40), printable(found[2].strip(), 60), board_id, uid)
 
 
 def drive_at(path: Path) -> Drive:

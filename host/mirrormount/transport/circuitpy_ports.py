@@ -3,35 +3,16 @@
 A board has a console, and a second port, the data channel, if its boot.py enables it. The USB serial number of both is
 the board's UID, as in its boot_out.txt. (CircuitPython makes these names and numbers in
 shared-module/usb_cdc/__init__.c and supervisor/shared/usb/usb_desc.c.)
-
-A drive's text proves nothing: it may contain another instrument's serial number. A port counts as a board's only if the
-system lists both below one USB device (Linux), if it has the USB ids of CircuitPython on that board, or if the user has
-named it.
 """
 
-import os
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from mirrormount.common.printable import printable
 from mirrormount.transport.circuitpy_drives import Drive
 
-_SYSFS = "/sys"
-# {board id: USB ids (vendor, product)} of CircuitPython: USB_VID and USB_PID in its
-# ports/*/boards/*/mpconfigboard.mk. Where the system does not list a drive's USB device, a port must have these.
-_USB_IDS = {
-    "raspberry_pi_pico": (0x239A, 0x80F4),
-    "raspberry_pi_pico_w": (0x239A, 0x8120),
-    "raspberry_pi_pico2": (0x2E8A, 0x000B),
-    "raspberry_pi_pico2_w": (0x239A, 0x8162),
-    "seeeduino_xiao_rp2040": (0x2886, 0x0042),
-    "adafruit_feather_rp2040": (0x239A, 0x80F2),
-    "adafruit_feather_esp32s3_4mbflash_2mbpsram": (0x239A, 0x811C),
-    "adafruit_feather_esp32s3_nopsram": (0x239A, 0x8114),
-}
 _DATA = " CDC2 "  # in the interface's name, for instance "CircuitPython CDC2 control"; the console's has " CDC "
 
 
@@ -49,8 +30,8 @@ class Channels:
 
 
 def channels(drive: Drive, ports: Iterable[Any]) -> Channels:
-    """The ports that certainly belong to this drive's board, among these of pyserial's list_ports."""
-    own = [port for port in ports if _belongs(drive, port)]
+    """The ports of this drive's board, among these of pyserial's list_ports."""
+    own = [port for port in ports if drive.uid and serial_number(port) == drive.uid]
     if not own:
         return Channels()
     own.sort(key=_place)
@@ -63,34 +44,6 @@ def channels(drive: Drive, ports: Iterable[Any]) -> Channels:
     return Channels(console=next(port.device for port in own if port is not data), data=data.device)
 
 
-def unproven(drive: Drive, ports: Iterable[Any]) -> list[str]:
-    """Ports whose only link to this drive is the serial number in its text. Nothing is sent there."""
-    return [port.device for port in ports if _belongs(drive, port) is None]
-
-
-def _belongs(drive: Drive, port: Any) -> bool | None:
-    """True if this drive and this port are of one board; None if only the drive's text says so."""
-    if not drive.uid or serial_number(port) != drive.uid:
-        return False
-    if drive.vouched:
-        return True
-    usb_device = getattr(port, "usb_device_path", None)  # Linux only
-    drives_device = _device_in_sysfs(drive.path)
-    if usb_device and drives_device:
-        return drives_device.startswith(os.path.realpath(usb_device) + os.sep)
-    return True if (port.vid, port.pid) == _USB_IDS.get(drive.board_id) else None
-
-
-def _device_in_sysfs(path: Path) -> str:
-    """The path in sysfs of the device that is mounted there; "" if there is none."""
-    try:
-        number = os.stat(path).st_dev
-        place = f"{_SYSFS}/dev/block/{os.major(number)}:{os.minor(number)}"
-    except (OSError, AttributeError):  # Windows has no such numbers
-        return ""
-    return os.path.realpath(place) if os.path.exists(place) else ""
-
-
 def serial_number(port: Any) -> str:
     """A port's USB serial number, upper-case, or ""."""
     return (getattr(port, "serial_number", None) or "").upper()
@@ -98,25 +51,12 @@ def serial_number(port: Any) -> str:
 
 def mounts(drives: Sequence[Drive], ports: Sequence[Any]) -> list[tuple[str, str]]:
     """(device, description) of the boards with mountfw on their drive and a port."""
-    with_mountfw = [drive for drive in drives if drive.has_mountfw and not namesakes(drive, drives)]
-    found = [(channels(drive, ports).protocol, drive) for drive in with_mountfw]
+    found = [(channels(drive, ports).protocol, drive) for drive in drives if drive.has_mountfw]
     return [
         (device, f"CircuitPython on {drive.name}, drive {printable(str(drive.path))}")
         for device, drive in found
         if device
     ]
-
-
-def namesakes(drive: Drive, drives: Iterable[Drive]) -> list[Drive]:
-    """Other drives with the same UID: all but one are copies or forged."""
-    return [other for other in drives if drive.uid and other.uid == drive.uid and not _is_same(other, drive)]
-
-
-def _is_same(one: Drive, other: Drive) -> bool:
-    try:
-        return os.path.samefile(one.path, other.path)
-    except OSError:
-        return one.path == other.path
 
 
 def unknown_data_channels(ports: Iterable[Any]) -> list[str]:

@@ -17,7 +17,7 @@ from pathlib import Path
 from mirrormount.common import whole_file
 from mirrormount.common.child_python import python_module
 from mirrormount.common.errors import DeployError, EmulatorMissing
-from mirrormount.deploy.fileset import firmware, folders, sources
+from mirrormount.deploy.firmware import firmware, folders, sources
 from mirrormount.virtual import npm
 from mirrormount.virtual.files import THIS
 from mirrormount.virtual.image import TOOLS, cache, find_image, held, is_circuitpython, last_line, mpy_of

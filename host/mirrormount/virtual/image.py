@@ -25,7 +25,7 @@ from typing import IO
 from platformdirs import user_cache_path
 
 from mirrormount.common.errors import EmulatorMissing
-from mirrormount.deploy.fileset import MPY_OF_PICO
+from mirrormount.deploy.firmware import MPY_OF_PICO
 
 TOOLS = Path(__file__).parents[3] / "tools" / "emulator"
 _MOST_BYTES = 32 << 20  # a .uf2 is twice as long as what it holds, and no RP2040 has more than 16 MB of flash
