@@ -12,11 +12,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from mirrormount.deploy.micropython_plan import Plan, plan
+from mirrormount.deploy.mpremote import commit_call, read_told, script_for
 
 from mirrormount.deploy import fileset, on_board
 from mirrormount.deploy.firmware import firmware, firmware_hash, folders
-from mirrormount.deploy.micropython_plan import Plan, plan
-from mirrormount.deploy.mpremote import commit_call, read_told, script_for
 from mirrormount.virtual import emulator
 from mirrormount.virtual.emulator import RawPrompt
 from mirrormount.virtual.files import firmware_folder

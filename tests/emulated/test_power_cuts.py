@@ -11,11 +11,11 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from mirrormount.deploy.mpremote import commit_call, script_for
 from power import NO_REPLAY, Board, Deploy, PowerCut, another_version, compiled, staged, staged_once, without_replay
 
 from mirrormount.common.errors import EmulatorMissing
 from mirrormount.deploy.firmware import firmware
-from mirrormount.deploy.mpremote import commit_call, script_for
 from mirrormount.virtual import emulator
 
 PAGE = 256  # bytes, the most that one operation programs

@@ -12,7 +12,7 @@ from types import SimpleNamespace
 
 import mountfw
 from mirrormount.common.errors import ConnectionLost, PortAbsent
-from mirrormount.deploy import circuitpython, circuitpython_console
+from mirrormount.deploy import circuitpython
 from mirrormount.transport import volumes
 from mountfw.ports.shared import FOLDERS
 
@@ -144,8 +144,7 @@ def plug_in(board: Board, monkeypatch, *, back_s: float) -> None:
     monkeypatch.setattr(volumes, "mounted", lambda: [board.root])
     monkeypatch.setattr("serial.tools.list_ports.comports", board.ports)
     monkeypatch.setattr(circuitpython, "open_port", board.open)
-    monkeypatch.setattr(circuitpython_console, "open_port", board.open)
-    monkeypatch.setattr(circuitpython_console, "_QUIET_S", 0.0)
+    monkeypatch.setattr(circuitpython, "_QUIET_S", 0.0)
     monkeypatch.setattr(circuitpython, "_BACK_S", back_s)
 
 

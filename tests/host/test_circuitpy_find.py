@@ -191,6 +191,19 @@ def test_a_drive_that_tells_no_uid_takes_its_ports_from_the_one_that_is_named(pl
     assert choose(Options(drive=root, port="/dev/ttyACM0")).uid == UID
 
 
+def test_a_named_port_and_a_named_drive_of_two_boards_are_refused(plugged):
+    (root,) = plugged(["CIRCUITPY"], [MICROPYTHON])
+    with pytest.raises(errors.WrongDrive, match="not of one board"):
+        choose(Options(port=MICROPYTHON.device, drive=root))
+
+
+def test_of_a_drive_and_its_copy_on_a_memory_stick_one_is_to_be_named(plugged):
+    roots = plugged(["CIRCUITPY", "STICK"], SYSTEMS["Linux"])
+    with pytest.raises(errors.SeveralBoardsFound, match="name one") as e:
+        choose(Options(port="/dev/ttyACM0"))
+    assert all(f"--drive {root}" in str(e.value) for root in roots)
+
+
 def test_a_bootloader_drive_is_named_when_there_is_no_board(plugged, monkeypatch, tmp_path):
     plugged([], [])
     (tmp_path / "INFO_UF2.TXT").write_text("")

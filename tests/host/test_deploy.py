@@ -17,8 +17,8 @@ import mountfw
 from mirrormount import Mount
 from mirrormount.common import errors
 from mirrormount.common.supported import MICROPYTHON
-from mirrormount.deploy.firmware import firmware, firmware_hash
 from mirrormount.deploy import micropython
+from mirrormount.deploy.firmware import firmware, firmware_hash
 from mirrormount.deploy.micropython import Mpremote, Options, Survey, deploy, may_replace
 
 PACKAGE = Path(mountfw.__file__).parent / "package.json"
@@ -246,7 +246,9 @@ def test_a_file_that_arrives_damaged_changes_nothing(deployed, monkeypatch, plac
     wrong = "0" * 64
     damaged = {"mountfw": "mountfw/motion/axis.py", "main.py": "main.py"}[place]
     if place == "main.py":
-        monkeypatch.setattr(micropython, "firmware", lambda _mpy: firmware(None) | {"main.py": b"import mountfw.start\n"})
+        monkeypatch.setattr(
+            micropython, "firmware", lambda _mpy: firmware(None) | {"main.py": b"import mountfw.start\n"}
+        )
     monkeypatch.setattr(micropython, "hashes", lambda f: real(f) | ({damaged: wrong} if damaged in f else {}))
     with pytest.raises(errors.DeployError, match=f"damaged on the way: {place}.new.*the firmware that it had"):
         deploy(Options(port=deployed.port, source=True))

@@ -368,7 +368,7 @@ def check_room(todo: DrivePlan, sizes: dict[str, int], room: volumes.Room) -> No
     freed = sum(room.clusters(sizes[path]) for path in (*todo.remove, *todo.write) if path in sizes and path != BOOT)
     beside = [len(todo.during), len(todo.manifest), len(STUB), len(todo.code), *(sizes[path] for path in todo.aside)]
     need = sum(room.clusters(size) for size in (*map(len, todo.write.values()), *beside))
-    need += len(_folders(todo.write)) + _SPARE_CLUSTERS - freed
+    need += len(folders(todo.write)) + _SPARE_CLUSTERS - freed
     if need > room.free:
         kilo = room.cluster_bytes / 1024
         raise DriveFull(
@@ -377,18 +377,13 @@ def check_room(todo: DrivePlan, sizes: dict[str, int], room: volumes.Room) -> No
         )
 
 
-def _folders(paths: Iterable[str]) -> tuple[str, ...]:
-    """The folders of these files, each after its parent."""
-    return ("lib", _LIBRARY, *folders(paths))
-
-
 def install(files: Files, todo: DrivePlan, progress: Progress) -> None:
     """Execute the plan, and read back what was written. Raises DriveFull, DriveReadOnly, DriveFailed.
 
     While code.py does nothing, no program reads the firmware's files, so they are written in place.
     """
     with _told("nothing of the firmware was changed"):
-        for folder in _folders(todo.write):
+        for folder in folders(todo.write):
             files.make_folder(folder)
         for path, copy in todo.aside.items():
             _replace(files, copy, files.read(path))
@@ -431,7 +426,7 @@ def remove(files: Files) -> tuple[list[str], list[str], list[str]]:
             files.rename(copy, path)
         if old.files:
             files.remove(MANIFEST)
-        for folder in reversed(_folders(old.files)):
+        for folder in reversed(folders(old.files)):
             files.remove_folder(folder)
         files.sync()
     return ours, kept, sorted(back)

@@ -13,7 +13,7 @@ import subprocess
 import zlib
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from importlib.resources.abc import Traversable
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 from mirrormount.common.errors import DeployError
 from mirrormount.common.printable import printable
@@ -72,13 +72,8 @@ def _library(folder: Traversable, place: str) -> Iterator[tuple[str, Traversable
 
 
 def folders(paths: Iterable[str]) -> tuple[str, ...]:
-    """Every folder of ours that these paths on a board need, each after the one that it is in."""
-    found = {PACKAGE}
-    for path in paths:
-        if path.startswith(f"{PACKAGE}/"):
-            parts = path.split("/")
-            found |= {"/".join(parts[:n]) for n in range(1, len(parts))}
-    return tuple(sorted(found))
+    """Every folder that these paths on a board need, each after the one that it is in."""
+    return tuple(sorted({str(folder) for path in paths for folder in PurePosixPath(path).parents} - {"."}))
 
 
 def firmware(mpy: int | None) -> dict[str, bytes]:

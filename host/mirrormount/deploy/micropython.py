@@ -271,6 +271,26 @@ class Survey:
         return "main.py" in self.files and self.files["main.py"] == self.listed.get("main.py")
 
 
+def read_survey(told: Iterable[list]) -> Survey:
+    """What on_board.survey() has told. Raises DeployError for what it would not say."""
+    there = Survey()
+    for fact in told:
+        match fact:
+            case ["file", str(path), str(sha), int(size)]:
+                there.files[path], there.sizes[path] = sha, size
+            case ["listed", str(path), str(sha)]:
+                there.listed[path] = sha
+            case ["aside", str(path), [str(copied), str(sha)]]:
+                there.aside[path] = [copied, sha]
+            case ["room", int(free), int(block)] if block > 0:
+                there.free_bytes, there.block_bytes = free, block
+            case ["about", None | int() as mpy, str(machine), int(major), int(minor)]:
+                there.mpy, there.machine, there.version = mpy, machine, (major, minor)
+            case _:
+                raise DeployError("what the board tells of its files makes no sense: nothing was changed")
+    return there
+
+
 @dataclass(frozen=True)
 class Plan:
     """What a deploy has to do."""
@@ -362,23 +382,7 @@ class Mpremote:
     def survey(self) -> Survey:
         """Finish what an earlier deploy has left, and look at the board."""
         about = "getattr(sys.implementation, '_mpy', None), getattr(sys.implementation, '_machine', '')"
-        told = self._tell(f"import sys\nsurvey()\nsay('about', {about}, *sys.implementation.version[:2])")
-        there = Survey()
-        for fact in told:
-            match fact:
-                case ["file", str(path), str(sha), int(size)]:
-                    there.files[path], there.sizes[path] = sha, size
-                case ["listed", str(path), str(sha)]:
-                    there.listed[path] = sha
-                case ["aside", str(path), [str(copied), str(sha)]]:
-                    there.aside[path] = [copied, sha]
-                case ["room", int(free), int(block)] if block > 0:
-                    there.free_bytes, there.block_bytes = free, block
-                case ["about", None | int() as mpy, str(machine), int(major), int(minor)]:
-                    there.mpy, there.machine, there.version = mpy, machine, (major, minor)
-                case _:
-                    raise DeployError("what the board tells of its files makes no sense: nothing was changed")
-        return there
+        return read_survey(self._tell(f"import sys\nsurvey()\nsay('about', {about}, *sys.implementation.version[:2])"))
 
     def upload(self, todo: Plan, progress: Progress) -> None:
         """Write the new firmware beside the present one. Raises DeployError, with the board as it was."""

@@ -24,6 +24,7 @@ FOLDER = "mountfw"
 NEW = "mountfw.new"
 OLD = "mountfw.old"
 MANIFEST = "mountfw/manifest.json"
+START = "mountfw/start"
 NEW_MAIN = "main.py.new"
 _IS_FOLDER = 0x4000
 _ENOENT = 2
@@ -85,10 +86,10 @@ def exchange(backup):
         copy("main.py", backup + ".new")
         os.rename(backup + ".new", backup)
     if exists(NEW_MAIN) and exists("main.py") and exists(FOLDER):
-        if not exists(FOLDER + "/start.mpy") and not exists(FOLDER + "/start.py"):
+        if not exists(START + ".mpy") and not exists(START + ".py"):
             # 0.2.0 and other programs: main.py itself is the start, so the new main.py shall find it in the folder
-            copy("main.py", FOLDER + "/start.py.new")
-            os.rename(FOLDER + "/start.py.new", FOLDER + "/start.py")
+            copy("main.py", START + ".py.new")
+            os.rename(START + ".py.new", START + ".py")
         os.rename(NEW_MAIN, "main.py")
     if exists(FOLDER):
         os.rename(FOLDER, OLD)
@@ -99,13 +100,15 @@ def exchange(backup):
 
 def put_back(backup, had_main):
     """Undo exchange(): the new firmware did not answer. had_main: whether there was a main.py before."""
+    if not had_main:
+        remove("main.py")
     if exists(OLD):
         os.rename(FOLDER, NEW)
         os.rename(OLD, FOLDER)
     if backup:
         os.rename(backup, "main.py")
-    elif not had_main:
-        remove("main.py")
+        if exists(START + ".py") and hash_of(START + ".py") == hash_of("main.py"):
+            os.remove(START + ".py")  # of exchange()
     if not exists(NEW):  # it was the first firmware on this board
         os.rename(FOLDER, NEW)
     remove_folder(NEW)

@@ -1,9 +1,10 @@
 """Which files of the firmware a MicroPython board gets compiled: native code only where it fits the board."""
 
 import pytest
+from drive_board import hash_on_board
 
 from mirrormount.common.errors import DeployError
-from mirrormount.deploy.firmware import MPY_OF_PICO, MPY_VERSION, firmware, sources
+from mirrormount.deploy.firmware import MPY_OF_PICO, MPY_VERSION, firmware, firmware_hash, hashes, sources
 
 NATIVE = {path for path, text in sources("micropython").items() if b"@micropython.viper" in text}
 ARCHITECTURE = 0xF << 10  # in sys.implementation._mpy
@@ -33,3 +34,14 @@ def test_a_pico_with_an_older_format_compiles_native_code_itself(subversion):
 def test_another_version_of_the_format_is_refused():
     with pytest.raises(DeployError, match="version 5"):
         firmware(MPY_VERSION - 1)
+
+
+@pytest.mark.parametrize("stray", ["mountfw/axis.py", "mountfw/motion/stray.mpy"])
+def test_a_file_that_nobody_listed_shows_in_the_hash_that_the_board_computes(tmp_path, stray):
+    files = sources("circuitpython")
+    for path, content in files.items():
+        (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / path).write_bytes(content)
+    assert hash_on_board(tmp_path) == firmware_hash(hashes(files), "circuitpython")
+    (tmp_path / stray).write_text("")
+    assert hash_on_board(tmp_path) == firmware_hash(hashes(files | {stray: b""}), "circuitpython")
