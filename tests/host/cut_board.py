@@ -104,7 +104,7 @@ class Board:
         if not todo.nothing:
             side["prepare"](folders(todo.after), todo.unchanged)
             for path, content in todo.upload.items():
-                with power.open(micropython._beside(path), "wb") as f:
+                with power.open(micropython.beside(path), "wb") as f:
                     f.write(content)
             side["exchange"](todo.backup)
             if not answers:

@@ -169,8 +169,8 @@ def test_undeploy_of_a_board_that_was_not_deployed_to_removes_nothing(boot, tmp_
 
 def test_an_upload_that_fails_leaves_the_old_firmware_running_and_nothing_else(deployed, monkeypatch):
     before = contents(deployed.root)
-    monkeypatch.setattr(micropython, "_beside", lambda path: f"nowhere/{path}")
-    with pytest.raises(errors.DeployError, match="the upload failed .*; the board has the firmware that it had"):
+    monkeypatch.setattr(micropython, "beside", lambda path: f"nowhere/{path}")
+    with pytest.raises(errors.DeployError, match=r"the upload failed .*; the board has the firmware that it had"):
         deploy(Options(port=deployed.port, source=True))
     assert contents(deployed.root) == before
     assert wait_for(lambda: deployed.ask("VE?"), "the old firmware")

@@ -67,6 +67,5 @@ def test_a_deploy_that_was_ended_before_a_firmware_answered_is_settled_by_the_ne
         with pytest.raises(KeyboardInterrupt):
             deploy(Options(port=deployed.port))
     assert deployed.deploy().returncode == 0
-    assert {f"mountfw/{path}" for path in contents(deployed.root / "mountfw")} == listed(deployed.root) - {
-        "main.py"
-    } | {MANIFEST}
+    files = {f"mountfw/{path}" for path in contents(deployed.root / "mountfw")}
+    assert files == listed(deployed.root) - {"main.py"} | {MANIFEST}

@@ -168,4 +168,4 @@ def test_the_contracts_forbid_the_host_all_of_the_firmware_but_what_is_named():
 def test_no_part_of_the_core_may_name_a_port():
     parts = {p.stem for p in FIRMWARE.glob("*.py")} | {p.parent.name for p in FIRMWARE.glob("*/__init__.py")}
     held = {name.removeprefix("mountfw.") for name in contracts()["firmware-core-names-no-port"]["source_modules"]}
-    assert held == parts - {"__init__", "ports", "codes", "settings", "board_file", "boards"}
+    assert held == parts - {"__init__", "ports", "codes", "settings", "start", "board_file", "boards"}

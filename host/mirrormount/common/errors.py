@@ -236,17 +236,16 @@ class MpremoteError(DeployError):
 
 class FirmwareFailed(DeployError):
     """The new firmware did not answer after a deploy. The line has the last line of its error, and says what the
-    board has now: the files that were there before were put back.
-    Remedy: Nothing needs to be mended, unless the line says so. Report the line; with `--pins`, check that file.
+    board has now: on MicroPython the firmware that was there before, on CircuitPython the new files.
+    Remedy: Report the line; with `--pins`, check that file. On CircuitPython deploy another version, or undeploy.
     """
 
 
 class WrongDrive(DeployError):
     """The drive is not that of a CircuitPython board (no `boot_out.txt` of CircuitPython, or the drive of a
-    bootloader), its CircuitPython is older than 9.1, there are links or device files on it, or only its own text
-    says which port is its board's. Nothing was written.
-    Remedy: What the line says: install CircuitPython or a newer one, name the right drive with `--drive`, or name
-    the port as well if it is that board's.
+    bootloader), its CircuitPython is older than 9.1, or it and the port that was named are not of one board. Nothing
+    was written.
+    Remedy: What the line says: install CircuitPython or a newer one, or name the right drive with `--drive`.
     """
 
 

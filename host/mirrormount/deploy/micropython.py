@@ -401,7 +401,7 @@ class Mpremote:
             for number, (path, content) in enumerate(todo.upload.items()):
                 local = Path(scratch, str(number))
                 local.write_bytes(content)
-                steps.append(["fs", "cp", "-f", str(local), f":/{_beside(path)}"])
+                steps.append(["fs", "cp", "-f", str(local), f":/{beside(path)}"])
             try:
                 self._run(*steps, on_line=follow)
             except MpremoteError as e:
@@ -412,7 +412,7 @@ class Mpremote:
     def verify(self, todo: Plan) -> None:
         """Compare what the board reads from its flash with what it should have. Raises DeployError if it differs."""
         there = {path: sha for kind, path, sha, _ in self._tell("tell_new()") if kind == "file"}
-        expected = {_beside(path): sha for path, sha in todo.after.items() if path != "main.py" or path in todo.upload}
+        expected = {beside(path): sha for path, sha in todo.after.items() if path != "main.py" or path in todo.upload}
         if wrong := sorted(path for path in there.keys() | expected.keys() if there.get(path) != expected.get(path)):
             raise DeployError(f"damaged on the way: {printable(wrong[0])}; the board has the firmware that it had")
 
@@ -501,7 +501,7 @@ class Mpremote:
             )
 
 
-def _beside(path: str) -> str:
+def beside(path: str) -> str:
     """Where a file is written to before the exchange."""
     return on_board.NEW_MAIN if path == "main.py" else on_board.NEW + path.removeprefix(on_board.FOLDER)
 
