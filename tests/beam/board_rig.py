@@ -4,8 +4,8 @@ from fast_table import FastEye
 from loop_rig import Rig
 
 from mirrormount import Mount
-from mirrormount.beam.direct import DirectTable
-from mirrormount.beam.response import belongs_to
+from mirrormount.beam.control.response import belongs_to
+from mirrormount.beam.table import DirectTable
 from mirrormount.common.errors import ConnectionLost
 from mirrormount.transport.lines import Link
 from mirrormount.virtual.profile import PROFILES

@@ -1,7 +1,7 @@
 """A table without boards and pictures: actuators of the virtual bench, the virtual beam, and spots with noise.
 
-It does what a loop needs (mirrormount.beam.loop_table) in a thousandth of the time of the virtual table. The faults
-that a test orders are attributes. It knows the truth: truth_um() is where the beam is.
+It does what a loop needs (beam/control/interfaces.py) in a thousandth of the time of the virtual table. The faults that
+a test orders are attributes. It knows the truth: truth_um() is where the beam is.
 """
 
 import math

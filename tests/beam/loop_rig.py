@@ -5,10 +5,9 @@ import functools
 
 from fast_table import FastTable
 
-from mirrormount.beam.align import align
-from mirrormount.beam.calibrate import Calibration
-from mirrormount.beam.events import GateClosed, Pulsed, StateChanged
-from mirrormount.beam.hold import Hold
+from mirrormount.beam.control.calibrate import Calibration
+from mirrormount.beam.control.events import GateClosed, Pulsed, StateChanged
+from mirrormount.beam.control.hold import Hold, align
 
 
 @functools.cache

@@ -8,10 +8,9 @@ import contextlib
 import pytest
 from board_rig import BoardTable, Died
 
-from mirrormount.beam.align import align
-from mirrormount.beam.events import GateClosed
-from mirrormount.beam.hold import Hold
-from mirrormount.beam.response import load, save
+from mirrormount.beam.control.events import GateClosed
+from mirrormount.beam.control.hold import Hold, align
+from mirrormount.beam.control.response import load, save
 from mirrormount.common.errors import MountError
 from mirrormount.common.keep_alive import KEEP_ALIVE_MS
 

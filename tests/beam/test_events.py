@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from mirrormount.beam import events
+from mirrormount.beam.control import events
 
 
 @pytest.mark.parametrize(

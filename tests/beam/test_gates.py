@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from loop_rig import Rig
 
-from mirrormount.beam import gates
-from mirrormount.beam.events import TAKE_UP, GateClosed
-from mirrormount.beam.hold import Hold
+from mirrormount.beam.control import interlocks as gates
+from mirrormount.beam.control.events import TAKE_UP, GateClosed
+from mirrormount.beam.control.hold import Hold
 from mirrormount.beam.reasons import Reason
 from mirrormount.beam.spot import NoSpot
 from mirrormount.common.errors import BoardError, NotInControl

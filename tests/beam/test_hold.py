@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from loop_rig import Rig
 
-from mirrormount.beam.choosing import Prices, choose
-from mirrormount.beam.events import Corrected, Looked, Pulsed
-from mirrormount.beam.gap import Gap, Width
-from mirrormount.beam.hold import angle_weight
-from mirrormount.beam.tracker import Tracker
+from mirrormount.beam.control.backlash import Gap, Width
+from mirrormount.beam.control.controller import Prices, choose
+from mirrormount.beam.control.events import Corrected, Looked, Pulsed
+from mirrormount.beam.control.hold import angle_weight
+from mirrormount.beam.control.kalman import Tracker
 from mirrormount.cli import hold_work
 from mirrormount.cli.main import main
 

@@ -20,7 +20,7 @@ from served import wait_for
 
 from mirrormount.beam import scale
 from mirrormount.beam.camera import Size
-from mirrormount.beam.response import save
+from mirrormount.beam.control.response import save
 from mirrormount.beam.scale import Scale
 from mirrormount.common.keep_alive import KEEP_ALIVE_MS
 from mirrormount.device import calibration

@@ -14,12 +14,12 @@ from fast_table import FastEye
 from loop_rig import Rig
 from served import wait_for
 
-from mirrormount.beam import events
-from mirrormount.beam.gap import Gap
-from mirrormount.beam.gates import BOARD
-from mirrormount.beam.hold import Hold
-from mirrormount.beam.response import belongs_to
-from mirrormount.beam.supervised import SupervisedTable
+from mirrormount.beam.control import events
+from mirrormount.beam.control.backlash import Gap
+from mirrormount.beam.control.hold import Hold
+from mirrormount.beam.control.interlocks import BOARD
+from mirrormount.beam.control.response import belongs_to
+from mirrormount.beam.table import SupervisedTable
 from mirrormount.common.errors import CannotOpen, ConnectionLost
 from mirrormount.common.keep_alive import KEEP_ALIVE_MS
 from mirrormount.supervise import Supervisor

@@ -11,7 +11,7 @@ import pytest
 from loop_rig import Rig
 
 from mirrormount.beam import run_log
-from mirrormount.beam.events import (
+from mirrormount.beam.control.events import (
     HOLDING,
     WAITING,
     Corrected,
@@ -24,7 +24,7 @@ from mirrormount.beam.events import (
     SpotSeen,
     StateChanged,
 )
-from mirrormount.beam.hold import Hold
+from mirrormount.beam.control.hold import Hold
 from mirrormount.beam.over_time import Sums, joined
 from mirrormount.beam.run_log import RunLog
 from mirrormount.beam.run_reader import read_run, spectrum

@@ -4,8 +4,7 @@ import pytest
 
 from mirrormount import Mount
 from mirrormount.beam.camera import Controls, Frame, Size
-from mirrormount.beam.eyes import CameraEye
-from mirrormount.beam.supervised import SupervisedTable, answer
+from mirrormount.beam.table import CameraEye, SupervisedTable, answer
 from mirrormount.common.beam_errors import CameraAbsent, CameraGone, CameraSizeChanged
 from mirrormount.common.errors import BadFile, MoveEnded, NotInControl
 from mirrormount.supervise import Supervisor

@@ -8,7 +8,7 @@ from playwright.sync_api import expect
 from test_hold_page import SPOT, Eye, gate
 from test_spot_moves import served
 
-from mirrormount.beam import events
+from mirrormount.beam.control import events
 from mirrormount.beam.watched_eye import WatchedEye
 from mirrormount.panel.hold_board import HoldBoard
 from mirrormount.panel.hold_page import make_hold_server

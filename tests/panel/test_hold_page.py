@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from test_spot_moves import served
 
-from mirrormount.beam import events
 from mirrormount.beam.camera import Frame, Size
+from mirrormount.beam.control import events
 from mirrormount.beam.watched_eye import WatchedEye
 from mirrormount.common.beam_errors import CameraGone
 from mirrormount.common.errors import NotInControl

@@ -14,10 +14,9 @@ import _paths  # noqa: F401
 import numpy as np
 from fast_table import FastTable
 
-from mirrormount.beam.align import align
-from mirrormount.beam.calibrate import Calibration
-from mirrormount.beam.events import Estimated
-from mirrormount.beam.hold import Hold
+from mirrormount.beam.control.calibrate import Calibration
+from mirrormount.beam.control.events import Estimated
+from mirrormount.beam.control.hold import Hold, align
 from mirrormount.cli.main import main as command
 
 OFF_MM = 9.0

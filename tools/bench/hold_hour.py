@@ -27,17 +27,14 @@ import numpy as np
 from looking_on import lookers
 from numpy.typing import NDArray
 
-from mirrormount.beam import events
-from mirrormount.beam.align import align
-from mirrormount.beam.calibrate import Calibration
-from mirrormount.beam.eyes import CameraEye
-from mirrormount.beam.gap import Gap
-from mirrormount.beam.hold import Hold
+from mirrormount.beam.control import events
+from mirrormount.beam.control.backlash import Gap
+from mirrormount.beam.control.calibrate import Calibration
+from mirrormount.beam.control.hold import Hold, Summary, align
+from mirrormount.beam.control.response import Response
 from mirrormount.beam.looking import lever_m
-from mirrormount.beam.response import Response
 from mirrormount.beam.run_log import RunLog
-from mirrormount.beam.summary import Summary
-from mirrormount.beam.supervised import SupervisedTable
+from mirrormount.beam.table import CameraEye, SupervisedTable
 from mirrormount.beam.watched_eye import WatchedTable
 from mirrormount.common.errors import MountError
 from mirrormount.panel.hold_board import HoldBoard

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrormount.beam.camera import Frame
-from mirrormount.beam.events import Listen, Looked, Pair, SpotMissed, SpotSeen
-from mirrormount.beam.loop_table import Eye, LoopTable
+from mirrormount.beam.control.events import Listen, Looked, Pair, SpotMissed, SpotSeen
+from mirrormount.beam.control.interfaces import Eye, LoopTable
 from mirrormount.beam.reasons import BY_CHANCE, Reason
 from mirrormount.beam.spot import NoSpot, Spot
 from mirrormount.common.beam_errors import CameraError

@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from mirrormount.beam.events import Estimated, Pair
+from mirrormount.beam.control.events import Estimated, Pair
 
 
 @dataclass

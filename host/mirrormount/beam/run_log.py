@@ -22,7 +22,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO, Any, Self
 
-from mirrormount.beam.events import Event, to_json
+from mirrormount.beam.control.events import Event, to_json
 from mirrormount.beam.run_minutes import MINUTE_S, Minute, minute_to_json
 from mirrormount.common.errors import CannotWrite
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any, Self
 
-from mirrormount.beam.events import (
+from mirrormount.beam.control.events import (
     CORRECTING,
     CREEPING,
     HOLDING,

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrormount.beam.events import Estimated, Event, Looked, SpotSeen, StateChanged, from_json
+from mirrormount.beam.control.events import Estimated, Event, Looked, SpotSeen, StateChanged, from_json
 from mirrormount.beam.run_log import ABOUT, EVENTS, MINUTES
 from mirrormount.beam.run_minutes import HELD, MINUTE_S, Minute, minute_from_json
 from mirrormount.common import json_text

@@ -5,8 +5,8 @@ from collections.abc import Iterator, Sequence
 
 from mirrormount.beam import NoSpot, Spot
 from mirrormount.beam.camera import Frame, Size
+from mirrormount.beam.control.interfaces import Actuator, Eye, LoopTable
 from mirrormount.beam.live import Seen, as_jpeg
-from mirrormount.beam.loop_table import Actuator, Eye, LoopTable
 from mirrormount.common.errors import MountError
 from mirrormount.common.printable import printable
 

@@ -5,8 +5,8 @@ import contextlib
 import threading
 from collections.abc import Callable, Iterator
 
-from mirrormount.beam.hold import Hold
-from mirrormount.beam.loop_table import LoopTable
+from mirrormount.beam.control.hold import Hold
+from mirrormount.beam.control.interfaces import LoopTable
 from mirrormount.beam.watched_eye import WatchedTable
 from mirrormount.cli import web_opening
 from mirrormount.common.errors import NotInControl

@@ -7,18 +7,14 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mirrormount.beam.align import align
-from mirrormount.beam.calibrate import Calibration, check_controllable
-from mirrormount.beam.direct import DirectTable
-from mirrormount.beam.events import Event, GateClosed, GateOpened, Listen, Progress, StateChanged
-from mirrormount.beam.eyes import CameraEye
-from mirrormount.beam.gap import Gap
-from mirrormount.beam.hold import Hold
-from mirrormount.beam.loop_table import LoopTable
-from mirrormount.beam.optical_table import Table
-from mirrormount.beam.response import Response, check_place, load, save
+from mirrormount.beam.control.backlash import Gap
+from mirrormount.beam.control.calibrate import Calibration, check_controllable
+from mirrormount.beam.control.events import Event, GateClosed, GateOpened, Listen, Progress, StateChanged
+from mirrormount.beam.control.hold import Hold, Summary, align
+from mirrormount.beam.control.interfaces import LoopTable
+from mirrormount.beam.control.response import Response, check_place, load, save
 from mirrormount.beam.run_log import RunLog
-from mirrormount.beam.summary import Summary
+from mirrormount.beam.table import CameraEye, DirectTable, Table
 from mirrormount.cli.command import from_extra, number, patience_of, positive, virtual_address, whole
 from mirrormount.common import whole_file
 from mirrormount.common.errors import BadValue, CannotWrite

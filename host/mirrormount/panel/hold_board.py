@@ -10,8 +10,8 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from mirrormount.beam import events
-from mirrormount.beam.events import Pair, SpotMissed, SpotSeen
+from mirrormount.beam.control import events
+from mirrormount.beam.control.events import Pair, SpotMissed, SpotSeen
 
 ALARM, WARN, CALM = "alarm", "warn", ""
 _KEPT = 1200  # looks in the history

@@ -1,26 +1,293 @@
-"""One correction: pulses, a look, and what both teach of the spots, the gaps and the response.
+"""What one correction drives and what came of it; how a gap is crossed.
+
+Which actuators correct an error, and by how much: the ones whose moves save more than they cost. Pure; numpy.
+
+Every set of actuators is tried. A set's steps are the damped least squares (A. N. Tikhonov, 1963); the sum of squares
+that is left, and a price for each pulse and for each gap that has to be crossed, are its cost. So an error within the
+noise is not corrected (the dead band), a reversal is made only where it pays (the hysteresis), and a mount that
+corrects an error nearly does so alone.
+
+Moves several actuators at once, in steps of travel, and watches the spot meanwhile. Imports looking, response.
+
+One correction: pulses, a look, and what both teach of the spots, the gaps and the response.
 
 A shaft in its gap is turned by what is surely free, and then by no more than the spots are meant to move, until they
 are seen to move: so a reversal never throws the beam.
 """
 
+import itertools
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from mirrormount.beam import events
-from mirrormount.beam.choosing import LEAST_STEPS, Choice, Prices, choose
-from mirrormount.beam.contact import Moved
-from mirrormount.beam.driven import SOFTLY, Driven, Outcome
-from mirrormount.beam.events import Corrected, Listen, ResponseChanged
-from mirrormount.beam.gap import Gap
-from mirrormount.beam.looking import Look, Looker, Vector
-from mirrormount.beam.loop_table import LoopTable
-from mirrormount.beam.mover import Mover
-from mirrormount.beam.response import Matrix, Response
-from mirrormount.beam.tracker import Tracker
+from mirrormount.beam.control import events
+from mirrormount.beam.control.backlash import Gap, Moved
+from mirrormount.beam.control.events import CORRECT, MEASURE, Corrected, Listen, Pulsed, ResponseChanged
+from mirrormount.beam.control.interfaces import Actuator, LoopTable
+from mirrormount.beam.control.kalman import Tracker
+from mirrormount.beam.control.response import Matrix, Response
+from mirrormount.beam.looking import Look, Looker, Misses, Vector
+
+
+@dataclass(frozen=True)
+class Creep:
+    """How a gap is crossed. Motions of the spots in um (root of the sum of squares).
+
+    mean_um, most_um: by the take-up, on average and hardly ever. least_um, largest_um: by a pulse of the creep.
+    jump_steps: a correction by more is made at once, and the next one corrects what the gap's scatter made of it.
+    """
+
+    mean_um: float = 5.0
+    most_um: float = 45.0
+    least_um: float = 15.0
+    largest_um: float = 23.0
+    jump_steps: float = 0.4
+
+
+SOFTLY = Creep()  # in a hold: no excursion
+QUICKLY = Creep(mean_um=12.0, most_um=100.0, least_um=20.0, largest_um=60.0, jump_steps=0.2)  # in an alignment
+
+
+@dataclass(eq=False)
+class Driven:
+    """One actuator in one correction. wished, drove: steps; expected: of the screw, ± sigma. creeps: not sure."""
+
+    i: int
+    way: int
+    wished: float
+    drove: float
+    scatter: float
+    expected: float
+    sigma: float
+    creeps: bool
+    in_gap: bool
+
+
+@dataclass(eq=False)
+class Outcome:
+    """What came of a correction. helped: None if it cannot be told; doubted: actuators
+    that are in their gaps after all; stuck: actuators that do not move any more."""
+
+    driven: list[Driven]
+    expected_um: Vector
+    changed_um: Vector
+    met: list[int] = field(default_factory=list)
+    stuck: list[int] = field(default_factory=list)
+    doubted: list[int] = field(default_factory=list)
+
+    @property
+    def helped(self) -> float | None:
+        """The part of the expected change that came, if all that moved was in contact."""
+        size = float(self.expected_um @ self.expected_um)
+        if not size or self.doubted or any(each.in_gap for each in self.driven):
+            return None
+        return float(self.changed_um @ self.expected_um) / size
+
+
+TIKHONOV = 0.03  # of the largest singular value
+MOST_STEPS = 15.0  # of one actuator in one correction
+LEAST_STEPS = 0.003  # a smaller wish is none
+
+
+@dataclass(frozen=True)
+class Prices:
+    """What a move must save at least, in um² of the sum of squares: a pulse, and crossing a whole gap."""
+
+    pulse_um2: float
+    gap_um2: float
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """Steps of the screws for each actuator (0: it rests), and the errors that are left by them, um."""
+
+    steps: Vector
+    left_um: Vector
+
+    def __bool__(self) -> bool:
+        """True if something is to be moved."""
+        return bool(np.any(self.steps))
+
+
+def choose(
+    errors_um: Vector,
+    response: Response,
+    gaps: Sequence[Gap],
+    prices: Prices,
+    weight: Matrix,
+    *,
+    among: Sequence[int] | None = None,
+    contact_only: bool = False,
+) -> Choice:
+    """The best correction. weight: of the sum of squares, (errors, errors).
+
+    among: actuators that may move (default: all). contact_only: none that would have to cross its gap.
+    """
+    allowed = range(response.actuators) if among is None else among
+    n = response.actuators
+    best, least = np.zeros(n), float(errors_um @ weight @ errors_um)
+    top = float(np.linalg.norm(response.matrices[1], 2))
+    damping = (TIKHONOV * top) ** 2
+    for size in range(1, len(allowed) + 1):
+        for chosen in itertools.combinations(allowed, size):
+            steps = _least_squares(errors_um, response, chosen, damping, weight)
+            if np.any(np.abs(steps[list(chosen)]) < LEAST_STEPS):
+                continue
+            if contact_only and not all(gaps[i].in_contact(1 if steps[i] > 0 else -1) for i in chosen):
+                continue
+            left = errors_um + response.effect(steps)
+            cost = float(left @ weight @ left) + _price(steps, chosen, gaps, prices)
+            if cost < least:
+                best, least = steps, cost
+    return Choice(best, errors_um + response.effect(best))
+
+
+def needed_steps(errors_um: Vector, response: Response) -> Vector:
+    """The steps of all actuators that an error needs, undamped and not bounded."""
+    return np.asarray(np.linalg.lstsq(response.matrices[1], -errors_um, rcond=None)[0], dtype=np.float64)
+
+
+def _price(steps: Vector, chosen: Sequence[int], gaps: Sequence[Gap], prices: Prices) -> float:
+    price = 0.0
+    for i in chosen:
+        way = 1 if steps[i] > 0 else -1
+        gap = gaps[i]
+        price += prices.pulse_um2 + prices.gap_um2 * min(1.0, gap.slack(way)[0] / max(gap.widths[way].mean, 1e-6))
+    return price
+
+
+def _least_squares(
+    errors_um: Vector, response: Response, chosen: Sequence[int], damping: float, weight: Matrix
+) -> Vector:
+    """Damped steps of the chosen actuators; the columns are those of the ways that come out."""
+    steps = np.zeros(response.actuators)
+    picked = list(chosen)
+    signs = np.ones(response.actuators)
+    for _ in range(3):
+        columns = response.columns(signs)[:, picked]
+        left = columns.T @ weight @ columns + damping * np.eye(len(picked))
+        steps[picked] = np.linalg.solve(left, -columns.T @ weight @ errors_um)
+        if np.array_equal(np.sign(steps[picked]), signs[picked]):
+            break
+        signs[picked] = np.where(steps[picked] < 0, -1.0, 1.0)
+    largest = float(np.max(np.abs(steps)))
+    return steps * min(1.0, MOST_STEPS / largest) if largest and math.isfinite(largest) else np.zeros_like(steps)
+
+
+SHORTEST_US = 5000  # of a pulse: a shorter one of a rough motor moves nothing at times
+_POLL_S, _SOON_S = 0.03, 0.01
+_REST_S = 0.05  # of a pulse, after it
+_LONG_US = 100_000  # the spot is watched during longer motions
+
+
+class SpotLostMoving(Exception):
+    """The spot was lost during a motion, and the motors were stopped. Never leaves the loop."""
+
+
+class Mover:
+    """Moves the actuators of a table. actions, reversals: counted since the beginning."""
+
+    def __init__(self, table: LoopTable, looker: Looker, listen: Listen) -> None:
+        self.table = table
+        self.actions = self.reversals = 0
+        self.motor_s = 0.0
+        self._looker = looker
+        self._listen = listen
+        self._ways = [0] * len(table.actuators)
+
+    def travel(
+        self, response: Response, travels: Mapping[int, float], purposes: Mapping[int, str] | None = None
+    ) -> dict[int, tuple[float, float]]:
+        """Turn shafts by steps (signed), all at once. Returns for each the way that is expected, and its scatter.
+
+        A way of less than the shortest pulse's is made longer: that is in what is returned. Raises as Actuator does,
+        and SpotLostMoving.
+        """
+        whole: dict[int, int] = {}
+        parts: dict[int, int] = {}
+        made: dict[int, tuple[float, float]] = {}
+        for i, steps in travels.items():
+            way = 1 if steps > 0 else -1
+            n = int(abs(steps))
+            rest = abs(steps) - n
+            us = response.pulse_us(i, way, rest, SHORTEST_US) if rest > 0 else 0
+            if n and us <= SHORTEST_US:
+                us = 0
+            if n:
+                whole[i] = way * n
+            if us:
+                parts[i] = way * us
+            part = response.pulse_steps(i, way, us) if us else 0.0
+            scatter = math.hypot(math.sqrt(n) * response.scatter(self.table.actuators[i].step_us), 0.0)
+            scatter = math.hypot(scatter, part * response.scatter(us)) if us else scatter
+            made[i] = way * (n + part), scatter
+            length = way * (n * self.table.actuators[i].step_us + us)
+            self._tell(i, length, (purposes or {}).get(i, CORRECT))
+        self.steps(whole)
+        self.pulses(parts)
+        self._looker.moved()
+        return made
+
+    def measure(self, steps: Mapping[int, int]) -> None:
+        """Whole steps for a calibration."""
+        for i, n in steps.items():
+            self._tell(i, n * self.table.actuators[i].step_us, MEASURE)
+        self.steps(steps)
+        self._looker.moved()
+
+    def measure_pulses(self, us: Mapping[int, int]) -> None:
+        """One pulse each for a calibration."""
+        for i, length in us.items():
+            self._tell(i, length, MEASURE)
+        self.pulses(us)
+        self._looker.moved()
+
+    def steps(self, steps: Mapping[int, int]) -> None:
+        """Whole steps, all at once, to their end."""
+        self._run({i: n for i, n in steps.items() if n}, lambda a, n: a.step(n), max_us=_LONG_US + 1)
+
+    def pulses(self, us: Mapping[int, int]) -> None:
+        """One pulse each, all at once, to their end."""
+        longest = max((abs(length) for length in us.values()), default=0)
+        self._run(us, lambda a, length: a.pulse(length), max_us=longest)
+
+    def _run(self, amounts: Mapping[int, int], begin: Callable[[Actuator, int], None], *, max_us: int) -> None:
+        """Begin, and wait for the end; however it ends early, all motors are off."""
+        if not amounts:
+            return
+        moving = [self.table.actuators[i] for i in amounts]
+        misses = Misses()
+        try:
+            for i, amount in amounts.items():
+                begin(self.table.actuators[i], amount)
+            if max_us <= _LONG_US:
+                self.table.sleep(max_us * 1e-6 + _REST_S)
+            while moving := [actuator for actuator in moving if actuator.is_moving()]:
+                if max_us <= _LONG_US:
+                    self.table.sleep(_SOON_S)
+                    continue
+                before_s = self.table.now_s()
+                if misses.too_many(self._looker.glance()):
+                    raise SpotLostMoving
+                self.table.sleep(_POLL_S - (self.table.now_s() - before_s))
+        except BaseException:
+            try:
+                self.table.stop()
+            finally:
+                self._looker.moved()
+            raise
+
+    def _tell(self, i: int, us: int, purpose: str) -> None:
+        way = 1 if us > 0 else -1
+        self.actions += 1
+        if self._ways[i] == -way:
+            self.reversals += 1
+        self._ways[i] = way
+        self.motor_s += abs(us) * 1e-6
+        self._listen(Pulsed(self.table.now_s(), self.table.actuators[i].name, us, purpose))
+
 
 _SURE_SIGMAS = 3.0  # beyond the gap, from which on the screw certainly follows
 _GAIN = 0.9  # of a correction of a step and more: its scatter is not to change the direction

@@ -1,22 +1,34 @@
-"""Keeps the beam at its targets for as long as one likes. Imports guard, gates, summary.
+"""What a run comes to: the residuals as the cameras saw them, and what was done. Imports looking.
+
+Means are those of over_time.py.
+
+Brings the beam to its targets: corrections by the response until all spots are near enough. Imports guard.
+
+Keeps the beam at its targets for as long as one likes. Imports guard, gates, summary.
 
 Between two looks at rest PERIOD_S pass; after a pulse the loop looks at once. What it does about an error, and when it
 does nothing, choosing.py decides.
 """
 
+import math
 import threading
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
-from mirrormount.beam.choosing import Prices
-from mirrormount.beam.events import (
+from mirrormount.beam.control.backlash import Gap
+from mirrormount.beam.control.controller import QUICKLY, Prices
+from mirrormount.beam.control.events import (
+    ALIGNING,
     CORRECTING,
     CREEPING,
     ENDED,
     HOLDING,
     STOPPED,
     WAITING,
+    Estimated,
     Event,
     GateClosed,
     GateOpened,
@@ -24,14 +36,165 @@ from mirrormount.beam.events import (
     StateChanged,
     silent,
 )
-from mirrormount.beam.gap import Gap
-from mirrormount.beam.gates import JUMPED, Closed
-from mirrormount.beam.guard import Guard
-from mirrormount.beam.looking import Vector
-from mirrormount.beam.loop_table import LoopTable
-from mirrormount.beam.response import Matrix, Response, check_belongs
-from mirrormount.beam.summary import Summary
+from mirrormount.beam.control.interfaces import Eye, LoopTable
+from mirrormount.beam.control.interlocks import JUMPED, NO_HELP, Closed, Guard
+from mirrormount.beam.control.response import Matrix, Response, check_belongs
+from mirrormount.beam.looking import Vector, angle_urad, in_pairs
+from mirrormount.beam.over_time import OverTime
 from mirrormount.common.errors import MountError
+
+
+@dataclass
+class Summary:
+    """Of one run of a loop. Lengths in um on the cameras' planes, angles in urad of the beam."""
+
+    eyes: Sequence[Eye]
+    corrections: int = 0
+    actions: int = 0
+    reversals: int = 0
+    motor_s: float = 0.0
+    seconds: float = 0.0
+    gates: list[GateClosed] = field(default_factory=list)
+    reached: bool = False
+    last_um: Vector | None = None
+    max_um: float = 0.0
+    held: OverTime = field(default_factory=OverTime)
+
+    def add(self, time_s: float, errors_um: Vector) -> Estimated:
+        """The errors from now on."""
+        errors = {eye.name: pair for eye, pair in zip(self.eyes, in_pairs(errors_um), strict=True)}
+        estimate = Estimated(time_s, errors, angle_urad(self.eyes, errors_um))
+        self.held.take(estimate)
+        self.last_um = errors_um.copy()
+        self.max_um = max(self.max_um, float(np.max(np.abs(errors_um))))
+        return estimate
+
+    def pause(self) -> None:
+        """Nothing is known of the spots until the next add()."""
+        self.held.pause()
+
+    @property
+    def rms_um(self) -> Vector | None:
+        """Root mean square of each error over time; the last errors of a run too short for that."""
+        rms = [um for sums in self.held.errors_um.values() for um in sums.rms]
+        return np.array(rms) if np.isfinite(rms).all() and rms else self.last_um
+
+    @property
+    def rms_urad(self) -> float | None:
+        """Root mean square of the beam's angle, of x or y, whichever is larger; None where no distance is known."""
+        worst = max(self.held.angle_urad.rms)
+        return self.last_urad if math.isnan(worst) else worst
+
+    @property
+    def last_urad(self) -> float | None:
+        """The beam's angle at the end, of x or y, whichever is larger; None where no distance is known."""
+        angle = None if self.last_um is None else angle_urad(self.eyes, self.last_um)
+        return None if angle is None else max(map(abs, angle))
+
+    def to_json(self, *, final: bool) -> dict[str, Any]:
+        """Plain data. final: what is left at the end (an alignment), else over time (a hold)."""
+        residual = self.last_um if final else self.rms_um
+        urad = self.last_urad if final else self.rms_urad
+        rounded = None if urad is None else round(urad, 3)
+        return {
+            "reached": self.reached,
+            "corrections": self.corrections,
+            "residual_um": {} if residual is None else _by_camera(self.eyes, residual),
+            "rms_urad": rounded,
+            "max_um": round(
+                float(np.max(np.abs(self.last_um))) if final and self.last_um is not None else self.max_um, 2
+            ),
+            "actions": self.actions,
+            "reversals": self.reversals,
+            "motor_s": round(self.motor_s, 3),
+            "seconds": round(self.seconds, 3),
+            "gates": [
+                {"time_s": round(g.time_s, 3), "number": g.number, "name": g.name, "cause": g.cause} for g in self.gates
+            ],
+        }
+
+
+def _by_camera(eyes: Sequence[Eye], errors_um: Vector) -> dict[str, dict[str, float]]:
+    pairs = in_pairs(errors_um)
+    return {eye.name: {"x": round(x, 2), "y": round(y, 2)} for eye, (x, y) in zip(eyes, pairs, strict=True)}
+
+
+WITHIN_UM = 15.0  # on every camera, along x and y
+MOST_CORRECTIONS = 10
+_MOST_CREEPS = 80
+_FRAMES = 6  # of a look that decides
+# of WITHIN_UM, at which it ends, up to so many corrections; the rest is for the look's noise and the beam's tremble
+_AIMS = ((8, 0.6), (math.inf, 0.85))
+_HELPED = 0.5  # of the first error: what corrections by a true calibration leave at most
+_ALIGN_PRICES, _AT_ANY_PRICE = Prices(pulse_um2=9.0, gap_um2=80.0), Prices(pulse_um2=0.0, gap_um2=0.0)
+
+
+def align(
+    table: LoopTable,
+    response: Response,
+    gaps: Sequence[Gap] | None = None,
+    listen: Listen = silent,
+    *,
+    within_um: float = WITHIN_UM,
+    most: int = MOST_CORRECTIONS,
+    cancelled: Callable[[], bool] = lambda: False,
+) -> Summary:
+    """Align. Motors are off at the end. reached of what is returned tells whether the goal was met.
+
+    A gate that closes ends it: it is in `gates`. Raises ResponseOfOther.
+    """
+    check_belongs(response, table)
+    summary = Summary(table.eyes)
+
+    def told(event: Event) -> None:
+        if isinstance(event, GateClosed):
+            summary.gates.append(event)
+        listen(event)
+
+    guard = Guard(table, response, gaps, told)
+    guard.corrector.creep = QUICKLY
+    begin_s = table.now_s()
+    weight = np.eye(len(response.noise_um))
+    told(StateChanged(begin_s, ALIGNING, f"until all spots are within {within_um:g} um of their targets"))
+    why, begun_um = "", 0.0
+    try:
+        while True:
+            look = guard.look(_FRAMES)
+            summary.add(look.time_s, look.errors_um)
+            begun_um = begun_um or look.worst_um
+            if look.worst_um <= _aim(guard.corrector.number) * within_um or cancelled():
+                break
+            if guard.corrector.number >= most or guard.corrector.creeps > _MOST_CREEPS:
+                why = f"{guard.corrector.number} corrections were not enough"
+                if guard.corrector.number >= MOST_CORRECTIONS and look.worst_um > _HELPED * begun_um:
+                    raise Closed(NO_HELP, f"{why}: of {begun_um:.0f} um, {look.worst_um:.0f} um are left")
+                break
+            prices = _ALIGN_PRICES
+            choice = guard.choose(prices, weight)
+            if not choice and look.worst_um > within_um:
+                prices = _AT_ANY_PRICE
+                choice = guard.choose(prices, weight)
+            if not choice:
+                break
+            guard.correct(choice, prices, weight, frames=2)
+        summary.reached = summary.last_um is not None and float(np.max(np.abs(summary.last_um))) <= within_um
+    except Closed as closed:
+        told(closed.event(table.now_s()))
+        told(StateChanged(table.now_s(), STOPPED, closed.detail))
+        why = closed.detail
+    finally:
+        guard.motors_off()
+        summary.corrections = guard.corrector.number
+        summary.actions, summary.reversals = guard.mover.actions, guard.mover.reversals
+        summary.motor_s, summary.seconds = guard.mover.motor_s, table.now_s() - begin_s
+    told(StateChanged(table.now_s(), ENDED, why))
+    return summary
+
+
+def _aim(corrections: int) -> float:
+    """What is near enough after so many: between two corrections the laser drifts, so more of them need not help."""
+    return next(aim for most, aim in _AIMS if corrections < most)
+
 
 PERIOD_S = 0.4  # between two looks at rest
 RMS_URAD, MOST_UM = 9.0, 80.0  # the goal: rms of the beam's angle; no error beyond, on any camera

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrormount.beam.gap import Width
-from mirrormount.beam.loop_table import LoopTable
+from mirrormount.beam.control.backlash import Width
+from mirrormount.beam.control.interfaces import LoopTable
 from mirrormount.common import json_text, whole_file
 from mirrormount.common.beam_errors import ResponseOfOther
 from mirrormount.common.errors import BadFile
