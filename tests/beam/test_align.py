@@ -125,7 +125,7 @@ def change_board(table):
 
 
 def change_size(table):
-    table.eyes[1].size = table.eyes[1].size._replace(width=320)
+    table.cameras[1].size = table.cameras[1].size._replace(width=320)
 
 
 @pytest.mark.parametrize("change", [change_step, change_board, change_size])

@@ -1,17 +1,6 @@
-"""A table whose mounts this program drives itself, in lockstep or in real time. Imports mount, loop_table.
+"""The table of a loop: mounts that this program drives itself (LocalTable) or shares (SharedTable), and its cameras.
 
-Each move is watched by its caller, who asks is_moving() until it is over: that feeds the board's keep-alive. A loop
-that dies or hangs stops asking, and the board switches its motors off within half a second.
-
-A table whose mounts have supervisors: the loop is one client of each, beside a panel's pages and other programs.
-
-A person takes over at any moment, a stop is a stop, and a loop that hangs is stopped (docs/supervise.md).
-
-A camera with its target, as a loop needs it (loop_table.Eye). One that was unplugged is opened again.
-
-Table: the mounts and cameras that table.toml names, open and supervised.
-
-with Table.open() as table, table.loop("my loop") as loop:   # what align and hold need
+with Table.open() as table, table.loop("my loop") as loop:   # the table of table.toml: what align and hold need
     loop.take_control()
 """
 
@@ -26,9 +15,9 @@ from typing import Any, Self
 
 from mirrormount.beam import NoSpot, Spot, find_spot, scale
 from mirrormount.beam.camera import Camera, Frame, Size
-from mirrormount.beam.control.interfaces import Eye
+from mirrormount.beam.live import LiveView
+from mirrormount.beam.observe import Finder
 from mirrormount.beam.open_camera import open_camera
-from mirrormount.beam.picture import Dark
 from mirrormount.common.beam_errors import CameraError, CameraGone, CameraSizeChanged
 from mirrormount.common.errors import BadFile, MountError, MoveEnded, NoAnswer, NotCalibrated
 from mirrormount.common.keep_alive import PATIENCE_S
@@ -40,8 +29,82 @@ from mirrormount.supervise import Motion, Program, Supervisor
 from mirrormount.supervise.of_table import Supervised, supervised
 from mountfw import codes as wire
 
+_ANSWER_S = 3.0  # of a supervisor to a question
+_BEAT_S = 0.1  # between two signs of life while something moves
+_OLD_S = 3.0  # a loop that corrects looks at no frames for about a second
 
-class DirectAxis:
+
+class TargetCamera:
+    """A camera of a table under its name there, with its target, as a loop needs it.
+
+    um_per_px: of x and y. distance_m: from the last mirror along the beam, None where it is not known. reopen: opens
+    the camera again after it was unplugged; None for one that comes back by itself. view: what pages see, in which each
+    frame is shown that the loop has looked for a spot in.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        camera: Camera,
+        target_px: tuple[float, float],
+        um_per_px: tuple[float, float],
+        distance_m: float | None,
+        *,
+        find: Finder = find_spot,
+        reopen: Callable[[], Camera] | None = None,
+    ) -> None:
+        self.name = name
+        self.camera = camera  # the one that is open now
+        self.target_px = target_px
+        self.um_per_px = um_per_px
+        self.distance_m = distance_m
+        self.size: Size = camera.size
+        self.view = LiveView(name, _OLD_S, "the loop has looked at no picture")
+        self._find = find
+        self._reopen = reopen
+        self._failed = False
+
+    def monotonic(self) -> float:
+        """The clock of Frame.time_s, in seconds."""
+        return self.camera.monotonic()
+
+    def frames(self) -> Iterator[Frame]:
+        """As Camera.frames(); after CameraError it may be called again. Raises CameraError while there is none."""
+        try:
+            if self._failed and self._reopen:
+                self.camera.close()
+                self.camera = _opened_again(self.name, self._reopen)
+            if self.camera.size != self.size:
+                raise CameraSizeChanged(f"{self.name}: the camera came back with {self.camera.size}, not {self.size}")
+            self._failed = False
+            yield from self.camera.frames()
+        except CameraError as e:
+            self._failed = True
+            self.view.fail(str(e))
+            raise
+
+    def find(self, frame: Frame) -> Spot | NoSpot:
+        """The spot in a frame, or why there is none; pages see both."""
+        found = self._find(frame)
+        self.view.show(frame, found, self.monotonic() - frame.time_s)
+        return found
+
+    def close(self) -> None:
+        """Release the camera."""
+        self.camera.close()
+
+
+def _opened_again(name: str, reopen: Callable[[], Camera]) -> Camera:
+    """reopen(). Raises CameraError whatever stands in the way, such as a table.toml that somebody edits just now."""
+    try:
+        return reopen()
+    except CameraError:
+        raise
+    except MountError as e:
+        raise CameraGone(f"{name}: it is not opened again: {e}") from e
+
+
+class LocalActuator:
     """An axis of a mount of this program."""
 
     def __init__(self, mount_name: str, mount: Mount, axis: Axis) -> None:
@@ -80,25 +143,29 @@ class DirectAxis:
         self._mount.stop()
 
 
-class DirectTable:
-    """Mounts and eyes of this program. now_s, sleep: of the table's clock."""
+class LocalTable:
+    """Mounts and cameras of this program, in lockstep or in real time. now_s, sleep: of the table's clock.
 
-    taken_over = ""  # nobody else drives these mounts; a stop by another program ends a move, and closes a gate
+    Each move is watched by its caller, who asks is_moving() until it is over: that feeds the board's keep-alive. A loop
+    that dies or hangs stops asking, and the board switches its motors off within half a second.
+    """
+
+    taken_over = ""  # nobody else drives these mounts; a stop by another program ends a move, which trips an interlock
     lost_board = ""  # a motion tells it
 
     def __init__(
         self,
         mounts: Mapping[str, Mount],
-        eyes: Sequence[Eye],
+        cameras: Sequence[TargetCamera],
         now_s: Callable[[], float],
         sleep: Callable[[float], None],
     ) -> None:
         self.actuators = [
-            DirectAxis(name, mount, mount.axis(axis))
+            LocalActuator(name, mount, mount.axis(axis))
             for name, mount in mounts.items()
             for axis in in_order(mount.by_name)
         ]
-        self.eyes = list(eyes)
+        self.cameras = list(cameras)
         self.now_s = now_s
         self._sleep = sleep
         self._mounts = list(mounts.values())
@@ -130,11 +197,7 @@ def in_order(axes: Iterable[str]) -> list[str]:
     return sorted(axes, key=lambda name: (name not in ("x", "y"), name))
 
 
-_ANSWER_S = 3.0  # of a supervisor to a question
-_BEAT_S = 0.1  # between two signs of life while something moves
-
-
-class SupervisedActuator:
+class SharedActuator:
     """One axis of a supervised mount. name: such as "first.x"."""
 
     def __init__(self, name: str, program: Program, supervisor: Supervisor, axis: str) -> None:
@@ -180,9 +243,11 @@ class SupervisedActuator:
         self._program.stop(keep_control=True)
 
 
-class SupervisedTable:
-    """Mounts and eyes; time is that of this computer. As LoopTable. Use `with`.
+class SharedTable:
+    """Mounts with supervisors, and cameras; time is that of this computer. As LoopTable. Use `with`.
 
+    The loop is one client of each mount, beside a panel's pages and other programs: a person takes over at any moment,
+    a stop is a stop, and a loop that hangs is stopped (docs/supervise.md).
     mounts: name, supervisor (open) and the names of its axes x and y, in the order of the beam; two mounts on one board
     have one supervisor. name: of the loop, as a person reads it on the panel.
     """
@@ -191,9 +256,9 @@ class SupervisedTable:
         self,
         name: str,
         mounts: Sequence[tuple[str, Supervisor, tuple[str, str]]],
-        eyes: Sequence[Eye],
+        cameras: Sequence[TargetCamera],
     ) -> None:
-        self.eyes = tuple(eyes)
+        self.cameras = tuple(cameras)
         self._changed = threading.Event()
         self._lost = self._lost_board = ""
         self._programs: dict[Supervisor, Program] = {}
@@ -201,12 +266,12 @@ class SupervisedTable:
             if supervisor not in self._programs:
                 self._programs[supervisor] = supervisor.join(name, partial(self._lose, supervisor))
         self.actuators = [
-            SupervisedActuator(f"{mount}.{word}", self._programs[supervisor], supervisor, axis)
+            SharedActuator(f"{mount}.{word}", self._programs[supervisor], supervisor, axis)
             for mount, supervisor, axes in mounts
             for word, axis in zip(("x", "y"), axes, strict=True)
         ]
 
-    def __enter__(self) -> "SupervisedTable":
+    def __enter__(self) -> "SharedTable":
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -294,86 +359,16 @@ def answer(future: "Future[Any]") -> Any:
         raise NoAnswer(f"the board did not answer within {_ANSWER_S:g} s") from e
 
 
-class CameraEye:
-    """A camera of a table under its name there.
-
-    um_per_px: of x and y. distance_m: from the last mirror along the beam, None where it is not known. reopen: opens
-    the camera again after it has failed; None for one that comes back by itself.
-    """
-
-    def __init__(
-        self,
-        name: str,
-        camera: Camera,
-        target_px: tuple[float, float],
-        um_per_px: tuple[float, float],
-        distance_m: float | None,
-        *,
-        dark: Dark | None = None,
-        reopen: Callable[[], Camera] | None = None,
-    ) -> None:
-        self.name = name
-        self.target_px = target_px
-        self.um_per_px = um_per_px
-        self.distance_m = distance_m
-        self.size: Size = camera.size
-        self._camera = camera
-        self._dark = dark
-        self._reopen = reopen
-        self._failed = False
-
-    @property
-    def camera(self) -> Camera:
-        """The camera that is open now."""
-        return self._camera
-
-    def monotonic(self) -> float:
-        """The clock of Frame.time_s, in seconds."""
-        return self._camera.monotonic()
-
-    def frames(self) -> Iterator[Frame]:
-        """As Camera.frames(); after CameraError it may be called again. Raises CameraError while there is none."""
-        try:
-            if self._failed and self._reopen:
-                self._camera.close()
-                self._camera = _opened_again(self.name, self._reopen)
-            if self._camera.size != self.size:
-                raise CameraSizeChanged(f"{self.name}: the camera came back with {self._camera.size}, not {self.size}")
-            self._failed = False
-            yield from self._camera.frames()
-        except CameraError:
-            self._failed = True
-            raise
-
-    def find(self, frame: Frame) -> Spot | NoSpot:
-        """The spot in a frame, or why there is none."""
-        return find_spot(frame, self._dark)
-
-    def close(self) -> None:
-        """Release the camera."""
-        self._camera.close()
-
-
-def _opened_again(name: str, reopen: Callable[[], Camera]) -> Camera:
-    """reopen(). Raises CameraError whatever stands in the way, such as a table.toml that somebody edits just now."""
-    try:
-        return reopen()
-    except CameraError:
-        raise
-    except MountError as e:
-        raise CameraGone(f"{name}: it is not opened again: {e}") from e
-
-
 class Table:
-    """An open table. supervisors: by the name of the mount; two mounts on one board share one. eyes: by name.
+    """An open table. supervisors: by the name of the mount; two mounts on one board share one. cameras: by name.
 
     Use open(), and close() or `with`.
     """
 
-    def __init__(self, mounts: Mapping[str, Supervised], eyes: Mapping[str, CameraEye]) -> None:
+    def __init__(self, mounts: Mapping[str, Supervised], cameras: Mapping[str, TargetCamera]) -> None:
         self.supervisors = {name: supervisor for name, (supervisor, _) in mounts.items()}
         self.axes = {name: axes for name, (_, axes) in mounts.items()}
-        self.eyes = dict(eyes)
+        self.cameras = dict(cameras)
         self._closing = contextlib.ExitStack()
 
     @classmethod
@@ -388,21 +383,21 @@ class Table:
             if not entries:
                 raise BadFile(f"{table_file.path()} names no {what}: `mirrormount table {what} NAME` gives it a name")
         with contextlib.ExitStack() as opened:
-            eyes = {}
+            cameras = {}
             for name, entry in table.cameras.items():
-                eyes[name] = _eye(name, entry)
-                opened.callback(eyes[name].close)
+                cameras[name] = _target_camera(name, entry)
+                opened.callback(cameras[name].close)
             mounts = supervised(table.mounts, patience_s)
             for supervisor in dict.fromkeys(supervisor for supervisor, _ in mounts.values()):
                 opened.enter_context(supervisor)
-            made = cls(mounts, eyes)
+            made = cls(mounts, cameras)
             made._closing = opened.pop_all()
             return made
 
-    def loop(self, name: str) -> SupervisedTable:
+    def loop(self, name: str) -> SharedTable:
         """A client of all mounts under a name that people read."""
         mounts = [(mount, supervisor, self.axes[mount]) for mount, supervisor in self.supervisors.items()]
-        return SupervisedTable(name, mounts, tuple(self.eyes.values()))
+        return SharedTable(name, mounts, tuple(self.cameras.values()))
 
     def stop(self, cause: str = "the program asked for it") -> None:
         """All motors of all mounts off, now; returns at once. Any thread."""
@@ -422,7 +417,7 @@ class Table:
         self.close()
 
 
-def _eye(name: str, entry: CameraEntry) -> CameraEye:
+def _target_camera(name: str, entry: CameraEntry) -> TargetCamera:
     camera = open_camera(entry.camera)
     try:
         mm_per_px = scale.read(camera).mm_per_px
@@ -435,6 +430,6 @@ def _eye(name: str, entry: CameraEntry) -> CameraEye:
     middle = (camera.size.width - 1) / 2, (camera.size.height - 1) / 2
     um = 1000 * mm_per_px
     distance_m = None if entry.distance_mm is None else entry.distance_mm / 1000
-    return CameraEye(
+    return TargetCamera(
         name, camera, entry.target_px or middle, (um, um), distance_m, reopen=partial(open_camera, entry.camera)
     )

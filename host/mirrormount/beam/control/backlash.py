@@ -3,11 +3,10 @@
 Units: steps, which are travel of the shaft; those of the two ways may differ. What is left of a gap is a normal
 distribution, cut at 0.
 
-Whether the screw has moved: what one look says of a pulse that may have met the end of the gap. Pure.
-
-Three cases are weighed by Bayes' rule: the shaft is still free, it has met the screw within this pulse, or the screw
-follows since before. One look tells a motion of 10 um from the noise at 2 sigma; so a chance of a few percent, in a
-creep of a dozen pulses, would be taken for a contact now and then. The odds of several looks are not.
+Whether the screw has moved, one observation says of a pulse that may have met the end of the gap. Three cases are
+weighed by Bayes' rule: the shaft is still free, it has met the screw within this pulse, or the screw follows since
+before. One observation tells a motion of 10 um from the noise at 2 sigma; so a chance of a few percent, in a creep of a
+dozen pulses, would be taken for a contact now and then. The odds of several observations are not.
 """
 
 import math
@@ -16,11 +15,11 @@ from dataclasses import dataclass
 _LEAST, _MOST = 0.01, 0.995  # chance of a contact within a pulse: gaps differ from one time to the next
 _GAIN = 0.15  # relative error of a step's way that is expected
 _ODD = 1.2  # factor of standard errors: a laser's drift is no Gaussian of known width
-_UNLIKELY = 0.002  # of a look that fits none of the cases, against one in the middle of a case
+_UNLIKELY = 0.002  # of an observation that fits none of the cases, against one in the middle of a case
 
 
 @dataclass(frozen=True)
-class Moved:
+class ScrewMotion:
     """How far the screw was moved: mean and variance, in steps. follows: the chance that it follows now.
 
     since: how far it has been moved since the contact, if there is one.
@@ -46,12 +45,12 @@ class Pulse:
     slack: float
     sigma: float
 
-    def foreseen(self) -> Moved:
-        """Before the look."""
+    def foreseen(self) -> ScrewMotion:
+        """Before the observation."""
         return self._mixed((1 - self.follows) * (1 - self._meets()), (1 - self.follows) * self._meets(), self.follows)
 
-    def seen(self, way: float, error: float) -> Moved:
-        """With a look by which the screw has moved by `way` ± error."""
+    def seen(self, way: float, error: float) -> ScrewMotion:
+        """With an observation by which the screw has moved by `way` ± error."""
         meets, spread = self._met_by()
         odds = self._meets()
         error *= _ODD
@@ -60,7 +59,7 @@ class Pulse:
         on = self.follows * _density(way - self.drove, math.hypot(error, self.scatter, _GAIN * self.drove))
         return self._mixed(free, met, on, way, error)
 
-    def _mixed(self, free: float, met: float, on: float, way: float = 0.0, error: float = math.inf) -> Moved:
+    def _mixed(self, free: float, met: float, on: float, way: float = 0.0, error: float = math.inf) -> ScrewMotion:
         whole = free + met + on
         free, met, on = free / whole, met / whole, on / whole
         meets, spread = self._met_by()
@@ -71,7 +70,7 @@ class Pulse:
         if follows:
             now = (_joined(meets, spread, way, error), _joined(self.drove, self.scatter, way, error))
             since = (met * now[0] + on * (self.since + now[1])) / follows
-        return Moved(mean, max(square - mean**2, 0.0), follows, since)
+        return ScrewMotion(mean, max(square - mean**2, 0.0), follows, since)
 
     def _meets(self) -> float:
         """The chance that a shaft that is free meets the screw within this pulse."""
@@ -105,7 +104,7 @@ def _joined(mean: float, sigma: float, way: float, error: float) -> float:
 
 
 def _density(off: float, sigma: float) -> float:
-    """Of a normal distribution, with tails that no single look can take to nothing."""
+    """Of a normal distribution, with tails that no single observation can take to nothing."""
     sigma = max(sigma, 1e-9)
     return (math.exp(-0.5 * min((off / sigma) ** 2, 1000.0)) + _UNLIKELY) / sigma
 
@@ -117,7 +116,7 @@ def _below(x: float, sigma: float) -> float:
 
 _LEARN = 0.12  # weight of a new sample of the gap's width
 _TAIL_SIGMAS = 2.8  # of a normal distribution, beyond which is 0.26 % of it
-_MET, _LOST = 0.99, 0.4  # chances that the screw follows: beyond, a contact is taken for one; below, it is none
+_MET, _LOST = 0.99, 0.4  # The screw counts as engaged above _MET, and as free again below _LOST (hysteresis).
 _SURE = 0.999  # chance that is not exceeded by a contact that is new: a later motion can still show that it was none
 _CERTAIN = 1 - 1e-6  # nor by one that has moved the screw ...
 _FAR_SPREADS = 3.0  # ... by so many times the gap's scatter
@@ -193,11 +192,11 @@ class Gap:
         return low
 
     def pulse(self, way: int, steps: float, scatter: float) -> Pulse:
-        """A travel of the shaft, before its look: what it does to the screw, as far as that is known."""
+        """A travel of the shaft, before its observation: what it does to the screw, as far as that is known."""
         slack, sigma = self._slack[way]
         return Pulse(steps, scatter, self._follows[way], self._since[way], slack, sigma)
 
-    def moved(self, way: int, steps: float, scatter: float, moved: Moved) -> bool:
+    def moved(self, way: int, steps: float, scatter: float, moved: ScrewMotion) -> bool:
         """The shaft was turned by so many steps (± scatter), and the screw so far. True: a contact is new."""
         slack, sigma = self._slack[way]
         width, back = self.widths[way].mean, self.widths[-way]

@@ -1,20 +1,14 @@
-"""What a run comes to: the residuals as the cameras saw them, and what was done. Imports looking.
+"""Aligns the beam, and keeps it at its targets for as long as one likes; and what a run comes to.
 
-Means are those of over_time.py.
-
-Brings the beam to its targets: corrections by the response until all spots are near enough. Imports guard.
-
-Keeps the beam at its targets for as long as one likes. Imports guard, gates, summary.
-
-Between two looks at rest PERIOD_S pass; after a pulse the loop looks at once. What it does about an error, and when it
-does nothing, choosing.py decides.
+Between two observations at rest PERIOD_S pass; after a pulse the loop observes at once. What it does about an error,
+and when it does nothing, plan_correction() of controller.py decides.
 """
 
 import math
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -30,40 +24,62 @@ from mirrormount.beam.control.events import (
     WAITING,
     Estimated,
     Event,
-    GateClosed,
-    GateOpened,
+    InterlockCleared,
+    InterlockTripped,
     Listen,
     StateChanged,
     silent,
 )
-from mirrormount.beam.control.interfaces import Eye, LoopTable
-from mirrormount.beam.control.interlocks import JUMPED, NO_HELP, Closed, Guard
-from mirrormount.beam.control.response import Matrix, Response, check_belongs
-from mirrormount.beam.looking import Vector, angle_urad, in_pairs
-from mirrormount.beam.over_time import OverTime
+from mirrormount.beam.control.interfaces import LoopTable
+from mirrormount.beam.control.interlocks import JUMPED, NO_HELP, Guard, Tripped
+from mirrormount.beam.control.response import Matrix, Response, Vector, check_belongs
+from mirrormount.beam.observe import angle_urad, in_pairs
+from mirrormount.beam.runlog import ErrorStatistics
 from mirrormount.common.errors import MountError
+
+if TYPE_CHECKING:
+    from mirrormount.beam.table import TargetCamera
+
+WITHIN_UM = 15.0  # on every camera, along x and y
+MOST_CORRECTIONS = 10
+_MOST_CREEPS = 80
+_DECIDING_FRAMES = 6  # of an observation that decides
+# of WITHIN_UM, at which it ends, up to so many corrections; the rest is for noise and the beam's tremble
+_AIMS = ((8, 0.6), (math.inf, 0.85))
+_HELPED = 0.5  # of the first error: what corrections by a true calibration leave at most
+_ALIGN_PRICES, _AT_ANY_PRICE = Prices(pulse_um2=9.0, gap_um2=80.0), Prices(pulse_um2=0.0, gap_um2=0.0)
+PERIOD_S = 0.4  # between two observations at rest
+RMS_URAD, MOST_UM = 9.0, 80.0  # the goal: rms of the beam's angle; no error beyond, on any camera
+_HOLD_PRICES = Prices(pulse_um2=50.0, gap_um2=150.0)
+_PLACE_WEIGHT = 0.5  # of the square of each camera's error ...
+_ANGLE_WEIGHT = 3.0  # ... beside that of the cameras' difference: a place that is kept costs reversals
+_MOST_STEPS = 8.0  # of an axis: what is further off is no drift and no bump
+_FIRST_FRAMES = 4  # of the first observation, and of one after an interlock
+_RETRY_S = 0.5  # between two observations while an interlock is tripped
+_BACK_UM = 300.0  # how far from where it was a spot may come back ...
+_BACK_SIGMAS = 5.0  # ... beside its drift meanwhile
 
 
 @dataclass
 class Summary:
     """Of one run of a loop. Lengths in um on the cameras' planes, angles in urad of the beam."""
 
-    eyes: Sequence[Eye]
+    cameras: "Sequence[TargetCamera]"
     corrections: int = 0
     actions: int = 0
     reversals: int = 0
     motor_s: float = 0.0
     seconds: float = 0.0
-    gates: list[GateClosed] = field(default_factory=list)
+    interlocks: list[InterlockTripped] = field(default_factory=list)
     reached: bool = False
     last_um: Vector | None = None
     max_um: float = 0.0
-    held: OverTime = field(default_factory=OverTime)
+    held: ErrorStatistics = field(default_factory=ErrorStatistics)
 
     def add(self, time_s: float, errors_um: Vector) -> Estimated:
         """The errors from now on."""
-        errors = {eye.name: pair for eye, pair in zip(self.eyes, in_pairs(errors_um), strict=True)}
-        estimate = Estimated(time_s, errors, angle_urad(self.eyes, errors_um))
+        errors = {camera.name: pair for camera, pair in zip(self.cameras, in_pairs(errors_um), strict=True)}
+        estimate = Estimated(time_s, errors, angle_urad(self.cameras, errors_um))
         self.held.take(estimate)
         self.last_um = errors_um.copy()
         self.max_um = max(self.max_um, float(np.max(np.abs(errors_um))))
@@ -88,7 +104,7 @@ class Summary:
     @property
     def last_urad(self) -> float | None:
         """The beam's angle at the end, of x or y, whichever is larger; None where no distance is known."""
-        angle = None if self.last_um is None else angle_urad(self.eyes, self.last_um)
+        angle = None if self.last_um is None else angle_urad(self.cameras, self.last_um)
         return None if angle is None else max(map(abs, angle))
 
     def to_json(self, *, final: bool) -> dict[str, Any]:
@@ -99,7 +115,7 @@ class Summary:
         return {
             "reached": self.reached,
             "corrections": self.corrections,
-            "residual_um": {} if residual is None else _by_camera(self.eyes, residual),
+            "residual_um": {} if residual is None else _by_camera(self.cameras, residual),
             "rms_urad": rounded,
             "max_um": round(
                 float(np.max(np.abs(self.last_um))) if final and self.last_um is not None else self.max_um, 2
@@ -108,25 +124,16 @@ class Summary:
             "reversals": self.reversals,
             "motor_s": round(self.motor_s, 3),
             "seconds": round(self.seconds, 3),
-            "gates": [
-                {"time_s": round(g.time_s, 3), "number": g.number, "name": g.name, "cause": g.cause} for g in self.gates
+            "interlocks": [
+                {"time_s": round(trip.time_s, 3), "number": trip.number, "name": trip.name, "cause": trip.cause}
+                for trip in self.interlocks
             ],
         }
 
 
-def _by_camera(eyes: Sequence[Eye], errors_um: Vector) -> dict[str, dict[str, float]]:
+def _by_camera(cameras: "Sequence[TargetCamera]", errors_um: Vector) -> dict[str, dict[str, float]]:
     pairs = in_pairs(errors_um)
-    return {eye.name: {"x": round(x, 2), "y": round(y, 2)} for eye, (x, y) in zip(eyes, pairs, strict=True)}
-
-
-WITHIN_UM = 15.0  # on every camera, along x and y
-MOST_CORRECTIONS = 10
-_MOST_CREEPS = 80
-_FRAMES = 6  # of a look that decides
-# of WITHIN_UM, at which it ends, up to so many corrections; the rest is for the look's noise and the beam's tremble
-_AIMS = ((8, 0.6), (math.inf, 0.85))
-_HELPED = 0.5  # of the first error: what corrections by a true calibration leave at most
-_ALIGN_PRICES, _AT_ANY_PRICE = Prices(pulse_um2=9.0, gap_um2=80.0), Prices(pulse_um2=0.0, gap_um2=0.0)
+    return {camera.name: {"x": round(x, 2), "y": round(y, 2)} for camera, (x, y) in zip(cameras, pairs, strict=True)}
 
 
 def align(
@@ -141,52 +148,53 @@ def align(
 ) -> Summary:
     """Align. Motors are off at the end. reached of what is returned tells whether the goal was met.
 
-    A gate that closes ends it: it is in `gates`. Raises ResponseOfOther.
+    An interlock that trips ends it: it is in `interlocks`. Raises ResponseOfOther.
     """
     check_belongs(response, table)
-    summary = Summary(table.eyes)
+    summary = Summary(table.cameras)
 
     def told(event: Event) -> None:
-        if isinstance(event, GateClosed):
-            summary.gates.append(event)
+        if isinstance(event, InterlockTripped):
+            summary.interlocks.append(event)
         listen(event)
 
     guard = Guard(table, response, gaps, told)
-    guard.corrector.creep = QUICKLY
+    guard.controller.creep = QUICKLY
     begin_s = table.now_s()
     weight = np.eye(len(response.noise_um))
     told(StateChanged(begin_s, ALIGNING, f"until all spots are within {within_um:g} um of their targets"))
     why, begun_um = "", 0.0
     try:
         while True:
-            look = guard.look(_FRAMES)
-            summary.add(look.time_s, look.errors_um)
-            begun_um = begun_um or look.worst_um
-            if look.worst_um <= _aim(guard.corrector.number) * within_um or cancelled():
+            seen = guard.observe(_DECIDING_FRAMES)
+            summary.add(seen.time_s, seen.errors_um)
+            begun_um = begun_um or seen.worst_um
+            if seen.worst_um <= _aim(guard.controller.number) * within_um or cancelled():
                 break
-            if guard.corrector.number >= most or guard.corrector.creeps > _MOST_CREEPS:
-                why = f"{guard.corrector.number} corrections were not enough"
-                if guard.corrector.number >= MOST_CORRECTIONS and look.worst_um > _HELPED * begun_um:
-                    raise Closed(NO_HELP, f"{why}: of {begun_um:.0f} um, {look.worst_um:.0f} um are left")
+            if guard.controller.number >= most or guard.controller.creeps > _MOST_CREEPS:
+                why = f"{guard.controller.number} corrections were not enough"
+                if guard.controller.number >= MOST_CORRECTIONS and seen.worst_um > _HELPED * begun_um:
+                    raise Tripped(NO_HELP, f"{why}: of {begun_um:.0f} um, {seen.worst_um:.0f} um are left")
                 break
             prices = _ALIGN_PRICES
-            choice = guard.choose(prices, weight)
-            if not choice and look.worst_um > within_um:
+            plan = guard.controller.plan(prices, weight)
+            if not plan and seen.worst_um > within_um:
                 prices = _AT_ANY_PRICE
-                choice = guard.choose(prices, weight)
-            if not choice:
+                plan = guard.controller.plan(prices, weight)
+            if not plan:
                 break
-            guard.correct(choice, prices, weight, frames=2)
+            guard.correct(plan, prices, weight, frames=2)
         summary.reached = summary.last_um is not None and float(np.max(np.abs(summary.last_um))) <= within_um
-    except Closed as closed:
-        told(closed.event(table.now_s()))
-        told(StateChanged(table.now_s(), STOPPED, closed.detail))
-        why = closed.detail
+    except Tripped as tripped:
+        told(tripped.event(table.now_s()))
+        told(StateChanged(table.now_s(), STOPPED, tripped.detail))
+        why = tripped.detail
     finally:
         guard.motors_off()
-        summary.corrections = guard.corrector.number
-        summary.actions, summary.reversals = guard.mover.actions, guard.mover.reversals
-        summary.motor_s, summary.seconds = guard.mover.motor_s, table.now_s() - begin_s
+        mover = guard.controller.mover
+        summary.corrections = guard.controller.number
+        summary.actions, summary.reversals = mover.actions, mover.reversals
+        summary.motor_s, summary.seconds = mover.motor_s, table.now_s() - begin_s
     told(StateChanged(table.now_s(), ENDED, why))
     return summary
 
@@ -194,18 +202,6 @@ def align(
 def _aim(corrections: int) -> float:
     """What is near enough after so many: between two corrections the laser drifts, so more of them need not help."""
     return next(aim for most, aim in _AIMS if corrections < most)
-
-
-PERIOD_S = 0.4  # between two looks at rest
-RMS_URAD, MOST_UM = 9.0, 80.0  # the goal: rms of the beam's angle; no error beyond, on any camera
-_PRICES = Prices(pulse_um2=50.0, gap_um2=150.0)
-_PLACE_WEIGHT = 0.5  # of the square of each camera's error ...
-_ANGLE_WEIGHT = 3.0  # ... beside that of the cameras' difference: a place that is kept costs reversals
-_MOST_STEPS = 8.0  # of an axis: what is further off is no drift and no bump
-_FIRST_FRAMES = 4  # of the first look, and of one after a gate
-_RETRY_S = 0.5  # between two looks while a gate is closed
-_BACK_UM = 300.0  # how far from where it was a spot may come back ...
-_BACK_SIGMAS = 5.0  # ... beside its drift meanwhile
 
 
 def angle_weight(cameras: int) -> Matrix:
@@ -239,14 +235,14 @@ class Hold:
     ) -> None:
         check_belongs(response, table)
         self.table, self.response = table, response
-        self.summary = Summary(table.eyes)
+        self.summary = Summary(table.cameras)
         self.guard = Guard(table, response, gaps, self._tell)
         self.period_s, self.rms_urad, self.most_um = period_s, rms_urad, most_um
         self._listen = listen
         self._ending = threading.Event()
         self._going_on = threading.Event()
         self._state = ("", "")
-        self._weight = angle_weight(len(table.eyes))
+        self._weight = angle_weight(len(table.cameras))
 
     def stop(self) -> None:
         """End the loop soon; motors are off then."""
@@ -259,21 +255,21 @@ class Hold:
     def run(self, seconds: float | None = None, ended: Callable[[], bool] = lambda: False) -> Summary:
         """Hold for so long (None: until stop()). Motors are off at the end, however it comes.
 
-        With a time, a gate that only a person opens ends the loop: it is in the summary.
+        With a time, an interlock that only a person clears ends the loop: it is in the summary.
         """
         begin_s = self.table.now_s()
         end_s = None if seconds is None else begin_s + seconds
-        self._state_is(HOLDING, "looks first; nothing was moved yet")
+        self._state_is(HOLDING, "observes first; nothing was moved yet")
         try:
             frames = _FIRST_FRAMES
             while not self._over(end_s) and not ended():
                 try:
                     self._cycle(frames)
                     frames = 1
-                except Closed as closed:
+                except Tripped as tripped:
                     self.summary.pause()
-                    self._tell(closed.event(self.table.now_s()))
-                    if not self._wait(closed, end_s, seconds is not None):
+                    self._tell(tripped.event(self.table.now_s()))
+                    if not self._wait(tripped, end_s, seconds is not None):
                         break
                     frames = _FIRST_FRAMES
         finally:
@@ -288,23 +284,23 @@ class Hold:
         return self._ending.is_set() or (end_s is not None and self.table.now_s() >= end_s)
 
     def _cycle(self, frames: int) -> None:
-        """A look, the corrections that follow from it, and the wait for the next look."""
+        """An observation, the corrections that follow from it, and the wait for the next observation."""
         begin_s = self.table.now_s()
-        self.guard.look(frames)
+        self.guard.observe(frames)
         self._add()
-        choice = self.guard.choose(_PRICES, self._weight)
-        while choice and not self._ending.is_set():
+        plan = self.guard.controller.plan(_HOLD_PRICES, self._weight)
+        while plan and not self._ending.is_set():
             self.guard.check_reach(_MOST_STEPS)
-            outcome = self.guard.correct(choice, _PRICES, self._weight, frames=1)
-            if any(each.in_gap for each in outcome.driven):
+            outcome = self.guard.correct(plan, _HOLD_PRICES, self._weight, frames=1)
+            if any(each.in_gap for each in outcome.drives):
                 self._state_is(CREEPING, "a reversal: until the cameras see the spot move")
             else:
                 self._state_is(CORRECTING, "")
             self._add()
-            choice = self.guard.choose(_PRICES, self._weight)
+            plan = self.guard.controller.plan(_HOLD_PRICES, self._weight)
             if self.table.now_s() - begin_s > 10 * self.period_s:
-                break  # a look at rest now and then, which also asks whether the loop is to end
-        if not choice:
+                break  # an observation at rest now and then, which also asks whether the loop is to end
+        if not plan:
             sigma = float(np.max(self.guard.tracker.sigma_um))
             self._state_is(HOLDING, f"a correction would cost more than it saves (places are known to {sigma:.0f} um)")
         self.table.sleep(max(0.0, self.period_s - (self.table.now_s() - begin_s)))
@@ -312,33 +308,33 @@ class Hold:
     def _add(self) -> None:
         self._tell(self.summary.add(self.table.now_s(), self.guard.tracker.mean))
 
-    def _wait(self, closed: Closed, end_s: float | None, timed: bool) -> bool:
-        """A gate is closed. True: it has opened, by itself or by go_on(); False: the loop ends."""
+    def _wait(self, tripped: Tripped, end_s: float | None, timed: bool) -> bool:
+        """An interlock has tripped. True: it is cleared, by itself or by go_on(); False: the loop ends."""
         self._going_on.clear()
         was = self.guard.tracker.mean.copy() if self.guard.tracker.seen else None  # then it is where it was found
         since_s = self.table.now_s()
-        opens = closed.gate.opens_itself
-        self._state_is(WAITING if opens else STOPPED, closed.detail)
+        clears = tripped.interlock.clears_itself
+        self._state_is(WAITING if clears else STOPPED, tripped.detail)
         while not self._over(end_s):
             if self._going_on.is_set():
                 self._going_on.clear()
                 if self._take_control() and self._sees():
                     break
-            elif opens:
+            elif clears:
                 if self._sees():
                     if was is None or self._is_back(was, since_s):
                         break
-                    opens = False
-                    closed = Closed(JUMPED, f"the spot is back, {self._off_mm(was):.2f} mm from where it was")
-                    self._tell(closed.event(self.table.now_s()))
-                    self._state_is(STOPPED, closed.detail)
+                    clears = False
+                    tripped = Tripped(JUMPED, f"the spot is back, {self._off_mm(was):.2f} mm from where it was")
+                    self._tell(tripped.event(self.table.now_s()))
+                    self._state_is(STOPPED, tripped.detail)
             elif timed:
                 return False
             self.table.sleep(_RETRY_S)
         else:
             return False
-        self.guard.start_anew(moved_by_others=not closed.gate.opens_itself)
-        self._tell(GateOpened(self.table.now_s(), closed.gate.number, closed.gate.name))
+        self.guard.start_anew(moved_by_others=not tripped.interlock.clears_itself)
+        self._tell(InterlockCleared(self.table.now_s(), tripped.interlock.number, tripped.interlock.name))
         return True
 
     def _take_control(self) -> bool:
@@ -354,12 +350,7 @@ class Hold:
         """True if all spots are seen; the tracker knows their places then."""
         if self.table.taken_over:
             return False
-        look = self.guard.looker.look(2)
-        if not look:
-            return False
-        self.guard.tracker.lose()
-        self.guard.corrector.see(look, 2)
-        return True
+        return bool(self.guard.controller.observe(2, anew=True))
 
     def _is_back(self, was: Vector, since_s: float) -> bool:
         """True if the spots are where they were, but for their drift."""
@@ -370,22 +361,22 @@ class Hold:
         return float(np.max(np.abs(self.guard.tracker.mean - was))) / 1000
 
     def _finish(self, begin_s: float) -> None:
-        summary, mover = self.summary, self.guard.mover
-        summary.corrections = self.guard.corrector.number
+        summary, mover = self.summary, self.guard.controller.mover
+        summary.corrections = self.guard.controller.number
         summary.actions, summary.reversals, summary.motor_s = mover.actions, mover.reversals, mover.motor_s
         summary.seconds = self.table.now_s() - begin_s
         rms = summary.rms_urad
-        closed = bool(summary.gates) and self._state[0] in (WAITING, STOPPED)
+        tripped = bool(summary.interlocks) and self._state[0] in (WAITING, STOPPED)
         summary.reached = (
-            not closed
+            not tripped
             and summary.last_um is not None
             and summary.max_um <= self.most_um
             and (rms is None or rms <= self.rms_urad)
         )
 
     def _tell(self, event: Event) -> None:
-        if isinstance(event, GateClosed):
-            self.summary.gates.append(event)
+        if isinstance(event, InterlockTripped):
+            self.summary.interlocks.append(event)
         self._listen(event)
 
     def _state_is(self, state: str, why: str) -> None:

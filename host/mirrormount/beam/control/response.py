@@ -183,7 +183,7 @@ def belongs_to(table: LoopTable) -> dict[str, Any]:
     """What a calibration is of: boards and steps, cameras with sizes and scales."""
     return {
         "actuators": [[a.name, a.board_id, a.step_us] for a in table.actuators],
-        "cameras": [[eye.name, *eye.size, *eye.um_per_px] for eye in table.eyes],
+        "cameras": [[camera.name, *camera.size, *camera.um_per_px] for camera in table.cameras],
     }
 
 
