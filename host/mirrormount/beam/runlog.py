@@ -20,6 +20,7 @@ interlocks    time_s, number, name, cause: each trip, the newest 10 000
 time_s and begin_s are seconds on the table's clock. A thread of its own writes, once a second, in WAL mode: a power cut
 costs that second, and a reader sees a run that goes on. A disk that hangs, fails or is full neither stops nor
 delays the loop: what cannot be written is counted, `trouble` says why, and with the next second it is tried again.
+The file belongs on a disk of this computer: WAL mode needs memory that is shared, which a network share has not.
 """
 
 import contextlib
