@@ -41,7 +41,7 @@ def found(monkeypatch):
     """An experiment that has found a take-up at once."""
 
     def at_once(rig, result, _tell):
-        rig.look()
+        rig.observe()
         result.estimates["x.take_up"] = Estimate(251_000.0, 900.0, "us")
 
     monkeypatch.setattr(measure_work.backlash, "run", at_once)

@@ -1,7 +1,7 @@
 """A table without boards and pictures: actuators of the virtual bench, the virtual beam, and spots with noise.
 
-It does what a loop needs (mirrormount.beam.loop_table) in a thousandth of the time of the virtual table. The faults
-that a test orders are attributes. It knows the truth: truth_um() is where the beam is.
+It does what a loop needs (beam/control/interfaces.py) in a thousandth of the time of the virtual table. The faults that
+a test orders are attributes. It knows the truth: truth_um() is where the beam is.
 """
 
 import math
@@ -12,6 +12,7 @@ import numpy as np
 from mirrormount.beam.camera import Frame, Size
 from mirrormount.beam.reasons import Reason
 from mirrormount.beam.spot import NoSpot, Spot
+from mirrormount.beam.table import TargetCamera
 from mirrormount.common.beam_errors import CameraGone
 from mirrormount.common.errors import MoveEnded
 from mirrormount.virtual.bench import LEVER_X_MM, LEVER_Y_MM
@@ -80,16 +81,15 @@ class FastActuator:
         self.busy_s = 0.0
 
 
-class FastEye:
-    """One camera. black, gone, frozen, split: faults. turned: by 90°. stale_s: added to the age of each frame."""
+class FastCamera(TargetCamera):
+    """One camera, its own source of frames. reason, gone, frozen: faults. stale_s: added to the age of each frame."""
 
     def __init__(self, table: "FastTable", number: int, rotation: float, centre: tuple[float, float]) -> None:
         self.table, self.number = table, number
-        self.name = f"camera {number + 1}"
         self.size = SIZE
-        self.target_px = (319.5, 239.5)
-        self.um_per_px = (PX_MM * 1000, PX_MM * 1000)
-        self.distance_m = table.truth.geometry.cameras_m[number]
+        um = PX_MM * 1000
+        super().__init__(f"camera {number + 1}", self, (319.5, 239.5), (um, um), table.truth.geometry.cameras_m[number])
+        del self.view  # no page looks on, and a table is copied as it stands
         self.rotation, self.centre = rotation, centre
         self.reason: Reason | None = None
         self.gone = self.frozen = False
@@ -155,12 +155,12 @@ class FastTable:
         self.truth = Table([self._mirrors], mounts, geometry, seed)
         if off_mm:
             self.truth.misalign(off_mm, self.noise)
-        self.eyes = []
+        self.cameras = []
         for number in range(len(geometry.cameras_m)):
             rough = profile == "rough"
             rotation = math.radians(self.noise.uniform(-3, 3)) if rough else 0.0
             off = self.noise.uniform(-25, 25, 2) if rough else (0.0, 0.0)
-            self.eyes.append(FastEye(self, number, rotation, (319.5 + off[0], 239.5 + off[1])))
+            self.cameras.append(FastCamera(self, number, rotation, (319.5 + off[0], 239.5 + off[1])))
 
     def _mirrors(self):
         for actuator in self.actuators:
@@ -174,7 +174,7 @@ class FastTable:
     def truth_um(self) -> np.ndarray:
         """Errors against the targets, without any noise: x and y (up) of each camera."""
         found = []
-        for eye, spot in zip(self.eyes, self.spots_mm(), strict=True):
+        for eye, spot in zip(self.cameras, self.spots_mm(), strict=True):
             x, y = eye.px(spot)
             found += [(x - eye.target_px[0]) * PX_MM * 1000, -(y - eye.target_px[1]) * PX_MM * 1000]
         return np.array(found)

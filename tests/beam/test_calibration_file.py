@@ -5,7 +5,7 @@ import json
 import pytest
 from full_disk import run_with_room
 
-from mirrormount.beam import calibrate
+from mirrormount.beam.control import calibrate
 from mirrormount.cli import hold_work
 from mirrormount.cli.main import main
 from mirrormount.common.errors import CannotWrite

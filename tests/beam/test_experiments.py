@@ -83,9 +83,9 @@ def test_the_spot_is_where_it_was_when_a_measurement_is_over(experiment, name):
     step_px = true_pulse_px(PROFILES[name], STEP_US)
     for seed in range(3):
         rig = DrivetrainRig(PROFILES[name], seed)
-        rig.look()
+        rig.observe()
         experiment(rig, Result("test"), quietly)
-        rig.look()
+        rig.observe()
         (_, before), *_, (_, after) = rig.seen
         assert np.abs(after - before).max() < step_px
 

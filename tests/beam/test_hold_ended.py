@@ -7,8 +7,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from mirrormount.beam.guard import Guard
-from mirrormount.beam.hold import Hold
+from mirrormount.beam.control.hold import Hold
+from mirrormount.beam.control.interlocks import Guard
 from mirrormount.cli import hold_work
 from mirrormount.cli.main import main
 from mirrormount.common.errors import NoAnswer

@@ -20,7 +20,7 @@ from served import wait_for
 
 from mirrormount.beam import scale
 from mirrormount.beam.camera import Size
-from mirrormount.beam.response import save
+from mirrormount.beam.control.response import save
 from mirrormount.beam.scale import Scale
 from mirrormount.common.keep_alive import KEEP_ALIVE_MS
 from mirrormount.device import calibration
@@ -200,7 +200,7 @@ class LivingTable:
 
     def pictures_are_late(self):
         """On a busy computer: then corrections do not help, and the loop stands still until it is started anew."""
-        return any("gate 4" in line for line in self.out)
+        return any("interlock 4" in line for line in self.out)
 
     def says(self, words):
         def said():
@@ -254,7 +254,7 @@ def test_a_process_that_is_killed_leaves_the_pins_off_and_another_one_looks_firs
     before = table.counts()
     table.truth.laser.blocked = True
     table.start()
-    table.says("gate 1, no spot")
+    table.says("interlock 1, no spot")
     assert any("calibration of" in line for line in table.out), "it goes on from the saved calibration"
     assert table.counts() == before
     table.truth.laser.blocked = False

@@ -82,17 +82,17 @@ def test_a_camera_that_fails_in_mid_measurement_is_one_line_motors_off_and_a_par
         (simulation,) = tables[0].simulations
         return {name: duty for _, name, duty in simulation.edges if name.endswith("_en")}
 
-    class Cut(measure_work.Observer):
+    class Cut(measure_work.SpotObserver):
         def __init__(self, camera):
             super().__init__(Slower(camera) if fault == "slow" else camera, settle_s=0.05)
 
-        def look(self, *args):
+        def observe(self, *args):
             looks.append(1)
             if len(looks) >= 5 and (driven() or experiment == "drift"):
                 happen(self.camera)
-            return super().look(2)
+            return super().observe(2)
 
-    monkeypatch.setattr(measure_work, "Observer", Cut)
+    monkeypatch.setattr(measure_work, "SpotObserver", Cut)
     assert main.main(["measure", experiment, *SEED]) == 1
     err = capsys.readouterr().err
     assert err.count("\n") == 1 and "virtual camera 1" in err
@@ -111,12 +111,12 @@ def test_no_setting_of_the_board_is_ever_changed_so_a_killed_measurement_leaves_
     """Each look asks for all settings: at none of them is one different from what it was."""
     seen = []
 
-    class Asking(measure_work.Observer):
-        def look(self, *args):
+    class Asking(measure_work.SpotObserver):
+        def observe(self, *args):
             seen.append(rigs[0].mount.settings())
             if len(seen) == 12:
                 raise CameraGone("gone")
-            return super().look(*args)
+            return super().observe(*args)
 
     rigs = []
 
@@ -127,7 +127,7 @@ def test_no_setting_of_the_board_is_ever_changed_so_a_killed_measurement_leaves_
         return rigs[-1]
 
     before = []
-    monkeypatch.setattr(measure_work, "Observer", Asking)
+    monkeypatch.setattr(measure_work, "SpotObserver", Asking)
     monkeypatch.setattr(measure_work, "MountRig", made)
     assert main.main(["measure", experiment, *SEED]) == 1
     assert len(seen) == 12
@@ -213,16 +213,16 @@ def test_a_drift_is_told_in_angles_of_the_beam_where_there_is_a_scale(tmp_path, 
 
 
 def test_ctrl_c_keeps_what_was_measured(tmp_path, capsys, monkeypatch, tables):
-    class Interrupted(measure_work.Observer):
+    class Interrupted(measure_work.SpotObserver):
         count = 0
 
-        def look(self, *args):
+        def observe(self, *args):
             self.count += 1
             if self.count == 5:
                 raise KeyboardInterrupt
-            return super().look(*args)
+            return super().observe(*args)
 
-    monkeypatch.setattr(measure_work, "Observer", Interrupted)
+    monkeypatch.setattr(measure_work, "SpotObserver", Interrupted)
     assert main.main(["measure", "drift", *SEED]) == 130
     out, err = capsys.readouterr()
     assert "partial report: measure-drift.html" in out and err == "mirrormount: stopped\n"

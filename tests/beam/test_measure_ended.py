@@ -86,12 +86,12 @@ def test_a_motor_that_runs_when_the_signal_comes_is_off_at_the_pins(name, capsys
         return {pin: duty for _, pin, duty in simulation.edges if pin.endswith("_en")}
 
     class Ended(measure_work.MountRig):
-        def look(self):
+        def observe(self):
             if driven():
                 self.mount.x.jog(0.5)
                 assert any(driven().values())
                 signal.raise_signal(getattr(signal, name))
-            return super().look()
+            return super().observe()
 
     monkeypatch.setattr(measure_work, "open_table", open_table)
     monkeypatch.setattr(measure_work, "MountRig", Ended)

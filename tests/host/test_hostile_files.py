@@ -45,7 +45,7 @@ def test_a_hostile_file_of_settings_is_one_line_that_controls_no_terminal(tmp_pa
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("about.json", ("report", "FOLDER")),
+        ("run.sqlite", ("report", "FOLDER/run.sqlite")),
         ("camera.json", ("camera", "show", "--camera", "FOLDER", "--frames", "1")),
         ("calibration.json", ("hold", "--virtual", "--duration", "1", "--calibration", "FOLDER/calibration.json")),
     ],

@@ -26,7 +26,7 @@ import numpy as np
 from mirrormount import Mount
 from mirrormount.beam.experiments import backlash, pulses, square, steps, waiting
 from mirrormount.beam.experiments.stepping import AT_REST
-from mirrormount.beam.observer import FRAMES, Observer, Sighting
+from mirrormount.beam.observe import FRAMES, Sighting, SpotObserver
 from mirrormount.beam.result import Result
 from mirrormount.beam.rig import MountRig, Vector
 from mirrormount.transport.lines import Link
@@ -83,7 +83,7 @@ class Watched(MountRig):
     """A mount in front of a camera of a virtual table; what the mirrors have made of each look and of each turn."""
 
     def __init__(self, table: VirtualTable, mount: Mount) -> None:
-        super().__init__(mount, Observer(table.cameras[0]))
+        super().__init__(mount, SpotObserver(table.cameras[0]))
         self.table = table
         self.bench = table.simulations[0].bench
         self.seen: list[tuple[float, Vector]] = []  # of each look: when, and where the spot is without drift and noise
@@ -94,8 +94,8 @@ class Watched(MountRig):
         self._stepped = False  # since the last look
         self._path = BeamPath(1, DEFAULT)
 
-    def look(self, frames: int = FRAMES) -> Sighting:
-        sighting = super().look(frames)
+    def observe(self, frames: int = FRAMES) -> Sighting:
+        sighting = super().observe(frames)
         self.seen.append((sighting.time_s, self.place(*self.bench.mirrors_rad()[0])))
         if self._stepped:
             self.rows[-1][1].append(self.seen[-1][1])

@@ -7,8 +7,8 @@ spot = find_spot(picture)
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from mirrormount.beam.optical_table import Table
     from mirrormount.beam.spot import Dark, NoSpot, Reason, Spot, find_spot
+    from mirrormount.beam.table import Table
 
 __all__ = ["Dark", "NoSpot", "Reason", "Spot", "Table", "find_spot"]
 
@@ -16,7 +16,7 @@ __all__ = ["Dark", "NoSpot", "Reason", "Spot", "Table", "find_spot"]
 def __getattr__(name: str) -> object:
     """The public names, imported at their first use: the types of cameras need no OpenCV."""
     if name == "Table":
-        from mirrormount.beam.optical_table import Table
+        from mirrormount.beam.table import Table
 
         return Table
     if name in __all__:

@@ -1,5 +1,6 @@
-"""A camera that is watched in a thread of its own: its newest frame, and the spot in it, or why there is none.
+"""What a camera shows now: its newest frame, and the spot in it, or why there is none.
 
+LiveCamera has a thread of its own that takes the frames; a loop that holds a beam shows those that it takes itself.
 Who looks never waits for the camera. One that fails is told in one line and opened again, every two seconds.
 """
 
@@ -27,6 +28,7 @@ _IDLE_S = 0.5  # between two frames while nobody looks; the camera stays open
 _WANTED_S = 3.0  # for so long after somebody has looked
 RETRY_S = 2.0  # between two attempts to open the camera
 _OLD_S = 2.0  # a picture of this age is not what is there now
+_SILENT, _REPEATS = "no new picture", "nothing but one and the same picture"
 _WIDEST = 960  # pixels of a picture for a browser
 _QUALITY = 80  # of JPEG
 
@@ -51,7 +53,64 @@ def as_jpeg(image: "NDArray[np.uint8]") -> bytes:
     return cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1].tobytes()
 
 
-class LiveCamera:
+class LiveView:
+    """What a camera shows now, for whoever looks on: its newest frame, and the spot in it. Any thread; nobody waits.
+
+    old_s: age of a picture that is not what is there now. silence: what is then told, in words.
+    """
+
+    def __init__(self, name: str, old_s: float = _OLD_S, silence: str = _SILENT) -> None:
+        self.name = name
+        self._old_s, self._silence = old_s, silence
+        self._last: Seen | None = None
+        self._failure = "no picture yet"
+        self._changed = threading.Condition()
+        self._jpeg: tuple[int, bytes] = (0, b"")
+
+    @property
+    def last(self) -> Seen | None:
+        """The newest frame, however old; None before the first."""
+        return self._last
+
+    @property
+    def trouble(self) -> str:
+        """Why the last frame does not show what is there now, in one line; "" if it does."""
+        last = self._last
+        if self._failure or last is None:
+            return self._failure
+        age_s = time.monotonic() - last.at_s
+        return f"{self.name}: {self._silence} for {age_s:.0f} s" if age_s > self._old_s else ""
+
+    @property
+    def size(self) -> Size:
+        """Of the newest frame; 0 x 0 before the first."""
+        last = self._last
+        return Size(last.frame.image.shape[1], last.frame.image.shape[0]) if last else Size(0, 0)
+
+    def jpeg(self, seen: Seen) -> bytes:
+        """The picture for a browser, not wider than 960 pixels. It is made once for all who look."""
+        number, data = self._jpeg
+        if number != seen.number:
+            data = as_jpeg(seen.frame.image)
+            self._jpeg = seen.number, data
+        return data
+
+    def show(self, frame: Frame, found: Spot | NoSpot, age_s: float) -> None:
+        """This is the newest frame; it was exposed age_s ago."""
+        at_s = time.monotonic() - max(0.0, age_s)
+        with self._changed:
+            self._last = Seen(self._last.number + 1 if self._last else 1, frame, found, at_s)
+            self._failure = ""
+            self._changed.notify_all()
+
+    def fail(self, why: str) -> None:
+        """The camera has failed; the newest frame stays."""
+        with self._changed:
+            self._failure = printable(why, 300)
+            self._changed.notify_all()
+
+
+class LiveCamera(LiveView):
     """A camera and its thread. open_camera(): opens it, at the start and after each failure; name: for people.
 
     A Camera itself: frames() are those that the thread has seen from then on, found() the spots in them.
@@ -62,18 +121,13 @@ class LiveCamera:
     def __init__(
         self, name: str, open_camera: Callable[[], Camera], dark: Dark | None = None, *, retry_s: float = RETRY_S
     ) -> None:
-        self.name = name
+        super().__init__(name)
         self._open_camera = open_camera
         self._dark = dark
         self._retry_s = retry_s
         self._camera: Camera | None = None
-        self._last: Seen | None = None
-        self._failure = "no picture yet"
-        self._repeats = False
         self._wanted_s = float("-inf")
-        self._changed = threading.Condition()
         self._closing = threading.Event()
-        self._jpeg: tuple[int, bytes] = (0, b"")
         self._thread = threading.Thread(target=self._watch, name=f"watch {name}", daemon=True)
 
     def open(self) -> None:
@@ -94,28 +148,12 @@ class LiveCamera:
     def last(self) -> Seen | None:
         """The newest frame, however old; None before the first."""
         self._wanted_s = time.monotonic()
-        return self._last
-
-    @property
-    def trouble(self) -> str:
-        """Why the last frame does not show what is there now, in one line; "" if it does."""
-        last = self._last
-        if self._failure or last is None:
-            return self._failure
-        age_s = time.monotonic() - last.at_s
-        why = ", the same one again and again" if self._repeats else ""
-        return f"{self.name}: no new picture for {age_s:.0f} s{why}" if age_s > _OLD_S else ""
+        return super().last
 
     @property
     def scale(self) -> Scale | None:
         """The camera's own, if it knows it."""
         return getattr(self._camera, "scale", None)
-
-    @property
-    def size(self) -> Size:
-        """Of the newest frame; 0 x 0 before the first."""
-        last = self._last
-        return Size(last.frame.image.shape[1], last.frame.image.shape[0]) if last else Size(0, 0)
 
     def monotonic(self) -> float:
         """time.monotonic: frames() have times on this clock."""
@@ -154,14 +192,6 @@ class LiveCamera:
     def _is_after(self, number: int) -> bool:
         return self._last is not None and self._last.number > number
 
-    def jpeg(self, seen: Seen) -> bytes:
-        """The picture for a browser, not wider than 960 pixels. It is made once for all who look."""
-        number, data = self._jpeg
-        if number != seen.number:
-            data = as_jpeg(seen.frame.image)
-            self._jpeg = seen.number, data
-        return data
-
     # ---- the camera's thread
 
     def _watch(self) -> None:
@@ -171,12 +201,12 @@ class LiveCamera:
                 if camera is None:
                     camera = self._camera = self._open_camera()
                 self._look(camera)
-                self._fail(f"{self.name}: no more pictures")
+                self.fail(f"{self.name}: no more pictures")
             except MountError as e:
-                self._fail(str(e))
+                self.fail(str(e))
             except Exception as e:  # of a camera's library: it may be anything, and ends nothing but this picture
                 _log.exception("a camera has failed")
-                self._fail(f"{self.name}: the camera has failed ({type(e).__name__})")
+                self.fail(f"{self.name}: the camera has failed ({type(e).__name__})")
             self._camera = None
             if camera is not None:
                 with contextlib.suppress(Exception):  # it has failed already
@@ -189,24 +219,11 @@ class LiveCamera:
         """Take its frames until it ends. Raises CameraError."""
         began_s = time.monotonic()
         for frame in camera.frames():
-            self._repeats = frame.repeated
+            self._silence = _REPEATS if frame.repeated else _SILENT
             if not frame.repeated:  # a repeated picture is as old as the first of its kind
-                self._take(frame, max(0.0, camera.monotonic() - frame.time_s))
+                self.show(frame, find_spot(frame, self._dark), camera.monotonic() - frame.time_s)
             wanted = time.monotonic() - self._wanted_s < _WANTED_S
             period_s = 1 / RATE_HZ if wanted else _IDLE_S
             if self._closing.wait(max(0.0, began_s + period_s - time.monotonic())):
                 return
             began_s = time.monotonic()
-
-    def _take(self, frame: Frame, age_s: float) -> None:
-        found = find_spot(frame, self._dark)
-        at_s = time.monotonic() - age_s
-        with self._changed:
-            self._last = Seen(self._last.number + 1 if self._last else 1, frame, found, at_s)
-            self._failure = ""
-            self._changed.notify_all()
-
-    def _fail(self, why: str) -> None:
-        with self._changed:
-            self._failure = printable(why, 300)
-            self._changed.notify_all()

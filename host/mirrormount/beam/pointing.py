@@ -11,7 +11,7 @@ from typing import Protocol
 
 import numpy as np
 
-from mirrormount.beam.observer import Sighting
+from mirrormount.beam.observe import Sighting
 from mirrormount.common.beam_errors import NotMeasurable
 
 LEARN_STEPS = 2  # of each axis, behind those that take up the backlash
@@ -37,7 +37,7 @@ class Hands(Protocol):
 
     def pulse(self, axis: str, us: int) -> None: ...
 
-    def look(self, frames: int) -> Sighting: ...
+    def observe(self, frames: int) -> Sighting: ...
 
     def step_us(self, axis: str) -> int:
         """The length of one step's pulse."""
@@ -84,18 +84,18 @@ def learn(hands: Hands, axes: tuple[str, str], say: Say) -> Learned:
 
 
 def _learn_axis(hands: Hands, axis: str, say: Say) -> tuple[float, float]:
-    start = hands.look(_LOOK)
+    start = hands.observe(_LOOK)
     for count in range(1, GAP_STEPS + 1):
         say(f"step {count} of {axis}: until the spot moves")
         hands.step(axis, 1)
-        seen = hands.look(_LOOK)
+        seen = hands.observe(_LOOK)
         if _apart(start, seen) > _SURE * _error(start, seen):
             break
     else:
         raise NotMeasurable(f"{GAP_STEPS} steps of {axis} did not move the spot: is its motor connected, is it seen?")
     say(f"{LEARN_STEPS} steps of {axis}: to measure them")
     hands.step(axis, LEARN_STEPS)
-    end = hands.look(_LOOK)
+    end = hands.observe(_LOOK)
     if _apart(seen, end) <= _SURE * _error(seen, end):
         raise NotMeasurable(f"{LEARN_STEPS} steps of {axis} did not move the spot, and the one before did")
     return (end.x - seen.x) / LEARN_STEPS, (end.y - seen.y) / LEARN_STEPS
@@ -104,7 +104,7 @@ def _learn_axis(hands: Hands, axis: str, say: Say) -> tuple[float, float]:
 def approach(hands: Hands, learned: Learned, target: tuple[float, float], say: Say) -> Arrival:
     """Move the spot to a place in the picture (x, y), px. Raises NotMeasurable, SpotLost, CameraError."""
     drives = [_Drive(hands, axis) for axis in learned.axes]
-    seen, worse = hands.look(_LOOK), 0
+    seen, worse = hands.observe(_LOOK), 0
     for count in range(CORRECTIONS):
         right, down = target[0] - seen.x, target[1] - seen.y
         off_px = math.hypot(right, down)
@@ -113,7 +113,7 @@ def approach(hands: Hands, learned: Learned, target: tuple[float, float], say: S
         say(f"correction {count + 1}: {off_px:.1f} px to go")
         for drive, wanted in zip(drives, learned.steps(right, down), strict=True):
             drive.correct(wanted)
-        before, seen = seen, hands.look(_LOOK)
+        before, seen = seen, hands.observe(_LOOK)
         for drive, moved in zip(drives, learned.steps(seen.x - before.x, seen.y - before.y), strict=True):
             drive.see(moved)
         now_px = math.hypot(target[0] - seen.x, target[1] - seen.y)

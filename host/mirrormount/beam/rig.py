@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrormount.beam.observer import FRAMES, Observer, Sighting
+from mirrormount.beam.observe import FRAMES, Sighting, SpotObserver
 from mirrormount.device.mount import Mount
 
 Vector = NDArray[np.float64]  # (x, y) in px
@@ -37,7 +37,7 @@ class Rig(Protocol):
         """The mount's own take-up; 0: off."""
         ...
 
-    def look(self, frames: int = FRAMES) -> Sighting: ...
+    def observe(self, frames: int = FRAMES) -> Sighting: ...
 
     def sleep(self, seconds: float) -> None: ...
 
@@ -56,7 +56,7 @@ class MountRig:
     """A mount and an observer."""
 
     mount: Mount
-    observer: Observer
+    observer: SpotObserver
     axes: tuple[str, ...] = ("x", "y")
     _ways: dict[str, int] = field(default_factory=dict)  # of each axis's last move
 
@@ -84,9 +84,9 @@ class MountRig:
         """The mount's own take-up; 0: off."""
         return self.mount.axis(axis).ask_whole("XB?")[0]
 
-    def look(self, frames: int = FRAMES) -> Sighting:
+    def observe(self, frames: int = FRAMES) -> Sighting:
         """Where the spot is. Raises SpotLost, CameraError."""
-        return self.observer.look(frames)
+        return self.observer.observe(frames)
 
     def sleep(self, seconds: float) -> None:
         """Wait, on the mount's clock."""

@@ -9,14 +9,12 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import LogFormatter
 
 from mirrormount.beam.html_page import BEGINS, chart, page, table, text
-from mirrormount.beam.over_time import Sums, joined
-from mirrormount.beam.run_minutes import MINUTE_S, Minute
-from mirrormount.beam.run_reader import Run, spectrum
+from mirrormount.beam.runlog import MINUTE_S, ErrorSums, Minute, Run, joined, spectrum
 from mirrormount.common import whole_file
 
 _COLOURS = ("#1f5fa8", "#b5521b", "#3c7d3c", "#7d3c7d")
-_LOOKS_LEAST = 64  # for a spectrum
-_GATES_SHOWN = 100
+_OBSERVATIONS_LEAST = 64  # for a spectrum
+_TRIPS_SHOWN = 100
 _WIDE = 5.2  # inches: letters of a size that is read on a phone
 _LONG_S = 3600.0  # from here on in hours
 
@@ -35,24 +33,22 @@ def _parts(run: Run) -> Iterator[str]:
         return
     yield "<h2>Result</h2>"
     yield _results(run)
-    yield "<p>Errors are from the target. What the loop took for them after a look counts until the next look; behind a"
-    yield "gate nothing counts. These are the figures that the run itself ended with.</p>"
-    if run.damaged:
-        yield f'<p class="partial">{run.damaged} lines of the log are damaged and left out (a power cut does that).</p>'
+    yield "<p>Errors are from the target. What the loop took for them after an observation counts until the next one;"
+    yield "behind an interlock nothing counts. These are the figures that the run itself ended with.</p>"
     yield "<h2>Error, and what it would have been</h2>"
     yield chart("errors", lambda axes: _draw_errors(axes, run), 4.2, _WIDE)
     yield "<p>If nobody held it: where the spot would be had nothing been moved since the start. Estimated from the"
     yield "pulses and the response.</p>"
     yield "<h2>Each hour</h2>"
     yield _hours(run)
-    yield from _of_looks(run)
+    yield from _of_observations(run)
     yield "<h2>What the motors did</h2>"
     yield chart("drive", lambda axes: _draw_drive(axes, run), width=_WIDE)
     if any(minute.change is not None for minute in run.minutes):
         yield "<h2>How the response changed</h2>"
         yield chart("response", lambda axes: _draw_change(axes, run), width=_WIDE)
-    yield "<h2>Gates</h2>"
-    yield _gates(run)
+    yield "<h2>Interlocks</h2>"
+    yield _interlocks(run)
 
 
 def _is_short(value: object) -> bool:
@@ -60,18 +56,16 @@ def _is_short(value: object) -> bool:
 
 
 def _results(run: Run) -> str:
-    errors = joined([minute.errors_um for minute in run.minutes])
-    angle = Sums()
-    for minute in run.minutes:
-        angle.join(minute.angle_urad)
+    errors = joined([minute.held.errors_um for minute in run.minutes])
+    angle = ErrorSums.joined(minute.held.angle_urad for minute in run.minutes)
     rows: list[Sequence[object]] = [
-        (f"{camera}, µm", *map(_figure, sums.rms), *map(_figure, sums.mean), _figure(sums.most), sums.looks)
+        (f"{camera}, µm", *map(_figure, sums.rms), *map(_figure, sums.mean), _figure(sums.most), sums.observations)
         for camera, sums in errors.items()
     ]
-    if angle.looks:
-        of_angle = (*map(_figure, angle.rms), *map(_figure, angle.mean), _figure(angle.most), angle.looks)
+    if angle.observations:
+        of_angle = (*map(_figure, angle.rms), *map(_figure, angle.mean), _figure(angle.most), angle.observations)
         rows.append(("angle of the beam, µrad", *of_angle))
-    head = ("", "rms x", "rms y", "mean x", "mean y", "largest", "looks")
+    head = ("", "rms x", "rms y", "mean x", "mean y", "largest", "observations")
     span_s = run.minutes[-1].begin_s + MINUTE_S - run.minutes[0].begin_s
     held_s = sum(minute.held_s for minute in run.minutes)
     counts = [
@@ -80,8 +74,8 @@ def _results(run: Run) -> str:
         ("corrections", sum(minute.corrections for minute in run.minutes)),
         ("pulses", sum(minute.pulses for minute in run.minutes)),
         ("reversals", sum(minute.reversals for minute in run.minutes)),
-        ("gates", sum(minute.gates_closed for minute in run.minutes)),
-        ("looks without a spot", sum(minute.missed for minute in run.minutes)),
+        ("interlocks that tripped", sum(minute.interlocks for minute in run.minutes)),
+        ("observations without a spot", sum(minute.missed for minute in run.minutes)),
     ]
     return table(head, rows) + table(("", ""), counts)
 
@@ -96,22 +90,22 @@ def _hours(run: Run) -> str:
     hours: dict[int, list[Minute]] = {}
     for minute in run.minutes:
         hours.setdefault(int((minute.begin_s - began_s) // 3600), []).append(minute)
-    cameras = list(joined([minute.errors_um for minute in run.minutes]))
+    cameras = list(joined([minute.held.errors_um for minute in run.minutes]))
     rows = []
     for hour, minutes in hours.items():
-        errors = joined([minute.errors_um for minute in minutes])
+        errors = joined([minute.held.errors_um for minute in minutes])
         cells = [_figure(math.hypot(*errors[camera].rms)) if camera in errors else "–" for camera in cameras]
-        corrections, reversals, gates = (
-            sum(getattr(minute, name) for minute in minutes) for name in ("corrections", "reversals", "gates_closed")
+        corrections, reversals, trips = (
+            sum(getattr(minute, name) for minute in minutes) for name in ("corrections", "reversals", "interlocks")
         )
-        rows.append((f"hour {hour + 1}", *cells, corrections, reversals, gates))
-    head = ("", *(f"{camera}, µm rms" for camera in cameras), "corrections", "reversals", "gates")
+        rows.append((f"hour {hour + 1}", *cells, corrections, reversals, trips))
+    head = ("", *(f"{camera}, µm rms" for camera in cameras), "corrections", "reversals", "interlocks")
     return table(head, rows)
 
 
-def _of_looks(run: Run) -> Iterator[str]:
-    """What needs single looks: those of the events that are kept."""
-    if len(run.times_s) < _LOOKS_LEAST:
+def _of_observations(run: Run) -> Iterator[str]:
+    """What needs single observations: those of the events that are kept."""
+    if len(run.times_s) < _OBSERVATIONS_LEAST:
         return
     span_s = run.times_s[-1] - run.times_s[0]
     yield f"<h2>Distribution and spectrum of the last {span_s / 60:.0f} min</h2>"
@@ -133,11 +127,11 @@ def _legend(axes: Axes) -> None:
 def _draw_errors(axes: Axes, run: Run) -> None:
     unit_s, unit = _of_time(run)
     began_s = run.minutes[0].begin_s
-    for colour, camera in zip(_COLOURS, joined([minute.errors_um for minute in run.minutes]), strict=False):
-        kept = [minute for minute in run.minutes if camera in minute.errors_um]
+    for colour, camera in zip(_COLOURS, joined([minute.held.errors_um for minute in run.minutes]), strict=False):
+        kept = [minute for minute in run.minutes if camera in minute.held.errors_um]
         times = [(minute.begin_s - began_s) / unit_s for minute in kept]
-        rms = [math.hypot(*minute.errors_um[camera].rms) for minute in kept]
-        most = [minute.errors_um[camera].most for minute in kept]
+        rms = [math.hypot(*minute.held.errors_um[camera].rms) for minute in kept]
+        most = [minute.held.errors_um[camera].most for minute in kept]
         axes.plot(times, rms, color=colour, lw=1.2, label=f"{camera}: rms of a minute")
         axes.plot(times, most, color=colour, lw=0, marker=".", ms=3, label=f"{camera}: largest of a minute")
         free = [minute for minute in kept if camera in minute.free_um]
@@ -159,7 +153,7 @@ def _draw_histogram(axes: Axes, run: Run) -> None:
             counts, edges = np.histogram(values, bins=60)
             label = f"{camera}, {'xy'[at]}"
             axes.stairs(counts, edges, color=colour, ls=style, label=label)
-    axes.set(xlabel="error, µm", ylabel="looks")
+    axes.set(xlabel="error, µm", ylabel="observations")
     _legend(axes)
 
 
@@ -194,14 +188,10 @@ def _draw_change(axes: Axes, run: Run) -> None:
     axes.set_ylim(0.0, 110 * max((change for _, change in known), default=1.0) or 1.0)
 
 
-def _gates(run: Run) -> str:
+def _interlocks(run: Run) -> str:
     began_s = run.minutes[0].begin_s
-    rows = [
-        (f"{(at_s - began_s) / 60:.1f} min", number, name, cause)
-        for minute in run.minutes
-        for at_s, number, name, cause in minute.gates
-    ]
+    rows = [(f"{(at_s - began_s) / 60:.1f} min", number, name, cause) for at_s, number, name, cause in run.interlocks]
     if not rows:
-        return "<p>None was closed.</p>"
-    more = f"<p>The first {_GATES_SHOWN} of {len(rows)}.</p>" if len(rows) > _GATES_SHOWN else ""
-    return table(("", "number", "gate", "cause"), rows[:_GATES_SHOWN]) + more
+        return "<p>None has tripped.</p>"
+    more = f"<p>The first {_TRIPS_SHOWN} of {len(rows)}.</p>" if len(rows) > _TRIPS_SHOWN else ""
+    return table(("", "number", "interlock", "cause"), rows[:_TRIPS_SHOWN]) + more

@@ -10,10 +10,10 @@ The motors are off while a signal is read, between two samples, and after any en
 import contextlib
 import math
 from collections.abc import Callable, Generator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from mirrormount.beam.camera import Camera
-from mirrormount.beam.observer import Observer
+from mirrormount.beam.observe import OF_MEASUREMENT, SpotObserver
 from mirrormount.beam.patterns import Pattern, spiral
 from mirrormount.common.beam_errors import SpotLost
 from mirrormount.common.errors import MountError
@@ -63,11 +63,11 @@ class Signal:
 
 def spot_signal(camera: Camera) -> Signal:
     """Place, its standard errors, and peak of the spot in a frame that is exposed when the mount has settled."""
-    observer = Observer(camera, most_refused=_TRIES)
+    observer = SpotObserver(camera, patience=replace(OF_MEASUREMENT, missed=_TRIES, doubted=_TRIES))
 
     def read(_mount: Mount) -> tuple[float, ...]:
         try:
-            seen = observer.look(1)
+            seen = observer.observe(1)
         except SpotLost as e:
             raise NoValue(str(e)) from e
         return seen.x, seen.y, seen.error_x, seen.error_y, seen.peak
@@ -77,8 +77,8 @@ def spot_signal(camera: Camera) -> Signal:
 
 def grey_signal(camera: Camera) -> Signal:
     """The mean grey value of a frame that is exposed when the mount has settled."""
-    observer = Observer(camera)
-    return Signal({"grey": "grey"}, lambda _mount: (float(next(observer.settled()).image.mean()),))
+    observer = SpotObserver(camera)
+    return Signal({"grey": "grey"}, lambda _mount: (float(observer.settled().image.mean()),))
 
 
 def scan(

@@ -20,7 +20,9 @@ def _common(parser: argparse.ArgumentParser, off: str) -> None:
     )
     patience_option(parser, "the loop")
     parser.add_argument("--json", type=Path, metavar="FILE", help="all figures of the run")
-    parser.add_argument("--log", type=Path, metavar="FOLDER", help="every look and pulse, for `mirrormount report`")
+    parser.add_argument(
+        "--log", type=Path, metavar="FILE", help="every observation and pulse, for `mirrormount report`"
+    )
 
 
 def _calibrate_arguments(parser: argparse.ArgumentParser) -> None:

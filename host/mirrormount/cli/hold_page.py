@@ -5,9 +5,8 @@ import contextlib
 import threading
 from collections.abc import Callable, Iterator
 
-from mirrormount.beam.hold import Hold
-from mirrormount.beam.loop_table import LoopTable
-from mirrormount.beam.watched_eye import WatchedTable
+from mirrormount.beam.control.hold import Hold
+from mirrormount.beam.control.interfaces import LoopTable
 from mirrormount.cli import web_opening
 from mirrormount.common.errors import NotInControl
 from mirrormount.panel.hold_board import HoldBoard
@@ -16,14 +15,13 @@ from mirrormount.panel.log_file import log_to_file
 
 
 class HoldPage:
-    """table: with eyes that the page shows. board: takes the loop's events. hold: what HOLD tells to go on.
+    """board: takes the loop's events. hold: what HOLD tells to go on.
 
     halt(): stops all mounts from any thread, and ends the loop's control; None: only the loop itself can.
     """
 
     def __init__(self, table: LoopTable, halt: Callable[[], object] | None) -> None:
-        self.table = WatchedTable(table)
-        self.board = HoldBoard({eye.name: eye.um_per_px for eye in self.table.eyes})
+        self.board = HoldBoard({camera.name: camera.um_per_px for camera in table.cameras})
         self.hold: Hold | None = None
         self._halt = halt
 
@@ -49,7 +47,7 @@ def served(args: argparse.Namespace, table: LoopTable, halt: Callable[[], object
     page = HoldPage(table, halt)
     with web_opening.opened(args) as opening, contextlib.ExitStack() as kept:
         log_to_file()
-        server = make_hold_server(page.table.eyes, page.board, opening.sign_in, go=page.go, stop=page.stop)
+        server = make_hold_server(table.cameras, page.board, opening.sign_in, go=page.go, stop=page.stop)
         thread = threading.Thread(target=server.run, args=([opening.listener],), name="page", daemon=True)
         thread.start()
         opening.tell("the loop's page", "can stop the loop, and tell it to go on")

@@ -7,18 +7,14 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mirrormount.beam.align import align
-from mirrormount.beam.calibrate import Calibration, check_controllable
-from mirrormount.beam.direct import DirectTable
-from mirrormount.beam.events import Event, GateClosed, GateOpened, Listen, Progress, StateChanged
-from mirrormount.beam.eyes import CameraEye
-from mirrormount.beam.gap import Gap
-from mirrormount.beam.hold import Hold
-from mirrormount.beam.loop_table import LoopTable
-from mirrormount.beam.optical_table import Table
-from mirrormount.beam.response import Response, check_place, load, save
-from mirrormount.beam.run_log import RunLog
-from mirrormount.beam.summary import Summary
+from mirrormount.beam.control.backlash import Gap
+from mirrormount.beam.control.calibrate import Calibration, check_controllable
+from mirrormount.beam.control.events import Event, InterlockCleared, InterlockTripped, Listen, Progress, StateChanged
+from mirrormount.beam.control.hold import Hold, Summary, align
+from mirrormount.beam.control.interfaces import LoopTable
+from mirrormount.beam.control.response import Response, check_place, load, save
+from mirrormount.beam.runlog import RunLog
+from mirrormount.beam.table import LocalTable, Table, TargetCamera
 from mirrormount.cli.command import from_extra, number, patience_of, positive, virtual_address, whole
 from mirrormount.common import whole_file
 from mirrormount.common.errors import BadValue, CannotWrite
@@ -49,7 +45,6 @@ def work(verb: str, args: argparse.Namespace) -> int:
         table, halt = stack.enter_context(_virtual(args) if args.virtual else _real(args))
         check_controllable(table)
         page = stack.enter_context(_page(args, table, halt)) if verb == "hold" and args.page else None
-        table = page.table if page else table
         tell = stack.enter_context(_told(args, page.board.listen if page else None))
         if verb == "calibrate":
             response, _ = _calibrated(table, tell)
@@ -116,11 +111,13 @@ def _virtual(args: argparse.Namespace) -> Iterator[tuple[LoopTable, None]]:
         mounts = {name: stack.enter_context(Mount(Link(port))) for name, port in zip(names, table.ports, strict=True)}
         um = 1000 * Sensor.pixel_mm
         distances_m = DEFAULT.cameras_m[-len(table.cameras) :]
-        eyes = [
-            CameraEye(camera.name, camera, ((camera.size.width - 1) / 2, (camera.size.height - 1) / 2), (um, um), at_m)
+        cameras = [
+            TargetCamera(
+                camera.name, camera, ((camera.size.width - 1) / 2, (camera.size.height - 1) / 2), (um, um), at_m
+            )
             for camera, at_m in zip(table.cameras, distances_m, strict=True)
         ]
-        yield DirectTable(mounts, eyes, table.now_s, table.sleep), None
+        yield LocalTable(mounts, cameras, table.now_s, table.sleep), None
 
 
 @contextlib.contextmanager
@@ -180,26 +177,33 @@ def _keep(response: Response, path: Path | None, numbers: Path | None, result: d
 
 @contextlib.contextmanager
 def _told(args: argparse.Namespace, also: Listen | None) -> Iterator[Listen]:
-    """What takes the loop's events: the line on the terminal, gates on stdout, and the log."""
+    """What takes the loop's events: the line on the terminal, interlocks on stdout, and the log."""
     line = StatusLine()
     with contextlib.ExitStack() as stack:
         stack.callback(line.end)
-        log: Callable[[Event], object] | None = None
+        log: RunLog | None = None
+        trouble = ""
         if args.log:
             log = stack.enter_context(RunLog(args.log, {"command": args.command}, patient=args.virtual))
 
         def tell(event: Event) -> None:
+            nonlocal trouble
             if log:
                 log(event)
+                if log.trouble != trouble:
+                    trouble = log.trouble
+                    line.end()
+                    print(f"{event.time_s:.1f} s: the log cannot be written: {trouble}; the loop goes on")
             if also:
                 also(event)
             match event:
-                case GateClosed():
+                case InterlockTripped():
                     line.end()
-                    print(f"{event.time_s:.1f} s: gate {event.number}, {event.name}: {event.cause}; {event.remedy}")
-                case GateOpened():
+                    name = f"interlock {event.number}, {event.name}"
+                    print(f"{event.time_s:.1f} s: {name}: {event.cause}; {event.remedy}")
+                case InterlockCleared():
                     line.end()
-                    print(f"{event.time_s:.1f} s: gate {event.number}, {event.name}, is open; the loop goes on")
+                    print(f"{event.time_s:.1f} s: interlock {event.number}, {event.name}, is cleared; the loop goes on")
                 case StateChanged():
                     line.show(f"{event.time_s:8.1f} s  {event.state}: {event.why}"[:110])
                 case Progress():

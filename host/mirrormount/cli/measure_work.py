@@ -16,7 +16,7 @@ from mirrormount.beam import html_page
 from mirrormount.beam import scale as camera_scale
 from mirrormount.beam.camera import Camera, Size
 from mirrormount.beam.experiments import backlash, pulses, square, step_size, steps, waiting
-from mirrormount.beam.observer import Observer
+from mirrormount.beam.observe import SpotObserver
 from mirrormount.beam.open_camera import open_beside_mount
 from mirrormount.beam.optics import OF_PX, Optics
 from mirrormount.beam.report import NUMBERS_BEGIN, Origin, write_json, write_page
@@ -55,7 +55,7 @@ def measure(args: argparse.Namespace) -> None:
             work = partial(_steps_of_size, wanted_px=_in_px(*wanted, axes, optics, camera.size))
         result = Result(args.experiment)
         began = datetime.now().astimezone()
-        observer = Observer(camera)
+        observer = SpotObserver(camera)
         origin = Origin(began, __version__, mount.identity, camera.name, mount.settings(), optics)
         try:
             with _shown(mount) as tell, _stopped(mount), mount.unless_stopped(since_open=True):
@@ -222,7 +222,7 @@ def _shown(mount: Mount) -> Iterator[Tell]:
         line.end()
 
 
-def _write(page: Path, numbers: Path, result: Result, origin: Origin, observer: Observer) -> None:
+def _write(page: Path, numbers: Path, result: Result, origin: Origin, observer: SpotObserver) -> None:
     """Write both files, the small one first. Raises CannotWrite, after both were tried."""
     last = (observer.last[0].image, observer.last[1]) if observer.last else None
     written: list[str] = []

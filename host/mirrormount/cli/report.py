@@ -8,17 +8,17 @@ from mirrormount.cli.command import Command, from_extra
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """The log and the page."""
-    parser.add_argument("folder", type=Path, metavar="LOG", help="the folder that `mirrormount hold --log` writes")
-    parser.add_argument("--html", type=Path, metavar="FILE", help="the page (default: report.html in that folder)")
+    parser.add_argument("log", type=Path, metavar="LOG", help="the file that `mirrormount hold --log` writes")
+    parser.add_argument("--html", type=Path, metavar="FILE", help="the page (default: beside the log, as .html)")
 
 
 def run(args: argparse.Namespace) -> None:
     """Write the page, of a run that goes on as well. Raises BadFile, CannotWrite."""
     with from_extra("camera,plot", "a report needs"):
-        from mirrormount.beam.run_reader import read_run
         from mirrormount.beam.run_report import write_report
-    page = args.html or args.folder / "report.html"
-    write_report(page, read_run(args.folder))
+        from mirrormount.beam.runlog import read_run
+    page = args.html or args.log.with_suffix(".html")
+    write_report(page, read_run(args.log))
     print(page)
 
 

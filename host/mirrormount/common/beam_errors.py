@@ -74,9 +74,3 @@ class NotControllable(MountError):
     them; or an axis does not move the spot at all.
     Remedy: What the line says: a second camera at another distance, one mount, or look at motor and coupler.
     """
-
-
-class GateEnded(MountError):
-    """A gate has closed in the loop that holds the beam: motors are off, and a person has to act.
-    Remedy: What the line says; docs/hold.md has every gate.
-    """

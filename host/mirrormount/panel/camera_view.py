@@ -1,6 +1,6 @@
 """What a page shows of a camera, as data for static/camera.js: the spot, or why there is none, threshold, target."""
 
-from typing import Any, Generic, Protocol, TypeVar, cast
+from typing import Any, Generic, TypeVar, cast
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from mirrormount.beam import NoSpot, Spot
 from mirrormount.beam import scale as camera_scale
 from mirrormount.beam.camera import Camera, Size
 from mirrormount.beam.estimate import Estimate
-from mirrormount.beam.live import Seen
+from mirrormount.beam.live import LiveView, Seen
 from mirrormount.beam.optics import Optics
 from mirrormount.beam.scale import Scale
 from mirrormount.common.errors import BadFile, NotCalibrated
@@ -16,30 +16,13 @@ from mirrormount.common.errors import BadFile, NotCalibrated
 _PROFILE = 160  # points of a row's brightness at most
 
 
-class Watched(Protocol):
-    """What is shown: a LiveCamera, or the eye of a loop."""
-
-    @property
-    def name(self) -> str: ...
-
-    @property
-    def size(self) -> Size: ...
-
-    @property
-    def last(self) -> Seen | None: ...
-
-    @property
-    def trouble(self) -> str: ...
-
-    def jpeg(self, seen: Seen) -> bytes: ...
-
-
-Of = TypeVar("Of", bound=Watched, covariant=True)
+Of = TypeVar("Of", bound=LiveView, covariant=True)
 
 
 class CameraView(Generic[Of]):
-    """One camera on pages. scale: the camera's if it is known, else the saved one is looked up.
+    """One camera on pages: a LiveCamera, or the view of a loop's camera.
 
+    scale: the camera's if it is known, else the saved one is looked up.
     target: where the spot should be, px. doing: what is being done about it, in a line. Any thread sets them.
     """
 

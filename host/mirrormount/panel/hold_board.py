@@ -10,14 +10,14 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from mirrormount.beam import events
-from mirrormount.beam.events import Pair, SpotMissed, SpotSeen
+from mirrormount.beam.control import events
+from mirrormount.beam.control.events import Pair, SpotMissed, SpotSeen
 
 ALARM, WARN, CALM = "alarm", "warn", ""
 _KEPT = 1200  # looks in the history
 _EVERY_S = 0.5  # between two of them: ten minutes are kept
 _RMS_S = 60.0  # over which the scatter is told
-_LAST = 6  # corrections and gates in words
+_LAST = 6  # corrections and interlocks in words
 
 
 class HoldBoard:
@@ -30,16 +30,16 @@ class HoldBoard:
         self._clock = clock
         self._lock = threading.Lock()
         self._state, self._why = "", "the loop has not begun"
-        self._gate: events.GateClosed | None = None
+        self._tripped: events.InterlockTripped | None = None
         self._progress: events.Progress | None = None
-        self._look: events.Looked | None = None
+        self._look: events.Observed | None = None
         self._heard_s: float | None = None
         self._history: deque[dict[str, Any]] = deque(maxlen=_KEPT)
         self._kept_s = -math.inf
-        self._estimate: events.Estimated | None = None  # the last one, unless a gate closed behind it
+        self._estimate: events.Estimated | None = None  # the last one, unless an interlock has tripped since
         self._recent: deque[tuple[float, ...]] = deque()  # time, seconds; times these: squares of um, of urad x and y
         self._number = -1  # of the last correction
-        self._counts = {"corrections": 0, "pulses": 0, "reversals": 0, "gates": 0}
+        self._counts = {"corrections": 0, "pulses": 0, "reversals": 0, "interlocks": 0}
         self._news: deque[str] = deque(maxlen=_LAST)
 
     def listen(self, event: events.Event) -> None:
@@ -47,7 +47,7 @@ class HoldBoard:
         with self._lock:
             self._heard_s = self._clock()
             match event:
-                case events.Looked():
+                case events.Observed():
                     self._looked(event)
                 case events.Estimated():
                     self._estimated(event)
@@ -61,20 +61,20 @@ class HoldBoard:
                 case events.StateChanged():
                     self._state, self._why = event.state, event.why
                     self._progress = None
-                case events.GateClosed():
-                    self._counts["gates"] += 1
+                case events.InterlockTripped():
+                    self._counts["interlocks"] += 1
                     self._estimate = None
-                    self._gate = event  # the last one is the one that has to open
-                    self._news.append(f"gate {event.number}, {event.name}: {event.cause}")
-                case events.GateOpened():
-                    self._gate = None
-                    self._news.append(f"gate {event.number}, {event.name}: open again")
+                    self._tripped = event  # the last one is the one that has to be cleared
+                    self._news.append(f"interlock {event.number}, {event.name}: {event.cause}")
+                case events.InterlockCleared():
+                    self._tripped = None
+                    self._news.append(f"interlock {event.number}, {event.name}: cleared")
                 case events.Progress():
                     self._progress = event
                 case _:
                     pass
 
-    def _looked(self, look: events.Looked) -> None:
+    def _looked(self, look: events.Observed) -> None:
         self._look = look
         while self._recent and self._recent[0][0] < look.time_s - _RMS_S:
             self._recent.popleft()
@@ -84,7 +84,7 @@ class HoldBoard:
             self._history.append({"t": round(look.time_s, 2), "off": off, "free": look.free_um})
 
     def _estimated(self, estimate: events.Estimated) -> None:
-        """The one before has counted until now, as in over_time.py."""
+        """The one before has counted until now, as in ErrorStatistics."""
         if before := self._estimate:
             seconds = estimate.time_s - before.time_s
             um = max(abs(each) for pair in before.errors_um.values() for each in pair)
@@ -94,26 +94,26 @@ class HoldBoard:
 
     @property
     def alert(self) -> str:
-        """ALARM: a person has to act. WARN: a gate is closed that may open by itself. CALM: neither."""
-        gate = self._gate
-        if self._state == events.STOPPED or (gate and not gate.opens_itself):
+        """ALARM: a person has to act. WARN: an interlock has tripped that may clear itself. CALM: neither."""
+        tripped = self._tripped
+        if self._state == events.STOPPED or (tripped and not tripped.clears_itself):
             return ALARM
-        return WARN if self._state == events.WAITING or gate else CALM
+        return WARN if self._state == events.WAITING or tripped else CALM
 
     def told(self, after_s: float = -math.inf) -> dict[str, Any]:
         """All that a page shows, as JSON. after_s: of the history only what is later, on the loop's clock."""
         with self._lock:
             now_s = self._clock()
-            look, gate = self._look, self._gate
+            seen, tripped = self._look, self._tripped
             return {
                 "state": self._state,
                 "why": self._why,
                 "alert": self.alert,
                 "silent_s": None if self._heard_s is None else round(now_s - self._heard_s, 1),
                 "progress": [self._progress.done, self._progress.what] if self._progress else None,
-                "gates": [[gate.name, gate.cause, gate.remedy, gate.opens_itself]] if gate else [],
-                "cameras": [self._camera(spot, at) for at, spot in enumerate(look.spots)] if look else [],
-                "angle": _rounded(look.angle_urad) if look and look.angle_urad else None,
+                "interlocks": [[tripped.name, tripped.cause, tripped.remedy, tripped.clears_itself]] if tripped else [],
+                "cameras": [self._camera(spot, at) for at, spot in enumerate(seen.spots)] if seen else [],
+                "angle": _rounded(seen.angle_urad) if seen and seen.angle_urad else None,
                 "rms": self._rms(),
                 "counts": dict(self._counts),
                 "news": list(self._news)[::-1],

@@ -14,7 +14,7 @@ import uvicorn
 from fastapi import APIRouter, Request, Response
 
 from mirrormount.beam.scale import Scale
-from mirrormount.beam.watched_eye import WatchedEye
+from mirrormount.beam.table import TargetCamera
 from mirrormount.common.errors import MountError
 from mirrormount.panel.camera_html import html
 from mirrormount.panel.camera_view import CameraView
@@ -44,7 +44,7 @@ _PICTURE = """<section class="card"><h2 class="title">{name}</h2>{html}<p class=
 
 
 def make_hold_server(
-    eyes: Sequence[WatchedEye],
+    cameras: Sequence[TargetCamera],
     board: HoldBoard,
     sign_in: SignIn,
     *,
@@ -53,7 +53,7 @@ def make_hold_server(
     clock: Callable[[], float] = time.monotonic,
 ) -> uvicorn.Server:
     """The server of the page. go(), stop(): what HOLD and STOP do; any thread, must return soon; raise MountError."""
-    views = [_view(eye) for eye in eyes]
+    views = [_view(camera) for camera in cameras]
     pictures = "".join(
         _PICTURE.format(name=view.live.name, html=html(at, view.live.name), at=at - 1)
         for at, view in enumerate(views, 1)
@@ -62,11 +62,11 @@ def make_hold_server(
     return make_light_server(text, views, sign_in, [_routes(board, sign_in, go, stop, clock)])
 
 
-def _view(eye: WatchedEye) -> CameraView:
-    mm_per_px = math.sqrt(eye.um_per_px[0] * eye.um_per_px[1]) / 1000
-    distance_mm = eye.distance_m * 1000 if eye.distance_m else None
-    view = CameraView(eye, Scale(*eye.size, mm_per_px, 0.0, distance_mm))
-    view.target = eye.target_px
+def _view(camera: TargetCamera) -> CameraView:
+    mm_per_px = math.sqrt(camera.um_per_px[0] * camera.um_per_px[1]) / 1000
+    distance_mm = camera.distance_m * 1000 if camera.distance_m else None
+    view = CameraView(camera.view, Scale(*camera.size, mm_per_px, 0.0, distance_mm))
+    view.target = camera.target_px
     return view
 
 

@@ -13,7 +13,7 @@ from concurrent.futures import TimeoutError as NotYet
 from typing import Any
 
 from mirrormount.beam.live import LiveCamera
-from mirrormount.beam.observer import Observer, Sighting
+from mirrormount.beam.observe import Sighting, SpotObserver
 from mirrormount.beam.pointing import CORRECTIONS, GAP_STEPS, LEARN_STEPS, WITHIN_PX, Learned, approach, learn
 from mirrormount.common.errors import BadValue, MountError, MoveEnded, NoAnswer, NotInControl
 from mirrormount.common.validation import typed_number
@@ -94,7 +94,7 @@ class SpotMoves:
             self._learned = None
             raise BadValue("another board, camera or length of a step: press Learn again")
         self._view.target = target
-        start = move.look(1)
+        start = move.observe(1)
         ways = zip(learned[1].axes, learned[1].steps(target[0] - start.x, target[1] - start.y), strict=True)
         steps = " and ".join(f"{way:+.1f} steps of {axis}" for axis, way in ways).replace("-", "−")
         where = f"({target[0]:.0f}, {target[1]:.0f}) px"
@@ -137,7 +137,7 @@ class _Move:
         self._ended = ""
         self._over = threading.Event()  # set by end()
         self._lock = threading.Lock()  # no request is made after end()
-        self._observer = Observer(view.live, view.live.found)
+        self._observer = SpotObserver(view.live, view.live.found)
         self._step_us: dict[str, int] = {}
         self.thread = threading.Thread(target=self._run, name="moves the spot", daemon=True)
 
@@ -215,10 +215,10 @@ class _Move:
         """Give one pulse. Raises as step()."""
         self._ask(Pulse(axis, us), axis, None)
 
-    def look(self, frames: int) -> Sighting:
+    def observe(self, frames: int) -> Sighting:
         """Where the spot is. Raises NotInControl, SpotLost, CameraError."""
         self._check()
-        sighting = self._observer.look(frames)
+        sighting = self._observer.observe(frames)
         self._check()
         return sighting
 

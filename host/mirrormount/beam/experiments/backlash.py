@@ -42,7 +42,7 @@ def run(rig: Rig, result: Result, tell: Tell, places: int = PLACES, repeats: int
     log = Log(rig, result)
     for number, axis in enumerate(rig.axes):
         legs: list[tuple[int, int, list[Vector]]] = []
-        home = log.look()
+        home = log.observe()
         rig.step(axis, _LEG // 2 - _SPACING * (places // 2))
         for at in range(places):
             if at:

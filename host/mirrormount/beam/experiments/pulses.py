@@ -28,7 +28,7 @@ def run(rig: Rig, result: Result, tell: Tell, lengths_ms: tuple[float, ...] = LE
         rig.step(axis, way * _LEAD)
         first = log.settle()
         rig.step(axis, way)
-        line = log.look() - first
+        line = log.observe() - first
         step_px = float(np.linalg.norm(line))
         if step_px < 3 * log.error_px:
             raise NotMeasurable(f"{axis}: a step did not move the spot: look at motor and coupler")
@@ -49,10 +49,10 @@ def run(rig: Rig, result: Result, tell: Tell, lengths_ms: tuple[float, ...] = LE
 
 def _pulses(rig: Rig, log: Log, axis: str, us: int, count: int, line: Vector) -> Estimate:
     """The mean way of a pulse along a line, by readings between the pulses."""
-    places = [float(log.look() @ line)]
+    places = [float(log.observe() @ line)]
     for _ in range(count):
         rig.pulse(axis, int(math.copysign(max(abs(us), _LEAST_US), us)))
-        places.append(float(log.look() @ line))
+        places.append(float(log.observe() @ line))
     d = np.diff(places)
     return Estimate(float(d.mean()), log.error_of_mean(d, Ended(log.apart_s(count))), "px", count)
 

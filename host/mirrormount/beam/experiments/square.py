@@ -90,13 +90,13 @@ def _drive(
     for axis, way in (("x", 1), ("y", -1)):
         step(axis, -way * (side // 2 + _APPROACH))
         step(axis, way * _APPROACH)
-    corners, times_s, sides = [log.look()], [log.now_s], list[list[Vector]]()
+    corners, times_s, sides = [log.observe()], [log.now_s], list[list[Vector]]()
     for number, (axis, way, name) in enumerate(_SIDES):
         sides.append([corners[-1]])
         for k in range(side):
             tell(begun + (number + k / side) / len(_SIDES) / 2, f"{name}, step {k + 1}")
             step(axis, way)
-            sides[-1].append(log.look())
+            sides[-1].append(log.observe())
         corners.append(log.last)
         times_s.append(log.now_s)
     points = [(float(row[1]), float(row[2]), 0.0) for row in result.readings[first:]]

@@ -111,14 +111,14 @@ def _trial(rig: Rig, log: Log, result: Result, axis: str, us: int) -> list[Estim
 
 def _ratio(rig: Rig, log: Log, axis: str, way: int, us: int, pairs: int) -> Estimate:
     """The way of a pulse in parts of that of a step."""
-    places, is_pulse = [log.look()], []
+    places, is_pulse = [log.observe()], []
     for pair in range(pairs):
         for pulse in (pair % 2 == 0, pair % 2 == 1):
             if pulse:
                 rig.pulse(axis, way * us)
             else:
                 rig.step(axis, way)
-            places.append(log.look())
+            places.append(log.observe())
             is_pulse.append(pulse)
     d, which = np.diff(along(places)[0]), np.array(is_pulse)
     pulses, steps = d[which], d[~which]

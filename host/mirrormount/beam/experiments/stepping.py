@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrormount.beam.estimate import Estimate, student
-from mirrormount.beam.observer import Sighting
+from mirrormount.beam.observe import Sighting
 from mirrormount.beam.result import Result
 from mirrormount.beam.rig import Rig, Vector, place
 from mirrormount.common.beam_errors import NotMeasurable
@@ -69,9 +69,9 @@ class Log:
         self.walk2 = 0.0  # variance of the spot's drift in one second, in px²
         self._walk2_error = 0.0  # its standard error
 
-    def look(self) -> Vector:
+    def observe(self) -> Vector:
         """Where the spot is, in px. Raises SpotLost, CameraError."""
-        sighting: Sighting = self._rig.look()
+        sighting: Sighting = self._rig.observe()
         if self._first_s is None:
             self._first_s = sighting.time_s
         self._result.readings.append(
@@ -81,8 +81,8 @@ class Log:
         return place(sighting)
 
     def rest(self) -> None:
-        """Look several times without a move, to know by how much the beam drifts from look to look."""
-        places = np.array([self.look() for _ in range(AT_REST)])
+        """Observe several times without a move, to know by how much the beam drifts from look to look."""
+        places = np.array([self.observe() for _ in range(AT_REST)])
         variance = float(np.mean(np.diff(places, axis=0) ** 2))
         apart_s = self.apart_s(AT_REST - 1)
         self.walk2 = max(0.0, variance - 2 * self.error_px**2) / apart_s
@@ -90,11 +90,11 @@ class Log:
 
     def settle(self) -> Vector:
         """Wait until the mount does not creep any more, as far as the beam's own drift lets see. Returns the place."""
-        places = [self.look()]
+        places = [self.observe()]
         allowed = 2 * math.sqrt(4 * self.error_px**2 + 2 * _CREEP_S * self.walk2)  # in either direction, in two waits
         for _ in range(_MOST_WAITS):
             self._rig.sleep(_CREEP_S)
-            places.append(self.look())
+            places.append(self.observe())
             if len(places) > 2 and float(np.linalg.norm(places[-1] - places[-3])) < allowed:
                 break
         return places[-1]
@@ -157,10 +157,10 @@ class Log:
 
 def series(rig: Rig, log: Log, axis: str, count: int, n: int = 1) -> list[Vector]:
     """The readings r_0 … r_count, with n steps between two of them."""
-    places = [log.look()]
+    places = [log.observe()]
     for _ in range(count):
         rig.step(axis, n)
-        places.append(log.look())
+        places.append(log.observe())
     return places
 
 
@@ -171,7 +171,7 @@ def come_back(rig: Rig, log: Log, axis: str, home: Vector, way: Vector) -> None:
     way: of one step to positive, in px. Raises SpotLost, CameraError, MountError.
     """
     for _ in range(_RETURNS):
-        n = round(float((home - log.look()) @ way / (way @ way)))
+        n = round(float((home - log.observe()) @ way / (way @ way)))
         if not n:
             return
         rig.step(axis, n)
@@ -191,11 +191,11 @@ def room(rig: Rig, log: Log, axis: str) -> tuple[int, Vector]:
 
     Raises NotMeasurable.
     """
-    origin = log.look()
+    origin = log.observe()
     rig.step(axis, LEAD)
-    start = log.look()
+    start = log.observe()
     rig.step(axis, _TRIAL)
-    step = (log.look() - start) / _TRIAL
+    step = (log.observe() - start) / _TRIAL
     rig.step(axis, -_TRIAL - LEAD)
     size = float(np.linalg.norm(step))
     if size < 3 * log.error_px:

@@ -21,7 +21,7 @@ def run(rig: Rig, result: Result, tell: Tell, n: int = STEPS) -> None:
     for number, axis in enumerate(rig.axes):
         done = number / len(rig.axes)
         tell(done, f"{axis}: the size of a step")
-        home = log.look()
+        home = log.observe()
         most, step = room(rig, log, axis)
         count = min(n, most)
         if count < n:

@@ -22,11 +22,11 @@ def drift(rig: Rig, result: Result, tell: Tell, seconds: float = DRIFT_S, every_
     """Nothing moves; the place of the spot over time. Raises SpotLost, CameraError, MountError."""
     log = Log(rig, result)
     result.moves = False
-    log.look()
+    log.observe()
     while log.now_s < seconds:
         tell(log.now_s / seconds, f"{log.now_s:.0f} s of {seconds:.0f} s")
         rig.sleep(every_s)
-        log.look()
+        log.observe()
         _drifted(result, log.error_px)
     tell(1.0, "")
 
@@ -70,15 +70,15 @@ def settle(rig: Rig, result: Result, tell: Tell, seconds: float = SETTLE_S) -> N
     for number, (axis, way) in enumerate(runs):
         name = f"{axis}.{'positive' if way > 0 else 'negative'}"
         rig.step(axis, -way * _MOVE)
-        before = log.look()
+        before = log.observe()
         rig.step(axis, way * _MOVE)
-        after = log.look()
+        after = log.observe()
         line = (after - before) / max(float(np.linalg.norm(after - before)), 1e-9)
         ways[axis] = way * (after - before) / _MOVE
         start_s, points = log.now_s, [(log.now_s, float(after @ line))]
         while points[-1][0] - start_s < seconds:
             tell((number + (points[-1][0] - start_s) / seconds) / len(runs), f"{name}: settling")
-            points.append((0.0, float(log.look() @ line)))
+            points.append((0.0, float(log.observe() @ line)))
             points[-1] = log.now_s, points[-1][1]
         _settled(result, name, np.array(points), log)
     for axis, each in ways.items():

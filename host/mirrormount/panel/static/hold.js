@@ -57,14 +57,14 @@
 
   function show(told) {
     const stuck = told.silent_s !== null && told.silent_s > 10 && told.state !== "ended" && told.state !== "stopped";
-    const [gate] = told.gates;
+    const [tripped] = told.interlocks;
     const needed = told.alert === "alarm" && told.state === "waiting"; // a person: waiting alone would not help
     const word = needed ? "Alarm" : (WORDS[told.state] ?? told.state ?? "");
-    set(".hold-state", stuck ? "No news" : gate && told.state === "waiting" ? `${word}: ${gate[0]}` : word);
+    set(".hold-state", stuck ? "No news" : tripped && told.state === "waiting" ? `${word}: ${tripped[0]}` : word);
     const done = told.progress ? ` ${Math.round(told.progress[0] * 100)} %: ${told.progress[1]}` : "";
-    const said = gate && sentence(gate[1]) === sentence(told.why); // below, with what to do
+    const said = tripped && sentence(tripped[1]) === sentence(told.why); // below, with what to do
     set(".hold-why", stuck ? `The loop has told nothing for ${Math.round(told.silent_s)} s. Before that: ${word.toLowerCase()}.` : (said ? "" : sentence(told.why)) + done);
-    list(".hold-gates", told.gates.map(([, cause, remedy, opens]) => `${sentence(cause)}. ${opens ? "It opens by itself. " : ""}${sentence(remedy)}`));
+    list(".hold-gates", told.interlocks.map(([, cause, remedy, clears]) => `${sentence(cause)}. ${clears ? "It clears itself. " : ""}${sentence(remedy)}`));
     told.cameras.forEach((camera, at) => {
       const off = camera.off
         ? `error ${["x", "y"].map((axis, i) => `${axis} ${number(camera.off[i])}${camera.sigma ? ` ± ${number(camera.sigma[i])}` : ""}`).join(", ")} µm`
@@ -75,8 +75,8 @@
     });
     const angle = told.angle ? `beam's angle ${number(told.angle[0])}, ${number(told.angle[1])} µrad; ` : "";
     const rms = told.rms.um === null ? "" : `rms of the last minute ${number(told.rms.um)} µm${told.rms.urad === null ? "" : `, ${number(told.rms.urad)} µrad`}; `;
-    const { corrections, pulses, reversals, gates } = told.counts;
-    set(".hold-counts", `${angle}${rms}corrections: ${corrections}, pulses: ${pulses}, reversals: ${reversals}, gates: ${gates}`);
+    const { corrections, pulses, reversals, interlocks } = told.counts;
+    set(".hold-counts", `${angle}${rms}corrections: ${corrections}, pulses: ${pulses}, reversals: ${reversals}, interlocks: ${interlocks}`);
     list(".hold-news", told.news);
     if (told.history.length && history.length && told.history[0].t < history[0].t) history = []; // another loop
     history = [...history, ...told.history].filter((point, _, all) => point.t > all[all.length - 1].t - KEPT_S);

@@ -1,14 +1,13 @@
 """What a loop needs of a table: actuators that give pulses, cameras with targets, one clock. Protocols only.
 
-direct.py has the one that drives mounts itself, supervised.py the one that is a client beside a panel's.
+LocalTable of beam/table.py drives its mounts itself; SharedTable is a client beside a panel's pages.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
-    from mirrormount.beam.camera import Frame, Size
-    from mirrormount.beam.spot import NoSpot, Spot
+    from mirrormount.beam.table import TargetCamera
 
 
 class Actuator(Protocol):
@@ -44,46 +43,14 @@ class Actuator(Protocol):
         ...
 
 
-class Eye(Protocol):
-    """A camera with its target. time stamps are on the clock of monotonic().
-
-    um_per_px: of x and y. distance_m: from the last mirror along the beam, None where it is not known.
-    """
-
-    @property
-    def name(self) -> str: ...
-
-    @property
-    def size(self) -> "Size": ...
-
-    @property
-    def target_px(self) -> tuple[float, float]: ...
-
-    @property
-    def um_per_px(self) -> tuple[float, float]: ...
-
-    @property
-    def distance_m(self) -> float | None: ...
-
-    def monotonic(self) -> float: ...
-
-    def frames(self) -> "Iterator[Frame]":
-        """As Camera.frames(); after CameraError it may be called again, when the camera is back."""
-        ...
-
-    def find(self, frame: "Frame") -> "Spot | NoSpot":
-        """The spot in a frame, or why there is none."""
-        ...
-
-
 class LoopTable(Protocol):
-    """Actuators in the order of the beam (first.x, first.y, second.x …), eyes in the order of the beam."""
+    """Actuators in the order of the beam (first.x, first.y, second.x …), cameras in the order of the beam."""
 
     @property
     def actuators(self) -> Sequence[Actuator]: ...
 
     @property
-    def eyes(self) -> Sequence[Eye]: ...
+    def cameras(self) -> "Sequence[TargetCamera]": ...
 
     def now_s(self) -> float: ...
 

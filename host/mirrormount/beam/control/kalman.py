@@ -1,8 +1,9 @@
-"""Where the spots are, from noisy looks: a Kalman filter for a random walk whose drift is learned. Imports numpy.
+"""Where the spots are, from noisy observations: a Kalman filter for a random walk whose drift is
+learned.
 
 R. E. Kalman, J. Basic Eng. 82 (1960) 35. The covariance of the drift is estimated from the innovations at rest, as by
 R. K. Mehra, IEEE Trans. Autom. Control 15 (1970) 175: a laser that wanders moves all spots together, and once that is
-known a look at all spots tells more of each.
+known an observation at all spots tells more of each.
 """
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
-_FIRST_DRIFT_UM2_S = 30.0  # of each error, until looks have shown the drift
+_FIRST_DRIFT_UM2_S = 30.0  # of each error, until observations have shown the drift
 _LEAST_DRIFT_UM2_S = 0.5
 _LEARN = 0.01  # weight of a new innovation in the long run
 _PRIOR = 10  # innovations that the first drift counts for
@@ -22,7 +23,7 @@ _OUTLIER = 5.0  # standard deviations beyond which an innovation teaches nothing
 class Tracker:
     """Errors of all spots (um) and their covariance. noise: covariance of one frame's errors.
 
-    seen: there was a look; before the first one the mean says nothing.
+    seen: there was an observation; before the first one the mean says nothing.
     """
 
     def __init__(self, noise: Matrix) -> None:
@@ -50,11 +51,11 @@ class Tracker:
         self.covariance = self.covariance + covariance
 
     def innovation(self, errors: Vector, frames: int) -> tuple[Vector, Matrix]:
-        """By how much a look differs from what was expected, and the covariance of that."""
+        """By how much an observation differs from what was expected, and the covariance of that."""
         return errors - self.mean, self.covariance + self.noise / frames
 
     def see(self, errors: Vector, frames: int, rested_s: float = 0.0) -> None:
-        """A look. rested_s: the time since the look before, if nothing was moved in between: then it teaches."""
+        """An observation. rested_s: the time since the one before, if nothing was moved in between: then it teaches."""
         self.seen = True
         nu, s = self.innovation(errors, frames)
         learns = self._learn(errors, frames, rested_s)
@@ -76,7 +77,7 @@ class Tracker:
         return np.sqrt(np.diag(self.covariance))
 
     def _learn(self, errors: Vector, frames: int, rested_s: float) -> bool:
-        """A span of rest teaches by its last look. True: another one begins with that."""
+        """A span of rest teaches by its last observation. True: another one begins with that."""
         if rested_s <= 0 or self._from is None:
             return True
         self._span_s += rested_s

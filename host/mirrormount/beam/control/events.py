@@ -1,4 +1,6 @@
-"""What the loop tells: every look, correction and pulse, its state, and the gates. Plain data. Pure; imports no NumPy.
+"""What the loop tells: every observation, correction and pulse, its state, and the interlocks.
+
+Plain data; imports no NumPy.
 
 `listen(event)` of a loop is called in the loop's own thread and must return at once. to_json() makes one line of a
 log of an event, from_json() an event of the line. time_s is the table's clock in each.
@@ -37,8 +39,8 @@ class SpotMissed:
 
 
 @dataclass(frozen=True, slots=True)
-class Looked:
-    """One look at all cameras. spots: in the table's order.
+class Observed:
+    """One observation by all cameras. spots: in the table's order.
 
     angle_urad: how far the beam's angle is off; None without a spot in each camera or without distances.
     free_um: for each camera, how far off the spot would be if nothing had been moved since the loop began (estimated
@@ -64,8 +66,8 @@ class Looked:
 
 @dataclass(frozen=True, slots=True)
 class Estimated:
-    """What a loop that holds a beam takes for the errors from now on: the last look and those before it, weighted by
-    their noise. errors_um: for each camera; angle_urad: as of Looked."""
+    """What a loop that holds a beam takes for the errors from now on: the last observation and those before it,
+    weighted by their noise. errors_um: for each camera; angle_urad: as of Observed."""
 
     time_s: float
     errors_um: Mapping[str, Pair]
@@ -106,8 +108,8 @@ class Corrected:
 class StateChanged:
     """What the loop does from now on, and why; why says in one line why it does nothing, too.
 
-    state: one of CALIBRATING, ALIGNING, HOLDING, CORRECTING, CREEPING, WAITING (a gate is closed; it may open by
-    itself), STOPPED (a person has to act), ENDED.
+    state: one of CALIBRATING, ALIGNING, HOLDING, CORRECTING, CREEPING, WAITING (for an interlock
+    that clears itself), STOPPED (a person has to act), ENDED.
     """
 
     time_s: float
@@ -120,10 +122,10 @@ CREEPING, WAITING, STOPPED, ENDED = "creeping through the gap", "waiting", "stop
 
 
 @dataclass(frozen=True, slots=True)
-class GateClosed:
-    """A gate stopped all motors. number, name: gates.py; cause: what was seen; remedy: what to do.
+class InterlockTripped:
+    """An interlock stopped all motors. number, name: interlocks.py; cause: what was seen; remedy: what to do.
 
-    opens_itself: the loop goes on when the cause has gone; otherwise a person tells it to.
+    clears_itself: the loop goes on when the cause has gone; otherwise a person tells it to.
     """
 
     time_s: float
@@ -131,12 +133,12 @@ class GateClosed:
     name: str
     cause: str
     remedy: str
-    opens_itself: bool
+    clears_itself: bool
 
 
 @dataclass(frozen=True, slots=True)
-class GateOpened:
-    """The cause of a gate has gone; the loop goes on."""
+class InterlockCleared:
+    """The cause of an interlock has gone; the loop goes on."""
 
     time_s: float
     number: int
@@ -164,17 +166,27 @@ class Progress:
     what: str
 
 
-Event = Looked | Estimated | Pulsed | Corrected | StateChanged | GateClosed | GateOpened | ResponseChanged | Progress
+Event = (
+    Observed
+    | Estimated
+    | Pulsed
+    | Corrected
+    | StateChanged
+    | InterlockTripped
+    | InterlockCleared
+    | ResponseChanged
+    | Progress
+)
 Listen = Callable[[Event], object]
 
 _KINDS: dict[str, type[Any]] = {
-    "look": Looked,
+    "observation": Observed,
     "estimate": Estimated,
     "pulse": Pulsed,
     "correction": Corrected,
     "state": StateChanged,
-    "gate closed": GateClosed,
-    "gate opened": GateOpened,
+    "interlock tripped": InterlockTripped,
+    "interlock cleared": InterlockCleared,
     "response": ResponseChanged,
     "progress": Progress,
 }
@@ -194,7 +206,7 @@ def from_json(data: Mapping[str, Any]) -> Event:
     """The event that to_json() made this of. Raises KeyError or TypeError if it is none."""
     fields = {name: _tuples(value) for name, value in data.items() if name != "event"}
     kind = _KINDS[data["event"]]
-    if kind is Looked:
+    if kind is Observed:
         fields["spots"] = tuple((SpotSeen if "px" in spot else SpotMissed)(**spot) for spot in fields["spots"])
     return kind(**fields)
 

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrormount.beam.gap import Width
-from mirrormount.beam.loop_table import LoopTable
+from mirrormount.beam.control.backlash import Width
+from mirrormount.beam.control.interfaces import LoopTable
 from mirrormount.common import json_text, whole_file
 from mirrormount.common.beam_errors import ResponseOfOther
 from mirrormount.common.errors import BadFile
@@ -183,7 +183,7 @@ def belongs_to(table: LoopTable) -> dict[str, Any]:
     """What a calibration is of: boards and steps, cameras with sizes and scales."""
     return {
         "actuators": [[a.name, a.board_id, a.step_us] for a in table.actuators],
-        "cameras": [[eye.name, *eye.size, *eye.um_per_px] for eye in table.eyes],
+        "cameras": [[camera.name, *camera.size, *camera.um_per_px] for camera in table.cameras],
     }
 
 

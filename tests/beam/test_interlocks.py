@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from loop_rig import Rig
 
-from mirrormount.beam import gates
-from mirrormount.beam.events import TAKE_UP, GateClosed
-from mirrormount.beam.hold import Hold
+from mirrormount.beam.control import interlocks
+from mirrormount.beam.control.events import TAKE_UP, InterlockTripped
+from mirrormount.beam.control.hold import Hold
 from mirrormount.beam.reasons import Reason
 from mirrormount.beam.spot import NoSpot
 from mirrormount.common.errors import BoardError, NotInControl
@@ -35,7 +35,7 @@ def test_a_laser_blocked_for_10_s_is_waited_for(rig):
     after(rig, WHEN_S, lambda: setattr(rig.table.truth.laser, "blocked", True))
     after(rig, WHEN_S + 10, lambda: setattr(rig.table.truth.laser, "blocked", False))
     summary = rig.run(60)
-    assert rig.gates() == ["no spot"]
+    assert rig.trips() == ["no spot"]
     assert not rig.pulses(begin_s + WHEN_S + 0.2, begin_s + WHEN_S + 10)
     assert rig.pulses(begin_s + WHEN_S + 11, begin_s + 60)
     assert summary.reached
@@ -43,7 +43,7 @@ def test_a_laser_blocked_for_10_s_is_waited_for(rig):
 
 @pytest.mark.parametrize(("reason", "most"), [(Reason.SHAPE, 4), (Reason.SPLIT, 4), (Reason.NOTHING, 1)])
 def test_frames_that_noise_alone_may_spoil_close_no_gate(rig, reason, most):
-    eye = rig.table.eyes[1]
+    eye = rig.table.cameras[1]
     left = {"frames": 0}
     find = eye.find
 
@@ -55,26 +55,26 @@ def test_frames_that_noise_alone_may_spoil_close_no_gate(rig, reason, most):
     after(rig, WHEN_S, lambda: left.update(frames=most))
     after(rig, 2 * WHEN_S, lambda: left.update(frames=most + 1))
     rig.run(1.5 * WHEN_S)
-    assert rig.gates() == []
+    assert rig.trips() == []
     rig.run(WHEN_S)
-    assert len(rig.gates()) == 1
+    assert len(rig.trips()) == 1
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_gate_that_closes_behind_a_take_up_does_not_make_it_forgotten(seed):
     rig = Rig("smooth", seed)
 
-    travel = rig.hold.guard.mover.travel
+    travel = rig.hold.guard.controller.mover.travel
 
     def blocked_then(response, travels, purposes):
         made = travel(response, travels, purposes)
         rig.table.truth.laser.blocked |= TAKE_UP in purposes.values()
         return made
 
-    rig.hold.guard.mover.travel = blocked_then
+    rig.hold.guard.controller.mover.travel = blocked_then
     rig.run(120)
-    assert rig.gates() == ["no spot"]
-    for actuator, gap in zip(rig.table.actuators, rig.hold.guard.corrector.gaps, strict=True):
+    assert rig.trips() == ["no spot"]
+    for actuator, gap in zip(rig.table.actuators, rig.hold.guard.controller.gaps, strict=True):
         train = actuator.train
         for way in (1, -1):
             left = train.gap_rev / 2 - way * (train.shaft_rev - train.screw_rev)
@@ -87,7 +87,7 @@ def test_a_beam_that_comes_back_elsewhere_is_not_followed(rig):
     after(rig, WHEN_S + 5, lambda: rig.table.truth.bump(0, 800.0, 0.0))
     after(rig, WHEN_S + 10, lambda: setattr(rig.table.truth.laser, "blocked", False))
     summary = rig.run(60)
-    assert rig.gates() == ["no spot", "spot jumped"]
+    assert rig.trips() == ["no spot", "spot jumped"]
     assert not rig.pulses(begin_s + WHEN_S + 0.2, begin_s + 60)
     assert not summary.reached
 
@@ -125,12 +125,12 @@ def test_a_beam_that_is_lost_is_not_searched(rig):
 )
 def test_a_fault_of_a_camera_closes_its_gate_and_its_end_opens_it(rig, name, value, gate):
     begin_s = rig.table.now_s()
-    eye = rig.table.eyes[1]
+    eye = rig.table.cameras[1]
     before = getattr(eye, name)
     after(rig, WHEN_S, lambda: setattr(eye, name, value))
     after(rig, WHEN_S + 10, lambda: setattr(eye, name, before))
     summary = rig.run(60)
-    assert rig.gates() == [gate]
+    assert rig.trips() == [gate]
     assert not rig.pulses(begin_s + WHEN_S + 1.0, begin_s + WHEN_S + 10)
     assert summary.reached
 
@@ -140,7 +140,7 @@ def test_a_bump_of_half_a_milliradian_is_corrected_within_30_s(rig):
     back = []
     after(rig, WHEN_S + 30, lambda: back.append(np.abs(rig.table.truth_um()).max()))
     rig.run(60)
-    assert rig.gates() == []
+    assert rig.trips() == []
     assert back[0] < 80
 
 
@@ -148,12 +148,12 @@ def test_a_spot_further_off_than_a_correction_reaches_is_left_alone(rig):
     begin_s = rig.table.now_s()
     after(rig, WHEN_S, lambda: rig.table.truth.bump(0, 2300.0, 0.0))
     rig.run(60)
-    assert rig.gates() == ["spot jumped"]
+    assert rig.trips() == ["spot jumped"]
     assert not rig.pulses(begin_s + WHEN_S + 0.5, begin_s + 60)
 
 
 def turn_camera(rig):
-    for eye in rig.table.eyes:
+    for eye in rig.table.cameras:
         eye.rotation += np.pi / 2
 
 
@@ -176,7 +176,7 @@ def test_a_wrong_calibration_ends_by_a_gate_before_the_beam_runs_away(profile, f
 
     rig.hold.summary.add = both
     summary = rig.run(300)
-    assert rig.gates() in (["corrections do not help"], ["axis does not move"], ["spot jumped"])
+    assert rig.trips() in (["corrections do not help"], ["axis does not move"], ["spot jumped"])
     assert max(worst) < 3000
     assert not summary.reached
 
@@ -187,28 +187,28 @@ def test_an_axis_that_does_not_move_any_more_is_named(rig):
         actuator.train.screw_rev = 0.0
     rig.table.truth.bump(0, 100.0, 0.0)
     summary = rig.run(200)
-    assert rig.gates() in (["axis does not move"], ["corrections do not help"], ["spot jumped"])
+    assert rig.trips() in (["axis does not move"], ["corrections do not help"], ["spot jumped"])
     assert not summary.reached
 
 
 def test_a_refusal_of_the_board_stops_the_loop(rig):
     after(rig, WHEN_S, lambda: set_all(rig.table.actuators, "refuses", BoardError(107, "positive end-stop")))
     summary = rig.run(120)
-    assert rig.gates() == ["board"]
-    assert "end-stop" in summary.gates[0].cause
+    assert rig.trips() == ["board"]
+    assert "end-stop" in summary.interlocks[0].cause
 
 
 def test_a_motion_that_ended_early_stops_the_loop(rig):
     after(rig, WHEN_S, lambda: set_all(rig.table.actuators, "ended", "keep-alive lost"))
     rig.run(120)
-    assert rig.gates() == ["board"]
+    assert rig.trips() == ["board"]
 
 
 def test_a_person_who_takes_over_is_not_disturbed(rig):
     begin_s = rig.table.now_s()
     after(rig, WHEN_S, lambda: setattr(rig.table, "taken_over", "a page of the panel took control"))
     rig.run(60)
-    assert rig.gates() == ["somebody took over"]
+    assert rig.trips() == ["somebody took over"]
     assert not rig.pulses(begin_s + WHEN_S + 0.5, begin_s + 60)
 
 
@@ -242,7 +242,7 @@ def test_it_does_not_go_on_with_another_board_in_the_place_of_a_lost_one(rig):
     after(rig, WHEN_S + 20, rig.hold.go_on)
     after(rig, 100, rig.hold.stop)
     rig.hold.run()
-    assert rig.gates() == ["board"]
+    assert rig.trips() == ["board"]
     assert not rig.pulses(begin_s + WHEN_S + 0.5, begin_s + 100)
 
 
@@ -254,7 +254,7 @@ def test_after_a_restart_nothing_moves_before_the_beam_was_seen(rig):
     again = Hold(rig.table, rig.response, None, told.append)
     after(rig, 10, lambda: setattr(rig.table.truth.laser, "blocked", False))
     again.run(60)
-    assert [event.name for event in told if isinstance(event, GateClosed)] == ["no spot"]
+    assert [event.name for event in told if isinstance(event, InterlockTripped)] == ["no spot"]
     pulses = [event.time_s for event in told if type(event).__name__ == "Pulsed"]
     assert pulses
     assert min(pulses) > begin_s + 10
@@ -262,12 +262,12 @@ def test_after_a_restart_nothing_moves_before_the_beam_was_seen(rig):
 
 
 def test_every_gate_has_its_number_once():
-    numbers = [gate.number for gate in gates.GATES]
+    numbers = [gate.number for gate in interlocks.INTERLOCKS]
     assert numbers == list(range(1, len(numbers) + 1))
 
 
 def test_the_page_lists_every_gate():
     page = (Path(__file__).parents[2] / "docs" / "hold.md").read_text(encoding="utf-8")
-    for gate in gates.GATES:
-        itself = "yes" if gate.opens_itself else "no"
+    for gate in interlocks.INTERLOCKS:
+        itself = "yes" if gate.clears_itself else "no"
         assert f"| {gate.number} | {gate.name} | {gate.cause} | {gate.remedy} | {itself} |" in page

@@ -2,16 +2,121 @@
 
 Units: steps, which are travel of the shaft; those of the two ways may differ. What is left of a gap is a normal
 distribution, cut at 0.
+
+Whether the screw has moved, one observation says of a pulse that may have met the end of the gap. Three cases are
+weighed by Bayes' rule: the shaft is still free, it has met the screw within this pulse, or the screw follows since
+before. One observation tells a motion of 10 um from the noise at 2 sigma; so a chance of a few percent, in a creep of a
+dozen pulses, would be taken for a contact now and then. The odds of several observations are not.
 """
 
 import math
 from dataclasses import dataclass
 
-from mirrormount.beam.contact import Moved, Pulse
+_LEAST, _MOST = 0.01, 0.995  # chance of a contact within a pulse: gaps differ from one time to the next
+_GAIN = 0.15  # relative error of a step's way that is expected
+_ODD = 1.2  # factor of standard errors: a laser's drift is no Gaussian of known width
+_UNLIKELY = 0.002  # of an observation that fits none of the cases, against one in the middle of a case
+
+
+@dataclass(frozen=True)
+class ScrewMotion:
+    """How far the screw was moved: mean and variance, in steps. follows: the chance that it follows now.
+
+    since: how far it has been moved since the contact, if there is one.
+    """
+
+    mean: float
+    variance: float
+    follows: float
+    since: float
+
+
+@dataclass(frozen=True)
+class Pulse:
+    """A travel of the shaft by `drove` ± scatter steps. follows: the chance that the screw has followed before.
+
+    since: how far, then. slack, sigma: what is left of the gap, if it has not.
+    """
+
+    drove: float
+    scatter: float
+    follows: float
+    since: float
+    slack: float
+    sigma: float
+
+    def foreseen(self) -> ScrewMotion:
+        """Before the observation."""
+        return self._mixed((1 - self.follows) * (1 - self._meets()), (1 - self.follows) * self._meets(), self.follows)
+
+    def seen(self, way: float, error: float) -> ScrewMotion:
+        """With an observation by which the screw has moved by `way` ± error."""
+        meets, spread = self._met_by()
+        odds = self._meets()
+        error *= _ODD
+        free = (1 - self.follows) * (1 - odds) * _density(way, error)
+        met = (1 - self.follows) * odds * _density(way - meets, math.hypot(error, spread))
+        on = self.follows * _density(way - self.drove, math.hypot(error, self.scatter, _GAIN * self.drove))
+        return self._mixed(free, met, on, way, error)
+
+    def _mixed(self, free: float, met: float, on: float, way: float = 0.0, error: float = math.inf) -> ScrewMotion:
+        whole = free + met + on
+        free, met, on = free / whole, met / whole, on / whole
+        meets, spread = self._met_by()
+        follows = met + on
+        mean = met * meets + on * self.drove
+        square = met * (meets**2 + spread**2) + on * (self.drove**2 + self.scatter**2)
+        since = 0.0
+        if follows:
+            now = (_joined(meets, spread, way, error), _joined(self.drove, self.scatter, way, error))
+            since = (met * now[0] + on * (self.since + now[1])) / follows
+        return ScrewMotion(mean, max(square - mean**2, 0.0), follows, since)
+
+    def _meets(self) -> float:
+        """The chance that a shaft that is free meets the screw within this pulse."""
+        before = _below(-self.slack, self.sigma)
+        if before > 1 - 1e-9:
+            return _MOST
+        chance = (_below(self.drove - self.slack, math.hypot(self.sigma, self.scatter)) - before) / (1 - before)
+        return min(max(chance, _LEAST), _MOST)
+
+    def _met_by(self) -> tuple[float, float]:
+        """How far the screw is moved then: mean and standard deviation."""
+        sigma = math.hypot(self.sigma, self.scatter)
+        if sigma <= 0:
+            return max(self.drove - self.slack, 0.0), 0.0
+        z = (self.drove - self.slack) / sigma
+        tail = _below(z, 1.0)
+        ratio = -z if tail < 1e-9 else math.exp(-z * z / 2) / math.sqrt(2 * math.pi) / tail
+        mean = sigma * max(z + ratio, 0.0)
+        variance = sigma**2 * max(1 - z * ratio - ratio**2, 1e-4)
+        if mean > self.drove / 2 and z < 1.0:
+            mean = self.drove / 2
+        return mean, math.sqrt(min(variance, self.drove**2 / 12 + self.scatter**2))
+
+
+def _joined(mean: float, sigma: float, way: float, error: float) -> float:
+    """Two values of one quantity, weighed by their variances."""
+    if not math.isfinite(error):
+        return mean
+    weight = sigma**2 / (sigma**2 + error**2 + 1e-18)
+    return mean + weight * (way - mean)
+
+
+def _density(off: float, sigma: float) -> float:
+    """Of a normal distribution, with tails that no single observation can take to nothing."""
+    sigma = max(sigma, 1e-9)
+    return (math.exp(-0.5 * min((off / sigma) ** 2, 1000.0)) + _UNLIKELY) / sigma
+
+
+def _below(x: float, sigma: float) -> float:
+    """The chance that a normal variable (0, sigma) is below x."""
+    return 0.5 * math.erfc(-x / (max(sigma, 1e-9) * math.sqrt(2)))
+
 
 _LEARN = 0.12  # weight of a new sample of the gap's width
 _TAIL_SIGMAS = 2.8  # of a normal distribution, beyond which is 0.26 % of it
-_MET, _LOST = 0.99, 0.4  # chances that the screw follows: beyond, a contact is taken for one; below, it is none
+_MET, _LOST = 0.99, 0.4  # The screw counts as engaged above _MET, and as free again below _LOST (hysteresis).
 _SURE = 0.999  # chance that is not exceeded by a contact that is new: a later motion can still show that it was none
 _CERTAIN = 1 - 1e-6  # nor by one that has moved the screw ...
 _FAR_SPREADS = 3.0  # ... by so many times the gap's scatter
@@ -87,11 +192,11 @@ class Gap:
         return low
 
     def pulse(self, way: int, steps: float, scatter: float) -> Pulse:
-        """A travel of the shaft, before its look: what it does to the screw, as far as that is known."""
+        """A travel of the shaft, before its observation: what it does to the screw, as far as that is known."""
         slack, sigma = self._slack[way]
         return Pulse(steps, scatter, self._follows[way], self._since[way], slack, sigma)
 
-    def moved(self, way: int, steps: float, scatter: float, moved: Moved) -> bool:
+    def moved(self, way: int, steps: float, scatter: float, moved: ScrewMotion) -> bool:
         """The shaft was turned by so many steps (± scatter), and the screw so far. True: a contact is new."""
         slack, sigma = self._slack[way]
         width, back = self.widths[way].mean, self.widths[-way]
