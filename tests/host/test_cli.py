@@ -214,7 +214,7 @@ def test_stopping_a_board_imports_nothing_heavy():
 def test_a_stop_by_the_program_that_has_the_port_imports_next_to_nothing():
     code = (
         "import sys; from mirrormount.cli import main;"
-        "from mirrormount.transport.stoppable import Stoppable;"
+        "from mirrormount.transport.stop_socket import StopListener;"
         "owner = Stoppable(['/dev/mount'], lambda: 'stopped');"
         "status = main.main(['stop', '--port', '/dev/mount']); owner.close();"
         "print(status, sorted(m for m in sys.modules if m.split('.')[0] in ('serial', 'numpy', 'asyncio', 'logging')"

@@ -12,15 +12,15 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import pytest
+from mirrormount.device.arduino_sketch import SketchMount
+from mirrormount.transport.telnet import GREETING
 from served import PATIENCE_S
 
 from mirrormount import Mount
 from mirrormount.common import errors
 from mirrormount.device import arduino_sketch
-from mirrormount.device.arduino_sketch import SketchMount
 from mirrormount.device.handshake import identify
 from mirrormount.transport.lines import Link
-from mirrormount.transport.telnet import GREETING
 from mirrormount.virtual import machines
 from mirrormount.virtual.lockstep import Lockstep
 from mirrormount.virtual.simulation import Simulation

@@ -7,8 +7,7 @@ from pathlib import Path
 
 from mirrormount.common.errors import DeployError, NoAnswer, PortBusy
 from mirrormount.common.printable import printable
-from mirrormount.transport.lines import Link
-from mirrormount.transport.refusals import TAKEN
+from mirrormount.transport.lines import TAKEN, Link
 
 STATUS = re.compile(r"\d+,\d+,\d+((?:\|-?\d+,[01],-?\d+,\d+,\d+,\d+)+)")
 _ANSWER_S = 3.0

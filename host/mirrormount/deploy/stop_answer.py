@@ -6,8 +6,7 @@ from collections.abc import Iterator
 
 from mirrormount.common.errors import MountError
 from mirrormount.transport.lines import Link
-from mirrormount.transport.stop_socket import SENT, STOPPED
-from mirrormount.transport.stoppable import Stoppable
+from mirrormount.transport.stop_socket import SENT, STOPPED, StopListener
 
 _OPENS_S = 1.0  # longest time until the port is open
 
@@ -49,8 +48,8 @@ class StopAnswer:
 def stop_answered(port: str) -> Iterator[StopAnswer]:
     """A socket for stops, for as long as this lasts."""
     answer = StopAnswer()
-    stoppable = Stoppable([port], answer.stop)
+    listener = StopListener([port], answer.stop)
     try:
         yield answer
     finally:
-        stoppable.close()
+        listener.close()
