@@ -200,7 +200,7 @@ def test_many_askers_at_once_are_all_answered():
 
 def test_stop_imports_next_to_nothing():
     code = (
-        "import sys; from mirrormount.cli import main; main.parser();"
+        "import sys; from mirrormount.cli import main; main.parser(['stop']);"
         "from mirrormount.transport import stop_socket; print(*{m.partition('.')[0] for m in sys.modules})"
     )
     names = set(subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split())
@@ -284,7 +284,6 @@ def test_one_that_is_closed_while_a_socket_is_made_anew_leaves_nothing(runtime, 
     opened = [StopListener([f"/dev/ttyTEST{i}"], lambda: STOPPED) for i in range(2)]
     threads = set(threading.enumerate()) - before
     forgotten = opened.pop(0 if which == "the same" else 1)
-
     make_folder = stop_socket._make_folder
 
     def collect() -> Path:
@@ -292,8 +291,9 @@ def test_one_that_is_closed_while_a_socket_is_made_anew_leaves_nothing(runtime, 
         closed.set()
         return make_folder()
 
+    (owner,) = owners("/dev/ttyTEST0")
     monkeypatch.setattr(stop_socket, "_make_folder", collect)
-    owners("/dev/ttyTEST0")[0].path.unlink()
+    owner.path.unlink()
     assert closed.wait(PATIENCE_S)
     opened[0].close()
     for thread in threads:

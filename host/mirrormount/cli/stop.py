@@ -7,7 +7,7 @@ same time, each in a thread of its own: one that does not answer delays no other
 import argparse
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from queue import SimpleQueue
 
 from mirrormount.cli.command import Command, PortOfEnvironment, port_options
@@ -24,7 +24,7 @@ class _Stops:
 
     def __init__(self) -> None:
         self._results: SimpleQueue[str | BaseException] = SimpleQueue()
-        self.begun = 0
+        self._begun = 0
 
     def begin(self, stop: Callable[[], str]) -> None:
         """Give a stop. The thread is no daemon: nothing that happens meanwhile keeps it from its end."""
@@ -35,13 +35,13 @@ class _Stops:
             except BaseException as e:
                 self._results.put(e)
 
-        self.begun += 1
+        self._begun += 1
         threading.Thread(target=run).start()
 
     def tell(self) -> list[MountError]:
         """Print the lines as they come. Returns what went wrong."""
         problems: list[MountError] = []
-        for _ in range(self.begun):
+        for _ in range(self._begun):
             result = self._results.get()
             if isinstance(result, MountError):
                 problems.append(result)
@@ -77,14 +77,14 @@ def _stop_one(address: str) -> list[MountError]:
         from mirrormount.device.named import place_of
 
         address = place_of(address).address
-    stops = _Stops()
-    for owner in owners(address):
+    stops, asked = _Stops(), owners(address)
+    for owner in asked:
         stops.begin(lambda owner=owner: _ask(owner))
     problems = stops.tell()
-    if stops.begun and not problems:
+    if asked and not problems:
         return []
     try:
-        print(_open(address))  # a program that could not stop may have closed the port meanwhile, which does not stop
+        print(_open(address, asked))  # a program that could not stop may have closed the port, which does not stop
         return []
     except MountError as e:
         return problems or [e]
@@ -114,9 +114,9 @@ def _stop_all(of_environment: str | None) -> list[MountError]:
 
         def stop(address: str = address, named: bool = named) -> str:
             if len(ports) == 1:
-                return _open(address, asked)
+                return _stop_at(address, asked, may_interrupt=True)
             try:
-                line = _open(address, asked, may_interrupt=named)
+                line = _stop_at(address, asked, may_interrupt=named)
             except MountError as e:
                 if not str(e).startswith(address):
                     e.args = (f"{address}: {e}",)
@@ -162,25 +162,29 @@ def _ask(owner: Owner) -> str:
     return f"{how} (by {owner}, which has the port)"
 
 
-def _open(address: str, asked: "list[Owner] | None" = None, *, may_interrupt: bool = True) -> str:
-    """Open a mount, which stops it. Returns what was done, or "" if the programs that have it are asked already.
+def _stop_at(address: str, asked: Sequence[Owner], *, may_interrupt: bool) -> str:
+    """As _open(). Returns "" if the programs that have the port are asked elsewhere."""
+    has = owners(address)
+    return "" if has and all(owner in asked for owner in has) else _open(address, asked, may_interrupt=may_interrupt)
 
-    A program that has opened it meanwhile is asked. may_interrupt: if it is no mount that answers, a program at a
-    Python prompt there may be ended. Raises MountError.
+
+def _open(address: str, asked: Sequence[Owner], *, may_interrupt: bool = True) -> str:
+    """Open a mount, which stops it, or ask programs that have opened it meanwhile. Returns what was done.
+
+    asked: programs that were asked. may_interrupt: if it is no mount that answers, a program at a Python prompt there
+    may be ended. Raises MountError.
     """
-    if (has := owners(address)) and asked and all(owner in asked for owner in has):
-        return ""
     from mirrormount.device.mount import Mount
 
     end = time.monotonic() + _BUSY_S
     while True:
+        if others := [owner for owner in owners(address) if owner not in asked]:
+            return "\n".join(_ask(owner) for owner in others)
         try:
             Mount.open(address).close()  # opening stops, and says so if it could not
             return "stopped"
         except PortBusy as e:
-            if others := [owner for owner in owners(address) if owner not in has]:
-                return "\n".join(_ask(owner) for owner in others)
-            if has or time.monotonic() > end:
+            if owners(address) or time.monotonic() > end:
                 to_do = why_none() or "end it; to be sure, cut the motors' supply"
                 raise PortBusy(f"{e}; that program takes no stop from here: {to_do}") from e
             time.sleep(_POLL_S)  # no event shows that another process has closed a port
