@@ -51,13 +51,12 @@ def one_line(run: subprocess.CompletedProcess) -> str:
         (("status", "--port", "socket://127.0.0.1:9"), "nothing listens"),
         (("status", "--port", "virtual://?bench=moon"), "no bench"),
         (("status", "--port", "gopher://x"), "not a port's address"),
-        (("status", "--sketch"), "must be named"),
         (("demo", "--port", "/dev/ttyACM0"), "virtual"),
         (("home", "x"), "235: x not fitted or switched off"),
     ],
 )
 def test_wrong_input_is_one_line(words, says):
-    arguments = words if "--port" in words or "--sketch" in words else (*words, *VIRTUAL)
+    arguments = words if "--port" in words else (*words, *VIRTUAL)
     assert says in one_line(run_cli(*arguments))
 
 
@@ -203,7 +202,7 @@ def test_a_wrong_port_of_the_environment_is_told_with_the_variables_name(words, 
 def test_stopping_a_board_imports_nothing_heavy():
     code = (
         "import sys; from mirrormount.cli import main; import mirrormount.device.mount;"
-        "import mirrormount.transport.open; main.parser();"
+        "import mirrormount.transport.open; main.parser(['stop']);"
         "heavy = ('numpy', 'matplotlib', 'mirrormount.virtual', 'platformdirs', 'tomllib');"
         "print([m for m in heavy if m in sys.modules])"
     )
@@ -214,11 +213,11 @@ def test_stopping_a_board_imports_nothing_heavy():
 def test_a_stop_by_the_program_that_has_the_port_imports_next_to_nothing():
     code = (
         "import sys; from mirrormount.cli import main;"
-        "from mirrormount.transport.stoppable import Stoppable;"
-        "owner = Stoppable(['/dev/mount'], lambda: 'stopped');"
+        "from mirrormount.transport.stop_socket import StopListener;"
+        "owner = StopListener(['/dev/mount'], lambda: 'stopped');"
         "status = main.main(['stop', '--port', '/dev/mount']); owner.close();"
         "print(status, sorted(m for m in sys.modules if m.split('.')[0] in ('serial', 'numpy', 'asyncio', 'logging')"
-        " or m.startswith(('mirrormount.device.', 'mirrormount.deploy.', 'mirrormount.network.'))))"
+        " or m.startswith(('mirrormount.device.', 'mirrormount.deploy.', 'mirrormount.serve'))))"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     said, imported = run.stdout.splitlines()

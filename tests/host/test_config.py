@@ -256,7 +256,6 @@ def test_a_file_that_is_wrong_is_one_line_that_names_it_before_a_port_is_opened(
         (("import", "missing.toml"), "no such file"),
         (("import", ""), "FILE is an empty text"),
         (("export", ""), "FILE is an empty text"),
-        (("save", "--sketch"), "needs mountfw"),
     ],
 )
 def test_wrong_words_are_one_line_before_a_port_is_opened(words, says, capsys):

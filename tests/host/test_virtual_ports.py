@@ -7,11 +7,11 @@ import threading
 from types import SimpleNamespace
 
 import pytest
-from served import PATIENCE_S, wait_for
-
 from mirrormount.network.client_session import ClientSession
 from mirrormount.network.server import Server
 from mirrormount.transport.telnet import Inlet
+from served import PATIENCE_S, wait_for
+
 from mirrormount.virtual import pty_port, tcp_port
 from mirrormount.virtual.ports import BUFFER
 from mirrormount.virtual.pty_port import PtyPort

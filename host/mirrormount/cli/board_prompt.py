@@ -15,11 +15,9 @@ from mirrormount.common.errors import AtPrompt, BadAddress, FirmwareMissing, Mou
 from mirrormount.deploy import prompt
 from mirrormount.device.mount import Mount
 from mirrormount.transport.find import find_one
-from mirrormount.transport.lines import Link
+from mirrormount.transport.lines import TAKEN, Link
 from mirrormount.transport.open import open_port
-from mirrormount.transport.refusals import TAKEN
-from mirrormount.transport.stop_socket import SENT, supported
-from mirrormount.transport.stoppable import Stoppable
+from mirrormount.transport.stop_socket import SENT, StopListener, supported
 
 _GET_M = "from mountfw.repl import m"
 _HELP = """\
@@ -42,7 +40,7 @@ def open_prompt(address: str | None) -> None:
             _check(link)
             link.close()  # mpremote opens it now
             print(_HELP, flush=True)
-            with _stoppable(port):
+            with _stops_taken(port):
                 status = subprocess.call(python_module("mpremote", "connect", port, "resume", "exec", _GET_M, "repl"))
         finally:
             link.close()
@@ -55,7 +53,7 @@ def open_prompt(address: str | None) -> None:
 
 
 @contextlib.contextmanager
-def _stoppable(port: str) -> Iterator[None]:
+def _stops_taken(port: str) -> Iterator[None]:
     """While mpremote has the port: `mirrormount stop` types Ctrl-C, which ends a move at the prompt, motors off."""
     if not supported():  # nor could a port be opened twice there
         yield
@@ -66,11 +64,11 @@ def _stoppable(port: str) -> Iterator[None]:
         os.write(beside, b"\x03")
         return SENT
 
-    stoppable = Stoppable([port], interrupt)
+    listener = StopListener([port], interrupt)
     try:
         yield
     finally:
-        stoppable.close()
+        listener.close()
         os.close(beside)
 
 

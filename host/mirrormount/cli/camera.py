@@ -80,4 +80,4 @@ def _address(args: argparse.Namespace) -> str:
     return f"{table}#{virtual_camera(args.camera)}"
 
 
-COMMAND = Command("camera", "list cameras, show the spot, record frames, save a scale", run, arguments)
+COMMANDS = (Command("camera", "list cameras, show the spot, record frames, save a scale", run, arguments),)

@@ -10,7 +10,6 @@ from mirrormount.beam.open_camera import open_camera
 from mirrormount.cli import web_opening
 from mirrormount.cli.panel_camera import in_real_time
 from mirrormount.common.printable import printable
-from mirrormount.common.signals import INTERRUPTS
 from mirrormount.panel.camera_html import html
 from mirrormount.panel.camera_view import CameraView
 from mirrormount.panel.light_server import make_light_server, page
@@ -39,5 +38,4 @@ def serve(args: argparse.Namespace, dark: "Dark | None") -> None:
         opening.tell(title, "can see this camera")
         if args.browser:
             opening.browser(kept)()
-        with INTERRUPTS.left_to_python():
-            server.run([opening.listener])
+        server.run([opening.listener])

@@ -16,8 +16,8 @@ def run(args: argparse.Namespace) -> None:
     from mirrormount.cli.self_test import run_checks
     from mirrormount.common.signals import ended_in_order
 
-    with ended_in_order(interrupts=True):
+    with ended_in_order():
         run_checks(lambda: open_mount(args), move=args.move)
 
 
-COMMAND = Command("check", "test the mount step by step; nothing moves without --move", run, arguments)
+COMMANDS = (Command("check", "test the mount step by step; nothing moves without --move", run, arguments),)

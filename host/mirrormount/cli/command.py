@@ -14,12 +14,11 @@ from typing import TYPE_CHECKING, NamedTuple
 from urllib.parse import urlencode
 
 from mirrormount.common.axis_names import is_axis
-from mirrormount.common.errors import BadValue, NotSupported
+from mirrormount.common.errors import BadValue
 from mirrormount.common.keep_alive import LEAST_PATIENCE_S, MOST_PATIENCE_S, PATIENCE_S
 from mirrormount.common.validation import typed_number
 
 if TYPE_CHECKING:
-    from mirrormount.device.arduino_sketch import SketchMount
     from mirrormount.device.mount import Mount
 
 AXIS_HELP = "x (right +), y (up +), or a further one: axis3 …"
@@ -86,14 +85,13 @@ def whence(args: argparse.Namespace, told: str) -> str:
 
 
 def port_options(parser: argparse.ArgumentParser) -> None:
-    """--port, --table and --sketch, for commands that run on any mount."""
+    """--port and --table, for commands that run on a mount."""
     table_option(parser)
     parser.add_argument(
         "--port",
         default=_port_of_environment(),
         help=f"serial port, a mount's name, socket://HOST:PORT or virtual:// (default: ${PORT_VARIABLE}, else the one)",
     )
-    parser.add_argument("--sketch", action="store_true", help="the port is an Arduino that runs the paper's sketch")
 
 
 def profile_options(parser: argparse.ArgumentParser) -> None:
@@ -211,25 +209,10 @@ def axis_argument(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("axis", type=_axis, metavar="AXIS", help=AXIS_HELP)
 
 
-def open_any(args: argparse.Namespace) -> "Mount | SketchMount":
-    """The mount that port_options' arguments name. Raises MountError."""
-    if not args.sketch:
-        return open_mount(args)
-    from mirrormount.device.arduino_sketch import SketchMount
-
-    if args.port is None:
-        raise BadValue("an Arduino's port must be named: --port PORT --sketch")
-    return SketchMount.open(args.port)
-
-
 def open_mount(args: argparse.Namespace) -> "Mount":
-    """A mount that runs mountfw. Raises NotSupported for a sketch, MountError."""
+    """The mount that port_options' arguments name. Raises MountError."""
     from mirrormount.device.mount import Mount
 
-    if args.sketch:
-        from mirrormount.device.arduino_sketch import LIMITS
-
-        raise NotSupported(f"`{args.command}` needs mountfw on the board: {LIMITS}")
     return Mount.open(args.port)
 
 

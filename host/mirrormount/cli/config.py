@@ -36,8 +36,8 @@ def run(args: argparse.Namespace) -> None:
     from mirrormount.common.signals import ended_in_order
 
     config_verbs.check_arguments(args)
-    with ended_in_order(interrupts=True), open_mount(args) as mount:
+    with ended_in_order(), open_mount(args) as mount:
         config_verbs.carry_out(mount, args)
 
 
-COMMAND = Command("config", "show, change, save, export and import settings", run, arguments)
+COMMANDS = (Command("config", "show, change, save, export and import settings", run, arguments),)

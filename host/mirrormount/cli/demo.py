@@ -23,4 +23,4 @@ def run(args: argparse.Namespace) -> None:
     demonstrate(args.port + machine, args.output)
 
 
-COMMAND = Command("demo", "the paper's square on a virtual board, measured and drawn", run, arguments)
+COMMANDS = (Command("demo", "the paper's square on a virtual board, measured and drawn", run, arguments),)

@@ -33,8 +33,8 @@ def run(args: argparse.Namespace) -> None:
     from mirrormount.deploy.micropython import Options, deploy
 
     options = Options(port_of(args), args.stop, args.source, args.board, args.pins, args.replace_main, args.drive)
-    with ended_in_order(interrupts=True):
+    with ended_in_order():
         print(deploy(options))
 
 
-COMMAND = Command("deploy", "put the firmware on a board that runs MicroPython or CircuitPython", run, arguments)
+COMMANDS = (Command("deploy", "put the firmware on a board that runs MicroPython or CircuitPython", run, arguments),)

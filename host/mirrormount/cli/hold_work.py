@@ -41,7 +41,7 @@ def work(verb: str, args: argparse.Namespace) -> int:
     path = args.calibration or (None if args.virtual else calibration.path().with_name("table-calibration.json"))
     if path:
         check_place(path)
-    with ended_in_order(interrupts=True), contextlib.ExitStack() as stack:
+    with ended_in_order(), contextlib.ExitStack() as stack:
         table, halt = stack.enter_context(_virtual(args) if args.virtual else _real(args))
         check_controllable(table)
         page = stack.enter_context(_page(args, table, halt)) if verb == "hold" and args.page else None

@@ -2,71 +2,50 @@
 
 An error is one line on stderr, with two more for cause and remedy if the board has numbered it, and exit status 1;
 wrong usage is 2, and so is no command at all, which prints the list of them; Ctrl-C stops the motors and is 130;
-SIGTERM or SIGHUP, where a command ends in order on it, 128 + its number. Each command is a file here that imports the
-modules of its work when it runs.
+SIGTERM or SIGHUP, where a command ends in order on it, 128 + its number. Only the module of the command that is typed
+is imported, and it imports the modules of its work when it runs: a stop must not wait for the others.
 """
 
 import argparse
 import contextlib
+import importlib
 import io
 import os
 import sys
+from collections.abc import Sequence
 
-from mirrormount.cli import (
-    camera,
-    check,
-    config,
-    demo,
-    deploy,
-    hold,
-    measure,
-    motion,
-    panel,
-    ports,
-    repl,
-    report,
-    scan,
-    send,
-    serve,
-    setup,
-    status,
-    stop,
-    table,
-    undeploy,
-    virtual,
-)
 from mirrormount.cli.command import Command, table_option, whence
 from mirrormount.cli.parser import WholeParser
 from mirrormount.common.errors import BadValue, MountError
 from mirrormount.common.names import TABLE_VARIABLE
 from mirrormount.common.printable import printable
-from mirrormount.common.remedies import explain
-from mirrormount.common.signals import INTERRUPTS, Terminated
+from mirrormount.common.signals import Terminated
 from mountfw import __version__
 
-COMMANDS: tuple[Command, ...] = (
-    ports.COMMAND,
-    status.COMMAND,
-    *motion.COMMANDS,
-    stop.COMMAND,
-    send.COMMAND,
-    config.COMMAND,
-    check.COMMAND,
-    setup.COMMAND,
-    table.COMMAND,
-    virtual.COMMAND,
-    serve.COMMAND,
-    panel.COMMAND,
-    deploy.COMMAND,
-    undeploy.COMMAND,
-    repl.COMMAND,
-    camera.COMMAND,
-    scan.COMMAND,
-    measure.COMMAND,
-    *hold.COMMANDS,
-    report.COMMAND,
-    demo.COMMAND,
-)
+# The modules of the commands, by the commands' names, in the order of the help. A module has its Commands in COMMANDS.
+MODULES = {
+    "ports": "mirrormount.cli.ports",
+    "status": "mirrormount.cli.status",
+    **dict.fromkeys(("step", "move", "home", "jog", "drive"), "mirrormount.cli.motion"),
+    "stop": "mirrormount.cli.stop",
+    "send": "mirrormount.cli.send",
+    "config": "mirrormount.cli.config",
+    "check": "mirrormount.cli.check",
+    "setup": "mirrormount.cli.setup",
+    "table": "mirrormount.cli.table",
+    "virtual": "mirrormount.cli.virtual",
+    "serve": "mirrormount.cli.serve",
+    "panel": "mirrormount.cli.panel",
+    "deploy": "mirrormount.cli.deploy",
+    "undeploy": "mirrormount.cli.undeploy",
+    "repl": "mirrormount.cli.repl",
+    "camera": "mirrormount.cli.camera",
+    "scan": "mirrormount.cli.scan",
+    "measure": "mirrormount.cli.measure",
+    **dict.fromkeys(("calibrate", "align", "hold"), "mirrormount.cli.hold"),
+    "report": "mirrormount.cli.report",
+    "demo": "mirrormount.cli.demo",
+}
 
 _LONGEST_MESSAGE = 2000  # characters
 
@@ -80,8 +59,9 @@ def main(argv: list[str] | None = None) -> int:
         sys.stdin.reconfigure(errors="replace")  # a byte that is no text is a wrong answer: it is asked again
     args = argparse.Namespace()
     try:
-        whole = parser()
-        args = whole.parse_args(argv)
+        words = sys.argv[1:] if argv is None else argv
+        whole = parser(_named(words))
+        args = whole.parse_args(words)
         if args.command is None:
             whole.print_help(sys.stderr)
             return 2
@@ -94,10 +74,11 @@ def main(argv: list[str] | None = None) -> int:
             sys.stdout.flush()  # what cannot be written is told now, not when Python ends
         return status
     except MountError as e:
-        _complain(f"{e}{whence(args, str(e))}", *explain(e.codes))
+        _complain(f"{e}{whence(args, str(e))}", *_explained(e))
         return 1
     except KeyboardInterrupt as e:
-        return _stopped(str(e))
+        _complain(str(e) or "stopped")
+        return 130
     except Terminated as e:
         _complain(str(e))
         return 128 + e.number
@@ -109,8 +90,6 @@ def main(argv: list[str] | None = None) -> int:
         _complain(f"{e.filename or 'standard output'}: {e.strerror or e}")
         return 1
     except Exception as e:
-        if INTERRUPTS.came:
-            return _stopped()
         if os.environ.get("MIRRORMOUNT_TRACEBACK"):
             raise
         _complain(
@@ -120,11 +99,12 @@ def main(argv: list[str] | None = None) -> int:
         return 1
 
 
-def _stopped(where: str = "") -> int:
-    """Tell of Ctrl-C: further ones do nothing. Returns the exit status."""
-    INTERRUPTS.over = True
-    _complain(where or "stopped")
-    return 130
+def _explained(e: MountError) -> list[str]:
+    if not e.codes:
+        return []
+    from mirrormount.common.remedies import explain
+
+    return explain(e.codes)
 
 
 def _complain(message: str, *more: str) -> None:
@@ -140,8 +120,22 @@ def _abandon_stdout() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def parser() -> WholeParser:
-    """The parser of the whole command line, from the table."""
+def commands(names: Sequence[str]) -> list[Command]:
+    """The rows of the table of these commands, from their modules."""
+    modules = [importlib.import_module(name) for name in dict.fromkeys(MODULES[name] for name in names)]
+    return [command for module in modules for command in module.COMMANDS if command.name in names]
+
+
+def _named(words: Sequence[str]) -> Sequence[str]:
+    """The names of the commands that the parser of a command line needs: one, or all if the words name none."""
+    if words[:1] == ["--version"]:
+        return []
+    at = 2 if words[:1] == ["--table"] else 1 if words and words[0].startswith("--table=") else 0
+    return [word for word in words[at : at + 1] if word in MODULES] or [*MODULES]
+
+
+def parser(names: Sequence[str] = tuple(MODULES)) -> WholeParser:
+    """The parser of a command line with these commands, from the table."""
     whole = WholeParser(
         prog="mirrormount",
         description="Drive a motorised mirror mount.",
@@ -149,9 +143,9 @@ def parser() -> WholeParser:
     )
     whole.add_argument("--version", action="version", version=f"mirrormount {__version__}")
     table_option(whole)
-    commands = whole.add_subparsers(dest="command", metavar="COMMAND")
-    for command in COMMANDS:
-        sub = commands.add_parser(command.name, help=command.summary, description=command.summary)
+    subparsers = whole.add_subparsers(dest="command", metavar="COMMAND")
+    for command in commands(names):
+        sub = subparsers.add_parser(command.name, help=command.summary, description=command.summary)
         command.arguments(sub)
         sub.set_defaults(run=command.run)
     return whole

@@ -42,4 +42,6 @@ def run(args: argparse.Namespace) -> None:
     measure(args)
 
 
-COMMAND = Command("measure", "measure steps, backlash, pulses, square, drift or settling with a camera", run, arguments)
+COMMANDS = (
+    Command("measure", "measure steps, backlash, pulses, square, drift or settling with a camera", run, arguments),
+)

@@ -49,7 +49,7 @@ def measure(args: argparse.Namespace) -> None:
         _check_writable(path, begins)
     if args.apply and args.experiment not in OF_USE:
         raise BadValue(f"--apply is of the experiments {', '.join(OF_USE)}")
-    with ended_in_order(interrupts=True), _opened(args) as (mount, camera, optics):
+    with ended_in_order(), _opened(args) as (mount, camera, optics):
         axes = _axes(args.axes, mount)
         if wanted:
             work = partial(_steps_of_size, wanted_px=_in_px(*wanted, axes, optics, camera.size))

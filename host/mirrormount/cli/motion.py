@@ -5,24 +5,19 @@ import contextlib
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from mirrormount.cli.command import SECONDS_HELP, Command, axis_argument, number, open_any, port_options, whole
+from mirrormount.cli.command import SECONDS_HELP, Command, axis_argument, number, open_mount, port_options, whole
 from mirrormount.common.errors import BadValue
 from mirrormount.common.units import HELP as UNITS_HELP
 from mirrormount.common.units import STEPS, UNITS
 
 if TYPE_CHECKING:
-    from mirrormount.device.arduino_sketch import SketchMount
     from mirrormount.device.mount import Mount
 
 
 @contextlib.contextmanager
-def _opened(args: argparse.Namespace) -> "Iterator[Mount | SketchMount]":
+def _opened(args: argparse.Namespace) -> "Iterator[Mount]":
     """The mount that the arguments name. A stop that comes before the motion has begun is for that motion, too."""
-    from mirrormount.device.mount import Mount
-
-    with open_any(args) as mount, contextlib.ExitStack() as stack:
-        if isinstance(mount, Mount):  # a sketch's has no such block
-            stack.enter_context(mount.unless_stopped(since_open=True))
+    with open_mount(args) as mount, mount.unless_stopped(since_open=True):
         yield mount
 
 

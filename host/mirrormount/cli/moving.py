@@ -8,11 +8,9 @@ import contextlib
 import math
 from collections.abc import Callable, Iterator, Sequence
 
-from mirrormount.common.errors import REASONS, BadValue, MountError, NotSupported
+from mirrormount.common.errors import REASONS, BadValue, MountError
 from mirrormount.common.progress import StatusLine
 from mirrormount.common.units import STEPS
-from mirrormount.common.validation import whole_number
-from mirrormount.device.arduino_sketch import LIMITS, MOST_STEPS, SketchMount
 from mirrormount.device.axis import Axis
 from mirrormount.device.mount import AxisStatus, Mount
 from mountfw import codes as wire
@@ -20,15 +18,8 @@ from mountfw import codes as wire
 _LOOK_S = 0.05
 
 
-def step(mount: Mount | SketchMount, name: str, amount: float, unit: str = STEPS) -> None:
+def step(mount: Mount, name: str, amount: float, unit: str = STEPS) -> None:
     """Move by an amount of a unit and print the position."""
-    if isinstance(mount, SketchMount):
-        if unit != STEPS:
-            raise NotSupported(f"no scale: {LIMITS}")
-        n = whole_number(amount, MOST_STEPS, "steps")
-        mount.axis(name).step(n)
-        print(f"{name}: {n} steps sent ({LIMITS})")
-        return
     axis = mount.axis(name)
     with watched(mount, [axis]) as line:
         aim = f"on the way to {axis.position + amount:+.1f}" if unit == STEPS else f"on the way by {amount:+g} {unit}"
@@ -36,11 +27,8 @@ def step(mount: Mount | SketchMount, name: str, amount: float, unit: str = STEPS
     print(place(axis) + (f" (moved by ≈ {made:+.4g} {unit})" if unit != STEPS else ""))
 
 
-def move(mount: Mount | SketchMount, name: str, position: float, unit: str = STEPS) -> None:
+def move(mount: Mount, name: str, position: float, unit: str = STEPS) -> None:
     """Move to a position of a unit, which may lie between two steps, and print it."""
-    if isinstance(mount, SketchMount):
-        mount.axis(name).move_to(position)  # raises NotSupported
-        return
     axis = mount.axis(name)
     with watched(mount, [axis]) as line:
         words = f"{position:+g}" if unit == STEPS else f"{position:+g} {unit}"
@@ -48,34 +36,24 @@ def move(mount: Mount | SketchMount, name: str, position: float, unit: str = STE
     print(place(axis) + (f" (≈ {axis.position * axis.per_step(unit):+.4g} {unit})" if unit != STEPS else ""))
 
 
-def home(mount: Mount | SketchMount, name: str) -> None:
+def home(mount: Mount, name: str) -> None:
     """Find the end-stop and print by how much the count was off."""
-    if isinstance(mount, SketchMount):
-        raise NotSupported(f"no end-stops: {LIMITS}")
     axis = mount.axis(name)
     with watched(mount, [axis]) as line:
         off = axis.home(progress=_shown(line, name, "on the way to the end-stop")).discrepancy_steps
     print(f"{name}: at home" + ("" if off is None else f"; the count was off by {off:+.3f} steps"))
 
 
-def jog(mount: Mount | SketchMount, name: str, speed: float, seconds: float | None) -> None:
+def jog(mount: Mount, name: str, speed: float, seconds: float | None) -> None:
     """Run one axis at a speed for some seconds, or until Ctrl-C or the board's run limit."""
-    if isinstance(mount, SketchMount):
-        mount.axis(name).jog(speed)
-        _let_run(mount, seconds)
-    else:
-        axis = mount.axis(name)
-        _run(mount, [axis], seconds, lambda: axis.jog(speed))
+    axis = mount.axis(name)
+    _run(mount, [axis], seconds, lambda: axis.jog(speed))
 
 
-def drive(mount: Mount | SketchMount, m1: int, m2: int, seconds: float | None) -> None:
+def drive(mount: Mount, m1: int, m2: int, seconds: float | None) -> None:
     """Drive both motors for some seconds, or until Ctrl-C or the board's run limit."""
     if m1 == 0 and m2 == 0:
         mount.stop()
-        return
-    if isinstance(mount, SketchMount):
-        mount.drive(m1, m2)
-        _let_run(mount, seconds)
         return
     if mount.x.number > 2:
         mount.drive(m1, m2)  # raises NotSupported
@@ -107,12 +85,6 @@ def watched(mount: Mount, axes: Sequence[Axis]) -> Iterator[StatusLine]:
 
 def _shown(line: StatusLine, name: str, where_to: str) -> Callable[[AxisStatus], None]:
     return lambda status: line.show(f"{name}: {status.position:+.1f} steps, {where_to}; Ctrl-C stops")
-
-
-def _let_run(mount: SketchMount, seconds: float | None) -> None:
-    while seconds is None:
-        mount.sleep(3600)
-    mount.sleep(seconds)
 
 
 def _run(mount: Mount, axes: Sequence[Axis], seconds: float | None, start: Callable[[], None]) -> None:

@@ -26,4 +26,4 @@ def run(args: argparse.Namespace) -> None:
     serve_panel(args)
 
 
-COMMAND = Command("panel", "the web panel: drive one or more mounts from a browser, until Ctrl-C", run, arguments)
+COMMANDS = (Command("panel", "the web panel: drive one or more mounts from a browser, until Ctrl-C", run, arguments),)

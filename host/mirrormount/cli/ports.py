@@ -17,4 +17,4 @@ def run(_args: argparse.Namespace) -> None:
         print("no board found; a virtual one is always there: --port virtual://")
 
 
-COMMAND = Command("ports", "list the ports that a mount may be at", run, no_arguments)
+COMMANDS = (Command("ports", "list the ports that a mount may be at", run, no_arguments),)

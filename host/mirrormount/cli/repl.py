@@ -10,8 +10,8 @@ def run(args: argparse.Namespace) -> None:
     from mirrormount.cli.board_prompt import open_prompt
     from mirrormount.common.signals import ended_in_order
 
-    with ended_in_order(interrupts=True):
+    with ended_in_order():
         open_prompt(port_of(args))
 
 
-COMMAND = Command("repl", "the board's own Python prompt, with the mount at it as m", run, board_port)
+COMMANDS = (Command("repl", "the board's own Python prompt, with the mount at it as m", run, board_port),)

@@ -22,4 +22,4 @@ def run(args: argparse.Namespace) -> None:
     print(page)
 
 
-COMMAND = Command("report", "make the page of a run that held the beam, from its log", run, arguments)
+COMMANDS = (Command("report", "make the page of a run that held the beam, from its log", run, arguments),)

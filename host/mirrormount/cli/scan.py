@@ -49,4 +49,4 @@ def run(args: argparse.Namespace) -> int:
     return scan_work.work(args)
 
 
-COMMAND = Command("scan", "visit places with the mount and read a camera at each; find a lost beam", run, arguments)
+COMMANDS = (Command("scan", "visit places with the mount and read a camera at each; find a lost beam", run, arguments),)

@@ -35,7 +35,7 @@ def work(args: argparse.Namespace) -> int:
         raise BadValue(f"two files cannot both be {max(files, key=files.count)}")
     if args.hdf5:
         check_hdf5(args.hdf5)
-    with ended_in_order(interrupts=True), _opened(args) as (mount, camera, scale):
+    with ended_in_order(), _opened(args) as (mount, camera, scale):
         name = "spot" if searches else args.signal
         signal = spot_signal(camera) if name == "spot" else grey_signal(camera)
         about = metadata(mount, pattern, signal, read=name, **of_camera(camera, scale))

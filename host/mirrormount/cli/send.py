@@ -3,8 +3,7 @@
 import argparse
 import contextlib
 
-from mirrormount.cli.command import Command, open_any, port_options
-from mirrormount.common.errors import NotSupported
+from mirrormount.cli.command import Command, open_mount, port_options
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -22,14 +21,11 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Send the line, print its answers, and wait for the motion that it starts. Raises MountError."""
     from mirrormount.cli import command_line
-    from mirrormount.device.arduino_sketch import LIMITS, SketchMount
 
-    mount = open_any(args)
-    with mount if args.wait else contextlib.closing(mount):
-        if isinstance(mount, SketchMount):
-            raise NotSupported(f"no command lines: {LIMITS}")
-        with mount.unless_stopped(since_open=True):  # a stop that comes before the line is for its motion, too
-            (command_line.send if args.wait else command_line.start)(mount, args.line)
+    mount = open_mount(args)
+    # a stop that comes before the line is for its motion, too
+    with mount if args.wait else contextlib.closing(mount), mount.unless_stopped(since_open=True):
+        (command_line.send if args.wait else command_line.start)(mount, args.line)
 
 
-COMMAND = Command("send", "send one command line of docs/protocol.md, for instance 2XI1 or 2TP?", run, arguments)
+COMMANDS = (Command("send", "send one command line of docs/protocol.md, for instance 2XI1 or 2TP?", run, arguments),)

@@ -10,10 +10,12 @@ def run(args: argparse.Namespace) -> None:
     from mirrormount.cli.setup_course import run_course
     from mirrormount.common.signals import ended_in_order
 
-    with ended_in_order(interrupts=True), open_mount(args) as mount:
+    with ended_in_order(), open_mount(args) as mount:
         run_course(mount)
 
 
-COMMAND = Command(
-    "setup", "go through a new mount: directions, switches, scale and backlash, with questions", run, port_options
+COMMANDS = (
+    Command(
+        "setup", "go through a new mount: directions, switches, scale and backlash, with questions", run, port_options
+    ),
 )

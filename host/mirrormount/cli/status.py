@@ -3,7 +3,7 @@
 import argparse
 from typing import TYPE_CHECKING
 
-from mirrormount.cli.command import Command, open_any, port_options
+from mirrormount.cli.command import Command, open_mount, port_options
 
 if TYPE_CHECKING:
     from mirrormount.device.mount import Axis
@@ -14,12 +14,8 @@ _LIMITS = {0: "-", 1: "positive", 2: "negative", 3: "both"}
 def run(args: argparse.Namespace) -> None:
     """Print them. The errors are taken from the board's queue."""
     from mirrormount.common.errors import REASONS
-    from mirrormount.device.arduino_sketch import LIMITS, SketchMount
 
-    with open_any(args) as mount:
-        if isinstance(mount, SketchMount):
-            print(LIMITS)
-            return
+    with open_mount(args) as mount:
         status = mount.status()
         errors = mount.take_errors()  # before a question could empty their queue
         print(mount.identity)
@@ -47,4 +43,4 @@ def _encoder(axis: "Axis") -> str:
         return f", encoder: does not answer ({loop})"
 
 
-COMMAND = Command("status", "show what the board knows", run, port_options)
+COMMANDS = (Command("status", "show what the board knows", run, port_options),)

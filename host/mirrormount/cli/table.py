@@ -30,4 +30,4 @@ def run(args: argparse.Namespace) -> int | None:
     return getattr(table_work, args.verb or "list")(args)
 
 
-COMMAND = Command("table", "name the mounts and cameras of an optical table; list what is there", run, arguments)
+COMMANDS = (Command("table", "name the mounts and cameras of an optical table; list what is there", run, arguments),)

@@ -11,8 +11,8 @@ def run(args: argparse.Namespace) -> None:
     from mirrormount.common.signals import ended_in_order
     from mirrormount.deploy.micropython import Options, undeploy
 
-    with ended_in_order(interrupts=True):
+    with ended_in_order():
         print(undeploy(Options(port_of(args), args.stop, drive=args.drive)))
 
 
-COMMAND = Command("undeploy", "take off a board what deploy has put there", run, board_options)
+COMMANDS = (Command("undeploy", "take off a board what deploy has put there", run, board_options),)

@@ -61,4 +61,4 @@ def run(args: argparse.Namespace) -> None:
     serve_board(args)
 
 
-COMMAND = Command("virtual", "serve a virtual board until Ctrl-C", run, arguments)
+COMMANDS = (Command("virtual", "serve a virtual board until Ctrl-C", run, arguments),)

@@ -16,9 +16,9 @@ from types import FrameType
 
 from mirrormount.cli.browser_link import page_to
 from mirrormount.common.errors import BadAddress, BadValue, CannotListen
-from mirrormount.common.tokens import SHORT, is_short, read_token
 from mirrormount.common.validation import digits
 from mirrormount.panel.sign_in import SignIn
+from mirrormount.panel.tokens import SHORT, is_short, read_token
 
 _PORT = 8080
 _TRIED = 20  # ports after it, if no other was asked for

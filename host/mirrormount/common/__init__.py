@@ -1,1 +1,1 @@
-"""Errors, remedies, validation of values, files, tokens, progress, signals: imports nothing else of this package."""
+"""Errors, remedies, validation of values, files, progress, signals: imports nothing else of this package."""

@@ -28,8 +28,8 @@ class BadValue(MountError, ValueError):
 
 
 class NotSupported(MountError):
-    """The paper's sketch cannot do this; or frames are asked for axes 3 and 4; or the axis has no encoder.
-    Remedy: Put `mountfw` on a MicroPython board. Axes 3 and 4: `jog`. Encoder: name its pins in the board file.
+    """Frames are asked for axes 3 and 4; or the axis has no encoder.
+    Remedy: Axes 3 and 4: `jog`. Encoder: name its pins in the board file.
     """
 
 
@@ -72,8 +72,7 @@ class PermissionDenied(CannotOpen):
 
 class NotAMount(MountError):
     """Something else answers, or nothing does.
-    Remedy: Check that it is the right port. A board that hangs: unplug it and plug it in. An Arduino with the
-    paper's sketch: `--sketch`.
+    Remedy: Check that it is the right port. A board that hangs: unplug it and plug it in.
     """
 
 
@@ -97,10 +96,10 @@ class CannotListen(MountError):
     """
 
 
-class TokenNeeded(MountError):
-    """`mirrormount serve` should listen to more than this computer, without a token (`mirrormount panel` makes
-    one); or a board is served with one, which `Mount` does not send.
-    Remedy: `--token TOKEN` or `MIRRORMOUNT_TOKEN`; or serve on 127.0.0.1 and go through `ssh -L`:
+class AllowNeeded(MountError):
+    """`mirrormount serve` should listen to more than this computer, and nobody has said who may drive the mount; or
+    a board is served that this computer may not drive.
+    Remedy: `--allow ADDRESS-OR-NETWORK` where the board is served; or serve on 127.0.0.1 and go through `ssh -L`:
     [network.md](network.md).
     """
 

@@ -16,10 +16,8 @@ from pathlib import Path
 from mirrormount.common.errors import DeployError, MountError, NoAnswer, PortBusy
 from mirrormount.common.printable import printable
 from mirrormount.common.signals import Terminated
-from mirrormount.transport.lines import Link
-from mirrormount.transport.refusals import TAKEN
-from mirrormount.transport.stop_socket import SENT, STOPPED
-from mirrormount.transport.stoppable import Stoppable
+from mirrormount.transport.lines import TAKEN, Link
+from mirrormount.transport.stop_socket import SENT, STOPPED, StopListener
 
 SIGN = b">>>"
 INTERRUPT = b"\x03"  # Ctrl-C
@@ -220,8 +218,8 @@ class StopAnswer:
 def stop_answered(port: str) -> Iterator[StopAnswer]:
     """A socket for stops, for as long as this lasts."""
     answer = StopAnswer()
-    stoppable = Stoppable([port], answer.stop)
+    listener = StopListener([port], answer.stop)
     try:
         yield answer
     finally:
-        stoppable.close()
+        listener.close()

@@ -1,8 +1,9 @@
-"""The first exchange with a board: is it a mount? Imports errors, lines, printable, refusals, telnet."""
+"""The first exchange with a board: is it a mount?"""
 
 import re
 
 from mirrormount.common.errors import (
+    AllowNeeded,
     AtPrompt,
     ConnectionLost,
     FirmwareMissing,
@@ -10,12 +11,9 @@ from mirrormount.common.errors import (
     NotAMount,
     PortAbsent,
     PortBusy,
-    TokenNeeded,
 )
 from mirrormount.common.printable import printable
-from mirrormount.transport.lines import Link
-from mirrormount.transport.refusals import AT_PROMPT, NO_BOARD, TAKEN, TOKEN_REFUSED
-from mirrormount.transport.telnet import GREETING
+from mirrormount.transport.lines import AT_PROMPT, GREETING, NO_BOARD, NOT_ALLOWED, TAKEN, Link
 
 ANSWER_S = 2.0  # a board answers in milliseconds, but one that was just plugged in, or is virtual, may be starting
 _SERVED_ANSWER_S = 5.0  # after a greeting: `serve` stops the board first, which takes longer on a busy computer
@@ -26,7 +24,7 @@ _STATUS_END = re.compile(r"[0-9,|-]+")  # of an answer to a poll, which a busy c
 def identify(link: Link) -> str:
     """Stop all motion, drop old answers, and query the identity. Returns the answer to *IDN?.
 
-    Raises NotAMount, AtPrompt, FirmwareMissing, PortBusy, PortAbsent, TokenNeeded.
+    Raises NotAMount, AtPrompt, FirmwareMissing, PortBusy, PortAbsent, AllowNeeded.
     """
     try:
         link.write(b"!\n")
@@ -44,7 +42,7 @@ def identify(link: Link) -> str:
         if not answer:
             raise NotAMount("nothing answers: not a mount, or its firmware hangs") from e
     _check_served(answer)
-    answer = answer.lstrip("\ufffd\x01\x03")  # telnet's greeting that came late
+    answer = answer.lstrip("\ufffd\x01\x03")  # a greeting that came late
     if not answer.startswith("mirrormount,"):
         link.write(b"\r")  # a prompt in the middle of a line shows only after its end
         answer += link.drain(0.3).decode("ascii", "replace")
@@ -80,7 +78,5 @@ def _check_served(received: str) -> None:
         raise PortAbsent("the program that serves this board has lost it: plug the board in")
     if AT_PROMPT in received:
         raise AtPrompt("the board is at its Python prompt: press Ctrl-D there (on its pty) to start mountfw")
-    if TOKEN_REFUSED in received:
-        raise TokenNeeded(
-            "this board is served with a token, which Mount does not send: go through ssh -L (docs/network.md)"
-        )
+    if NOT_ALLOWED in received:
+        raise AllowNeeded("this computer may not drive that board: serve it with --allow, or go through ssh -L")

@@ -18,7 +18,7 @@ class KeepAlive:
     def __init__(self, is_moving: Callable[[], bool], threaded: bool) -> None:
         self._is_moving = is_moving
         self._threaded = threaded
-        self._active = False  # no Event, which has a lock: a Mount may be freed in any thread, in the middle of that
+        self._active = False
         self._lock = threading.Lock()
         self._thread: threading.Thread | None = None
         self._starts = 0  # a thread that ends checks whether a motion was started meanwhile

@@ -25,7 +25,7 @@ from mirrormount.device.stop_gate import not_begun
 from mirrormount.transport.find import find_one
 from mirrormount.transport.lines import Link
 from mirrormount.transport.open import open_port
-from mirrormount.transport.stoppable import held_here
+from mirrormount.transport.stop_socket import held_here
 
 __all__ = ["Axis", "AxisStatus", "Ended", "Homed", "Limits", "Mount", "QueuedError", "Status"]
 
@@ -65,7 +65,6 @@ class Mount:
             try:
                 mount = cls(link, x_axis=x_axis_of(place, x_axis))
                 mount.accept_stops(address)
-                mount.session.end_when_forgotten()
                 return mount
             except BaseException:
                 link.close()

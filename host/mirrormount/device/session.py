@@ -7,7 +7,6 @@ stop waits for no other thread's exchange.
 
 import contextlib
 import logging
-import os
 import weakref
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
@@ -16,7 +15,6 @@ from typing import Self
 from mirrormount.common.errors import BadValue, BoardError, ConnectionLost, MountError, NoAnswer, NotAMount
 from mirrormount.common.keep_alive import KEEP_ALIVE_MS
 from mirrormount.common.printable import printable
-from mirrormount.device.abandoned import abandon
 from mirrormount.device.board import RESET_CAUSES, Board, check_x_axis
 from mirrormount.device.command_lines import check_line, check_query, keep_alives_ms, starts_motion, with_keep_alive
 from mirrormount.device.handshake import ANSWER_S, identify
@@ -25,8 +23,7 @@ from mirrormount.device.status import QueuedError, Status
 from mirrormount.device.stop_gate import StopGate
 from mirrormount.transport.lines import Link
 from mirrormount.transport.open import open_port
-from mirrormount.transport.stop_socket import SENT, STOPPED
-from mirrormount.transport.stoppable import Stoppable
+from mirrormount.transport.stop_socket import SENT, STOPPED, StopListener
 
 _LOCK_S = 1.0  # longest wait of another program's stop for the answers of this one
 _GATE_S = 0.05  # longest wait of another program's stop for a thread that writes a line
@@ -40,7 +37,7 @@ class Session:
     """An open session. Identifying the board stops it. x_axis: the board's number of the axis called x.
 
     Attributes: link; board (identity, axes, last status); gate (stops before starts); keep_alive.
-    In a forked process it only raises ConnectionLost: the port is the parent's. Raises what identify() raises.
+    A session that nobody refers to any more feeds no keep-alive: its motion ends. Raises what identify() raises.
     """
 
     def __init__(self, link: Link, *, x_axis: int = 2) -> None:
@@ -48,13 +45,11 @@ class Session:
         self.link = link
         self.board = Board(identify(link), x_axis)
         self.gate = StopGate()
-        self._process = os.getpid()
         self._closed = False
         this = weakref.ref(self)  # threads must not keep it
         self.keep_alive = KeepAlive(lambda: (own := this()) is not None and own.status().moving, not link.lockstep)
-        self._stoppables: list[Stoppable] = []
+        self.stop_listener: StopListener | None = None  # takes other programs' stops
         self.stops_by_others = 0  # how many stops other programs have asked for
-        self._end: weakref.finalize | None = None
         self.status()
 
     @classmethod
@@ -71,8 +66,6 @@ class Session:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        if self._process != os.getpid():
-            return
         try:
             # a stop that fails must not hide the exception that is on its way; the keep-alive stands behind it
             hidden = kind is not None and kind is not KeyboardInterrupt
@@ -81,28 +74,14 @@ class Session:
         finally:
             self.close()
 
-    def end_when_forgotten(self) -> None:
-        """Stop the board and close the port when nobody refers to this session any more; not at the program's end."""
-        self._end = weakref.finalize(self, abandon, self._process, self.link, self.keep_alive, self._stoppables)
-        self._end.atexit = False
-
     def close(self) -> None:
         """Close the port. Does not stop: the board's keep-alive will."""
-        if self._process != os.getpid():
-            return
         self._closed = True
-        if self._end:
-            self._end.detach()
         self.keep_alive.end()
         self.keep_alive.join()
-        for stoppable in self._stoppables:
-            stoppable.close()
+        if self.stop_listener:
+            self.stop_listener.close()
         self.link.close()
-
-    @property
-    def stoppable(self) -> Stoppable | None:
-        """What takes other programs' stops."""
-        return self._stoppables[0] if self._stoppables else None
 
     def age(self) -> str:
         """How old the last status is, for a text. The board is not asked."""
@@ -145,8 +124,9 @@ class Session:
             own = this()
             return own.stop_for_another_program(also) if own else STOPPED
 
-        if not self.link.lockstep and not self._stoppables:
-            self._stoppables.append(Stoppable([address], stop))
+        if not self.link.lockstep and not self.stop_listener:
+            self.stop_listener = StopListener([address], stop)
+            weakref.finalize(self, self.stop_listener.close)
 
     def stop_for_another_program(self, also: Callable[[], None] | None = None) -> str:
         """Write the stop without waiting for a thread that hangs, then confirm it if the link is free.
@@ -279,8 +259,6 @@ class Session:
             return "; ".join(answers)
 
     def _check_open(self) -> None:
-        if self._process != os.getpid():
-            raise ConnectionLost("this Mount was opened by another process: use it there")
         if self._closed:
             raise ConnectionLost("this Mount was closed: open it again")
 

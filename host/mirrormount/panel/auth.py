@@ -13,9 +13,9 @@ from urllib.parse import urlsplit
 
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from mirrormount.common.tokens import same
 from mirrormount.panel.rates import Rate, Rates
 from mirrormount.panel.sign_in import SignIn
+from mirrormount.panel.tokens import same
 
 FLOOD = 4429  # a close code: too many messages
 _MESSAGES = 200, 100  # of one socket: at once, a second. A page sends about 25 a second

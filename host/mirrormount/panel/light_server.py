@@ -10,10 +10,10 @@ from fastapi import APIRouter, FastAPI, Request
 from fastapi.responses import HTMLResponse
 from starlette.staticfiles import StaticFiles
 
-from mirrormount.common.tokens import same
 from mirrormount.panel import camera_route
 from mirrormount.panel.auth import Auth
 from mirrormount.panel.sign_in import SignIn
+from mirrormount.panel.tokens import same
 
 if TYPE_CHECKING:
     from mirrormount.panel.camera_view import CameraView

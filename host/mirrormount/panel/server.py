@@ -11,7 +11,6 @@ from nicegui import core, ui
 from starlette.types import ASGIApp
 
 from mirrormount.common.errors import CannotListen
-from mirrormount.common.signals import INTERRUPTS
 from mirrormount.panel import camera_route, page
 from mirrormount.panel.auth import Auth
 from mirrormount.panel.log_file import log_to_file
@@ -53,8 +52,7 @@ class Server(uvicorn.Server):
 
     def run(self, sockets: list[socket.socket] | None = None) -> None:
         """Serve. Returns when told to end. Raises CannotListen, KeyboardInterrupt."""
-        with INTERRUPTS.left_to_python():
-            super().run(sockets)
+        super().run(sockets)
         if not self.started:
             raise CannotListen("the panel's web server did not start")
 

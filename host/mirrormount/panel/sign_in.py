@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from mirrormount.common.tokens import Guesses, same
+from mirrormount.panel.tokens import Guesses, same
 
 _CODES = 16  # that are valid at a time, beside the terminal's
 CODE_S = 600.0  # validity of a code that a page has shown

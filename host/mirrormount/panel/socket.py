@@ -14,10 +14,10 @@ from typing import Any
 from fastapi import APIRouter, Response, WebSocket, WebSocketDisconnect
 
 from mirrormount.common.errors import BadValue, NotInControl
-from mirrormount.common.tokens import same
 from mirrormount.panel.auth import FLOOD
 from mirrormount.panel.mounts import Orders, PanelMount, Part, find, stop_all
 from mirrormount.panel.pages import Page
+from mirrormount.panel.tokens import same
 from mirrormount.supervise.lease import TICK_S
 from mirrormount.supervise.requests import parse
 from mirrormount.supervise.worker import Worker

@@ -1,4 +1,4 @@
-"""Why a port could not be opened, as one error with cause and remedy. Imports errors, processes, stop_socket."""
+"""Why a port could not be opened, as one error with cause and remedy. Imports errors, stop_socket."""
 
 import errno
 import os
@@ -8,8 +8,7 @@ import sys
 from serial.tools import list_ports
 
 from mirrormount.common.errors import CannotOpen, PermissionDenied, PortAbsent, PortBusy
-from mirrormount.transport.processes import who_has
-from mirrormount.transport.stop_socket import owners
+from mirrormount.transport.stop_socket import owners, who_has
 
 
 def open_error(address: str, e: BaseException) -> CannotOpen:

@@ -1,4 +1,4 @@
-"""Splits the bytes of a port into lines, with time-outs. Knows no commands. Imports errors, port."""
+"""Lines over a port, with time-outs; and what a program that serves a board says itself. Knows no commands."""
 
 import threading
 import time
@@ -8,8 +8,22 @@ from typing import cast
 from mirrormount.common.errors import ConnectionLost, NoAnswer, NotAMount
 from mirrormount.transport.port import ClockedPort, Port
 
+GREETING = bytes(
+    (0xFF, 0xFB, 0x01, 0xFF, 0xFB, 0x03)
+)  # of a New Focus controller on Ethernet: some drivers wait for it
+
+TAKEN = "mirrormount: this board has a client already"  # these lines refuse a client
+NO_BOARD = "mirrormount: the board is not there"
+AT_PROMPT = "mirrormount: the board is at its Python prompt, which is not served on TCP"
+NOT_ALLOWED = "mirrormount: this computer may not drive the board (mirrormount serve --allow)"
+
 _LONGEST_LINE = 65536  # bytes; a board's lines have some hundreds
 _LATE_S = 0.1  # after this much silence no part of an earlier answer follows
+
+
+def refusal_line(text: str) -> bytes:
+    """A refusal as it goes over the wire."""
+    return text.encode() + b"\r\n"
 
 
 class Link:

@@ -15,14 +15,14 @@ from mirrormount.transport.serial_port import SerialPort
 from mirrormount.transport.tcp_port import connect
 
 
-def open_port(address: str, *, baud: int = 115200) -> Port:
+def open_port(address: str) -> Port:
     """Open an address. Raises BadAddress, or a CannotOpen that names the cause."""
     if not address.strip():
         raise BadAddress("the port's name is empty: leave it out, or give one (see: mirrormount ports)")
     scheme, separator, _ = address.partition("://")
     if separator and scheme in SCHEMES:
         return SCHEMES[scheme](address)
-    return SerialPort(address, baud)
+    return SerialPort(address)
 
 
 def open_table(address: str) -> Table:

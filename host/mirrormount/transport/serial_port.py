@@ -17,9 +17,9 @@ class SerialPort:
 
     lockstep = False
 
-    def __init__(self, address: str, baud: int) -> None:
+    def __init__(self, address: str) -> None:
         try:
-            self._serial = serial.serial_for_url(address, baudrate=baud, timeout=_TICK_S, do_not_open=True)
+            self._serial = serial.serial_for_url(address, baudrate=115200, timeout=_TICK_S, do_not_open=True)
             if "://" not in address:
                 self._serial.exclusive = True if os.name == "posix" else None
             self._serial.write_timeout = WRITE_S

@@ -63,8 +63,8 @@ class Port(Protocol):
         """The board's USB is there, or not any more."""
         ...
 
-    def refuse(self, line: bytes) -> None:
-        """Send the line to a client of this port and drop its input: another port's client is served."""
+    def refuse(self, text: str) -> None:
+        """Send the text as a line to a client of this port and drop its input: another port's client is served."""
         ...
 
     def waits_in_vain(self) -> None:
@@ -111,7 +111,7 @@ class PairPort:
         except OSError:
             return 0
 
-    def refuse(self, line: bytes) -> None:
+    def refuse(self, text: str) -> None:
         pass
 
     def waits_in_vain(self) -> None:

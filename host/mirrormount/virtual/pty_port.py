@@ -5,6 +5,7 @@ import os
 import select
 from pathlib import Path
 
+from mirrormount.transport.lines import refusal_line
 from mirrormount.virtual.ports import WAITING_MOST, Waiting
 
 
@@ -85,12 +86,12 @@ class PtyPort:
         except OSError:
             return 0
 
-    def refuse(self, line: bytes) -> None:
+    def refuse(self, text: str) -> None:
         while self._read(4096):  # or it would be executed later
             pass
         self._waiting = Waiting()
         if not self._refused and self.connected():
-            self.give(line)
+            self.give(refusal_line(text))
             self._refused = True
 
     def waits_in_vain(self) -> None:

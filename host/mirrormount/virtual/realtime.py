@@ -8,8 +8,8 @@ import select
 import time
 from collections.abc import Callable, Sequence
 
-from mirrormount.transport.refusals import AT_PROMPT, TAKEN, refusal_line
-from mirrormount.transport.rejected import GRACE_S
+from mirrormount.serve import GRACE_S
+from mirrormount.transport.lines import AT_PROMPT, TAKEN
 from mirrormount.virtual.ports import BUFFER, Port
 from mirrormount.virtual.simulation import Simulation
 
@@ -75,7 +75,7 @@ class _Choice:
         if at_prompt:
             for port in self._ports:
                 if not port.prompt and port.connected():
-                    port.refuse(refusal_line(AT_PROMPT))
+                    port.refuse(AT_PROMPT)
         if self.client is None or not self.client.connected():
             self.client = next((port for port in self._ports if port.connected()), None)
         for port in self._ports:
@@ -84,7 +84,7 @@ class _Choice:
             if port is self.client or not port.connected():
                 self._waiting.pop(port, None)
             elif time.monotonic() - self._waiting.setdefault(port, time.monotonic()) > GRACE_S:
-                port.refuse(refusal_line(TAKEN))
+                port.refuse(TAKEN)
         return self.client
 
 

@@ -4,11 +4,8 @@ import contextlib
 import socket
 import time
 
-from mirrormount.transport.first_bytes import FirstBytes, NotAClient
-from mirrormount.transport.refusals import TAKEN, refusal_line
-from mirrormount.transport.rejected import GRACE_S, Rejected
-from mirrormount.transport.tcp_port import acknowledge
-from mirrormount.transport.telnet import Inlet
+from mirrormount.serve import GRACE_S, Client
+from mirrormount.transport.lines import TAKEN
 from mirrormount.virtual.ports import WAITING_MOST, Waiting
 
 
@@ -25,25 +22,23 @@ class TcpPort:
     def __init__(self, port: int) -> None:
         self._server = socket.create_server(("127.0.0.1", port))
         self._server.setblocking(False)
-        self._client: socket.socket | None = None
+        self._client: Client | None = None
         self._begin()
-        self._second: socket.socket | None = None
-        self._since = 0.0
+        self._second: Client | None = None
         self._queued = False  # the second one came while the first was served
         self._waited = False  # the client has waited for another one, and was not served yet
-        self._rejected = Rejected()
+        self._refused: list[Client] = []  # until they have closed
         self.address = f"socket://127.0.0.1:{self._server.getsockname()[1]}"
 
     def _begin(self) -> None:
         """Forget the input of the client before."""
-        self._first, self._inlet = FirstBytes(), Inlet(telnet=False)
         self._waiting = Waiting()
         self._ended = False  # the client sends no more
 
     def watched(self) -> list[int]:
         self._accept()
         reads = self._client if not self._ended else None
-        return [s.fileno() for s in (None if self._second else self._server, reads) if s]
+        return [s.fileno() for s in (None if self._second else self._server, reads and reads.socket) if s]
 
     @property
     def waits(self) -> bool:
@@ -58,7 +53,7 @@ class TcpPort:
 
     def _leave(self) -> None:
         if self._client:
-            self._client.close()
+            self._client.socket.close()
         self._client = None
         self._begin()
 
@@ -70,19 +65,9 @@ class TcpPort:
             self._leave()
         return data
 
-    def _receive(self, client: socket.socket) -> None:
-        received = 0
-        while not self._ended and received <= WAITING_MOST:  # everything received: the last byte may be a stop
-            try:
-                data = client.recv(1 << 16)
-                received += len(data)
-                acknowledge(client)
-                self._waiting.add(self._inlet.feed(self._first.feed(data)))
-            except BlockingIOError:
-                break
-            except (OSError, NotAClient):
-                data = b""
-            self._ended = not data
+    def _receive(self, client: Client) -> None:
+        self._waiting.add(client.receive())
+        self._ended = bool(client.gone)
         if self._ended and self._waited:
             self._waiting.keep_stop()
         self._waited = False
@@ -94,40 +79,42 @@ class TcpPort:
         if not self._client:
             return 0
         try:
-            return self._client.send(data)
+            return self._client.socket.send(data)
         except OSError:
             return 0
 
-    def refuse(self, line: bytes) -> None:
+    def refuse(self, text: str) -> None:
         client, self._client = self._client, None
         self._begin()
         if client:
-            self._rejected.add(client, line)
+            client.refuse(text)
+            self._refused.append(client)
 
     def waits_in_vain(self) -> None:
         self._waited = self._client is not None
 
     def close(self) -> None:
-        for s in (self._client, self._second):
-            if s:
-                s.close()
-        self._rejected.close()
+        for client in (self._client, self._second, *self._refused):
+            if client:
+                client.socket.close()
         self._server.close()
 
     def _accept(self) -> None:
         if not self._second:
             with contextlib.suppress(BlockingIOError):
-                self._second, _ = self._server.accept()
-                self._second.setblocking(False)
-                self._second.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-                self._since = time.monotonic()
+                self._second = Client(self._server.accept()[0])
                 self._queued = self._client is not None
         if self._second and not self._client:
             self._client, self._second = self._second, None
             self._begin()
             self._waited = self._queued
             self._queued = False
-        elif self._second and time.monotonic() - self._since > GRACE_S:
-            self._rejected.add(self._second, refusal_line(TAKEN))
+        elif self._second and time.monotonic() - self._second.since_s > GRACE_S:
+            self._second.refuse(TAKEN)
+            self._refused.append(self._second)
             self._second = None
-        self._rejected.poll()
+        for client in list(self._refused):
+            client.receive()
+            if client.gone:
+                client.socket.close()
+                self._refused.remove(client)
