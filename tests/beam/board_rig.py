@@ -3,13 +3,13 @@
 from fast_table import FastEye
 from loop_rig import Rig
 
-from mirrormount import Mount
 from mirrormount.beam.direct import DirectTable
 from mirrormount.beam.response import belongs_to
 from mirrormount.common.errors import ConnectionLost
+from mirrormount.device.mount import Mount
 from mirrormount.transport.lines import Link
-from mirrormount.virtual.profile import PROFILES
-from mirrormount.virtual.virtual_table import Kind, VirtualTable
+from mirrormount.virtual.mechanics import PROFILES
+from mirrormount.virtual.table import Kind, VirtualTable
 
 
 class Died(BaseException):

@@ -18,10 +18,9 @@ from mirrormount.deploy.fileset import firmware, firmware_hash, folders
 from mirrormount.deploy.micropython_plan import Plan, plan
 from mirrormount.deploy.mpremote import commit_call, read_told, script_for
 from mirrormount.virtual import emulator
-from mirrormount.virtual.emulator import RawPrompt
-from mirrormount.virtual.files import firmware_folder
-from mirrormount.virtual.image import cache, held
-from mirrormount.virtual.lockstep import Lockstep
+from mirrormount.virtual.clocks import Lockstep
+from mirrormount.virtual.emulator import RawPrompt, cache, held
+from mirrormount.virtual.machines import firmware_folder
 from mirrormount.virtual.simulation import START_US, Simulation
 
 STARTED_US = 300_000  # main.py runs by then, and a Ctrl-C is heard

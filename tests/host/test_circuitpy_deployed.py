@@ -3,9 +3,11 @@
 import pytest
 from drive_board import Board, make_drive, plug_in
 
-from mirrormount import Mount, __version__
+from mirrormount import __version__
 from mirrormount.deploy import fileset
-from mirrormount.deploy.micropython import Options, deploy
+from mirrormount.deploy.handshake import Options
+from mirrormount.deploy.micropython import deploy
+from mirrormount.device.mount import Mount
 from mirrormount.transport.lines import Link
 from mirrormount.virtual import machines
 from mirrormount.virtual.board import LockstepPort

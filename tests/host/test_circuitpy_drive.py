@@ -23,9 +23,10 @@ from drive_board import (
 from mirrormount.common import errors
 from mirrormount.common.signals import Terminated
 from mirrormount.deploy import circuitpython, circuitpython_plan, fileset
-from mirrormount.deploy.circuitpython_copy import Files
-from mirrormount.deploy.micropython import Options, deploy, undeploy
+from mirrormount.deploy.handshake import Options
+from mirrormount.deploy.micropython import deploy, undeploy
 from mirrormount.transport import volumes
+from mirrormount.transport.circuitpy_files import Files
 from mirrormount.transport.volumes import Room
 
 LIBRARY = {"lib/adafruit_motor/__init__.py": b"", "lib/adafruit_motor/motor.py": b"class DCMotor: ...\n"}

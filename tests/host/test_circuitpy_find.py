@@ -12,7 +12,8 @@ import mirrormount.transport.open
 from mirrormount.cli import main
 from mirrormount.common import errors
 from mirrormount.deploy import micropython
-from mirrormount.deploy.micropython import Options, choose
+from mirrormount.deploy.handshake import Options
+from mirrormount.deploy.micropython import choose
 from mirrormount.transport import circuitpy_drives, volumes
 from mirrormount.transport.circuitpy_drives import Drive, check_version, drive_at
 from mirrormount.transport.circuitpy_ports import Channels, channels

@@ -17,7 +17,8 @@ from mirrormount.cli import main
 from mirrormount.common import errors
 from mirrormount.deploy import circuitpython, fileset
 from mirrormount.deploy.circuitpython_plan import read_manifest
-from mirrormount.deploy.micropython import Options, choose, deploy, undeploy
+from mirrormount.deploy.handshake import Options
+from mirrormount.deploy.micropython import choose, deploy, undeploy
 from mirrormount.transport import circuitpy_files, circuitpy_ports, volumes
 from mirrormount.transport.circuitpy_drives import Drive, drive_at
 from mirrormount.transport.circuitpy_files import Files, is_path

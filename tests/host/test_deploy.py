@@ -13,12 +13,13 @@ from deployed import THEIRS, contents, listed, mpy_of_the_vm
 from served import run_cli, wait_for
 
 import mountfw
-from mirrormount import Mount
 from mirrormount.common import errors
 from mirrormount.common.supported import MICROPYTHON
 from mirrormount.deploy.fileset import firmware, firmware_hash
-from mirrormount.deploy.micropython import Options, deploy, may_replace
+from mirrormount.deploy.handshake import Options
+from mirrormount.deploy.micropython import deploy, may_replace
 from mirrormount.deploy.mpremote import Mpremote
+from mirrormount.device.mount import Mount
 
 PACKAGE = Path(mountfw.__file__).parent / "package.json"
 

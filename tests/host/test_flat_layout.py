@@ -10,8 +10,9 @@ from cut_drive import CutFiles, put
 from drive_board import contents, hash_on_board, make_drive
 from flat_layout import flat
 
-from mirrormount.deploy.circuitpython_copy import Files, remove
+from mirrormount.deploy.circuitpython_copy import remove
 from mirrormount.deploy.fileset import firmware_hash, folders, sources
+from mirrormount.transport.circuitpy_files import Files
 
 OLD = flat("micropython", ".mpy") | {"main.py": f"{MAIN}# 0.1.0\n".encode()}
 ROOMS = ("boards", "dialect", "encoder", "motion", "ports", "wire")

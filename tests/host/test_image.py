@@ -8,7 +8,7 @@ import pytest
 from served import run_cli
 
 from mirrormount.common import errors
-from mirrormount.virtual import emulator, image
+from mirrormount.virtual import emulator
 
 NAME = "RPI_PICO-1.uf2"
 
@@ -17,7 +17,7 @@ NAME = "RPI_PICO-1.uf2"
 def images(monkeypatch, tmp_path) -> Path:
     """The folder where images are kept: empty, on a machine where none can be built."""
     monkeypatch.setenv("MIRRORMOUNT_CACHE", str(tmp_path))
-    monkeypatch.setattr(image.shutil, "which", lambda _name: None)
+    monkeypatch.setattr(emulator.shutil, "which", lambda _name: None)
     return tmp_path / "images"
 
 
@@ -69,7 +69,7 @@ def test_two_processes_do_not_make_the_same_part_of_the_cache_at_once(tmp_path):
 
     at_once = fcntl.LOCK_EX | fcntl.LOCK_NB
     with (tmp_path / "emulator.lock").open("a") as other:
-        with image.held("emulator"), image.held("flash"), pytest.raises(BlockingIOError):
+        with emulator.held("emulator"), emulator.held("flash"), pytest.raises(BlockingIOError):
             fcntl.flock(other, at_once)
         fcntl.flock(other, at_once)  # free again
 
@@ -85,17 +85,17 @@ def test_two_processes_do_not_build_an_image_at_once_and_the_second_takes_the_fi
         (folder / NAME).write_bytes(b"")
         return folder / NAME
 
-    monkeypatch.setattr(image, "build", build)
-    first = image.find_image(None)
+    monkeypatch.setattr(emulator, "build", build)
+    first = emulator.find_image(None)
     looks = iter([None, first])  # the second looks while the first builds, and again when that is over
-    monkeypatch.setattr(image, "_kept", lambda _folder: next(looks))
-    assert image.find_image(None) == first
+    monkeypatch.setattr(emulator, "_kept", lambda _folder: next(looks))
+    assert emulator.find_image(None) == first
 
 
 def test_a_cache_that_cannot_be_written_to_is_one_line(tmp_path, monkeypatch):
     (tmp_path / "file").touch()
     monkeypatch.setenv("MIRRORMOUNT_CACHE", str(tmp_path / "file"))
-    with pytest.raises(errors.EmulatorMissing, match="MIRRORMOUNT_CACHE"), image.held("emulator"):
+    with pytest.raises(errors.EmulatorMissing, match="MIRRORMOUNT_CACHE"), emulator.held("emulator"):
         pass
 
 

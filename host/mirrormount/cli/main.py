@@ -16,7 +16,6 @@ from mirrormount.cli import (
     camera,
     check,
     config,
-    demo,
     deploy,
     hold,
     measure,
@@ -33,7 +32,6 @@ from mirrormount.cli import (
     stop,
     table,
     undeploy,
-    virtual,
 )
 from mirrormount.cli.command import Command, table_option, whence
 from mirrormount.cli.parser import WholeParser
@@ -42,6 +40,7 @@ from mirrormount.common.names import TABLE_VARIABLE
 from mirrormount.common.printable import printable
 from mirrormount.common.remedies import explain
 from mirrormount.common.signals import INTERRUPTS, Terminated
+from mirrormount.virtual import cli as virtual_cli
 from mountfw import __version__
 
 COMMANDS: tuple[Command, ...] = (
@@ -54,7 +53,7 @@ COMMANDS: tuple[Command, ...] = (
     check.COMMAND,
     setup.COMMAND,
     table.COMMAND,
-    virtual.COMMAND,
+    *virtual_cli.COMMANDS,
     serve.COMMAND,
     panel.COMMAND,
     deploy.COMMAND,
@@ -65,7 +64,6 @@ COMMANDS: tuple[Command, ...] = (
     measure.COMMAND,
     *hold.COMMANDS,
     report.COMMAND,
-    demo.COMMAND,
 )
 
 _LONGEST_MESSAGE = 2000  # characters

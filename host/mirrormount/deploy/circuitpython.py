@@ -29,7 +29,6 @@ from mirrormount.common.supported import CIRCUITPYTHON
 from mirrormount.deploy import circuitpython_console
 from mirrormount.deploy.board_file import check_board_file
 from mirrormount.deploy.circuitpython_copy import (
-    Files,
     WayBack,
     check_room,
     check_writable,
@@ -45,6 +44,7 @@ from mirrormount.deploy.known import answers
 from mirrormount.deploy.on_board import MANIFEST
 from mirrormount.transport import volumes
 from mirrormount.transport.circuitpy_drives import Drive, check_version, find_drives, untried
+from mirrormount.transport.circuitpy_files import Files
 from mirrormount.transport.circuitpy_ports import Channels, channels, namesakes, unproven
 from mirrormount.transport.lines import Link
 from mirrormount.transport.open import open_port
