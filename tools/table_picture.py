@@ -14,8 +14,8 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 
 from mirrormount.beam.camera import Frame
-from mirrormount.virtual.geometry import DEFAULT
-from mirrormount.virtual.virtual_table import VirtualTable, open_table
+from mirrormount.virtual.optics import DEFAULT
+from mirrormount.virtual.table import VirtualTable, open_table
 
 IMAGE = Path(__file__).resolve().parent.parent / "docs" / "images" / "table.png"
 ADDRESSES = ("virtual-table://?profile=smooth&seed=4&off=6", "virtual-table://?profile=rough&seed=4&off=6")

@@ -8,8 +8,8 @@ from mirrormount.beam.control.response import belongs_to
 from mirrormount.beam.table import LocalTable
 from mirrormount.common.errors import ConnectionLost
 from mirrormount.transport.lines import Link
-from mirrormount.virtual.profile import PROFILES
-from mirrormount.virtual.virtual_table import Kind, VirtualTable
+from mirrormount.virtual.mechanics import PROFILES
+from mirrormount.virtual.table import Kind, VirtualTable
 
 
 class Died(BaseException):

@@ -7,7 +7,7 @@ import pytest
 from mirrormount.beam.estimate import Estimate
 from mirrormount.cli import measure_work
 from mirrormount.transport.open import open_table
-from mirrormount.virtual import virtual_table
+from mirrormount.virtual import table as table_module
 
 
 @pytest.fixture
@@ -29,7 +29,7 @@ def tables(monkeypatch):
     opened = []
 
     def open_table(address):
-        opened.append(virtual_table.open_table(address))
+        opened.append(table_module.open_table(address))
         return opened[-1]
 
     monkeypatch.setattr(measure_work, "open_table", open_table)

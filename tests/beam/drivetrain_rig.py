@@ -10,8 +10,7 @@ import numpy as np
 
 from mirrormount.beam.observe import FRAMES, Sighting
 from mirrormount.beam.rig import Vector
-from mirrormount.virtual.drivetrain import Drivetrain
-from mirrormount.virtual.profile import Profile
+from mirrormount.virtual.mechanics import Drivetrain, Profile
 
 PX_PER_RAD = 16_000.0  # of the mirror: 0.4 m, 0.05 mm a pixel, the beam turning twice as far
 STEP_US = 200_000

@@ -16,9 +16,8 @@ from mirrormount.beam.table import TargetCamera
 from mirrormount.common.beam_errors import CameraGone
 from mirrormount.common.errors import MoveEnded
 from mirrormount.virtual.bench import LEVER_X_MM, LEVER_Y_MM
-from mirrormount.virtual.drivetrain import Drivetrain
-from mirrormount.virtual.geometry import DEFAULT, Geometry
-from mirrormount.virtual.profile import PROFILES
+from mirrormount.virtual.mechanics import PROFILES, Drivetrain
+from mirrormount.virtual.optics import DEFAULT, Geometry
 from mirrormount.virtual.table import Table
 
 FRAME_S = 1 / 30

@@ -11,7 +11,7 @@ from mirrormount.beam.control.hold import align
 from mirrormount.beam.control.response import belongs_to, load, save
 from mirrormount.common.beam_errors import NotControllable, ResponseOfOther, SpotLost
 from mirrormount.common.errors import BadFile
-from mirrormount.virtual.geometry import Geometry
+from mirrormount.virtual.optics import Geometry
 
 OFF_MM = 9.0
 

@@ -13,8 +13,7 @@ from mirrormount.beam.experiments import backlash, pulses, square, step_size, st
 from mirrormount.beam.experiments.stepping import AT_REST, Ended, Log
 from mirrormount.beam.result import Result
 from mirrormount.common.beam_errors import NotMeasurable
-from mirrormount.virtual.drivetrain import GAP_REV
-from mirrormount.virtual.profile import PROFILES, ROUGH, SMOOTH
+from mirrormount.virtual.mechanics import GAP_REV, PROFILES, ROUGH, SMOOTH
 
 SEEDS = range(200)
 ROTATION_RAD = 0.05  # of the camera

@@ -26,14 +26,11 @@ from mirrormount.common.keep_alive import KEEP_ALIVE_MS
 from mirrormount.device import calibration
 from mirrormount.device.mount import Mount
 from mirrormount.virtual.board import Options, make_simulation
-from mirrormount.virtual.geometry import DEFAULT
-from mirrormount.virtual.profile import SMOOTH
-from mirrormount.virtual.pty_port import PtyPort
-from mirrormount.virtual.realtime import serve
-from mirrormount.virtual.table import Table
-from mirrormount.virtual.table_camera import TableCamera
-from mirrormount.virtual.table_clock import RealtimeClock
-from mirrormount.virtual.webcams import new_webcam
+from mirrormount.virtual.clocks import serve
+from mirrormount.virtual.mechanics import SMOOTH
+from mirrormount.virtual.optics import DEFAULT
+from mirrormount.virtual.ports import PtyPort
+from mirrormount.virtual.table import RealtimeClock, Table, TableCamera, new_webcam
 
 pytestmark = pytest.mark.wall_clock  # on a busy computer a board in real time answers later than the loop waits
 OFF_US = KEEP_ALIVE_MS * 1000 + 2000  # the board looks at its clock once a millisecond

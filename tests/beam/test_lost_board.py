@@ -22,9 +22,9 @@ from mirrormount.beam.control.response import belongs_to
 from mirrormount.beam.table import SharedTable
 from mirrormount.common.errors import CannotOpen, ConnectionLost
 from mirrormount.common.keep_alive import KEEP_ALIVE_MS
-from mirrormount.supervise import Supervisor
-from mirrormount.virtual.profile import PROFILES
-from mirrormount.virtual.virtual_table import Kind, VirtualTable
+from mirrormount.supervise.supervisor import Supervisor
+from mirrormount.virtual.mechanics import PROFILES
+from mirrormount.virtual.table import Kind, VirtualTable
 
 OFF_S = KEEP_ALIVE_MS / 1000 + 0.002  # the board looks at its clock once a millisecond
 FAR_UM = 4000.0  # some steps of each axis: longer than the keep-alive

@@ -12,7 +12,7 @@ import pytest
 
 from mirrormount.beam.rig import MountRig
 from mirrormount.cli import main, measure_work
-from mirrormount.virtual import virtual_table
+from mirrormount.virtual import table
 
 WORDS = ("measure", "drift", "--virtual", "--seed", "5", "--minutes", "10000")
 SIGNALS = ("SIGTERM", "SIGHUP")
@@ -78,7 +78,7 @@ def test_a_motor_that_runs_when_the_signal_comes_is_off_at_the_pins(name, capsys
     tables = []
 
     def open_table(address):
-        tables.append(virtual_table.open_table(address))
+        tables.append(table.open_table(address))
         return tables[-1]
 
     def driven():

@@ -13,7 +13,7 @@ from mirrormount.cli import scan_work
 from mirrormount.cli.main import main
 from mirrormount.common.beam_errors import CameraGone
 from mirrormount.device.mount import Mount
-from mirrormount.virtual.sensor import EXPOSURE_S
+from mirrormount.virtual.optics import EXPOSURE_S
 
 h5py = pytest.importorskip("h5py")
 

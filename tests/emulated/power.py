@@ -13,9 +13,9 @@ from mirrormount.deploy.firmware import firmware, firmware_hash, hashes
 from mirrormount.deploy.micropython import Plan, Survey, beside, plan
 from mirrormount.deploy.on_board import MANIFEST
 from mirrormount.virtual import emulator
+from mirrormount.virtual.clocks import Lockstep
 from mirrormount.virtual.emulator import RawPrompt
-from mirrormount.virtual.files import firmware_folder
-from mirrormount.virtual.lockstep import Lockstep
+from mirrormount.virtual.machines import firmware_folder
 from mirrormount.virtual.simulation import START_US, Simulation
 
 STARTED_US = 300_000  # main.py runs by then, and a Ctrl-C is heard

@@ -14,7 +14,7 @@ from mirrormount.virtual import emulator
 @pytest.fixture(autouse=True)
 def _machine():
     try:
-        emulator.command(None, None, 0)
+        emulator.command()
     except EmulatorMissing as e:
         pytest.skip(str(e))
 

@@ -7,7 +7,7 @@ import pytest
 from images import images
 
 from mirrormount.virtual.board import Options, make_simulation
-from mirrormount.virtual.lockstep import Lockstep
+from mirrormount.virtual.clocks import Lockstep
 
 STEP_US = 1954  # two steps of CircuitPython's clock
 

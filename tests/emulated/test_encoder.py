@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 from test_memory import SESSION
 
-from mirrormount.virtual.profile import SMOOTH
+from mirrormount.virtual.mechanics import SMOOTH
 from mirrormount.virtual.simulation import START_US
 
 pytestmark = pytest.mark.lockstep

@@ -6,8 +6,8 @@ import pytest
 
 from mirrormount.deploy.firmware import firmware
 from mirrormount.virtual import emulator
-from mirrormount.virtual.files import THIS
-from mirrormount.virtual.image import mpy_of
+from mirrormount.virtual.emulator import mpy_of
+from mirrormount.virtual.machines import THIS
 
 pytestmark = pytest.mark.lockstep
 

@@ -11,7 +11,7 @@ pytestmark = pytest.mark.lockstep
 
 def test_an_episode_is_reported(tmp_path):
     try:
-        emulator.command(None, None, 0)
+        emulator.command()
     except EmulatorMissing as e:
         pytest.skip(str(e))
     file = tmp_path / "soak.md"

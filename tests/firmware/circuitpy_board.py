@@ -1,6 +1,6 @@
 """A virtual CircuitPython board in lockstep, as tests ask it. conftest.py makes and closes such boards."""
 
-from mirrormount.virtual.lockstep import Lockstep
+from mirrormount.virtual.clocks import Lockstep
 from mirrormount.virtual.simulation import Simulation
 
 STEP_US = 977  # of CircuitPython's clock

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from mirrormount.virtual import machines
-from mirrormount.virtual.files import firmware_folder
-from mirrormount.virtual.lockstep import Lockstep
+from mirrormount.virtual.clocks import Lockstep
+from mirrormount.virtual.machines import firmware_folder
 from mirrormount.virtual.simulation import Simulation
 
 PICO_BUT = (firmware_folder() / "mountfw" / "boards" / "pico.py").read_text()

@@ -3,12 +3,11 @@
 from dataclasses import replace
 from pathlib import Path
 
-from mirrormount import Mount
+from mirrormount.device.mount import Mount
 from mirrormount.transport.lines import Link
 from mirrormount.virtual.board import LockstepPort, Options, make_simulation
-from mirrormount.virtual.encoder import COUNTS_A_REV
-from mirrormount.virtual.files import THIS, board_text, new_files
-from mirrormount.virtual.profile import PROFILES
+from mirrormount.virtual.machines import THIS, board_text, new_files
+from mirrormount.virtual.mechanics import COUNTS_A_REV, PROFILES
 
 PER_STEP = 280
 SETTLED_S = 0.15

@@ -5,7 +5,8 @@ from drive_board import Board, make_drive, plug_in
 
 from mirrormount import Mount, __version__
 from mirrormount.deploy.firmware import package
-from mirrormount.deploy.micropython import Options, deploy
+from mirrormount.deploy.micropython import deploy
+from mirrormount.deploy.prompt import Options
 from mirrormount.transport.lines import Link
 from mirrormount.virtual import machines
 from mirrormount.virtual.board import LockstepPort

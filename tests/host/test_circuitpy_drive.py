@@ -25,7 +25,8 @@ from mirrormount.common.signals import Terminated
 from mirrormount.deploy import circuitpython
 from mirrormount.deploy import firmware as firmware_files
 from mirrormount.deploy.circuitpython import Files
-from mirrormount.deploy.micropython import Options, deploy, undeploy
+from mirrormount.deploy.micropython import deploy, undeploy
+from mirrormount.deploy.prompt import Options
 from mirrormount.transport import volumes
 from mirrormount.transport.volumes import Room
 

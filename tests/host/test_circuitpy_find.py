@@ -6,13 +6,14 @@ from types import SimpleNamespace
 
 import pytest
 from drive_board import BOOT_OUT, UID, make_drive, usb_port
+from mirrormount.deploy.handshake import Options
 
 import mirrormount.transport.find
 import mirrormount.transport.open
 from mirrormount.cli import main
 from mirrormount.common import errors
 from mirrormount.deploy import micropython
-from mirrormount.deploy.micropython import Options, choose
+from mirrormount.deploy.micropython import choose
 from mirrormount.transport import circuitpy_drives, volumes
 from mirrormount.transport.circuitpy_drives import Drive, check_version, drive_at
 from mirrormount.transport.circuitpy_ports import Channels, channels

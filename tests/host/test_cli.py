@@ -10,8 +10,8 @@ from served import PATIENCE_S, run_cli, wait_for
 
 import mirrormount.transport.find
 import mirrormount.transport.open
-from mirrormount import Mount
 from mirrormount.cli import main
+from mirrormount.device.mount import Mount
 
 VIRTUAL = ("--port", "virtual://?speed=max")
 
@@ -133,7 +133,7 @@ def test_other_instruments_are_not_considered(monkeypatch):
 
 
 def test_a_busy_port_is_one_line(board):
-    from mirrormount import Mount
+    from mirrormount.device.mount import Mount
 
     with Mount.open(str(board.link)) as mount:
         mount.x.jog(0.2)

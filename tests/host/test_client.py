@@ -4,9 +4,9 @@ from itertools import pairwise
 
 import pytest
 
-from mirrormount import Mount
 from mirrormount.common import errors
-from mirrormount.device.mount import Ended
+from mirrormount.device.mount import Mount
+from mirrormount.device.status import Ended
 from mirrormount.transport.lines import Link
 
 

@@ -14,12 +14,13 @@ from deployed import THEIRS, contents, listed, mpy_of_the_vm
 from served import run_cli, wait_for
 
 import mountfw
-from mirrormount import Mount
 from mirrormount.common import errors
 from mirrormount.common.supported import MICROPYTHON
 from mirrormount.deploy import micropython
 from mirrormount.deploy.firmware import firmware, firmware_hash
-from mirrormount.deploy.micropython import Mpremote, Options, Survey, deploy, may_replace
+from mirrormount.deploy.micropython import Mpremote, Survey, deploy, may_replace
+from mirrormount.deploy.prompt import Options
+from mirrormount.device.mount import Mount
 
 PACKAGE = Path(mountfw.__file__).parent / "package.json"
 

@@ -3,8 +3,8 @@
 import pytest
 
 from mirrormount.virtual import machines
-from mirrormount.virtual.files import new_files
-from mirrormount.virtual.lockstep import Lockstep
+from mirrormount.virtual.clocks import Lockstep
+from mirrormount.virtual.machines import new_files
 from mirrormount.virtual.simulation import Simulation
 
 SECRET = "a-word-that-is-in-no-other-file"

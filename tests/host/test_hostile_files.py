@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 from served import run_cli
 
-from mirrormount import Mount
-from mirrormount.cli import demo_square as demo
 from mirrormount.cli.config_verbs import export
 from mirrormount.common import errors, toml_file
 from mirrormount.device import calibration, settings
+from mirrormount.device.mount import Mount
+from mirrormount.virtual import demo
 
 MAX = ("--port", "virtual://?speed=max")
 

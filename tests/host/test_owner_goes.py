@@ -10,7 +10,7 @@ import sys
 import pytest
 from served import run_cli, wait_for
 
-from mirrormount import Mount
+from mirrormount.device.mount import Mount
 from mirrormount.transport.stop_socket import owners
 
 if os.name != "posix":

@@ -11,9 +11,9 @@ from types import SimpleNamespace
 import pytest
 import serial
 
-from mirrormount.cli import virtual_board as virtual
 from mirrormount.common import errors
 from mirrormount.transport import failures
+from mirrormount.virtual import cli as virtual
 
 WITHOUT_POSIX = """
 import importlib, os, pkgutil, sys

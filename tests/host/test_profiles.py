@@ -12,9 +12,8 @@ from mirrormount.cli.main import main, parser
 from mirrormount.common.errors import BadAddress
 from mirrormount.device.mount import Mount
 from mirrormount.virtual.bench import Bench
-from mirrormount.virtual.drivetrain import Drivetrain
-from mirrormount.virtual.profile import ROUGH, SMOOTH, Profile
-from mirrormount.virtual.query import profile_named
+from mirrormount.virtual.board import profile_named
+from mirrormount.virtual.mechanics import ROUGH, SMOOTH, Drivetrain, Profile
 
 # where the spot of a bench with seed 1 was, in mm, after each of these, before there were profiles
 SMOOTH_WAY = (

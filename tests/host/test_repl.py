@@ -9,8 +9,8 @@ import pytest
 
 from mirrormount.common.errors import REASONS, EmulatorMissing
 from mirrormount.virtual.board import Options, make_simulation
-from mirrormount.virtual.drivetrain import SWITCH_REV
-from mirrormount.virtual.lockstep import Lockstep
+from mirrormount.virtual.clocks import Lockstep
+from mirrormount.virtual.mechanics import SWITCH_REV
 
 README = Path(__file__).parent.parent.parent / "README.md"
 STEP_US = 200_000

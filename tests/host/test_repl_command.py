@@ -9,12 +9,12 @@ from pathlib import Path
 import pytest
 from served import PATIENCE_S, SCRIPT, run_cli, set_traps, wait_for
 
-from mirrormount import Mount
 from mirrormount.common.errors import EmulatorMissing
+from mirrormount.device.mount import Mount
 from mirrormount.transport.lines import Link
 from mirrormount.transport.serial_port import SerialPort
 from mirrormount.virtual import machines
-from mirrormount.virtual.files import new_files
+from mirrormount.virtual.machines import new_files
 
 STEP_US = 200_000
 

@@ -9,8 +9,8 @@ from test_repl import PROMPT
 
 from mirrormount.common.errors import EmulatorMissing
 from mirrormount.virtual.board import Options, make_simulation
-from mirrormount.virtual.files import new_files
-from mirrormount.virtual.lockstep import Lockstep
+from mirrormount.virtual.clocks import Lockstep
+from mirrormount.virtual.machines import new_files
 from mirrormount.virtual.simulation import START_US
 
 RECORDED_US = 10_800_000

@@ -286,7 +286,6 @@ def test_options_that_cannot_be_are_one_line(serve, tmp_path):
         ["--link", str(tmp_path / "file")],
         ["--link", str(tmp_path / "none" / "mount")],
         ["--tcp", "0", "--edges", str(tmp_path / "none" / "edges")],
-        ["--tcp", "0", "--speed", "max"],
         ["--link", ""],
         ["--tcp", "0", "--edges", ""],
         ["--tcp", "0", "--link", str(serve().link)],

@@ -6,11 +6,11 @@ import pytest
 from setup_person import Person, set_up
 from three_axes import make_firmware, switch_on
 
-from mirrormount import Mount
 from mirrormount.cli.dialogue import Dialogue
 from mirrormount.cli.setup_course import run_course
 from mirrormount.common import errors
 from mirrormount.device import calibration
+from mirrormount.device.mount import Mount
 from mirrormount.device.scale_fit import Marks, beam_per_mirror, measure
 from mirrormount.transport.lines import Link
 from mirrormount.virtual.bench import SCREEN_MM

@@ -10,8 +10,8 @@ import pytest
 from served import HANG_S, PATIENCE_S, wait_for
 
 import mirrormount.transport.find
-from mirrormount import Mount
 from mirrormount.cli import main, stop
+from mirrormount.device.mount import Mount
 
 # on a busy computer a board in real time answers later than its client waits
 pytestmark = [pytest.mark.wall_clock, pytest.mark.usefixtures("runtime")]

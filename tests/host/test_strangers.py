@@ -13,12 +13,12 @@ from tempfile import TemporaryDirectory
 import pytest
 from served import PATIENCE_S
 
-from mirrormount import Mount
 from mirrormount.common import errors
 from mirrormount.device.handshake import identify
+from mirrormount.device.mount import Mount
 from mirrormount.transport.lines import GREETING, Link
 from mirrormount.virtual import machines
-from mirrormount.virtual.lockstep import Lockstep
+from mirrormount.virtual.clocks import Lockstep
 from mirrormount.virtual.simulation import Simulation
 
 

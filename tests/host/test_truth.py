@@ -7,11 +7,11 @@ import threading
 import pytest
 from closed_loop import ClosedLoop
 
-from mirrormount import Mount
 from mirrormount.common.errors import BadAddress, MountError
+from mirrormount.device.mount import Mount
 from mirrormount.virtual.bench import Bench
 from mirrormount.virtual.board import open_virtual
-from mirrormount.virtual.drivetrain import SWITCH_REV
+from mirrormount.virtual.mechanics import SWITCH_REV
 from mirrormount.virtual.truth import Orders
 
 

@@ -12,10 +12,8 @@ from mirrormount.network.server import Server
 from mirrormount.transport.telnet import Inlet
 from served import PATIENCE_S, wait_for
 
-from mirrormount.virtual import pty_port, tcp_port
-from mirrormount.virtual.ports import BUFFER
-from mirrormount.virtual.pty_port import PtyPort
-from mirrormount.virtual.tcp_port import TcpPort
+from mirrormount.virtual import ports
+from mirrormount.virtual.ports import BUFFER, PtyPort, TcpPort
 
 
 @pytest.fixture
@@ -64,7 +62,7 @@ def test_what_a_client_sends_before_it_goes_is_obeyed(port, client):
 
 
 def test_a_client_that_sends_more_than_can_wait_is_closed_with_a_stop(port, client, monkeypatch):
-    monkeypatch.setattr(tcp_port, "WAITING_MOST", 10_000)
+    monkeypatch.setattr(ports, "WAITING_MOST", 10_000)
     client.sendall(b"02550255" * 5000)
     wait_for(lambda: port.take(0) == b"" and port.waits and port._ended, "too much to have come")
     assert received(port) == b"!\n" and not port.connected()
@@ -98,7 +96,7 @@ def test_on_a_pty_too_a_stop_overtakes_what_the_board_has_no_room_for(stop):
 
 
 def test_more_than_can_wait_on_a_pty_is_void_and_stops_the_motors(monkeypatch):
-    monkeypatch.setattr(pty_port, "WAITING_MOST", 10_000)
+    monkeypatch.setattr(ports, "WAITING_MOST", 10_000)
     port = PtyPort()
     client = os.open(port.address, os.O_RDWR | os.O_NOCTTY)
     flood = b"02550255" * 5000

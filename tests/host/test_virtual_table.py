@@ -11,8 +11,7 @@ from mirrormount.device.mount import Mount
 from mirrormount.transport.lines import Link
 from mirrormount.transport.open import open_table
 from mirrormount.virtual.simulation import START_US
-from mirrormount.virtual.table_clock import LockstepClock
-from mirrormount.virtual.virtual_table import VirtualTable
+from mirrormount.virtual.table import LockstepClock, VirtualTable
 
 STEP_US = 200  # the longest time that a board's processor needs for one pass of its loop, on the fake clock
 

@@ -25,8 +25,8 @@ from mirrormount.panel.pages import Pages
 from mirrormount.panel.sign_in import SignIn
 from mirrormount.panel.socket import routes
 from mirrormount.panel.spot_moves import SpotMoves
-from mirrormount.supervise import Supervisor
-from mirrormount.virtual.virtual_table import open_table
+from mirrormount.supervise.supervisor import Supervisor
+from mirrormount.virtual.table import open_table
 
 
 @pytest.fixture(scope="module")

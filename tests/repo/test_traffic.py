@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from mirrormount.virtual.board import Options, make_simulation
-from mirrormount.virtual.lockstep import Lockstep
+from mirrormount.virtual.clocks import Lockstep
 
 PROTOCOL = Path(__file__).parent.parent.parent / "docs" / "protocol.md"
 

@@ -9,7 +9,7 @@ import pytest
 
 from mirrormount.beam.experiments import waiting
 from mirrormount.virtual.bench import STEP_X_MRAD, STEP_Y_MRAD
-from mirrormount.virtual.profile import ROUGH, SMOOTH
+from mirrormount.virtual.mechanics import ROUGH, SMOOTH
 
 
 def test_the_true_step_is_that_of_the_paper_and_slower_to_negative_on_the_rough_profile():

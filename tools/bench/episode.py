@@ -14,7 +14,7 @@ import messages
 from lab import ENABLES, LOST, Board, first_low_us, last_fall_us, on_times_us
 from moves import HIT, SILENCE, Move
 
-from mirrormount.virtual.drivetrain import SWITCH_REV
+from mirrormount.virtual.mechanics import SWITCH_REV
 
 STOP_US = 1_000  # from a stop to both enables low
 BYTE_US = 40  # for each byte ahead of it

@@ -23,19 +23,17 @@ from pathlib import Path
 import _paths  # noqa: F401
 import numpy as np
 
-from mirrormount import Mount
 from mirrormount.beam.experiments import backlash, pulses, square, steps, waiting
 from mirrormount.beam.experiments.stepping import AT_REST
 from mirrormount.beam.observe import FRAMES, Sighting, SpotObserver
 from mirrormount.beam.result import Result
 from mirrormount.beam.rig import MountRig, Vector
+from mirrormount.device.mount import Mount
 from mirrormount.transport.lines import Link
 from mirrormount.virtual.bench import LEVER_X_MM, LEVER_Y_MM
-from mirrormount.virtual.drivetrain import GAP_REV, Drivetrain
-from mirrormount.virtual.geometry import DEFAULT, BeamPath
-from mirrormount.virtual.profile import PROFILES, Profile
-from mirrormount.virtual.table import LASER_DRIFT_URAD, MOUNT_DRIFT_URAD
-from mirrormount.virtual.virtual_table import Kind, VirtualTable
+from mirrormount.virtual.mechanics import GAP_REV, PROFILES, Drivetrain, Profile
+from mirrormount.virtual.optics import DEFAULT, BeamPath
+from mirrormount.virtual.table import LASER_DRIFT_URAD, MOUNT_DRIFT_URAD, Kind, VirtualTable
 
 STEP_US = 200_000
 DRIFT_MIN = 20

@@ -39,9 +39,9 @@ from mirrormount.common.errors import MountError
 from mirrormount.panel.hold_board import HoldBoard
 from mirrormount.panel.hold_page import make_hold_server
 from mirrormount.panel.sign_in import SignIn
-from mirrormount.supervise import Supervisor
+from mirrormount.supervise.supervisor import Supervisor
 from mirrormount.transport.port import Port
-from mirrormount.virtual.virtual_table import VirtualTable, open_table
+from mirrormount.virtual.table import VirtualTable, open_table
 
 Numbers = NDArray[np.float64]
 PERIOD_S = 1 / 60  # less than a frame's, so that the frames set the pace

@@ -19,9 +19,9 @@ from typing import Self
 from mirrormount.deploy.firmware import firmware, sources
 from mirrormount.virtual import emulator
 from mirrormount.virtual.board import Options, make_simulation
-from mirrormount.virtual.files import THIS, board_text
-from mirrormount.virtual.image import mpy_of
-from mirrormount.virtual.lockstep import Lockstep
+from mirrormount.virtual.clocks import Lockstep
+from mirrormount.virtual.emulator import mpy_of
+from mirrormount.virtual.machines import THIS, board_text
 from mirrormount.virtual.simulation import Simulation
 
 ENABLES = ("m1_en", "m2_en")

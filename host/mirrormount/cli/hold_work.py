@@ -24,8 +24,7 @@ from mirrormount.device import calibration
 from mirrormount.device.mount import Mount
 from mirrormount.transport.lines import Link
 from mirrormount.transport.open import open_table
-from mirrormount.virtual.geometry import DEFAULT
-from mirrormount.virtual.sensor import Sensor
+from mirrormount.virtual.optics import DEFAULT, Sensor
 
 if TYPE_CHECKING:
     from mirrormount.cli.hold_page import HoldPage

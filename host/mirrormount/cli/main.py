@@ -33,7 +33,7 @@ MODULES = {
     "check": "mirrormount.cli.check",
     "setup": "mirrormount.cli.setup",
     "table": "mirrormount.cli.table",
-    "virtual": "mirrormount.cli.virtual",
+    "virtual": "mirrormount.virtual.cli",
     "serve": "mirrormount.cli.serve",
     "panel": "mirrormount.cli.panel",
     "deploy": "mirrormount.cli.deploy",
@@ -44,7 +44,7 @@ MODULES = {
     "measure": "mirrormount.cli.measure",
     **dict.fromkeys(("calibrate", "align", "hold"), "mirrormount.cli.hold"),
     "report": "mirrormount.cli.report",
-    "demo": "mirrormount.cli.demo",
+    "demo": "mirrormount.virtual.cli",
 }
 
 _LONGEST_MESSAGE = 2000  # characters

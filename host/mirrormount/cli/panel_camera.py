@@ -48,7 +48,7 @@ def _on_table(args: argparse.Namespace) -> "Iterator[tuple[Address, CameraView[L
     """The mount of a virtual table, and one of its two cameras."""
     from mirrormount.beam.live import LiveCamera
     from mirrormount.panel.camera_view import CameraView
-    from mirrormount.virtual.virtual_table import open_table
+    from mirrormount.virtual.table import open_table
 
     which = virtual_camera(args.camera)
     table = open_table(virtual_address(args, "virtual-table", mounts="1", speed="1") or "")

@@ -9,8 +9,8 @@ from functools import partial
 from mirrormount.cli.command import virtual_address
 from mirrormount.common.errors import NoBoardFound
 from mirrormount.device.table_file import MountEntry
-from mirrormount.supervise import Supervisor
 from mirrormount.supervise.of_table import supervised
+from mirrormount.supervise.supervisor import Supervisor
 from mirrormount.supervise.worker import Worker
 from mirrormount.transport.port import Port
 
@@ -26,7 +26,7 @@ def of_table(entries: Mapping[str, MountEntry], patience_s: float) -> dict[str, 
 @contextlib.contextmanager
 def virtual(args: argparse.Namespace, patience_s: float) -> Iterator[dict[str, Supervisor]]:
     """Two mounts of a virtual table. Raises BadValue."""
-    from mirrormount.virtual.virtual_table import VirtualTable, open_table
+    from mirrormount.virtual.table import VirtualTable, open_table
 
     def openers(table: VirtualTable, number: int) -> Callable[[], Port]:
         first = iter([table.ports[number]])

@@ -44,5 +44,5 @@ SCHEMES: dict[str, Callable[[str], Port]] = {
     "virtual": _in_module("mirrormount.virtual.board", "open_virtual"),
 }
 TABLE_SCHEMES: dict[str, Callable[[str], Table]] = {
-    "virtual-table": _in_module("mirrormount.virtual.virtual_table", "open_table"),
+    "virtual-table": _in_module("mirrormount.virtual.table", "open_table"),
 }

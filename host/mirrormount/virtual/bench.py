@@ -1,11 +1,14 @@
-"""The optical bench of one board: an actuator for each motor, a mirror, a screen. It sees pins only.
+"""The optical bench of one board: an actuator for each motor, a mirror, a screen, and their wires. It sees pins only.
 
 Axis 1 tilts the mirror (the spot goes up and down), axis 2 turns it (right and left); axes 3 and 4 do
-the same to a second mirror (table.py has both). drivetrain.py has the actuators.
+the same to a second mirror (table.py has both). mechanics.py has the actuators.
 Units: microseconds at the interface; millimetres and milliradians on the screen.
 
 "The paper" is Gopalakrishnan and Guehr, A low-cost mirror mount control system for optics
 setups. What it does not give is marked as such and chosen so that what it measured comes out.
+
+The wires are the wiring table of docs/bring-up.md, written down here a second time on purpose: the
+bench must not learn from the firmware what the firmware should have driven.
 """
 
 import math
@@ -14,10 +17,43 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mirrormount.virtual.drivetrain import SWITCH_REV, Drivetrain
-from mirrormount.virtual.encoder import Encoder
-from mirrormount.virtual.profile import SMOOTH, Profile
-from mirrormount.virtual.wiring import drives
+from mirrormount.virtual.mechanics import SMOOTH, SWITCH_REV, Drivetrain, Encoder, Profile
+
+DRIVES = {
+    2: "m1_en",
+    3: "m1_pos",
+    4: "m1_neg",
+    5: "m2_en",
+    6: "m2_pos",
+    7: "m2_neg",
+}
+MORE_DRIVES = {  # of a board with four axes
+    16: "m3_en",
+    17: "m3_pos",
+    18: "m3_neg",
+    19: "m4_en",
+    20: "m4_pos",
+    21: "m4_neg",
+}
+LED = 25
+SWITCHES = {
+    10: "m1_sw_pos",
+    11: "m1_sw_neg",
+    12: "m2_sw_pos",
+    13: "m2_sw_neg",
+    14: "emergency_stop",
+}
+ENCODERS = {  # motor: A and B of a quadrature encoder, or SDA and SCL of one on the output shaft
+    "m1": (8, 9),
+    "m2": (26, 27),
+}
+BUS = 64  # a change of the angle on the bus whose SDA is GPIO n is told as one of wire 64 + n
+
+
+def drives(axes: int) -> dict[int, str]:
+    """The wires to the H-bridges of a board with two axes, or four."""
+    return DRIVES | MORE_DRIVES if axes > 2 else DRIVES
+
 
 SCREEN_MM = 7620.0  # the paper, section III: a screen 300 inches away
 STEP_S = 0.2  # the paper, section III: one step is 0.2 s at full speed
@@ -26,7 +62,7 @@ STEP_Y_MRAD = 0.47  # the paper, section III
 BACKLASH_X_MRAD = 0.64  # the paper, section III
 BACKLASH_Y_MRAD = 0.70  # the paper, section III
 
-# The rest is not in the paper; drivetrain.py has the motors' and the screws'.
+# The rest is not in the paper; mechanics.py has the motors' and the screws'.
 INCIDENCE = math.radians(45)  # a folding mirror
 LEVER_X_MM = 34.524  # screw to pivot, as seen by the yaw; fitted to STEP_X_MRAD
 LEVER_Y_MM = 22.341  # as seen by the pitch; fitted to STEP_Y_MRAD

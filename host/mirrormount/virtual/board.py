@@ -1,41 +1,147 @@
-"""Opens virtual boards: what `virtual://` stands for, in this process and on every system.
+"""Virtual boards: their options, and what opens one as `virtual://`, in this process and on every system.
 
 virtual://                      in real time, as a real board would behave
 virtual://?speed=max            in lockstep with the caller: fast, exact, the same every time
 …&machine=cpython|micropython|rp2040|circuitpython  &bench=paper|switches  &board=pico|pico_drv8833
 …&profile=smooth|rough  &seed=N  &supply=VOLTAGE, of the nominal one  &axes=2|4
 …&encoder=motor|shaft  &fault=NAME[@SECONDS],…  &truth=FILE
-…&edges=FILE  &files=FOLDER  &image=FILE  &flash=FILE  &flash_cache=on|off
+…&edges=FILE  &files=FOLDER  &image=FILE  &flash=FILE
 """
 
 import contextlib
+import math
 import socket
 import tempfile
 import threading
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO
 from urllib.parse import parse_qsl
 
-from mirrormount.common.errors import BadAddress, CannotOpen, ConnectionLost, MountError
+from mirrormount.common.errors import BadAddress, BadValue, CannotOpen, ConnectionLost, MountError
 from mirrormount.common.printable import printable
+from mirrormount.common.validation import digits, typed_number
 from mirrormount.transport.tcp_port import SocketPort
-from mirrormount.virtual import machines
-from mirrormount.virtual.bench import Bench
-from mirrormount.virtual.files import THIS, board_text, firmware_with, new_files
-from mirrormount.virtual.image import is_circuitpython
-from mirrormount.virtual.lockstep import Lockstep
-from mirrormount.virtual.options import BOARD_IDS, BOARDS, Options
+from mirrormount.virtual import MACHINES, emulator, machines
+from mirrormount.virtual.bench import Bench, Order
+from mirrormount.virtual.clocks import Lockstep, serve
+from mirrormount.virtual.emulator import is_circuitpython
+from mirrormount.virtual.machines import THIS, board_text, firmware_with, new_files
+from mirrormount.virtual.mechanics import FAULTS, KINDS, OF_WIRES, PROFILES, SMOOTH, Profile
 from mirrormount.virtual.ports import PairPort
-from mirrormount.virtual.profile import SMOOTH
-from mirrormount.virtual.query import orders_of, profile_named, seed_of
-from mirrormount.virtual.realtime import serve
 from mirrormount.virtual.simulation import START_US, BoardGone, Simulation
 from mirrormount.virtual.truth import Truth
 
+BENCHES = ("paper", "switches")
+# the firmware's board files, and what MicroPython calls the boards
+BOARDS = {"pico": machines.PICO, "pico_drv8833": "pico_drv8833"}
+BOARD_IDS = {"pico": machines.PICO_ID, "pico_drv8833": "pico_drv8833"}  # what CircuitPython calls them
+LEAST_SUPPLY, MOST_SUPPLY = 0.3, 1.5  # of the nominal voltage: below, a gearmotor stands still
+_MOST_SEED = (1 << 32) - 1
+_MOST_FAULT_S = 1e6
 _CIRCUITPYTHON_US = 6_000_000  # until the firmware is ready on it; its LED shows other things before that
 Run = Callable[[int, Callable[[], bool]], object]
+
+
+@dataclass(frozen=True)
+class Options:
+    """The kind of a virtual board. machine: see machines.py. files: its file system (default: a new one with the
+    firmware on it; the cpython and circuitpython machines keep what they save there). image, flash and flash_cache
+    (False: all of the flash is as fast as RAM) are the rp2040 machine's. firmware: the folder that holds `mountfw`
+    (cpython, circuitpython; default: the installed one). axes: 2, or 4 on the cpython machine. unit: gives a board of
+    that machine a unique id of its own. encoder: a kind of mechanics.KINDS on motors 1 and 2; orders: its faults;
+    truth: a file that gets the screws' turns at each end of a motion. A folder of files that has something in it keeps
+    its board file."""
+
+    machine: str = "cpython"
+    bench: str = "paper"
+    board: str = "pico"
+    seed: int = 1
+    profile: Profile = SMOOTH
+    axes: int = 2
+    unit: int = 0
+    encoder: str | None = None
+    orders: tuple[Order, ...] = ()
+    truth: Path | None = None
+    edges: Path | None = None
+    files: Path | None = None
+    image: Path | None = None
+    flash: Path | None = None
+    flash_cache: bool = True
+    firmware: Path | None = None
+
+    def check(self) -> None:
+        """Raises BadAddress for an unknown machine, bench or board, and for what does not go together."""
+        for what, value, known in (
+            ("machine", self.machine, MACHINES),
+            ("bench", self.bench, BENCHES),
+            ("virtual board", self.board, tuple(BOARDS)),
+        ):
+            if value not in known:
+                raise BadAddress(f"there is no {what} {value!r}: choose one of {', '.join(known)}")
+        if self.axes not in (2, 4) or (self.axes == 4 and (self.machine, self.board) != ("cpython", "pico")):
+            raise BadAddress("a virtual board has two axes; with machine=cpython and board=pico it may have four")
+        if self.encoder not in (None, *KINDS):
+            raise BadAddress(f"there is no encoder {self.encoder!r}: choose one of {', '.join(KINDS)}")
+        if self.encoder == "shaft" and any(order.name == "lost" for order in self.orders):
+            raise BadAddress("encoder=shaft tells angles, and has no edges to lose: fault=lost is for encoder=motor")
+        of_wires = [order.name for order in self.orders if order.name in OF_WIRES]
+        if of_wires and not self.encoder:
+            raise BadAddress(f"fault={of_wires[0]} is an encoder's, and none is fitted: encoder=motor or encoder=shaft")
+        if self.machine == "rp2040" and self.board != "pico":
+            raise BadAddress("the rp2040 machine is a Pico with an SN754410")
+        for name, value in (("image", self.image), ("flash", self.flash)):
+            if value is not None and self.machine != "rp2040":
+                raise BadAddress(f"{name} is for the machine rp2040: the {self.machine} machine has none")
+        if self.files is not None and self.machine == "rp2040":
+            raise BadAddress("the rp2040 machine keeps its files in its flash: flash=FILE (--flash), not files")
+
+
+def profile_named(name: str, supply: str | None = None) -> Profile:
+    """The profile of that name, with the supply that a person has typed. Raises BadAddress."""
+    if name not in PROFILES:
+        raise BadAddress(f"there is no profile {name!r}: choose one of {', '.join(PROFILES)}")
+    profile = PROFILES[name]
+    if supply is None:
+        return profile
+    try:
+        value = typed_number(supply, "supply")
+    except ValueError:
+        value = math.nan
+    if not LEAST_SUPPLY <= value <= MOST_SUPPLY:
+        raise BadAddress(f"supply is within {LEAST_SUPPLY} … {MOST_SUPPLY} of the nominal voltage, not {supply[:80]!r}")
+    return replace(profile, supply=value)
+
+
+def seed_of(text: str) -> int:
+    """The seed that a person has typed. Raises BadAddress."""
+    try:
+        return digits(text, _MOST_SEED)
+    except BadValue:
+        raise BadAddress(f"a seed is a number, 0 to {_MOST_SEED}, not {text[:80]!r}") from None
+
+
+def orders_of(text: str) -> tuple[Order, ...]:
+    """The faults that a person has ordered, NAME@SECONDS after commas, of m1 and m2 unless one is named: m1:NAME.
+
+    Raises BadAddress.
+    """
+    orders: list[Order] = []
+    for word in filter(None, text.split(",")):
+        motor, _, rest = word.rpartition(":")
+        name, at, seconds = rest.partition("@")
+        try:
+            begins_s = typed_number(seconds, "a fault's time") if at else 0.0
+        except ValueError:
+            begins_s = math.nan
+        if name not in FAULTS or motor not in ("", "m1", "m2") or not 0 <= begins_s <= _MOST_FAULT_S:
+            raise BadAddress(
+                f"a fault is one of {', '.join(FAULTS)}, as in fault=broken, fault=broken@5 (after 5 s) or"
+                f" fault=m1:broken@5, not {word[:80]!r}"
+            )
+        orders += [Order(name, which, round(begins_s * 1e6)) for which in ([motor] if motor else ["m1", "m2"])]
+    return tuple(orders)
 
 
 def make_simulation(options: Options | None = None, bench: Bench | None = None) -> Simulation:
@@ -51,7 +157,7 @@ def make_simulation(options: Options | None = None, bench: Bench | None = None) 
     if options.machine == "rp2040":
         # with the model CircuitPython never comes to its drive in the emulator: why was not found
         model = options.flash_cache and not (options.image and is_circuitpython(options.image))
-        command = machines.rp2040(options.image, options.flash, board, flash_cache=model)
+        command = emulator.command(options.image, options.flash, board, flash_cache=model)
     else:
         files = _files(options, board, scratch)
         firmware = options.firmware
@@ -139,16 +245,14 @@ def open_virtual(url: str) -> "RealtimePort | LockstepPort":
     paths = {name: Path(given.pop(name)) for name in ("edges", "files", "image", "flash", "truth") if name in given}
     profile = profile_named(given.pop("profile", SMOOTH.name), given.pop("supply", None))
     seed, axes = seed_of(given.pop("seed", "1")), given.pop("axes", "2")
-    flash_cache, encoder = given.pop("flash_cache", "on"), given.pop("encoder", None)
+    encoder = given.pop("encoder", None)
     orders = orders_of(given.pop("fault", ""))
-    if given or speed not in ("1", "max") or axes not in ("2", "4") or flash_cache not in ("on", "off"):
+    if given or speed not in ("1", "max") or axes not in ("2", "4"):
         raise BadAddress(
             f"{printable(url)}: options are speed=1|max, machine=, bench=, board=, profile=, seed=NUMBER, supply=,"
-            " axes=2|4, encoder=motor|shaft, fault=, truth=, edges=, files=, image=, flash=, flash_cache=on|off"
+            " axes=2|4, encoder=motor|shaft, fault=, truth=, edges=, files=, image=, flash="
         )
-    options = Options(
-        seed=seed, profile=profile, axes=int(axes), flash_cache=flash_cache == "on", encoder=encoder, orders=orders
-    )
+    options = Options(seed=seed, profile=profile, axes=int(axes), encoder=encoder, orders=orders)
     simulation = make_simulation(replace(options, **texts, **paths))
     try:
         return LockstepPort(simulation) if speed == "max" else RealtimePort(simulation)

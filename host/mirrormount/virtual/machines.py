@@ -3,9 +3,11 @@
 cpython: this Python with a fake `machine`. circuitpython: this Python with fakes of CircuitPython's modules, so that
 the firmware's other port runs: no CircuitPython. micropython: a MicroPython VM with the same fake, a file
 system and a raw prompt, so that mpremote works on it. rp2040: a real MicroPython or CircuitPython image in an emulated
-RP2040, with its own USB, timers, PWM and flash (emulator.py prepares it).
+RP2040, with its own USB, timers, PWM and flash (emulator.command()). The firmware's files are those that are installed
+with the host.
 """
 
+import importlib.resources
 import importlib.util
 import os
 import shutil
@@ -13,14 +15,54 @@ import sys
 from pathlib import Path
 
 from mirrormount.common.errors import EmulatorMissing
-from mirrormount.virtual.files import firmware_folder
+from mirrormount.virtual.bench import ENCODERS, MORE_DRIVES
 from mirrormount.virtual.simulation import START_US
+
+THIS = "mountfw/boards/this.py"
+
+
+def firmware_folder() -> Path:
+    """The folder that holds the installed `mountfw`."""
+    return Path(str(importlib.resources.files("mountfw"))).parent
+
+
+def new_files(root: Path) -> Path:
+    """Make root a MicroPython board's file system with the firmware on it. Returns root."""
+    ignore = shutil.ignore_patterns("__pycache__", "entry", "package.json", "py.typed", "circuitpython*.py")
+    shutil.copytree(firmware_folder() / "mountfw", root / "mountfw", ignore=ignore)
+    shutil.copy(firmware_folder() / "mountfw" / "entry" / "main.py", root / "main.py")
+    return root
+
+
+def firmware_with(root: Path, board: str) -> Path:
+    """A copy of the firmware in root, with this text as its board file this.py. Returns root."""
+    shutil.copytree(firmware_folder() / "mountfw", root / "mountfw", ignore=shutil.ignore_patterns("__pycache__"))
+    (root / THIS).write_text(board, encoding="utf-8")
+    return root
+
+
+def board_text(board: str, axes: int, encoder: str | None) -> str | None:
+    """The board file of a mount that is wired as bench.py says, on the pins of the file `board`; None if that is it.
+
+    axes: 2, or 4. encoder: a kind of mechanics.KINDS, or None.
+    """
+    lines = [f"from mountfw.boards.{board} import *"]
+    if encoder is not None:
+        word = {"motor": "encoder", "shaft": "shaft"}[encoder]
+        lines.append(f"from mountfw.boards import {board} as _board")
+        lines += [f"AXIS_{motor[1]} = dict(_board.AXIS_{motor[1]}, {word}={pins})" for motor, pins in ENCODERS.items()]
+    if axes > 2:
+        pins = {name: number for number, name in MORE_DRIVES.items()}
+        for motor in (3, 4):
+            legs = ", ".join(f'"{leg}": {pins[f"m{motor}_{leg}"]}' for leg in ("en", "pos", "neg"))
+            lines.append(f'AXIS_{motor} = {{{legs}, "stop_pos": None, "stop_neg": None}}')
+    return "\n".join(lines) + "\n" if len(lines) > 1 else None
+
 
 # the VM's print() writes to descriptor 1, so its seam is on two others: sh moves it there
 READ_FD, WRITE_FD = 3, 4
 HEAP_KB = 320  # what a Pico has left, 192 KB, in the twice as large words of a 64-bit VM
 
-NAMES = ("cpython", "micropython", "rp2040", "circuitpython")
 PICO = "Raspberry Pi Pico with RP2040"
 PICO_ID = "raspberry_pi_pico"  # what CircuitPython calls it
 
@@ -32,14 +74,14 @@ def cpython(
     firmware the folder that holds `mountfw` (default: the installed one); unit makes another unique id;
     start_us: the time when it is switched on."""
     package = firmware or firmware_folder()
-    boot = Path(__file__).parent / "boot_cpython.py"
+    boot = Path(__file__).parent / "boot" / "cpython.py"
     return [sys.executable, "-I", "-S", str(boot), str(package), str(files), name, str(start_us), str(unit)]
 
 
 def micropython(root: Path, name: str = PICO, heap_kb: int = HEAP_KB) -> list[str]:
     """A MicroPython VM whose file system is the folder root. Raises EmulatorMissing without a VM."""
     here = Path(__file__).parent
-    boot = [str(here / "boot_micropython.py"), str(here / "fakes"), str(root.absolute()), name, str(START_US)]
+    boot = [str(here / "boot" / "micropython.py"), str(here / "fakes"), str(root.absolute()), name, str(START_US)]
     return _vm(heap_kb, boot)
 
 
@@ -69,23 +111,8 @@ def circuitpython(
     places = [str(Path(library.origin).parents[1]) if library and library.origin else ""]
     here = Path(__file__).parent
     package = firmware or firmware_folder()
-    boot = [str(here / "boot_circuitpython.py"), str(here / "fakes"), str(package), str(files), *places, board_id]
+    boot = [str(here / "boot" / "circuitpython.py"), str(here / "fakes"), str(package), str(files), *places, board_id]
     boot.append(str(START_US))
     if on_vm:
         return _vm(HEAP_KB * 2, boot)
     return [sys.executable, "-I", "-S", *boot, "-1", "-1"]
-
-
-def rp2040(
-    image: Path | None = None, flash: Path | None = None, board: str | None = None, *, flash_cache: bool = True
-) -> list[str]:
-    """An emulated Pico that boots image; flash keeps its file system from run to run.
-
-    A flash that does not exist yet gets MicroPython alone: the firmware has to be put on it. Without a
-    flash it is one with the firmware (and with board as the text of its board file), and forgotten in the end.
-    flash_cache: with the model of the flash's cache.
-    Raises EmulatorMissing.
-    """
-    from mirrormount.virtual import emulator
-
-    return emulator.command(image, flash, START_US, board, keep=flash is not None, flash_cache=flash_cache)

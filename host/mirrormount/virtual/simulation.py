@@ -2,7 +2,7 @@
 
 The firmware runs in a child process (its command line: machines.py) and blocks at the end of each granted interval.
 Simulation reads its records (next_wait), passes the pin edges to the bench, and grants the next interval (go).
-lockstep.py and realtime.py choose the length of the interval: as far as the caller waits, or by the wall clock.
+clocks.py chooses the length of the interval: as far as the caller waits, or by the wall clock.
 """
 
 import contextlib
@@ -12,16 +12,80 @@ import struct
 import subprocess
 import threading
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from tempfile import TemporaryDirectory
 from typing import IO
 
 from mirrormount.common.errors import CannotOpen, CannotWrite
-from mirrormount.virtual.bench import Bench
-from mirrormount.virtual.encoder_wires import EncoderWires
-from mirrormount.virtual.last_words import LastWords
+from mirrormount.virtual.bench import BUS, ENCODERS, LED, SWITCHES, Bench
 from mirrormount.virtual.truth import Truth
-from mirrormount.virtual.wiring import LED, SWITCHES
+
+_KEPT = 4096  # bytes: a firmware may make an emulator complain for a week
+_PATIENCE_S = 1.0  # until the rest has come of a process that has ended
+
+
+class StderrTail:
+    """Reads the stream, so that its writer never waits."""
+
+    def __init__(self, stream: IO[bytes]) -> None:
+        self._stream, self._tail = stream, b""
+        self._thread = threading.Thread(target=self._read, name="stderr tail", daemon=True)
+        self._thread.start()
+
+    def _read(self) -> None:
+        with self._stream as stream:
+            while data := os.read(stream.fileno(), _KEPT):
+                self._tail = (self._tail + data)[-_KEPT:]
+
+    def line(self) -> str:
+        """The last line that is not empty, "" if there is none."""
+        self._thread.join(_PATIENCE_S)
+        lines = self._tail.decode(errors="replace").split("\n")
+        return next((line.strip()[:200] for line in reversed(lines) if line.strip()), "")
+
+
+# records of the seam; virtual/fakes/_seam.py explains them
+_CHANGE, _ENDS = b"QN"
+
+
+class EncoderWires:
+    """What one board, since it was switched on, has been told."""
+
+    def __init__(self, bench: Bench) -> None:
+        self._bench = bench
+        self._wires = {
+            motor: (ENCODERS[motor] if encoder.kind == "motor" else (BUS + ENCODERS[motor][0],))
+            for motor, encoder in bench.encoders.items()
+            if motor in ENCODERS
+        }
+        self._known: dict[int, int] = {}  # wire to level, before those of _told
+        self._told: list[tuple[int, int, int]] = []  # (us, wire, level)
+        self._new = True
+
+    def tell(self, now_us: int, until_us: int) -> Iterator[tuple[int, int, int, int]]:
+        """Records (kind, wire, level, us) for a board that has come to now_us and may go on to until_us."""
+        if self._new:
+            self._new = False
+            for pin in self._bench.wires:
+                yield _ENDS, pin, 1, 0
+        self._bench.look_ahead(until_us)
+        self._known.update((wire, level) for us, wire, level in self._told if us <= now_us)
+        told = []
+        for motor, wires in self._wires.items():
+            encoder = self._bench.encoders[motor]
+            shown = {wire: self._known.get(wire) for wire in wires}
+            changes = [(now_us, encoder.at(now_us))]
+            changes += [(change.us, change.wires) for change in encoder.between(now_us, until_us)]
+            for us, levels in changes:
+                for wire, level in zip(wires, levels, strict=True):
+                    if level != shown[wire]:
+                        shown[wire] = level
+                        told.append((us, wire, level))
+            encoder.forget(now_us)
+        self._told = sorted(told, key=lambda change: change[0])
+        for us, wire, level in self._told:
+            yield _CHANGE, wire, level, us
+
 
 # the seam's records; virtual/fakes/_seam.py is the other side and explains them
 _RECORD = struct.Struct("<BBHIQ")
@@ -99,7 +163,7 @@ class Simulation:
             raise CannotOpen(f"the virtual board cannot be started: {machine[0]}: {e.strerror}") from e
         assert self._child.stdin and self._child.stdout
         self._to_child, self._from_child = self._child.stdin, self._child.stdout
-        self._words = LastWords(self._child.stderr) if self._child.stderr else None
+        self._stderr_tail = StderrTail(self._child.stderr) if self._child.stderr else None
         self._child.stderr = None  # close() leaves it to the reader
         self.now_us = start_us
         # for another thread, in one piece: a time of the board, the same on the wall, and until when no pin changes
@@ -164,7 +228,7 @@ class Simulation:
         return self._wants_us
 
     def _gone(self) -> BoardGone:
-        return BoardGone(self._words.line() if self._words else "")
+        return BoardGone(self._stderr_tail.line() if self._stderr_tail else "")
 
     def _watch_prompt(self, c: int) -> None:
         """Set at_prompt from the output: no answer of the firmware resembles a prompt or a soft reset."""

@@ -1,6 +1,6 @@
 """Limits a board on a MicroPython VM to the files under its root.
 
-install() is called once, by boot_micropython.py, before anything of the board runs. The VM's own modules live on in the
+install() is called once, by boot/micropython.py, before anything of the board runs. The VM's own modules live on in the
 closures below only: MicroPython gives no way into those, and functions' globals, `__main__` or a deleted entry
 of sys.modules lead to the stand-ins again. No jail: machine code (viper, a native .mpy) can do
 what the process can, so whoever has this prompt must be the user who runs it.

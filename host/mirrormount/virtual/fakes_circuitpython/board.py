@@ -1,4 +1,4 @@
-"""board on the virtual CircuitPython board: the names of a Pico's pins. boot_circuitpython.py sets board_id."""
+"""board on the virtual CircuitPython board: the names of a Pico's pins. boot/circuitpython.py sets board_id."""
 
 import _chip
 

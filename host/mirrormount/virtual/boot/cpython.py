@@ -1,6 +1,6 @@
 """Boots the firmware on CPython: a child process of Simulation, never imported by the host.
 
-usage: python -I -S boot_cpython.py FIRMWARE_DIR FILES_DIR MACHINE_NAME START_US UNIT
+usage: python -I -S cpython.py FIRMWARE_DIR FILES_DIR MACHINE_NAME START_US UNIT
 
 The seam is this process's stdin and stdout. After Ctrl-C, or when the firmware has ended, there is
 as much of a prompt as a host needs to tell where it is: `>>> `, and Ctrl-D to start again.
@@ -19,7 +19,7 @@ import types
 
 FIRMWARE_DIR, FILES_DIR, MACHINE_NAME = sys.argv[1:4]
 START_US, UNIT = int(sys.argv[4]), int(sys.argv[5])
-FAKES = os.path.join(os.path.dirname(os.path.abspath(__file__)), "fakes")
+FAKES = os.path.join(os.path.dirname(os.path.dirname(os.path.abspath(__file__))), "fakes")
 
 
 class _Exactly:

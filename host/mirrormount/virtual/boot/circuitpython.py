@@ -1,6 +1,6 @@
 """Boots the CircuitPython port on fakes, on CPython or on a MicroPython VM: a child process of Simulation.
 
-usage: … boot_circuitpython.py FAKES_DIR FIRMWARE_DIR FILES_DIR LIB_DIR BOARD_ID START_US READ_FD WRITE_FD
+usage: … circuitpython.py FAKES_DIR FIRMWARE_DIR FILES_DIR LIB_DIR BOARD_ID START_US READ_FD WRITE_FD
 
 This is no CircuitPython: the modules that only CircuitPython has are fakes_circuitpython. As on a board, boot.py
 runs once, then code.py, each with what it imported forgotten and its pins given back. A boot.py or code.py in

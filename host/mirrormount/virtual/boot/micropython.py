@@ -1,6 +1,6 @@
 """Boots a board on a MicroPython VM (Unix port): a child process of Simulation, never imported by the host.
 
-usage: micropython -X heapsize=192k boot_micropython.py FAKES_DIR ROOT_DIR MACHINE_NAME START_US READ_FD WRITE_FD
+usage: micropython -X heapsize=192k micropython.py FAKES_DIR ROOT_DIR MACHINE_NAME START_US READ_FD WRITE_FD
 
 ROOT_DIR becomes the board's file system. As on a board: boot.py and main.py run, then there is a prompt,
 friendly or raw (with raw paste), which real mpremote works with; Ctrl-D is a soft reset. The one thing
