@@ -12,7 +12,6 @@ from deployed import Served, contents
 from served import run_cli, wait_for
 
 import mountfw
-from mirrormount.cli import main
 from mirrormount.common import errors
 from mirrormount.common.errors import MountError
 from mirrormount.common.progress import Progress
@@ -61,22 +60,6 @@ def test_a_signal_before_anything_was_changed_starts_the_firmware_again(deployed
     assert left.items() <= before.items()  # a late signal may find some files removed
     if left == before:
         assert deployed.ask("VE?") == f"MM2 Version {mountfw.__version__} mirrormount"
-
-
-@pytest.mark.parametrize("command", ["deploy", "undeploy"])
-def test_a_second_ctrl_c_does_not_interrupt_what_puts_the_board_in_order(monkeypatch, command):
-    resets = []
-
-    def ended(_options):
-        try:
-            signal.raise_signal(signal.SIGINT)
-        finally:
-            signal.raise_signal(signal.SIGINT)
-            resets.append(1)
-
-    monkeypatch.setattr(micropython, command, ended)
-    assert main.main([command]) == 130
-    assert resets == [1]
 
 
 class Stopping(Progress):

@@ -4,14 +4,11 @@ import contextlib
 import os
 import socket
 import threading
-from types import SimpleNamespace
 
 import pytest
-from mirrormount.network.client_session import ClientSession
-from mirrormount.network.server import Server
-from mirrormount.transport.telnet import Inlet
 from served import PATIENCE_S, wait_for
 
+from mirrormount.serve import Client
 from mirrormount.virtual import ports
 from mirrormount.virtual.ports import BUFFER, PtyPort, TcpPort
 
@@ -143,16 +140,13 @@ class Endless:
         assert self.received < 1 << 25, "nobody else has a turn"
         return b"\x01" * most
 
+    def setblocking(self, _flag: bool) -> None:
+        pass
+
     def setsockopt(self, *_: int) -> None:
         raise OSError
 
 
-def test_a_client_that_never_ends_does_not_keep_the_board_from_its_work(port):
-    port._receive(Endless())
+def test_a_client_that_never_ends_does_not_keep_the_others_waiting(port):
+    port._receive(Client(Endless()))
     assert port.take(BUFFER) == b""
-
-
-def test_a_client_that_never_ends_does_not_keep_the_server_from_the_others():
-    session = ClientSession(Endless(), "a client", Inlet(telnet=True))
-    server = SimpleNamespace(_client=session, _forward=lambda sent: sent == b"" or pytest.fail(sent))
-    Server._receive_from_client(server, session)

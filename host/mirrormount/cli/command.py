@@ -11,7 +11,6 @@ import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
-from urllib.parse import urlencode
 
 from mirrormount.common.axis_names import is_axis
 from mirrormount.common.errors import BadValue
@@ -133,6 +132,8 @@ def virtual_address(args: argparse.Namespace, scheme: str = "virtual", **options
         if given:
             raise BadValue(f"--{' and --'.join(given)}: of a virtual board; add --virtual")
         return None
+    from urllib.parse import urlencode
+
     return f"{scheme}://" + ("?" + urlencode(options) if options else "")
 
 

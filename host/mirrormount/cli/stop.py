@@ -174,14 +174,14 @@ def _open(address: str, asked: Sequence[Owner], *, may_interrupt: bool = True) -
     asked: programs that were asked. may_interrupt: if it is no mount that answers, a program at a Python prompt there
     may be ended. Raises MountError.
     """
-    from mirrormount.device.mount import Mount
+    from mirrormount.device.session import Session
 
     end = time.monotonic() + _BUSY_S
     while True:
         if others := [owner for owner in owners(address) if owner not in asked]:
             return "\n".join(_ask(owner) for owner in others)
         try:
-            Mount.open(address).close()  # opening stops, and says so if it could not
+            Session.open(address).close()  # opening stops, and says so if it could not
             return "stopped"
         except PortBusy as e:
             if owners(address) or time.monotonic() > end:

@@ -6,7 +6,6 @@ stop waits for no other thread's exchange.
 """
 
 import contextlib
-import logging
 import weakref
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
@@ -29,8 +28,6 @@ _LOCK_S = 1.0  # longest wait of another program's stop for the answers of this 
 _GATE_S = 0.05  # longest wait of another program's stop for a thread that writes a line
 _ECHO_LINES, _LONGEST_ANSWER = 5, 4096  # of a frame; characters
 _ERRORS_MOST = 20  # of a board's queue
-
-_log = logging.getLogger("mirrormount")
 
 
 class Session:
@@ -265,8 +262,10 @@ class Session:
     def _log_old_errors(self) -> None:
         """Empty the error queue, so that an old error is not taken for a refusal of the next line."""
         if self.status().errors_waiting:
+            import logging  # takes 5 ms, for which a stop would wait
+
             for error in self.errors():
-                _log.warning("the board reports %s", error)
+                logging.getLogger("mirrormount").warning("the board reports %s", error)
 
     def _receive_status(self, line: str) -> Status:
         status = self.board.receive_status(line, self.link.monotonic())

@@ -18,6 +18,7 @@ import stat
 import struct
 import threading
 import time
+import zlib
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -176,9 +177,7 @@ def _make_folder() -> Path:
 
 
 def _key(name: str) -> str:
-    import hashlib  # takes 5 ms, and a stop without a port does not need it
-
-    return hashlib.sha256(name.encode("utf-8", "surrogateescape")).hexdigest()[:16]
+    return f"{zlib.crc32(name.encode('utf-8', 'surrogateescape')):08x}"
 
 
 def _connect(path: Path, patience_s: float = 0.0) -> socket.socket:
