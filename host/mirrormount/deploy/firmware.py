@@ -177,7 +177,7 @@ def answers(files: dict[str, bytes]) -> tuple[str, ...]:
     return firmware_hash(hashes(files), "circuitpython"), firmware_checksum(files, "circuitpython")
 
 
-def knownhashes() -> Iterator[str]:
+def known_hashes() -> Iterator[str]:
     """What XF? answers for each board that a deploy can make, but for those with a file of somebody's own.
 
     The virtual boards of the cpython and circuitpython machines run the package as it is here, with the files of both
