@@ -81,7 +81,10 @@ class FastActuator:
 
 
 class FastCamera(TargetCamera):
-    """One camera, its own source of frames. reason, gone, frozen: faults. stale_s: added to the age of each frame."""
+    """One camera, its own source of frames.
+
+    reason, gone, frozen: faults. left: frames with that reason. stale_s: added to the age of each frame.
+    """
 
     def __init__(self, table: "FastTable", number: int, rotation: float, centre: tuple[float, float]) -> None:
         self.table, self.number = table, number
@@ -91,6 +94,7 @@ class FastCamera(TargetCamera):
         del self.view  # no page looks on, and a table is copied as it stands
         self.rotation, self.centre = rotation, centre
         self.reason: Reason | None = None
+        self.left = math.inf
         self.gone = self.frozen = False
         self.stale_s = 0.0
         self._count = 0
@@ -123,7 +127,8 @@ class FastCamera(TargetCamera):
             yield Frame(np.zeros((1, 1), np.uint8), time_s - self.stale_s, self._count, repeated)
 
     def find(self, frame: Frame) -> Spot | NoSpot:
-        if self.reason:
+        if self.reason and self.left > 0:
+            self.left -= 1
             return NoSpot(self.reason)
         if self._place is None:
             return NoSpot(Reason.NOTHING)

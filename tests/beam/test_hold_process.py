@@ -193,7 +193,7 @@ class LivingTable:
                 self.start()
 
     def stands(self):
-        return any(": gate " in line for line in self.out)
+        return any(": interlock " in line for line in self.out)
 
     def pictures_are_late(self):
         """On a busy computer: then corrections do not help, and the loop stands still until it is started anew."""
@@ -274,6 +274,6 @@ def test_a_process_that_is_frozen_has_the_pins_off_and_stands_still_when_it_wake
     table.check_off()
     before = table.counts()
     table.loop.send_signal(signal.SIGCONT)
-    table.says("gate ")
+    table.says("interlock ")
     table.seconds_pass(2)
     assert table.counts() == before
