@@ -28,7 +28,6 @@ from mirrormount.device import calibration
 from mirrormount.device.mount import Mount
 from mirrormount.transport.lines import Link
 from mirrormount.transport.open import open_table
-from mirrormount.virtual.optics import DEFAULT, Sensor
 
 if TYPE_CHECKING:
     from mirrormount.cli.hold_page import HoldPage
@@ -113,11 +112,15 @@ def _virtual(args: argparse.Namespace) -> Iterator[tuple[LoopTable, None]]:
     with contextlib.closing(open_table(address)) as table, contextlib.ExitStack() as stack:
         names = ("first", "second")[: int(args.mounts)]
         mounts = {name: stack.enter_context(Mount(Link(port))) for name, port in zip(names, table.ports, strict=True)}
-        um = 1000 * Sensor.pixel_mm
-        distances_m = DEFAULT.cameras_m[-len(table.cameras) :]
         eyes = [
-            CameraEye(camera.name, camera, ((camera.size.width - 1) / 2, (camera.size.height - 1) / 2), (um, um), at_m)
-            for camera, at_m in zip(table.cameras, distances_m, strict=True)
+            CameraEye(
+                camera.name,
+                camera,
+                ((camera.size.width - 1) / 2, (camera.size.height - 1) / 2),
+                2 * (1000 * camera.scale.mm_per_px,),
+                camera.distance_m,
+            )
+            for camera in table.cameras
         ]
         yield DirectTable(mounts, eyes, table.now_s, table.sleep), None
 
