@@ -112,15 +112,11 @@ def _virtual(args: argparse.Namespace) -> Iterator[tuple[LoopTable, None]]:
     with contextlib.closing(open_table(address)) as table, contextlib.ExitStack() as stack:
         names = ("first", "second")[: int(args.mounts)]
         mounts = {name: stack.enter_context(Mount(Link(port))) for name, port in zip(names, table.ports, strict=True)}
+        um = 1000 * table.cameras[0].scale.mm_per_px
+        distances_m = [camera.distance_m for camera in table.cameras]
         eyes = [
-            CameraEye(
-                camera.name,
-                camera,
-                ((camera.size.width - 1) / 2, (camera.size.height - 1) / 2),
-                2 * (1000 * camera.scale.mm_per_px,),
-                camera.distance_m,
-            )
-            for camera in table.cameras
+            CameraEye(camera.name, camera, ((camera.size.width - 1) / 2, (camera.size.height - 1) / 2), (um, um), at_m)
+            for camera, at_m in zip(table.cameras, distances_m, strict=True)
         ]
         yield DirectTable(mounts, eyes, table.now_s, table.sleep), None
 
