@@ -135,7 +135,7 @@ def test_the_host_imports_by_a_name_in_a_string_only_schemes_and_commands():
     counts = {}
     for path in modules(HOST):
         # what an inner interpreter runs is a program of its own: it fences imports off for the firmware that it hosts
-        if path.name.startswith("boot_") or path.parent.name.startswith("fakes"):
+        if path.parent.name == "boot" or path.parent.name.startswith("fakes"):
             continue
         number = dynamic_imports(ast.parse(path.read_text()))
         if number:
@@ -144,9 +144,9 @@ def test_the_host_imports_by_a_name_in_a_string_only_schemes_and_commands():
 
 
 def test_every_folder_of_modules_is_a_package_that_the_contracts_see():
-    # import-linter passes over a folder without __init__.py; entry files and fakes are programs
+    # import-linter passes over a folder without __init__.py; entry and boot files and fakes are programs
     folders = {path.parent for root in (HOST, FIRMWARE) for path in modules(root)}
-    programs = {folder for folder in folders if folder.name in ("entry", "fakes", "fakes_circuitpython")}
+    programs = {folder for folder in folders if folder.name in ("entry", "boot", "fakes", "fakes_circuitpython")}
     without = {folder for folder in folders if not (folder / "__init__.py").is_file()}
     assert without == programs, "an __init__.py is missing, or is where programs are"
 

@@ -251,7 +251,7 @@ def run_one(name: str, profile_name: str, seed: int) -> Run:
     if experiment.straight:
         profile = replace(profile, periodic=0.0)
     begun_s = time.process_time()
-    table = VirtualTable(Kind(mounts=1, boards=1, profile=profile, seed=seed))
+    table = VirtualTable(Kind(mounts=1, profile=profile, seed=seed))
     with table, Mount(Link(table.ports[0])) as mount:
         rig, result = Watched(table, mount), Result(name)
         experiment.run(rig, result, lambda _done, _phase: None)

@@ -24,7 +24,6 @@ from mirrormount.device import calibration
 from mirrormount.device.mount import Mount
 from mirrormount.transport.lines import Link
 from mirrormount.transport.open import open_table
-from mirrormount.virtual.optics import DEFAULT, Sensor
 
 if TYPE_CHECKING:
     from mirrormount.cli.hold_page import HoldPage
@@ -108,8 +107,8 @@ def _virtual(args: argparse.Namespace) -> Iterator[tuple[LoopTable, None]]:
     with contextlib.closing(open_table(address)) as table, contextlib.ExitStack() as stack:
         names = ("first", "second")[: int(args.mounts)]
         mounts = {name: stack.enter_context(Mount(Link(port))) for name, port in zip(names, table.ports, strict=True)}
-        um = 1000 * Sensor.pixel_mm
-        distances_m = DEFAULT.cameras_m[-len(table.cameras) :]
+        um = 1000 * table.cameras[0].scale.mm_per_px
+        distances_m = [camera.distance_m for camera in table.cameras]
         cameras = [
             TargetCamera(
                 camera.name, camera, ((camera.size.width - 1) / 2, (camera.size.height - 1) / 2), (um, um), at_m

@@ -234,16 +234,23 @@ class _Exposure:
 class TableCamera:
     """A mirrormount.beam.camera.Camera. look: returns the spots (mm) in the camera's plane at a time in s.
 
-    scale: what is known of it here; its distance, where one mirror turns the beam. Set black, frozen and plugged to
-    order a fault, more_mm for further spots in the plane.
+    distance_m: from the last mirror, along the beam. scale: what is known of it here; with that distance, where one
+    mirror turns the beam. Set black, frozen and plugged to order a fault, more_mm for further spots in the plane.
     """
 
     def __init__(
-        self, name: str, sensor: Sensor, timing: Timing, look: Callable[[float], list[Place]], clock: Clock
+        self,
+        name: str,
+        sensor: Sensor,
+        timing: Timing,
+        look: Callable[[float], list[Place]],
+        clock: Clock,
+        distance_m: float = 1.0,
     ) -> None:
         self.name = name
         self.sensor = sensor
         self.size = Size(sensor.width, sensor.height)
+        self.distance_m = distance_m
         self.scale: Scale | None = None
         self.plugged = True
         self.black = False
@@ -448,19 +455,16 @@ class Table:
         return [(yaw * 1e6, pitch * 1e6) for yaw, pitch in self.mirrors_rad(time_s)]
 
 
-SPLIT_MM = 8.0  # by which a beam splitter moves the spot of each plane out of the one camera's middle; assumed
 MOST_OFF_MM = 12.0  # half of the picture's height
 _SCHEME = "virtual-table://"
 
 
 @dataclass(frozen=True)
 class Kind:
-    """Which table. cameras: 1, 2, or "split" (one camera that sees both planes through a beam splitter). encoder: a
-    kind of encoder.KINDS on motors 1 and 2 of each board."""
+    """Which table. encoder: a kind of mechanics.KINDS on the motors of each board."""
 
     mounts: int = 2
-    boards: int = 2
-    cameras: str = "2"
+    cameras: int = 2
     profile: Profile = SMOOTH
     seed: int = 1
     off_mm: float = 0.0
@@ -477,19 +481,17 @@ class VirtualTable:
 
     def __init__(self, kind: Kind) -> None:
         seeds = np.random.SeedSequence(kind.seed).generate_state(4)
-        axes = 4 if kind.mounts > kind.boards else 2
         self._files = tempfile.TemporaryDirectory(prefix="mirrormount-")  # what the boards save
         kept = Path(self._files.name)
         self._boards = [
             Options(
                 seed=int(seeds[unit]),
                 profile=kind.profile,
-                axes=axes,
                 unit=unit,
                 files=kept / str(unit),
                 encoder=kind.encoder,
             )
-            for unit in range(min(kind.boards, kind.mounts))
+            for unit in range(kind.mounts)
         ]
         self.simulations: list[Simulation] = []
         self.ports: list[LockstepPort | RealtimePort] = []
@@ -510,12 +512,12 @@ class VirtualTable:
         if kind.off_mm:
             self.truth.misalign(kind.off_mm, noise)
         self.cameras: list[TableCamera] = []
-        for number, look in enumerate(self._looks(kind)):
+        for number, distance_m in enumerate(self.truth.geometry.cameras_m):
             sensor, timing = new_webcam(kind.profile, noise)
-            camera = TableCamera(f"virtual camera {number + 1}", sensor, timing, look, self.clock)
-            if kind.cameras != "split":  # which shows two planes
-                from_mm = 1000 * self.truth.geometry.cameras_m[number] if kind.mounts == 1 else None
-                camera.scale = Scale(*camera.size, sensor.pixel_mm, 0.0, from_mm, 0.0, math.degrees(INCIDENCE))
+            look = partial(self._plane, number)
+            camera = TableCamera(f"virtual camera {number + 1}", sensor, timing, look, self.clock, distance_m)
+            from_mm = 1000 * distance_m if kind.mounts == 1 else None
+            camera.scale = Scale(*camera.size, sensor.pixel_mm, 0.0, from_mm, 0.0, math.degrees(INCIDENCE))
             self.cameras.append(camera)
 
     def _port(self, simulation: Simulation) -> LockstepPort | RealtimePort:
@@ -541,20 +543,9 @@ class VirtualTable:
         self.ports[number] = self._port(simulation)
         return self.ports[number]
 
-    def _looks(self, kind: Kind) -> list[Callable[[float], list[tuple[float, float]]]]:
-        """For each camera, what returns the spots in it at a time."""
-        if kind.cameras == "split":
-            return [self._split]
-        return [partial(self._plane, number) for number in range(len(self.truth.geometry.cameras_m))]
-
     def _plane(self, number: int, time_s: float) -> list[tuple[float, float]]:
         spot = self.truth.spots_mm(time_s)[number]
         return [] if spot is None else [spot]
-
-    def _split(self, time_s: float) -> list[tuple[float, float]]:
-        ways = (-SPLIT_MM, SPLIT_MM)
-        spots = zip(self.truth.spots_mm(time_s), ways, strict=True)
-        return [(spot[0] + way, spot[1]) for spot, way in spots if spot is not None]
 
     def now_s(self) -> float:
         """The table's time in seconds."""
@@ -597,7 +588,7 @@ class _TablePort(LockstepPort):
 def _geometry(kind: Kind) -> Geometry:
     """One camera stands at the last place: there the beam moves farthest."""
     geometry = kind.geometry
-    if kind.cameras != "1":
+    if kind.cameras != 1:
         return geometry
     return Geometry(geometry.laser_m, geometry.between_m, geometry.cameras_m[-1:])
 
@@ -608,19 +599,19 @@ def open_table(url: str) -> VirtualTable:
     profile = profile_named(given.pop("profile", SMOOTH.name), given.pop("supply", None))
     seed, off = seed_of(given.pop("seed", "1")), given.pop("off", "0")
     mounts, cameras, speed = given.pop("mounts", "2"), given.pop("cameras", "2"), given.pop("speed", "max")
-    boards, encoder = given.pop("boards", mounts), given.pop("encoder", None)
+    encoder = given.pop("encoder", None)
     off_mm = float(off) if off.isascii() and off.replace(".", "", 1).isdecimal() else math.nan
     if (
         given
-        or (mounts, boards) not in (("1", "1"), ("2", "1"), ("2", "2"))
-        or cameras not in ("1", "2", "split")
+        or mounts not in ("1", "2")
+        or cameras not in ("1", "2")
         or speed not in ("1", "max")
         or encoder not in (None, *KINDS)
         or not off_mm <= MOST_OFF_MM
     ):
         raise BadAddress(
-            f"{printable(url)}: options are mounts=1|2, boards=1|2, cameras=1|2|split, profile=, seed=NUMBER, supply=,"
+            f"{printable(url)}: options are mounts=1|2, cameras=1|2, profile=, seed=NUMBER, supply=,"
             " encoder=motor|shaft,"
             f" off=0 … {MOST_OFF_MM:g} (mm), speed=max|1"
         )
-    return VirtualTable(Kind(int(mounts), int(boards), cameras, profile, seed, off_mm, speed == "1", encoder=encoder))
+    return VirtualTable(Kind(int(mounts), int(cameras), profile, seed, off_mm, speed == "1", encoder=encoder))

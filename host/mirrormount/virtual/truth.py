@@ -10,7 +10,6 @@ import json
 import re
 from collections.abc import Iterable
 from pathlib import Path
-from typing import BinaryIO
 
 from mirrormount.common.errors import BadAddress, CannotWrite
 from mirrormount.virtual.bench import Bench
@@ -27,13 +26,12 @@ class Truth:
     def __init__(self, file: Path, start_us: int) -> None:
         self._start_us = start_us
         try:
-            self._file = _opened(file)
+            self._file = file.open("w+b")
         except OSError as e:
-            raise BadAddress(f"cannot write the truth to {file}: {e.strerror}") from e
+            raise BadAddress(f"cannot write the truth to {file}: {e.strerror or e}") from e
         self._orders = Orders()
         self._ordered: set[str] = set()  # motors with an order since their last drive began
         self._last: dict[str, int] = {}  # where the line of a motor's last rest is in the file
-        self._held: dict[str, bytes] = {}  # the line itself, if the file is one in which nothing can be taken back
         self._driven: set[str] = set()  # motors that have not been at rest since their drive
 
     def watch(self, bench: Bench) -> None:
@@ -60,23 +58,17 @@ class Truth:
             self._take_back(motor)
         else:
             self._last.pop(motor, None)
-            self._write(self._held.pop(motor, b""))
         self._driven.add(motor)
 
     def _rests(self, us: int, motor: str, screws: dict[str, float]) -> None:
         line = {"t_us": us - self._start_us} | {f"{name}_screw_rev": rev for name, rev in screws.items()}
         text = json.dumps(line).encode() + b"\n"
         self._driven.discard(motor)
-        if self._file.seekable():
-            self._last[motor] = self._file.tell()
-            self._write(text)
-        else:
-            self._write(self._held.pop(motor, b""))
-            self._held[motor] = text
+        self._last[motor] = self._file.tell()
+        self._write(text)
 
     def _take_back(self, motor: str) -> None:
         """It was no end: the line goes."""
-        self._held.pop(motor, None)
         at = self._last.pop(motor, None)
         if at is None:
             return
@@ -97,9 +89,6 @@ class Truth:
 
     def close(self) -> None:
         """Close the file; a failed write was reported when it happened."""
-        with contextlib.suppress(OSError, CannotWrite):
-            for text in self._held.values():
-                self._write(text)
         with contextlib.suppress(OSError):
             self._file.close()
 
@@ -133,8 +122,3 @@ def _axes_of(words: bytes) -> list[str]:
     if not command:
         return [""]  # a frame, a stop, or malformed, which stops
     return [command[1].decode()] if command[2].upper().startswith(_ORDERS) else []
-
-
-def _opened(file: Path) -> BinaryIO:
-    # a pipe or a terminal cannot be read back. A pipe is opened once: its reader takes the first closing for the end
-    return file.open("wb" if file.exists() and not file.is_file() else "w+b")
