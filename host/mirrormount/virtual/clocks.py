@@ -18,7 +18,6 @@ from mirrormount.virtual.simulation import Simulation
 
 _QUANTUM_US = 1000  # the longest interval granted at once
 _BOOT_US = 8_000_000
-_BUFFER = 512  # bytes in the board's input before the host has to wait
 
 
 class Lockstep:
@@ -75,7 +74,7 @@ class Lockstep:
     def _step(self, end_us: int) -> bool:
         """Let the firmware go on once. False if the time is over."""
         simulation = self.simulation
-        room = _BUFFER - simulation.waiting_in
+        room = BUFFER - simulation.waiting_in
         data = b""
         if self._outbox and room > 0:
             data, self._outbox = self._outbox[:room], self._outbox[room:]
