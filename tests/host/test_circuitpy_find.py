@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 from drive_board import BOOT_OUT, UID, make_drive, usb_port
-from mirrormount.deploy.handshake import Options
+from mirrormount.deploy.prompt import Options
 
 import mirrormount.transport.find
 import mirrormount.transport.open
