@@ -1,7 +1,6 @@
 """What MicroPython runs at power-up: motors off, the firmware, motors off whatever happened."""
 
 import os
-import sys
 
 
 def replay():
@@ -32,39 +31,21 @@ def replay():
 if replay():
     raise SystemExit  # a soft reset: this very file may be a new one now
 
-sys.path.insert(0, "mountfw/ports")
-try:
-    import rp2_listed as listed  # pyright: ignore[reportMissingImports]  # so no folder on the way is looked at: 20 ms
-except ImportError:  # the program was not started where the folder is
-    from mountfw.ports import rp2_listed as listed
-finally:
-    sys.path.pop(0)
+from mountfw.ports import micropython as port  # noqa: E402
 
-try:
-    try:
-        listed.enter()
-        from mountfw.ports import micropython as port
-
-        board = port.find_board()
-        if board:
-            port.motors_off(board)
-        from mountfw.build import build
-        from mountfw.memory import forget_start
-    finally:
-        listed.leave()
-finally:
-    listed.leave()  # again: a second Ctrl-C may have kept the first one from starting
+board = port.find_board()
 if board:
     try:
         try:
+            port.motors_off(board)
+            from mountfw.build import build
+
             app = build(port, board)
-            forget_start()
-            build = listed = replay = forget_start = None  # pyright: ignore  # `del` alone would keep what they are
             app.run()
         finally:
             port.leave(board)
     except KeyboardInterrupt:
         pass
     finally:
-        port.leave(board)  # again, likewise
+        port.leave(board)  # again: a second Ctrl-C may have kept the first one from starting
     print("mountfw has stopped, motors are off. Ctrl-D starts it again.")

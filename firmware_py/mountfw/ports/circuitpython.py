@@ -13,6 +13,7 @@ import microcontroller
 import supervisor
 
 from mountfw import codes
+from mountfw.ports import circuitpython_encoder
 from mountfw.ports.circuitpython_console import any, drain, pack, writable, write  # noqa: F401 (verbs of this port, too)
 from mountfw.ports.circuitpython_files import firmware_hash, load, remove, rename, store  # noqa: F401 (likewise)
 from mountfw.ports.circuitpython_pins import (  # noqa: F401 (likewise)
@@ -137,8 +138,6 @@ def stop_watchdog():
 
 def encoder(number, pins):
     """The reader (counted.py) of an axis whose pins name an encoder; None, after a printed line."""
-    from mountfw.ports import circuitpython_encoder  # only where there is one
-
     return circuitpython_encoder.reader(number, pins)
 
 

@@ -16,7 +16,6 @@ from pathlib import Path
 
 from mirrormount.common.errors import DeployError
 from mirrormount.common.scratch import scratch_folder
-from mirrormount.deploy.inline import inlined
 
 PACKAGE = "mountfw"
 PROGRAMS = {"micropython": ("main.py",), "circuitpython": ("boot.py", "code.py")}  # what the root of a board holds
@@ -79,10 +78,6 @@ def firmware(mpy: int | None) -> dict[str, bytes]:
         raise DeployError(f"this MicroPython wants .mpy version {mpy & 0xFF}: update it to 1.22 or later, or --source")
     processor = _PROCESSORS.get(mpy >> 10 & 0xF)
     found: dict[str, bytes] = {}
-    try:
-        files = inlined(files, PACKAGE)
-    except ValueError as e:
-        raise DeployError(f"the firmware cannot be compiled: {e}") from e
     for path, text in files.items():
         native = any(mark in text for mark in _NATIVE)
         code = b""
