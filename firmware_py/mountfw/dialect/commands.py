@@ -73,7 +73,7 @@ class Commands:
             if hasattr(axis, "reader") and self._settings is _SETTINGS:
                 self._settings = dict(_SETTINGS)
                 self._settings.update(encoder.SETTINGS)
-                parts = (self._number, self._set, self._ask_setting, commands)
+                parts = (self._number, self._set, self._ask_setting)
                 commands.update(encoder.EncoderWords(self._axes, line, replies, *parts).rows())
         self._commands = {key(name.encode()): entry for name, entry in commands.items()}
         self._commands.update(dict.fromkeys(_SETTINGS, (True, self._set, self._ask_setting)))

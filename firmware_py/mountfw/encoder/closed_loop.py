@@ -203,14 +203,8 @@ class ClosedLoop:
 
     def _worth_us(self):
         """How long a drive to the target takes at a step's speed."""
-        return min(self.target, self.most()) * self._count_us()
-
-    def _count_us(self):
-        return self._step_us // self._per_step + 1
-
-    def most(self):
-        """Counts of the longest drive."""
-        return _MOST_US // self._count_us()
+        count_us = self._step_us // self._per_step + 1
+        return min(self.target, _MOST_US // count_us) * count_us
 
     def near(self, counts):
         """May the drive be over before the second of two looks in a run?"""
