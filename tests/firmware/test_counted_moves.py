@@ -2,7 +2,7 @@
 
 from mountfw import codes
 
-from rig_encoder import GearedPort, SlowPort, encoded, ended, move, status, why  # isort: skip
+from rig_encoder import GearedPort, encoded, ended, move, status, why  # isort: skip
 
 
 def counted(rig):
@@ -116,10 +116,10 @@ def test_a_count_right_at_the_begin_of_a_drive_is_no_speed_to_cut_by():
     assert sum(pin == 2 and duty > 0 for _, pin, duty in rig.port.edges[edges:]) == 1  # and no correction
 
 
-def test_a_drive_that_is_over_between_two_looks_is_its_counts():
+def test_a_drive_that_is_over_before_a_speed_is_known_is_its_counts_by_corrections():
     for counts in (2, 3, 5):
         for supply in (0.8, 1.0, 1.2):
-            rig = encoded(settings=b"XN140;XP100000;MM1", port=SlowPort)
+            rig = encoded(settings=b"XN140;XP100000;MM1;DB2")
             rig.motor1.supply = rig.motor2.supply = supply
             rig.motor1.at = rig.motor2.at = 0.37
             goal = 0

@@ -293,12 +293,12 @@ class EncodedAxis(Axis):
         return self.read(0) and (self.drive.on_at != on_at or not self.state)
 
     def _ends_in(self, us, now_us):
-        """The pulse's counts will be there then. Its bound, a guess, and a soft stop are not put off by that."""
-        drive, loop = self.drive, self._loop
+        """The pulse's counts will be there then. Its bound and a soft stop are not put off by that."""
+        drive = self.drive
         if diff(self._bound_at, now_us) <= us:
-            loop.foretold = loop.guessed
+            self._loop.foretold = False
             us = diff(self._bound_at, now_us)
-        if diff(drive.ends_at, now_us) > us or not (loop.guessed or self.pulses_left == 1):
+        if diff(drive.ends_at, now_us) > us or self.pulses_left != 1:
             drive.ends_at = add(now_us, us)
             if drive.gate:
                 drive.gate.end_at(drive.ends_at)
@@ -319,7 +319,6 @@ class EncodedAxis(Axis):
 
     def _rest(self):
         """A pulse is over: the rest before the next one, or before the end is judged."""
-        self._loop.drive_us = diff(self.drive.cut_at, self.drive.on_at)
         settled_at = add(self.drive.cut_at, self._settle_us)
         if not self._loop.left or diff(settled_at, self.next_at) > 0:
             self.next_at = settled_at
