@@ -42,7 +42,7 @@ second_at, bad = 0, 0
 while True:
     second_at += 1
     count, delivered, leaving = 0, False, False
-    from mountfw import build  # a new one each time: code.py gives it back
+    from mountfw import build
     build.build = lambda _port, _board: App()
     sys.settrace(trace)
     try:

@@ -77,10 +77,7 @@ WORDS_OF_A_TRY = 3  # mp_exc_stack_t
             "position",
         )
     ]
-    + [
-        f"encoder/{name}"
-        for name in ("at_rest", "axis", "closed_loop", "in_counts", "position", "stall_homing", "watch")
-    ]
+    + [f"encoder/{name}" for name in ("at_rest", "axis", "closed_loop", "position", "stall_homing", "watch")]
     + ["dialect/encoder", "ports/counted", "ports/micropython_encoder", "ports/circuitpython_encoder"]
     + ["ports/circuitpython", "ports/circuitpython_console"],
 )

@@ -6,7 +6,6 @@ from types import SimpleNamespace
 
 import pytest
 from drive_board import BOOT_OUT, UID, make_drive, usb_port
-from mirrormount.deploy.prompt import Options
 
 import mirrormount.transport.find
 import mirrormount.transport.open
@@ -14,6 +13,7 @@ from mirrormount.cli import main
 from mirrormount.common import errors
 from mirrormount.deploy import micropython
 from mirrormount.deploy.micropython import choose
+from mirrormount.deploy.prompt import Options
 from mirrormount.transport import circuitpy_drives, volumes
 from mirrormount.transport.circuitpy_drives import Drive, check_version, drive_at
 from mirrormount.transport.circuitpy_ports import Channels, channels

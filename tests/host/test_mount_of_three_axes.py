@@ -95,7 +95,7 @@ def test_a_step_of_the_third_axis_waits_for_that_axis(monkeypatch):
     monkeypatch.setattr(transcript, "AT_REST", THREE_AT_REST)
     moving = f"{AT_REST}|500,1,1,0,0,1"
     lines = [
-        ("3XP?;3VA?;3SN?", "200000; 2.00; 0"),
+        ("3XP?;3VA?", "200000; 2.00"),
         *started("3PR1"),
         ("XS?", moving),
         ("XS?", THREE_AT_REST),

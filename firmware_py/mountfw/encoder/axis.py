@@ -8,7 +8,6 @@ and what comes after it, is decided here.
 from mountfw import codes, const
 from mountfw.encoder.at_rest import AtRest
 from mountfw.encoder.closed_loop import ClosedLoop
-from mountfw.encoder.in_counts import InCounts
 from mountfw.encoder.position import MeasuredPosition
 from mountfw.encoder.settings import ENCODER_SETTINGS
 from mountfw.encoder.stall_homing import StallHoming
@@ -39,7 +38,6 @@ class EncodedAxis(Axis):
     # attributes, for type checkers: those of encoder/settings.py
     counts_per_step: int
     closed_loop: int
-    units: int
     dead_band: int
     correction_s: int
     following_error: int
@@ -54,15 +52,12 @@ class EncodedAxis(Axis):
         self._loop = ClosedLoop()
         self.watch = Watch()
         self.watch.play_us = reader.play_us
-        self._counts = 0  # of the pulse that is to begin, if it is not by its length
         self.measured = MeasuredPosition(reader, self)  # its position
         self.at_rest = AtRest(self)
-        self.in_counts = InCounts(self)  # the same, and moves, told so
         super().__init__(number, bridge, positive_stop, negative_stop, homing, error_queue, ticks_us, self.measured)
         self._stall_homing = StallHoming(self)
 
     def reset(self):
-        self.in_counts.reset()
         self.unchecked = False  # is no drive watched for a stall (ZZ)?
         self._watched_at = -1  # on_at of the drive that is watched; -1: it is over
         self._bound_at = 0  # a pulse does not last longer
@@ -82,7 +77,7 @@ class EncodedAxis(Axis):
 
     def _measure(self):
         if not self.counts_per_step:
-            self.closed_loop = self.units = 0
+            self.closed_loop = 0
         super()._measure()
         if not self.measured.measure(self.closed_loop, self.counts_per_step, self.inverted):
             self.watch.forget()
@@ -104,7 +99,6 @@ class EncodedAxis(Axis):
         """The position was restored. recorded: what its record has of the encoder; None: there is no record."""
         if not self.measured.restored(recorded):
             self.error(codes.AXIS_RECORD_DIFFERS)
-        self.in_counts.target = self.measured.counts_of(self.measured.target * 1000)
 
     # ---- status
 
@@ -141,16 +135,6 @@ class EncodedAxis(Axis):
             self._limit = (self.soft_maximum if direction > 0 else self.soft_minimum) if limited else None
         return begun
 
-    def turn(self, n, start, steps):
-        """One drive of n counts, from the place `start` or from where the last move should have ended; to that step."""
-        if abs(n) > self._loop.most():
-            self.error(codes.AXIS_OUT_OF_RANGE)
-            return False
-        self._counts = abs(n)
-        self._start = start
-        self._begin_pulses(1 if n > 0 else -1 if n else 0, self.pulse_us, steps)
-        return True
-
     def seek(self, direction, home):
         """Find the end-stop in direction 1 or -1, or the end by stall where none is fitted."""
         watched = self.measured.closed and self.watch.stall_us  # else the motor would be pressed on at its end
@@ -173,8 +157,7 @@ class EncodedAxis(Axis):
     def _begin_loop(self, n, us):
         """A closed-loop move of |n| pulses begins, each us long at XN's speed. Returns n as the loop makes it."""
         position = self.measured
-        per_pulse = self._counts or position.share_of_step(us, self.pulse_us)
-        self._counts = 0
+        per_pulse = position.share_of_step(us, self.pulse_us)
         position.look()
         self.poll_input()
         self._pulses = True
@@ -310,12 +293,12 @@ class EncodedAxis(Axis):
         return self.read(0) and (self.drive.on_at != on_at or not self.state)
 
     def _ends_in(self, us, now_us):
-        """The pulse's counts will be there then. Its bound, a guess, and a soft stop are not put off by that."""
-        drive, loop = self.drive, self._loop
+        """The pulse's counts will be there then. Its bound and a soft stop are not put off by that."""
+        drive = self.drive
         if diff(self._bound_at, now_us) <= us:
-            loop.foretold = loop.guessed
+            self._loop.foretold = False
             us = diff(self._bound_at, now_us)
-        if diff(drive.ends_at, now_us) > us or not (loop.guessed or self.pulses_left == 1):
+        if diff(drive.ends_at, now_us) > us or self.pulses_left != 1:
             drive.ends_at = add(now_us, us)
             if drive.gate:
                 drive.gate.end_at(drive.ends_at)
@@ -336,7 +319,6 @@ class EncodedAxis(Axis):
 
     def _rest(self):
         """A pulse is over: the rest before the next one, or before the end is judged."""
-        self._loop.drive_us = diff(self.drive.cut_at, self.drive.on_at)
         settled_at = add(self.drive.cut_at, self._settle_us)
         if not self._loop.left or diff(settled_at, self.next_at) > 0:
             self.next_at = settled_at

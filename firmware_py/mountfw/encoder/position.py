@@ -331,15 +331,6 @@ class MeasuredPosition(Position):
             self._measured()
             self._zero()
 
-    def define_counts(self, counts):
-        """Call the present position so many counts."""
-        steps = counts // self.per_step
-        self.define(steps)
-        self._counts = counts - steps * self.per_step
-        self.millisteps = self._shown = steps * 1000 + (self._counts * 1000 + (self.per_step >> 1)) // self.per_step
-        if self.closed:
-            self._zero()
-
     def homed(self):
         super().homed()
         if self.closed:

@@ -26,12 +26,6 @@ _setting(b"MM", "closed_loop", 0, 1, 0, BITS | AT_REST)
 without one that has failed.
 """
 
-_setting(b"SN", "units", 0, 1, 0, BITS | AT_REST)
-"""Encoder: 1: PR, PA, TP and DH are in counts; 0: in steps
-
-1 is refused with n35 while `XN` is 0.
-"""
-
 _setting(b"DB", "dead_band", 0, 10_000, 1)
 """Encoder: counts that a move may end beside its target
 

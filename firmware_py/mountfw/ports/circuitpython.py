@@ -13,8 +13,8 @@ import microcontroller
 import supervisor
 
 from mountfw import codes
+from mountfw.ports import circuitpython_encoder
 from mountfw.ports.circuitpython_console import any, drain, pack, writable, write  # noqa: F401 (verbs of this port, too)
-from mountfw.ports.circuitpython_files import firmware_hash, load, remove, rename, store  # noqa: F401 (likewise)
 from mountfw.ports.circuitpython_pins import (  # noqa: F401 (likewise)
     PERIOD_US,
     TwoPwmBridge,
@@ -25,6 +25,7 @@ from mountfw.ports.circuitpython_pins import (  # noqa: F401 (likewise)
     output,
     reader,
 )
+from mountfw.ports.circuitpython_storage import firmware_hash, load, remove, rename, store  # noqa: F401 (likewise)
 
 _WRAP_MASK = 0x3FFF_FFFF  # a literal: computed from 1 << 30 it would be a large integer, and allocate at each use
 _MS_MASK = (1 << 29) - 1  # supervisor.ticks_ms() wraps there
@@ -137,8 +138,6 @@ def stop_watchdog():
 
 def encoder(number, pins):
     """The reader (counted.py) of an axis whose pins name an encoder; None, after a printed line."""
-    from mountfw.ports import circuitpython_encoder  # only where there is one
-
     return circuitpython_encoder.reader(number, pins)
 
 

@@ -1,6 +1,6 @@
 """Readers of encoders on MicroPython: PIO on an RP2040 or RP2350, machine.Encoder where a port has it, an AS5600.
 
-counted.py says what a reader is. Only for a board file that names an encoder.
+counted.py says what a reader is.
 """
 
 # pyright: reportUndefinedVariable=false, reportAttributeAccessIssue=false

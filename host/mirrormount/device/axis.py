@@ -36,7 +36,6 @@ class Axis(Encoded):
     def zero(self, steps: int = 0) -> None:
         """Define the present position as `steps`; from here on it is counted. Raises BadValue as step() does."""
         steps = whole_number(steps, 1_000_000, "position")
-        self._check_units(*self.ask_whole("SN?"))
         self._session.send(f"{self.number}DH{steps}")
 
     def home(self, progress: Progress | None = None) -> Homed:

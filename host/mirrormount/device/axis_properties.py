@@ -76,8 +76,6 @@ class AxisProperties:
     """Encoder: counts of one step; 0: not measured"""
     closed_loop = Property[int]()
     """Encoder: 1: closed loop, the position is measured; 0: open loop"""
-    units = Property[int]()
-    """Encoder: 1: PR, PA, TP and DH are in counts; 0: in steps"""
     dead_band = Property[int]()
     """Encoder: counts that a move may end beside its target"""
     correction_s = Property[float]()

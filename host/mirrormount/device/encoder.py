@@ -79,7 +79,7 @@ class Encoded(Moves):
         n = whole_number(n, 1000, "steps to count")
         _ = self.counts  # there is one
         before = settings.read(self._session)[self.name]
-        was = {name: before[name] for name in ("closed_loop", "units") if name in before}
+        was = {"closed_loop": before["closed_loop"]} if "closed_loop" in before else {}
         try:
             settings.write(self._session, {self.name: dict.fromkeys(was, 0)})
             way = -1 if before["inverted"] else 1

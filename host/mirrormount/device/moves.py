@@ -233,10 +233,7 @@ class Moves(AxisProperties):
         """Start a move of n steps. stops: gate.last_stop() at the request, None: now."""
         a, session = self.number, self._session
         stops = session.gate.last_stop() if stops is None else stops
-        timing, _, in_counts = session.ask(f"{a}XP?;{a}VA?;{a}SN?").rpartition("; ")
-        pulse_us, velocity = positive_numbers(timing, 2)
-        if mnemonic in ("PR", "PA"):
-            self._check_units(*whole_numbers(in_counts, 1))
+        pulse_us, velocity = positive_numbers(session.ask(f"{a}XP?;{a}VA?"), 2)
         command = f"{a}{mnemonic}{value}"
         if by_sight:
             own, velocity = velocity, _velocity_by_sight(int(pulse_us))
@@ -250,14 +247,6 @@ class Moves(AxisProperties):
                 self._wait_until_done(n, progress)
             elif feed:
                 session.keep_alive.start()
-
-    def _check_units(self, in_counts: int) -> None:
-        """in_counts: the answer to SN?. Raises BadValue where the board takes counts instead of steps."""
-        if in_counts:
-            raise BadValue(
-                f"{self.name}.units is {in_counts}, so the board takes counts of its encoder for steps:"
-                f" `mirrormount config set {self.name}.units 0`"
-            )
 
     def _wait_until_done(self, wanted: int | None, progress: Progress | None = None) -> None:
         ended = self.wait(progress)

@@ -259,10 +259,8 @@ def check_together(before: Mapping[str, Mapping[str, Any]], wanted: Mapping[str,
         after = {**before[axis], **wanted[axis]}
         if after["soft_minimum"] > after["soft_maximum"]:
             raise BadValue(f"{axis}.soft_minimum {after['soft_minimum']} is above its maximum {after['soft_maximum']}")
-        if not after.get("counts_per_step", 0):
-            for name in ("closed_loop", "units"):  # the board would say no more than n35
-                if wanted[axis].get(name) and "counts_per_step" in after:
-                    raise BadValue(f"{axis}.{name} needs {axis}.counts_per_step, which `mirrormount setup` measures")
+        if wanted[axis].get("closed_loop") and after.get("counts_per_step") == 0:  # the board would say n35 only
+            raise BadValue(f"{axis}.closed_loop needs {axis}.counts_per_step, which `mirrormount setup` measures")
         if "velocity" in wanted[axis]:  # the board would make fewer steps (n10)
             most = 100_000_000 // (after["pulse_us"] + 1000) / 100
             if after["velocity"] > most:
