@@ -24,7 +24,9 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 
-from mirrormount.common.errors import (
+from mirrormount.device.session import Session
+from mirrormount.device.status import parse_status
+from mirrormount.errors import (
     AllowNeeded,
     AtPrompt,
     BadAddress,
@@ -34,14 +36,11 @@ from mirrormount.common.errors import (
     MountError,
     NotAMount,
 )
-from mirrormount.common.keep_alive import KEEP_ALIVE_MS
-from mirrormount.device.session import Session
-from mirrormount.device.status import parse_status
-from mirrormount.transport.find import find_one
-from mirrormount.transport.lines import GREETING, NO_BOARD, NOT_ALLOWED, TAKEN, refusal_line
-from mirrormount.transport.port import Port
+from mirrormount.transport.discovery import find_one
+from mirrormount.transport.link import GREETING, NO_BOARD, NOT_ALLOWED, TAKEN, refusal_line
+from mirrormount.transport.ports import Port, acknowledge
 from mirrormount.transport.stop_socket import SENT, STOPPED, StopListener
-from mirrormount.transport.tcp_port import acknowledge
+from mirrormount.values import KEEP_ALIVE_MS
 from mountfw.dialect.line import COMMAND, QUERY, Line, key
 from mountfw.wire.frame import Frame, pack
 from mountfw.wire.receiver import FRAME, FRAME_GAP_US, LINE, NEED_BYTES, STOP, ZEROS, Receiver

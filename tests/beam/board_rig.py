@@ -3,13 +3,13 @@
 from fast_table import FastCamera
 from loop_rig import Rig
 
-from mirrormount import Mount
-from mirrormount.beam.control.response import belongs_to
-from mirrormount.beam.table import LocalTable
-from mirrormount.common.errors import ConnectionLost
-from mirrormount.transport.lines import Link
-from mirrormount.virtual.mechanics import PROFILES
-from mirrormount.virtual.table import Kind, VirtualTable
+from mirrormount.device.mount import Mount
+from mirrormount.errors import ConnectionLost
+from mirrormount.transport.link import Link
+from mirrormount_beam.control.response import belongs_to
+from mirrormount_beam.table import LocalTable
+from mirrormount_sim.mechanics import PROFILES
+from mirrormount_sim.table import Kind, VirtualTable
 
 
 class Died(BaseException):

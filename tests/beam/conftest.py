@@ -4,10 +4,10 @@ import contextlib
 
 import pytest
 
-from mirrormount.beam.estimate import Estimate
-from mirrormount.cli import measure_work
-from mirrormount.transport.open import open_table
-from mirrormount.virtual import table as table_module
+from mirrormount.transport.ports import open_table
+from mirrormount_beam.cli import measure
+from mirrormount_beam.estimates import Estimate
+from mirrormount_sim import table as table_module
 
 
 @pytest.fixture
@@ -32,7 +32,7 @@ def tables(monkeypatch):
         opened.append(table_module.open_table(address))
         return opened[-1]
 
-    monkeypatch.setattr(measure_work, "open_table", open_table)
+    monkeypatch.setattr(measure, "open_table", open_table)
     return opened
 
 
@@ -44,4 +44,4 @@ def found(monkeypatch):
         rig.observe()
         result.estimates["x.take_up"] = Estimate(251_000.0, 900.0, "us")
 
-    monkeypatch.setattr(measure_work.backlash, "run", at_once)
+    monkeypatch.setattr(measure.backlash, "run", at_once)

@@ -1,6 +1,6 @@
 """A table without boards and pictures: actuators of the virtual bench, the virtual beam, and spots with noise.
 
-It does what a loop needs (beam/control/interfaces.py) in a thousandth of the time of the virtual table. The faults that
+It does what a loop needs (mirrormount_beam/control/interfaces.py) in a thousandth of the time. The faults that
 a test orders are attributes. It knows the truth: truth_um() is where the beam is.
 """
 
@@ -9,16 +9,15 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from mirrormount.beam.camera import Frame, Size
-from mirrormount.beam.reasons import Reason
-from mirrormount.beam.spot import NoSpot, Spot
-from mirrormount.beam.table import TargetCamera
-from mirrormount.common.beam_errors import CameraGone
-from mirrormount.common.errors import MoveEnded
-from mirrormount.virtual.bench import LEVER_X_MM, LEVER_Y_MM
-from mirrormount.virtual.mechanics import PROFILES, Drivetrain
-from mirrormount.virtual.optics import DEFAULT, Geometry
-from mirrormount.virtual.table import Table
+from mirrormount.errors import MoveEnded
+from mirrormount_beam.camera import Image, Size
+from mirrormount_beam.errors import CameraGone
+from mirrormount_beam.spot.find import NoSpot, NoSpotReason, Spot
+from mirrormount_beam.table import TargetCamera
+from mirrormount_sim.bench import LEVER_X_MM, LEVER_Y_MM
+from mirrormount_sim.mechanics import PROFILES, Drivetrain
+from mirrormount_sim.optics import DEFAULT, Geometry
+from mirrormount_sim.table import Table
 
 FRAME_S = 1 / 30
 LATENCY_S = 0.05
@@ -93,7 +92,7 @@ class FastCamera(TargetCamera):
         super().__init__(f"camera {number + 1}", self, (319.5, 239.5), (um, um), table.truth.geometry.cameras_m[number])
         del self.view  # no page looks on, and a table is copied as it stands
         self.rotation, self.centre = rotation, centre
-        self.reason: Reason | None = None
+        self.reason: NoSpotReason | None = None
         self.left = math.inf
         self.gone = self.frozen = False
         self.stale_s = 0.0
@@ -109,7 +108,7 @@ class FastCamera(TargetCamera):
         c, s = math.cos(self.rotation), math.sin(self.rotation)
         return self.centre[0] + right * c + up * s, self.centre[1] + right * s - up * c
 
-    def frames(self) -> Iterator[Frame]:
+    def frames(self) -> Iterator[Image]:
         while True:
             if self.gone:
                 raise CameraGone(f"{self.name} was unplugged")
@@ -124,18 +123,18 @@ class FastCamera(TargetCamera):
                 spot = self.table.spots_mm()[self.number]
                 self._place = spot and self.px((spot[0], spot[1]))
             self._count += 1
-            yield Frame(np.zeros((1, 1), np.uint8), time_s - self.stale_s, self._count, repeated)
+            yield Image(np.zeros((1, 1), np.uint8), time_s - self.stale_s, self._count, repeated)
 
-    def find(self, frame: Frame) -> Spot | NoSpot:
+    def find(self, frame: Image) -> Spot | NoSpot:
         if self.reason and self.left > 0:
             self.left -= 1
             return NoSpot(self.reason)
         if self._place is None:
-            return NoSpot(Reason.NOTHING)
+            return NoSpot(NoSpotReason.NOTHING)
         air = self.table.noise.standard_normal(2) * math.hypot(AIR_MM / PX_MM, FIT_PX)
         x, y = self._place[0] + air[0], self._place[1] + air[1]
         if min(x, SIZE.width - 1 - x, y, SIZE.height - 1 - y) < EDGE_PX:
-            return NoSpot(Reason.EDGE)
+            return NoSpot(NoSpotReason.EDGE)
         return Spot(float(x), float(y), FIT_PX, FIT_PX, 12.0, 12.0, 180.0, 0.0, 0, 600.0)
 
 

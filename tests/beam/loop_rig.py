@@ -5,9 +5,9 @@ import functools
 
 from fast_table import FastTable
 
-from mirrormount.beam.control.calibrate import Calibration
-from mirrormount.beam.control.events import InterlockTripped, Pulsed, StateChanged
-from mirrormount.beam.control.hold import Hold, align
+from mirrormount_beam.control.calibrate import Calibration
+from mirrormount_beam.control.events import InterlockTripped, Pulsed, StateChanged
+from mirrormount_beam.control.hold import Hold, align
 
 
 @functools.cache

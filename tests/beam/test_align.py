@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from fast_table import FastTable
 
-from mirrormount.beam.control.calibrate import Calibration
-from mirrormount.beam.control.hold import align
-from mirrormount.beam.control.response import belongs_to, load, save
-from mirrormount.common.beam_errors import NotControllable, ResponseOfOther, SpotLost
-from mirrormount.common.errors import BadFile
-from mirrormount.virtual.optics import Geometry
+from mirrormount.errors import BadFile
+from mirrormount_beam.control.calibrate import Calibration
+from mirrormount_beam.control.hold import align
+from mirrormount_beam.control.response import belongs_to, load, save
+from mirrormount_beam.errors import NotControllable, ResponseOfOther, SpotLost
+from mirrormount_sim.optics import Geometry
 
 OFF_MM = 9.0
 

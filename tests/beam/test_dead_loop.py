@@ -8,11 +8,11 @@ import contextlib
 import pytest
 from board_rig import BoardTable, Died
 
-from mirrormount.beam.control.events import InterlockTripped
-from mirrormount.beam.control.hold import Hold, align
-from mirrormount.beam.control.response import load, save
-from mirrormount.common.errors import MountError
-from mirrormount.common.keep_alive import KEEP_ALIVE_MS
+from mirrormount.errors import MountError
+from mirrormount.values import KEEP_ALIVE_MS
+from mirrormount_beam.control.events import InterlockTripped
+from mirrormount_beam.control.hold import Hold, align
+from mirrormount_beam.control.response import load, save
 
 OFF_S = KEEP_ALIVE_MS / 1000 + 0.002  # the board looks at its clock once a millisecond
 OFF_UM = 2500.0

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from mirrormount.beam.control import events
+from mirrormount_beam.control import events
 
 
 @pytest.mark.parametrize(

@@ -5,8 +5,8 @@ import pytest
 from board_rig import BoardTable
 from loop_rig import Rig
 
-from mirrormount.beam.control.events import InterlockTripped
-from mirrormount.beam.control.hold import Hold
+from mirrormount_beam.control.events import InterlockTripped
+from mirrormount_beam.control.hold import Hold
 
 WHEN_S = 20.0  # after the begin of the hold
 ENDS = ("corrections do not help", "axis does not move", "spot jumped")

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from loop_rig import Rig
 
-from mirrormount.beam.control.backlash import Gap, Width
-from mirrormount.beam.control.controller import Prices, plan_correction
-from mirrormount.beam.control.events import Corrected, Observed, Pulsed
-from mirrormount.beam.control.hold import angle_weight
-from mirrormount.beam.control.kalman import Tracker
-from mirrormount.cli import hold_work
 from mirrormount.cli.main import main
+from mirrormount_beam.cli import hold
+from mirrormount_beam.control.backlash import Gap, Width
+from mirrormount_beam.control.controller import Prices, plan_correction
+from mirrormount_beam.control.events import Corrected, Observed, Pulsed
+from mirrormount_beam.control.hold import angle_weight
+from mirrormount_beam.control.kalman import Tracker
 
 ONE = ("--virtual", "--mounts", "1", "--cameras", "1", "--off", "0")
 LEVER_M = 1.2  # between the cameras
@@ -224,7 +224,7 @@ def test_what_cannot_be_is_one_line(arguments, capsys):
 
 @pytest.mark.parametrize("verb", ["calibrate", "align", "hold"])
 def test_numbers_that_cannot_be_written_are_told_before_anything_moves(verb, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(hold_work, "open_table", pytest.fail)
+    monkeypatch.setattr(hold, "open_table", pytest.fail)
     for file in (tmp_path / "none" / "hold.json", tmp_path):
         assert main([verb, "--virtual", "--json", str(file)]) == 1
         assert capsys.readouterr().err.startswith(f"mirrormount: cannot write {file}: ")
@@ -233,7 +233,7 @@ def test_numbers_that_cannot_be_written_are_told_before_anything_moves(verb, tmp
 
 @pytest.mark.parametrize("verb", ["calibrate", "align", "hold"])
 def test_numbers_never_replace_the_file_of_something_else(verb, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(hold_work, "open_table", pytest.fail)
+    monkeypatch.setattr(hold, "open_table", pytest.fail)
     (file := tmp_path / "notes.json").write_text('{"mine": 1}')
     assert main([verb, "--virtual", "--json", str(file)]) == 1
     assert "a file of that name exists" in capsys.readouterr().err

@@ -18,19 +18,19 @@ import pytest
 from loop_rig import Rig
 from served import wait_for
 
-from mirrormount.beam import scale
-from mirrormount.beam.camera import Size
-from mirrormount.beam.control.response import save
-from mirrormount.beam.scale import Scale
-from mirrormount.common.keep_alive import KEEP_ALIVE_MS
 from mirrormount.device import calibration
 from mirrormount.device.mount import Mount
-from mirrormount.virtual.board import Options, make_simulation
-from mirrormount.virtual.clocks import serve
-from mirrormount.virtual.mechanics import SMOOTH
-from mirrormount.virtual.optics import DEFAULT
-from mirrormount.virtual.ports import PtyPort
-from mirrormount.virtual.table import RealtimeClock, Table, TableCamera, new_webcam
+from mirrormount.values import KEEP_ALIVE_MS
+from mirrormount_beam import scale
+from mirrormount_beam.camera import Size
+from mirrormount_beam.control.response import save
+from mirrormount_beam.scale import Scale
+from mirrormount_sim.board import Options, make_simulation
+from mirrormount_sim.clocks import serve
+from mirrormount_sim.mechanics import SMOOTH
+from mirrormount_sim.optics import DEFAULT
+from mirrormount_sim.ports import PtyPort
+from mirrormount_sim.table import RealtimeClock, Table, TableCamera, new_webcam
 
 pytestmark = pytest.mark.wall_clock  # on a busy computer a board in real time answers later than the loop waits
 OFF_US = KEEP_ALIVE_MS * 1000 + 2000  # the board looks at its clock once a millisecond

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from loop_rig import Rig
 
-from mirrormount.beam.control import interlocks
-from mirrormount.beam.control.events import TAKE_UP, InterlockTripped
-from mirrormount.beam.control.hold import Hold
-from mirrormount.beam.reasons import Reason
-from mirrormount.common.errors import BoardError, NotInControl
+from mirrormount.errors import BoardError, NotInControl
+from mirrormount_beam.control import interlocks
+from mirrormount_beam.control.events import TAKE_UP, InterlockTripped
+from mirrormount_beam.control.hold import Hold
+from mirrormount_beam.spot.find import NoSpotReason
 
 WHEN_S = 20.0  # after the begin of the hold
 
@@ -40,7 +40,9 @@ def test_a_laser_blocked_for_10_s_is_waited_for(rig):
     assert summary.reached
 
 
-@pytest.mark.parametrize(("reason", "most"), [(Reason.SHAPE, 4), (Reason.SPLIT, 4), (Reason.NOTHING, 1)])
+@pytest.mark.parametrize(
+    ("reason", "most"), [(NoSpotReason.SHAPE, 4), (NoSpotReason.SPLIT, 4), (NoSpotReason.NOTHING, 1)]
+)
 def test_frames_that_noise_alone_may_spoil_trip_no_interlock(rig, reason, most):
     eye = rig.table.cameras[1]
     eye.reason, eye.left = reason, 0
@@ -107,9 +109,9 @@ def test_a_beam_that_is_lost_is_not_searched(rig):
 @pytest.mark.parametrize(
     ("name", "value", "gate"),
     [
-        ("reason", Reason.SATURATED, "spot not clear"),
-        ("reason", Reason.SPLIT, "spot not clear"),
-        ("reason", Reason.EDGE, "no spot"),
+        ("reason", NoSpotReason.SATURATED, "spot not clear"),
+        ("reason", NoSpotReason.SPLIT, "spot not clear"),
+        ("reason", NoSpotReason.EDGE, "no spot"),
         ("gone", True, "camera gone"),
         ("frozen", True, "camera repeats"),
         ("stale_s", 2.0, "frames too old"),

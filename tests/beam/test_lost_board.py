@@ -14,17 +14,17 @@ from fast_table import FastCamera
 from loop_rig import Rig
 from served import wait_for
 
-from mirrormount.beam.control import events
-from mirrormount.beam.control.backlash import Gap
-from mirrormount.beam.control.hold import Hold
-from mirrormount.beam.control.interlocks import BOARD
-from mirrormount.beam.control.response import belongs_to
-from mirrormount.beam.table import SharedTable
-from mirrormount.common.errors import CannotOpen, ConnectionLost
-from mirrormount.common.keep_alive import KEEP_ALIVE_MS
+from mirrormount.errors import CannotOpen, ConnectionLost
 from mirrormount.supervise.supervisor import Supervisor
-from mirrormount.virtual.mechanics import PROFILES
-from mirrormount.virtual.table import Kind, VirtualTable
+from mirrormount.values import KEEP_ALIVE_MS
+from mirrormount_beam.control import events
+from mirrormount_beam.control.backlash import Gap
+from mirrormount_beam.control.hold import Hold
+from mirrormount_beam.control.interlocks import BOARD
+from mirrormount_beam.control.response import belongs_to
+from mirrormount_beam.table import SharedTable
+from mirrormount_sim.mechanics import PROFILES
+from mirrormount_sim.table import Kind, VirtualTable
 
 OFF_S = KEEP_ALIVE_MS / 1000 + 0.002  # the board looks at its clock once a millisecond
 FAR_UM = 4000.0  # some steps of each axis: longer than the keep-alive

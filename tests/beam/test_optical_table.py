@@ -4,10 +4,11 @@ import cv2
 import numpy as np
 import pytest
 
-from mirrormount.beam import Table, scale
-from mirrormount.beam.open_camera import open_camera
-from mirrormount.beam.scale import Scale
-from mirrormount.common import errors
+from mirrormount import errors
+from mirrormount_beam import scale
+from mirrormount_beam.cameras import open_camera
+from mirrormount_beam.scale import Scale
+from mirrormount_beam.table import Table
 
 PATIENCE_S = 60.0  # nobody hangs here
 MOUNTS = '[mounts.first]\nport = "virtual://"\n[mounts.second]\nport = "virtual://?seed=2"\nx_axis = 1\n'

@@ -14,8 +14,9 @@ import numpy as np
 import pytest
 from loop_rig import Rig
 
-from mirrormount.beam import runlog
-from mirrormount.beam.control.events import (
+from mirrormount.errors import BadFile, CannotWrite
+from mirrormount_beam import runlog
+from mirrormount_beam.control.events import (
     HOLDING,
     WAITING,
     Corrected,
@@ -28,10 +29,9 @@ from mirrormount.beam.control.events import (
     SpotSeen,
     StateChanged,
 )
-from mirrormount.beam.control.hold import Hold
-from mirrormount.beam.run_report import write_report
-from mirrormount.beam.runlog import ErrorSums, RunLog, joined, read_run, spectrum
-from mirrormount.common.errors import BadFile, CannotWrite
+from mirrormount_beam.control.hold import Hold
+from mirrormount_beam.report import write_report
+from mirrormount_beam.runlog import ErrorSums, RunLog, joined, read_run, spectrum
 
 ABOUT = {"began": "2026-11-22T10:00:00+00:00", "table": "<two> mounts"}
 
@@ -114,7 +114,7 @@ def test_a_report_has_the_figures_that_the_run_ended_with(tmp_path):
 KILLED = """
 import os, signal, sys
 from pathlib import Path
-from mirrormount.beam.runlog import RunLog
+from mirrormount_beam.runlog import RunLog
 from test_runlog import ABOUT, an_hour
 
 log, events = RunLog(Path(sys.argv[1]), ABOUT), an_hour()

@@ -2,13 +2,13 @@
 
 import pytest
 
-from mirrormount import Mount
-from mirrormount.beam.camera import Controls, Frame, Size
-from mirrormount.beam.table import SharedTable, TargetCamera, answer
-from mirrormount.common.beam_errors import CameraAbsent, CameraGone, CameraSizeChanged
-from mirrormount.common.errors import BadFile, MoveEnded, NotInControl
-from mirrormount.supervise import Supervisor
+from mirrormount.device.mount import Mount
+from mirrormount.errors import BadFile, MoveEnded, NotInControl
 from mirrormount.supervise.lease import Client
+from mirrormount.supervise.supervisor import Supervisor
+from mirrormount_beam.camera import Controls, Image, Size
+from mirrormount_beam.errors import CameraAbsent, CameraGone, CameraSizeChanged
+from mirrormount_beam.table import SharedTable, TargetCamera, answer
 
 PATIENCE_S = 60.0  # nobody hangs here
 
@@ -114,7 +114,7 @@ class _Camera:
         self.closed = True
 
     def frames(self):
-        yield Frame(None, 0.0, 0)
+        yield Image(None, 0.0, 0)
         raise CameraGone("test was unplugged")
 
 

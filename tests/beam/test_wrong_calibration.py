@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from loop_rig import Rig
 
-from mirrormount.beam.control.events import InterlockTripped
-from mirrormount.beam.control.hold import Hold, align
+from mirrormount_beam.control.events import InterlockTripped
+from mirrormount_beam.control.hold import Hold, align
 
 FURTHER_UM = 4000.0  # a quarter of a picture's half: by so much at most the beam gets further off, on any camera
 ENDS = ("corrections do not help", "axis does not move", "spot jumped")

@@ -12,11 +12,11 @@ from mirrormount.deploy import firmware as files_of
 from mirrormount.deploy.firmware import firmware, firmware_hash, hashes
 from mirrormount.deploy.micropython import Plan, Survey, beside, plan
 from mirrormount.deploy.on_board import MANIFEST
-from mirrormount.virtual import emulator
-from mirrormount.virtual.clocks import Lockstep
-from mirrormount.virtual.emulator import RawPrompt
-from mirrormount.virtual.machines import firmware_folder
-from mirrormount.virtual.simulation import START_US, Simulation
+from mirrormount_sim import emulator
+from mirrormount_sim.clocks import Lockstep
+from mirrormount_sim.emulator import RawPrompt
+from mirrormount_sim.machines import firmware_folder
+from mirrormount_sim.simulation import START_US, Simulation
 
 STARTED_US = 300_000  # main.py runs by then, and a Ctrl-C is heard
 MPY = 6  # the format of compiled files that MicroPython 1.23 and later takes

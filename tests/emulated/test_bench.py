@@ -7,8 +7,8 @@ import pytest
 import run
 from lab import USB_US, Lab
 
-from mirrormount.common.errors import EmulatorMissing
-from mirrormount.virtual import emulator
+from mirrormount.errors import EmulatorMissing
+from mirrormount_sim import emulator
 
 
 @pytest.fixture(autouse=True)

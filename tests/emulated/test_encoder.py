@@ -5,8 +5,8 @@ from dataclasses import replace
 import pytest
 from test_memory import SESSION
 
-from mirrormount.virtual.mechanics import SMOOTH
-from mirrormount.virtual.simulation import START_US
+from mirrormount_sim.mechanics import SMOOTH
+from mirrormount_sim.simulation import START_US
 
 pytestmark = pytest.mark.lockstep
 

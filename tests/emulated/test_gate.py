@@ -5,7 +5,7 @@ import random
 import pytest
 from lab import on_times_us
 
-from mirrormount.virtual.emulator import RawPrompt
+from mirrormount_sim.emulator import RawPrompt
 
 pytestmark = pytest.mark.lockstep
 

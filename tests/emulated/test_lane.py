@@ -5,9 +5,9 @@ import shutil
 import pytest
 
 from mirrormount.deploy.firmware import firmware
-from mirrormount.virtual import emulator
-from mirrormount.virtual.emulator import mpy_of
-from mirrormount.virtual.machines import THIS
+from mirrormount_sim import emulator
+from mirrormount_sim.emulator import mpy_of
+from mirrormount_sim.machines import THIS
 
 pytestmark = pytest.mark.lockstep
 

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 from power import Board, Deploy, PowerCut, uploaded
 
-from mirrormount.common.errors import EmulatorMissing
 from mirrormount.deploy.micropython import beside, board_script
+from mirrormount.errors import EmulatorMissing
 
 PAGE = 256  # bytes, the most that one operation programs
 EXCHANGE, PUT_BACK = "exchange('')", "put_back('', True)"

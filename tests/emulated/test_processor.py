@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from mirrormount.common.errors import EmulatorMissing
-from mirrormount.virtual import emulator
+from mirrormount.errors import EmulatorMissing
+from mirrormount_sim import emulator
 
 STATED = 65_000  # of 65,536 first half-words; the others are breakpoints, and one in which rp2040js is wrong
 

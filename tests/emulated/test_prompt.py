@@ -5,7 +5,7 @@ import random
 import pytest
 from lab import on_times_us
 
-from mirrormount.virtual.mechanics import SWITCH_REV
+from mirrormount_sim.mechanics import SWITCH_REV
 
 pytestmark = pytest.mark.lockstep
 

@@ -5,7 +5,7 @@ import random
 import pytest
 from test_memory import SESSION
 
-from mirrormount.virtual.emulator import RawPrompt
+from mirrormount_sim.emulator import RawPrompt
 
 pytestmark = pytest.mark.lockstep
 

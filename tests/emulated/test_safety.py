@@ -2,7 +2,7 @@
 
 import pytest
 
-from mirrormount.virtual.emulator import RawPrompt
+from mirrormount_sim.emulator import RawPrompt
 
 pytestmark = pytest.mark.lockstep
 

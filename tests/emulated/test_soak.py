@@ -3,8 +3,8 @@
 import pytest
 import soak
 
-from mirrormount.common.errors import EmulatorMissing
-from mirrormount.virtual import emulator
+from mirrormount.errors import EmulatorMissing
+from mirrormount_sim import emulator
 
 pytestmark = pytest.mark.lockstep
 

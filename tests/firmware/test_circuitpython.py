@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 from circuitpy_board import PERIOD_US, STEP_US, Board
 
-from mirrormount.virtual import machines
-from mirrormount.virtual.board import Options, make_simulation
-from mirrormount.virtual.simulation import Simulation
+from mirrormount_sim import machines
+from mirrormount_sim.board import Options, make_simulation
+from mirrormount_sim.simulation import Simulation
 from mountfw.ports.shared import FOLDERS
 
 ESP32_S3 = "adafruit_feather_esp32s3_4mbflash_2mbpsram"

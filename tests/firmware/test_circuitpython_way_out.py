@@ -1,7 +1,7 @@
 """The way out of the firmware on CircuitPython: whatever comes on it, no motor and no watchdog is left on."""
 
-from mirrormount.virtual import machines
-from mirrormount.virtual.simulation import Simulation
+from mirrormount_sim import machines
+from mirrormount_sim.simulation import Simulation
 
 WAYS_OUT = """
 import sys, usb_cdc, microcontroller

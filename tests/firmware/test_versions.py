@@ -14,10 +14,10 @@ from pathlib import Path
 import pytest
 import vms
 
-from mirrormount.common.supported import MICROPYTHON
 from mirrormount.deploy.firmware import firmware, firmware_hash
 from mirrormount.deploy.micropython import board_script
-from mirrormount.virtual.machines import firmware_folder
+from mirrormount.supported import MICROPYTHON
+from mirrormount_sim.machines import firmware_folder
 
 HERE = Path(__file__).parent
 NATIVE = ("mountfw/ports/micropython_console.py", "mountfw/ports/micropython_drain.py")

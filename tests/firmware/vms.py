@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from mirrormount.common.errors import EmulatorMissing
-from mirrormount.common.supported import MICROPYTHON
-from mirrormount.virtual import emulator
-from mirrormount.virtual.emulator import cache, held, last_line
+from mirrormount.errors import EmulatorMissing
+from mirrormount.supported import MICROPYTHON
+from mirrormount_sim import emulator
+from mirrormount_sim.emulator import cache, held, last_line
 
 ROOT = Path(__file__).parent.parent.parent
 FAKES = ROOT / "host" / "mirrormount" / "virtual" / "fakes"

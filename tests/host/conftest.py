@@ -13,11 +13,11 @@ from deployed import Served, mpy_of_the_vm
 from served import ServedBoard
 from serving import Served as ServeProcess
 
-from mirrormount.common.errors import EmulatorMissing
 from mirrormount.deploy.firmware import firmware
 from mirrormount.deploy.micropython import Survey, plan
 from mirrormount.device.mount import Mount
-from mirrormount.virtual import machines
+from mirrormount.errors import EmulatorMissing
+from mirrormount_sim import machines
 
 
 @pytest.fixture

@@ -4,8 +4,8 @@ from pathlib import Path
 
 from cut_board import PowerCut
 
-from mirrormount.common.progress import Progress
 from mirrormount.deploy.circuitpython import Files, drive_plan, install, survey
+from mirrormount.terminal import Progress
 
 
 class CutFiles(Files):

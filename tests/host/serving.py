@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from served import PATIENCE_S, ServedBoard, wait_for
 
-from mirrormount.transport.lines import GREETING
+from mirrormount.transport.link import GREETING
 
 RUN = b"1XM60000;1MV+\n"
 

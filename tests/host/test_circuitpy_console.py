@@ -2,7 +2,7 @@
 
 import pytest
 
-from mirrormount.common import errors
+from mirrormount import errors
 from mirrormount.deploy import circuitpython
 
 

@@ -3,14 +3,15 @@
 import pytest
 from drive_board import Board, make_drive, plug_in
 
-from mirrormount import Mount, __version__
+from mirrormount import __version__
 from mirrormount.deploy.firmware import package
 from mirrormount.deploy.micropython import deploy
 from mirrormount.deploy.prompt import Options
-from mirrormount.transport.lines import Link
-from mirrormount.virtual import machines
-from mirrormount.virtual.board import LockstepPort
-from mirrormount.virtual.simulation import Simulation
+from mirrormount.device.mount import Mount
+from mirrormount.transport.link import Link
+from mirrormount_sim import machines
+from mirrormount_sim.board import LockstepPort
+from mirrormount_sim.simulation import Simulation
 
 
 class BootedBoard(Board):

@@ -20,15 +20,15 @@ from drive_board import (
     stand_in_firmware,
 )
 
-from mirrormount.common import errors
-from mirrormount.common.signals import Terminated
+from mirrormount import errors
 from mirrormount.deploy import circuitpython
 from mirrormount.deploy import firmware as firmware_files
 from mirrormount.deploy.circuitpython import Files
 from mirrormount.deploy.micropython import deploy, undeploy
 from mirrormount.deploy.prompt import Options
-from mirrormount.transport import volumes
-from mirrormount.transport.volumes import Room
+from mirrormount.terminal import Terminated
+from mirrormount.transport import discovery
+from mirrormount.transport.discovery import Room
 
 LIBRARY = {"lib/adafruit_motor/__init__.py": b"", "lib/adafruit_motor/motor.py": b"class DCMotor: ...\n"}
 
@@ -232,7 +232,7 @@ def test_a_board_of_somebody_else_in_the_folder_stays_and_counts_in_the_hash(dep
 def test_a_full_drive_is_refused_before_anything_is_written_counted_in_clusters(board, monkeypatch, spare):
     wanted = firmware_files.sources("circuitpython") | LIBRARY
     clusters = sum(-(-len(text) // 512) for text in wanted.values())
-    monkeypatch.setattr(volumes, "room", lambda _path: Room(clusters + spare - 1, 512, False))
+    monkeypatch.setattr(discovery, "room", lambda _path: Room(clusters + spare - 1, 512, False))
     before = contents(board.root)
     if spare:
         deploy(Options())
@@ -248,13 +248,13 @@ def test_what_will_be_replaced_counts_as_room(deployed, firmware, monkeypatch):
     file.write_bytes(big)
     deploy(Options())
     file.write_bytes(b"#" + big[1:])
-    monkeypatch.setattr(volumes, "room", lambda _path: Room(40, 512, False))  # less than the file has
+    monkeypatch.setattr(discovery, "room", lambda _path: Room(40, 512, False))  # less than the file has
     deploy(Options())
     assert len(big) > 40 * 512
 
 
 def test_a_read_only_drive_is_refused_with_the_remedy(board, monkeypatch):
-    monkeypatch.setattr(volumes, "room", lambda _path: Room(10_000, 512, True))
+    monkeypatch.setattr(discovery, "room", lambda _path: Room(10_000, 512, True))
     with pytest.raises(errors.DriveReadOnly, match=r"safe mode.*nothing was changed"):
         deploy(Options())
     assert not board.heard

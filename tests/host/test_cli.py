@@ -8,8 +8,8 @@ from types import SimpleNamespace
 import pytest
 from served import PATIENCE_S, run_cli, wait_for
 
-import mirrormount.transport.find
-import mirrormount.transport.open
+import mirrormount.transport.discovery
+import mirrormount.transport.ports
 from mirrormount.cli import main
 from mirrormount.device.mount import Mount
 
@@ -103,7 +103,7 @@ def test_a_picture_that_cannot_be_written_is_one_line_before_anything_runs(tmp_p
 
 
 def test_no_board_is_one_line(monkeypatch, capsys):
-    monkeypatch.setattr(mirrormount.transport.find.list_ports, "comports", list)
+    monkeypatch.setattr(mirrormount.transport.discovery.list_ports, "comports", list)
     monkeypatch.delenv("MIRRORMOUNT_PORT", raising=False)
     assert main.main(["status"]) == 1
     assert "no board found" in capsys.readouterr().err
@@ -115,8 +115,8 @@ def port(device: str, vid: int | None, pid: int | None) -> SimpleNamespace:
 
 def test_two_boards_are_named_and_neither_is_opened(monkeypatch, capsys):
     ports = [port("/dev/ttyACM1", 0x2E8A, 5), port("/dev/ttyACM0", 0x2E8A, 5)]
-    monkeypatch.setattr(mirrormount.transport.find.list_ports, "comports", lambda: ports)
-    monkeypatch.setattr(mirrormount.transport.open, "SerialPort", None)  # opening anything would fail loudly
+    monkeypatch.setattr(mirrormount.transport.discovery.list_ports, "comports", lambda: ports)
+    monkeypatch.setattr(mirrormount.transport.ports, "SerialPort", None)  # opening anything would fail loudly
     monkeypatch.delenv("MIRRORMOUNT_PORT", raising=False)
     assert main.main(["status"]) == 1
     assert "/dev/ttyACM0, /dev/ttyACM1" in capsys.readouterr().err
@@ -128,8 +128,8 @@ def test_other_instruments_are_not_considered(monkeypatch):
         port("/dev/ttyS0", None, None),
         port("/dev/ttyACM3", 0x2341, 0x43),
     ]
-    monkeypatch.setattr(mirrormount.transport.find.list_ports, "comports", lambda: ports)
-    assert mirrormount.transport.find.find() == []
+    monkeypatch.setattr(mirrormount.transport.discovery.list_ports, "comports", lambda: ports)
+    assert mirrormount.transport.discovery.find() == []
 
 
 def test_a_busy_port_is_one_line(board):
@@ -202,8 +202,8 @@ def test_a_wrong_port_of_the_environment_is_told_with_the_variables_name(words, 
 def test_stopping_a_board_imports_nothing_heavy():
     code = (
         "import sys; from mirrormount.cli import main; import mirrormount.device.mount;"
-        "import mirrormount.transport.open; main.parser(['stop']);"
-        "heavy = ('numpy', 'matplotlib', 'mirrormount.virtual', 'platformdirs', 'tomllib');"
+        "import mirrormount.transport.ports; main.parser(['stop']);"
+        "heavy = ('numpy', 'matplotlib', 'mirrormount_sim', 'platformdirs', 'tomllib');"
         "print([m for m in heavy if m in sys.modules])"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -5,13 +5,13 @@ import random
 import pytest
 from closed_loop import PER_STEP, with_files
 
-from mirrormount.common import errors
-from mirrormount.device.encoder import judged
+from mirrormount import errors
+from mirrormount.device.axis import judged
 from mirrormount.device.mount import Mount
 from mirrormount.device.settings import ENCODER
-from mirrormount.transport.lines import Link
-from mirrormount.virtual.demo import closure, square
-from mirrormount.virtual.table import open_table
+from mirrormount.transport.link import Link
+from mirrormount_sim.demo import closure, square
+from mirrormount_sim.table import open_table
 from mountfw import codes as wire
 
 STALL_US = 80_000  # from the last count to the pin, of which 60 ms are the setting's

@@ -7,12 +7,12 @@ import tomllib
 
 import pytest
 
-from mirrormount import Mount
+from mirrormount import errors
 from mirrormount.cli import main
-from mirrormount.cli.config_verbs import export, import_, load
-from mirrormount.common import errors
-from mirrormount.device.mount import Limits
+from mirrormount.cli.config import export, import_, load
+from mirrormount.device.mount import Mount
 from mirrormount.device.settings import ENCODER, SETTINGS
+from mirrormount.device.status import Limits
 
 
 @pytest.fixture

@@ -14,13 +14,13 @@ from deployed import THEIRS, contents, listed, mpy_of_the_vm
 from served import run_cli, wait_for
 
 import mountfw
-from mirrormount.common import errors
-from mirrormount.common.supported import MICROPYTHON
+from mirrormount import errors
 from mirrormount.deploy import micropython
 from mirrormount.deploy.firmware import firmware, firmware_hash
-from mirrormount.deploy.micropython import Mpremote, Survey, deploy, may_replace
-from mirrormount.deploy.prompt import Options
+from mirrormount.deploy.micropython import Mpremote, Survey, deploy
+from mirrormount.deploy.prompt import Options, may_replace
 from mirrormount.device.mount import Mount
+from mirrormount.supported import MICROPYTHON
 
 PACKAGE = Path(mountfw.__file__).parent / "package.json"
 
@@ -388,7 +388,7 @@ def test_a_virtual_board_without_a_prompt_is_refused_and_goes_on(serve, machine,
 
 
 def test_without_a_board_deploy_says_how_a_new_one_gets_micropython(monkeypatch):
-    monkeypatch.setattr("mirrormount.transport.find.find", list)
+    monkeypatch.setattr("mirrormount.transport.discovery.find", list)
     with pytest.raises(errors.NoBoardFound, match="BOOTSEL"):
         deploy(Options())
 

@@ -3,8 +3,8 @@
 import pytest
 from drive_board import hash_on_board
 
-from mirrormount.common.errors import DeployError
 from mirrormount.deploy.firmware import MPY_OF_PICO, MPY_VERSION, firmware, firmware_hash, hashes, sources
+from mirrormount.errors import DeployError
 
 NATIVE = {path for path, text in sources("micropython").items() if b"@micropython.viper" in text}
 ARCHITECTURE = 0xF << 10  # in sys.implementation._mpy

@@ -12,14 +12,13 @@ from deployed import Served, contents
 from served import run_cli, wait_for
 
 import mountfw
-from mirrormount.common import errors
-from mirrormount.common.errors import MountError
-from mirrormount.common.progress import Progress
-from mirrormount.common.signals import Terminated
+from mirrormount import errors
 from mirrormount.deploy import micropython
-from mirrormount.deploy.micropython import Mpremote, Options, Survey, deploy, plan, undeploy
-from mirrormount.deploy.prompt import StopAnswer
-from mirrormount.transport.lines import Link
+from mirrormount.deploy.micropython import Mpremote, Survey, deploy, plan, undeploy
+from mirrormount.deploy.prompt import Options, StopAnswer
+from mirrormount.errors import MountError
+from mirrormount.terminal import Progress, Terminated
+from mirrormount.transport.link import Link
 from mirrormount.transport.stop_socket import SENT, STOPPED
 
 

@@ -4,10 +4,11 @@ import pytest
 from deployed import THEIRS, contents, listed
 
 import mountfw
-from mirrormount.common import errors
+from mirrormount import errors
 from mirrormount.deploy.firmware import firmware
-from mirrormount.deploy.micropython import Options, deploy
+from mirrormount.deploy.micropython import deploy
 from mirrormount.deploy.on_board import MANIFEST
+from mirrormount.deploy.prompt import Options
 
 
 def broken(monkeypatch, line: str) -> None:

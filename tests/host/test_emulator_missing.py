@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from mirrormount.common import errors
-from mirrormount.virtual import board, emulator
-from mirrormount.virtual.simulation import BoardGone, Simulation
+from mirrormount import errors
+from mirrormount_sim import board, emulator
+from mirrormount_sim.simulation import BoardGone, Simulation
 
 
 def test_without_node_it_says_so(monkeypatch):

@@ -2,9 +2,9 @@
 
 import pytest
 
-from mirrormount.common import errors
+from mirrormount import errors
 from mirrormount.device.mount import Mount
-from mirrormount.virtual.mechanics import SWITCH_REV
+from mirrormount_sim.mechanics import SWITCH_REV
 
 
 @pytest.fixture

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from served import run_cli
 
-from mirrormount.common import errors
-from mirrormount.virtual import emulator
+from mirrormount import errors
+from mirrormount_sim import emulator
 
 NAME = "RPI_PICO-1.uf2"
 

@@ -8,7 +8,7 @@ import pytest
 from served import HANG_S
 
 from mirrormount.cli import main
-from mirrormount.virtual import board
+from mirrormount_sim import board
 
 AT_IMPORT = """
 import io, signal, sys

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from served import wait_for
 
-from mirrormount import Mount
+from mirrormount.device.mount import Mount
 
 pytestmark = pytest.mark.wall_clock  # as test_served_board.py
 

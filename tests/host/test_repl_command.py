@@ -9,12 +9,12 @@ from pathlib import Path
 import pytest
 from served import PATIENCE_S, SCRIPT, run_cli, set_traps, wait_for
 
-from mirrormount.common.errors import EmulatorMissing
 from mirrormount.device.mount import Mount
-from mirrormount.transport.lines import Link
-from mirrormount.transport.serial_port import SerialPort
-from mirrormount.virtual import machines
-from mirrormount.virtual.machines import new_files
+from mirrormount.errors import EmulatorMissing
+from mirrormount.transport.link import Link
+from mirrormount.transport.ports import SerialPort
+from mirrormount_sim import machines
+from mirrormount_sim.machines import new_files
 
 STEP_US = 200_000
 

@@ -7,8 +7,8 @@ import pytest
 from served import ServedBoard, run_cli, wait_for
 from serving import GREETING, RUN, Cable, Served, ask, hear, hear_line, rests, runs
 
-from mirrormount import Mount
-from mirrormount.common import errors
+from mirrormount import errors
+from mirrormount.device.mount import Mount
 
 # a client's motion lasts while `serve` feeds the board's keep-alive of 0.5 s: on a busy computer it ends, by design
 pytestmark = pytest.mark.wall_clock

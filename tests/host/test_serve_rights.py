@@ -6,10 +6,9 @@ import pytest
 from served import run_cli
 from serving import RUN, Served, ask, hear, runs
 
-from mirrormount import serve
-from mirrormount.common import errors
-from mirrormount.device import handshake
-from mirrormount.transport.lines import NOT_ALLOWED
+from mirrormount import errors, serve
+from mirrormount.device import session
+from mirrormount.transport.link import NOT_ALLOWED
 
 # a client's motion lasts while `serve` feeds the board's keep-alive of 0.5 s: on a busy computer it ends, by design
 pytestmark = pytest.mark.wall_clock
@@ -97,7 +96,7 @@ def test_what_cannot_be_served_is_one_line(words, says):
 
 def test_a_mount_that_may_not_drive_says_so():
     with pytest.raises(errors.AllowNeeded, match="ssh"):
-        handshake._check_served(NOT_ALLOWED)
+        session._check_served(NOT_ALLOWED)
 
 
 def test_a_wider_network_is_served_to_those_who_are_named(tmp_path):

@@ -12,8 +12,8 @@ import sys
 import pytest
 from served import PATIENCE_S, ServedBoard, run_cli, wait_for
 
-from mirrormount import Mount
-from mirrormount.common import errors
+from mirrormount import errors
+from mirrormount.device.mount import Mount
 
 pytestmark = pytest.mark.wall_clock  # on a busy computer a board in real time answers later than its client waits
 

@@ -1,10 +1,10 @@
-"""common/signals.py: the first signal ends what is under way, no other one interrupts the order that is made then."""
+"""terminal.py: the first signal ends what is under way, no other one interrupts the order that is made then."""
 
 import signal
 
 import pytest
 
-from mirrormount.common.signals import Terminated, ended_in_order
+from mirrormount.terminal import Terminated, ended_in_order
 
 
 def test_a_second_signal_does_not_interrupt_what_the_first_began():

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import pytest
 from served import HANG_S, PATIENCE_S, wait_for
 
-import mirrormount.transport.find
+import mirrormount.transport.discovery
 from mirrormount.cli import main, stop
 from mirrormount.device.session import Session
 
@@ -20,7 +20,7 @@ pytestmark = [pytest.mark.wall_clock, pytest.mark.usefixtures("runtime")]
 def plug_in(monkeypatch, *addresses: object) -> None:
     """These look like boards with MicroPython, and nothing else is plugged in."""
     ports = [SimpleNamespace(device=str(a), vid=0x2E8A, pid=5, serial_number=None) for a in addresses]
-    monkeypatch.setattr(mirrormount.transport.find.list_ports, "comports", lambda: ports)
+    monkeypatch.setattr(mirrormount.transport.discovery.list_ports, "comports", lambda: ports)
 
 
 @pytest.fixture(autouse=True)

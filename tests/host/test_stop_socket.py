@@ -13,9 +13,9 @@ from pathlib import Path
 import pytest
 from served import PATIENCE_S, run_cli, wait_for
 
-from mirrormount import Mount
+from mirrormount import errors
 from mirrormount.cli import main
-from mirrormount.common import errors
+from mirrormount.device.mount import Mount
 from mirrormount.transport import stop_socket
 from mirrormount.transport.stop_socket import SENT, STOPPED, StopListener, ask, ask_all, held_here, owners
 

@@ -13,13 +13,13 @@ from tempfile import TemporaryDirectory
 import pytest
 from served import PATIENCE_S
 
-from mirrormount.common import errors
-from mirrormount.device.handshake import identify
+from mirrormount import errors
 from mirrormount.device.mount import Mount
-from mirrormount.transport.lines import GREETING, Link
-from mirrormount.virtual import machines
-from mirrormount.virtual.clocks import Lockstep
-from mirrormount.virtual.simulation import Simulation
+from mirrormount.device.session import identify
+from mirrormount.transport.link import GREETING, Link
+from mirrormount_sim import machines
+from mirrormount_sim.clocks import Lockstep
+from mirrormount_sim.simulation import Simulation
 
 
 @contextmanager

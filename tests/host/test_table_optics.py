@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from mirrormount.virtual.optics import BeamPath, Drift, Geometry
-from mirrormount.virtual.table import Table
+from mirrormount_sim.optics import BeamPath, Drift, Geometry
+from mirrormount_sim.table import Table
 
 GEOMETRY = Geometry(laser_m=0.5, between_m=0.6, cameras_m=(0.4, 1.6))
 SMALL = 1e-4  # rad

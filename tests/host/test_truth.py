@@ -5,12 +5,12 @@ import json
 import pytest
 from closed_loop import ClosedLoop
 
-from mirrormount.common.errors import BadAddress, MountError
 from mirrormount.device.mount import Mount
-from mirrormount.virtual.bench import Bench
-from mirrormount.virtual.board import open_virtual
-from mirrormount.virtual.mechanics import SWITCH_REV
-from mirrormount.virtual.truth import Orders
+from mirrormount.errors import BadAddress, MountError
+from mirrormount_sim.bench import Bench
+from mirrormount_sim.board import open_virtual
+from mirrormount_sim.mechanics import SWITCH_REV
+from mirrormount_sim.truth import Orders
 
 
 @pytest.fixture

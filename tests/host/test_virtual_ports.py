@@ -9,8 +9,8 @@ import pytest
 from served import PATIENCE_S, wait_for
 
 from mirrormount.serve import Client
-from mirrormount.virtual import ports
-from mirrormount.virtual.ports import BUFFER, PtyPort, TcpPort
+from mirrormount_sim import ports
+from mirrormount_sim.ports import BUFFER, PtyPort, TcpPort
 
 
 @pytest.fixture

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from centroids import centroid
 
-from mirrormount.common.errors import BadAddress, ConnectionLost
 from mirrormount.device.mount import Mount
-from mirrormount.transport.lines import Link
-from mirrormount.transport.open import open_table
-from mirrormount.virtual.simulation import START_US
-from mirrormount.virtual.table import LockstepClock, VirtualTable
+from mirrormount.errors import BadAddress, ConnectionLost
+from mirrormount.transport.link import Link
+from mirrormount.transport.ports import open_table
+from mirrormount_sim.simulation import START_US
+from mirrormount_sim.table import LockstepClock, VirtualTable
 
 STEP_US = 200  # the longest time that a board's processor needs for one pass of its loop, on the fake clock
 
@@ -222,7 +222,7 @@ def test_a_board_that_the_computer_keeps_from_running_moves_no_further_than_its_
         (simulation,) = table.simulations
         begun = simulation.mirrors_now_rad()
         later_s = time.monotonic() + 60
-        monkeypatch.setattr("mirrormount.virtual.simulation.time.monotonic", lambda: later_s)
+        monkeypatch.setattr("mirrormount_sim.simulation.time.monotonic", lambda: later_s)
         starved = simulation.mirrors_now_rad()
         monkeypatch.undo()
         table.sleep(1)
@@ -233,7 +233,7 @@ def test_a_board_that_the_computer_keeps_from_running_moves_no_further_than_its_
 
 
 def test_the_edges_that_a_board_keeps_are_the_last_ones(monkeypatch):
-    monkeypatch.setattr("mirrormount.virtual.simulation.EDGES_KEPT", 6)
+    monkeypatch.setattr("mirrormount_sim.simulation.EDGES_KEPT", 6)
     with opened("?mounts=1") as table:
         (mount,) = mounts(table)
         (simulation,) = table.simulations

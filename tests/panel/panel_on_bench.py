@@ -8,9 +8,9 @@ import json
 import sys
 import threading
 
-from mirrormount.cli import command, main
-from mirrormount.virtual import table
-from mirrormount.virtual.bench import Order
+from mirrormount.cli import arguments, main
+from mirrormount_sim import table
+from mirrormount_sim.bench import Order
 
 tables = []
 
@@ -42,6 +42,6 @@ def act() -> None:
 
 if __name__ == "__main__":
     table.VirtualTable = Watched
-    command.MOST_PATIENCE_S = 60
+    arguments.MOST_PATIENCE_S = 60
     threading.Thread(target=act, daemon=True).start()
     sys.exit(main.main(["panel", *sys.argv[1:]]))

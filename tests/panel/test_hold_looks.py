@@ -8,10 +8,9 @@ from playwright.sync_api import expect
 from test_hold_page import SPOT, far_camera, gate
 from test_spot_moves import served
 
-from mirrormount.beam.control import events
-from mirrormount.panel.hold_board import HoldBoard
-from mirrormount.panel.hold_page import make_hold_server
-from mirrormount.panel.sign_in import SignIn
+from mirrormount_beam.control import events
+from mirrormount_panel.auth import SignIn
+from mirrormount_panel.hold_page import HoldBoard, make_hold_server
 
 pytestmark = pytest.mark.wall_clock  # a page that hears nothing for 3 s is in alarm by design
 

@@ -7,14 +7,13 @@ import numpy as np
 import pytest
 from test_spot_moves import served
 
-from mirrormount.beam.camera import Frame, Size
-from mirrormount.beam.control import events
-from mirrormount.beam.table import TargetCamera
-from mirrormount.common.beam_errors import CameraGone
-from mirrormount.common.errors import NotInControl
-from mirrormount.panel.hold_board import ALARM, CALM, WARN, HoldBoard
-from mirrormount.panel.hold_page import make_hold_server
-from mirrormount.panel.sign_in import SignIn
+from mirrormount.errors import NotInControl
+from mirrormount_beam.camera import Image, Size
+from mirrormount_beam.control import events
+from mirrormount_beam.errors import CameraGone
+from mirrormount_beam.table import TargetCamera
+from mirrormount_panel.auth import SignIn
+from mirrormount_panel.hold_page import ALARM, CALM, WARN, HoldBoard, make_hold_server
 
 TOKEN = b"kKq3-0d7LbX_u2mTzR9sWg"
 SPOT = events.SpotSeen("far", (320.0, 240.0), (0.1, 0.2), (12.0, -5.0), 1.0)
@@ -29,7 +28,7 @@ class OnePicture:
         return 0.0
 
     def frames(self):
-        yield Frame(np.random.default_rng(1).integers(0, 20, (48, 64)).astype(np.uint8), 0.0, 0)
+        yield Image(np.random.default_rng(1).integers(0, 20, (48, 64)).astype(np.uint8), 0.0, 0)
         raise CameraGone("far was unplugged")
 
 

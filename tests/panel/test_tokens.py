@@ -4,8 +4,8 @@ import secrets
 
 import pytest
 
-from mirrormount.common import errors
-from mirrormount.panel.tokens import Guesses, is_short, read_token, same
+from mirrormount import errors
+from mirrormount_panel.auth import Guesses, is_short, read_token, same
 
 
 def test_a_token_is_given_or_in_a_file_or_in_the_environment(tmp_path, monkeypatch):

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from mirrormount.common.errors import EmulatorMissing
-from mirrormount.transport.find import KNOWN_IDS
-from mirrormount.virtual import machines
+from mirrormount.errors import EmulatorMissing
+from mirrormount.transport.discovery import KNOWN_IDS
+from mirrormount_sim import machines
 
 DOCS = Path(__file__).parent.parent.parent / "docs"
 PAGE = (DOCS / "bring-up.md").read_text()

@@ -6,7 +6,7 @@ import re
 import tomllib
 from pathlib import Path
 
-from mirrormount.virtual.bench import DRIVES, SWITCHES
+from mirrormount_sim.bench import DRIVES, SWITCHES
 from mountfw import app
 from mountfw.boards import pico, pico_drv8833
 from mountfw.motion import drive

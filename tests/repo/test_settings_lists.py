@@ -16,7 +16,7 @@ from rig_encoder import encoded
 
 from mirrormount.device import settings as host
 from mirrormount.device.axis import Axis as HostAxis
-from mirrormount.device.axis_properties import Property
+from mirrormount.device.axis import Property
 from mountfw import settings as declared
 from mountfw.dialect import commands, encoder, newfocus
 from mountfw.dialect.line import key

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 import vms
 
-from mirrormount.common.supported import CIRCUITPYTHON, MICROPYTHON, VM_PACKAGE, parse
-from mirrormount.virtual import emulator
+from mirrormount.supported import CIRCUITPYTHON, MICROPYTHON, VM_PACKAGE, parse
+from mirrormount_sim import emulator
 
 ROOT = Path(__file__).parent.parent.parent
 DOCS = ROOT / "docs"

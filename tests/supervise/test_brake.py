@@ -4,8 +4,8 @@ import os
 
 import pytest
 
-from mirrormount.common.errors import ConnectionLost
-from mirrormount.transport.serial_port import SerialPort
+from mirrormount.errors import ConnectionLost
+from mirrormount.transport.ports import SerialPort
 
 
 @pytest.mark.skipif(os.name != "posix", reason="a pty needs POSIX")

@@ -13,8 +13,8 @@ from dataclasses import dataclass, field
 
 from lab import ENABLES, LOST, Board, first_low_us, last_fall_us, on_times_us
 
-from mirrormount.device.frame import encode
-from mirrormount.virtual.mechanics import SWITCH_REV
+from mirrormount.device.mount import encode_frame
+from mirrormount_sim.mechanics import SWITCH_REV
 
 # ---- messages, good and bad; all choices are the given generator's
 
@@ -30,7 +30,7 @@ _ENDS = (b"\n", b"\r", b"\r\n")
 def frame(r: random.Random) -> bytes:
     """A good frame, with or without a line end."""
     m1, m2 = (r.choice((0, 255, -255, r.randrange(-255, 256))) for _ in range(2))
-    text = encode(m1, m2)
+    text = encode_frame(m1, m2)
     if r.random() < 0.1:
         text = text.replace(b"0", b"+", 1) if text[:1] == b"0" else text
     return text + r.choice((b"", b"", *_ENDS))

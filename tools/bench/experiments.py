@@ -23,17 +23,17 @@ from pathlib import Path
 import _paths  # noqa: F401
 import numpy as np
 
-from mirrormount.beam.experiments import backlash, pulses, square, steps, waiting
-from mirrormount.beam.experiments.stepping import AT_REST
-from mirrormount.beam.observe import FRAMES, Sighting, SpotObserver
-from mirrormount.beam.result import Result
-from mirrormount.beam.rig import MountRig, Vector
 from mirrormount.device.mount import Mount
-from mirrormount.transport.lines import Link
-from mirrormount.virtual.bench import LEVER_X_MM, LEVER_Y_MM
-from mirrormount.virtual.mechanics import GAP_REV, PROFILES, Drivetrain, Profile
-from mirrormount.virtual.optics import DEFAULT, BeamPath
-from mirrormount.virtual.table import LASER_DRIFT_URAD, MOUNT_DRIFT_URAD, Kind, VirtualTable
+from mirrormount.transport.link import Link
+from mirrormount_beam.estimates import Result
+from mirrormount_beam.experiments import backlash, drift, square, steps
+from mirrormount_beam.experiments.rig import MountRig, Vector
+from mirrormount_beam.experiments.steps import AT_REST
+from mirrormount_beam.observe import FRAMES, Sighting, SpotObserver
+from mirrormount_sim.bench import LEVER_X_MM, LEVER_Y_MM
+from mirrormount_sim.mechanics import GAP_REV, PROFILES, Drivetrain, Profile
+from mirrormount_sim.optics import DEFAULT, BeamPath
+from mirrormount_sim.table import LASER_DRIFT_URAD, MOUNT_DRIFT_URAD, Kind, VirtualTable
 
 STEP_US = 200_000
 DRIFT_MIN = 20
@@ -162,7 +162,7 @@ def _of_pulses(rig: Watched, profile: Profile, _result: Result) -> Truths:
         * float(np.linalg.norm(rig.way(axis)))
         for axis in rig.axes
         for name, sign in WAYS
-        for ms in pulses.LENGTHS_MS
+        for ms in backlash.LENGTHS_MS
     }
 
 
@@ -228,9 +228,9 @@ EXPERIMENTS = {
     "backlash": Experiment(backlash.run, _of_backlash),
     "square": Experiment(square.run, _of_square),
     # all pulses are at one place, where a screw that is not straight makes them larger or smaller; `measure` says so
-    "pulses": Experiment(pulses.run, _of_pulses, straight=True),
-    "settle": Experiment(waiting.settle, _of_settle),
-    "drift": Experiment(partial(waiting.drift, seconds=60.0 * DRIFT_MIN), _of_drift),
+    "pulses": Experiment(backlash.run_pulses, _of_pulses, straight=True),
+    "settle": Experiment(drift.settle, _of_settle),
+    "drift": Experiment(partial(drift.drift, seconds=60.0 * DRIFT_MIN), _of_drift),
 }
 
 

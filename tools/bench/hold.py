@@ -14,10 +14,10 @@ import _paths  # noqa: F401
 import numpy as np
 from fast_table import FastTable
 
-from mirrormount.beam.control.calibrate import Calibration
-from mirrormount.beam.control.events import Estimated
-from mirrormount.beam.control.hold import Hold, align
 from mirrormount.cli.main import main as command
+from mirrormount_beam.control.calibrate import Calibration
+from mirrormount_beam.control.events import Estimated
+from mirrormount_beam.control.hold import Hold, align
 
 OFF_MM = 9.0
 LEVER_M = 1.2

@@ -27,21 +27,20 @@ import numpy as np
 from looking_on import lookers
 from numpy.typing import NDArray
 
-from mirrormount.beam.control import events
-from mirrormount.beam.control.backlash import Gap
-from mirrormount.beam.control.calibrate import Calibration
-from mirrormount.beam.control.hold import Hold, Summary, align
-from mirrormount.beam.control.response import Response
-from mirrormount.beam.observe import lever_m
-from mirrormount.beam.runlog import RunLog
-from mirrormount.beam.table import SharedTable, TargetCamera
-from mirrormount.common.errors import MountError
-from mirrormount.panel.hold_board import HoldBoard
-from mirrormount.panel.hold_page import make_hold_server
-from mirrormount.panel.sign_in import SignIn
+from mirrormount.errors import MountError
 from mirrormount.supervise.supervisor import Supervisor
-from mirrormount.transport.port import Port
-from mirrormount.virtual.table import VirtualTable, open_table
+from mirrormount.transport.ports import Port
+from mirrormount_beam.control import events
+from mirrormount_beam.control.backlash import Gap
+from mirrormount_beam.control.calibrate import Calibration
+from mirrormount_beam.control.hold import Hold, Summary, align
+from mirrormount_beam.control.response import Response
+from mirrormount_beam.observe import lever_m
+from mirrormount_beam.runlog import RunLog
+from mirrormount_beam.table import SharedTable, TargetCamera
+from mirrormount_panel.auth import SignIn
+from mirrormount_panel.hold_page import HoldBoard, make_hold_server
+from mirrormount_sim.table import VirtualTable, open_table
 
 Numbers = NDArray[np.float64]
 PERIOD_S = 1 / 60  # less than a frame's, so that the frames set the pace

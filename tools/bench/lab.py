@@ -1,6 +1,6 @@
 """Emulated boards to measure on: bytes at exact instants, pin edges with their times. Needs the host package.
 
-Every board runs a real MicroPython image in lockstep (mirrormount.virtual), with the firmware on it as
+Every board runs a real MicroPython image in lockstep (mirrormount_sim), with the firmware on it as
 `mirrormount deploy` leaves it. Times are microseconds of the board's own time since power-up.
 """
 
@@ -15,12 +15,12 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Self
 
-from mirrormount.virtual import emulator
-from mirrormount.virtual.board import Options, make_simulation
-from mirrormount.virtual.clocks import Lockstep
-from mirrormount.virtual.emulator import RawPrompt
-from mirrormount.virtual.machines import board_text
-from mirrormount.virtual.simulation import Simulation
+from mirrormount_sim import emulator
+from mirrormount_sim.board import Options, make_simulation
+from mirrormount_sim.clocks import Lockstep
+from mirrormount_sim.emulator import RawPrompt
+from mirrormount_sim.machines import board_text
+from mirrormount_sim.simulation import Simulation
 
 ENABLES = ("m1_en", "m2_en")
 LOST = math.inf  # what never happened

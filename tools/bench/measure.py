@@ -6,7 +6,7 @@ happened. Everything is read off pin edges, but for the answer after a reset.
 
 from lab import ENABLES, LOST, Board, Edge, Lab, first_low_us, last_fall_us, on_times_us, start_hanging
 
-from mirrormount.device.frame import encode
+from mirrormount.device.mount import encode_frame
 
 IDLE_US = 512_000  # the longest sleep of an idle loop: moments are chosen from as long a stretch
 STREAM_US = 1_000  # a frame each millisecond
@@ -40,9 +40,9 @@ def frame_to_level(lab: Lab, *, together: bool, full: bool) -> list[float]:
         speeds = [random.choice((-1, 1)) * (255 if full else random.randrange(26, 230)) for _ in ENABLES]
         board.clear()
         if trial % 2:
-            board.do(encode(-speeds[0], -speeds[1]))
+            board.do(encode_frame(-speeds[0], -speeds[1]))
         board.run(random.randrange(IDLE_US))
-        frame = encode(*speeds)
+        frame = encode_frame(*speeds)
         if not together:
             board.give(frame[:7])
             board.run(random.randrange(1_000, 40_000))
@@ -97,7 +97,7 @@ def _keeps_up(board: Board, lab: Lab, rate: float) -> bool:
     start_us, landed = board.us + 1_000, []
     for i, (m1, m2) in enumerate(speeds):
         board.until_us(start_us + round(i * 1e6 / rate))
-        landed.append(board.give(encode(m1, m2)))
+        landed.append(board.give(encode_frame(m1, m2)))
         if i % 25 == 24 and len(shown(board.edges, 1)) < i - LATE_US * 1e-6 * rate - 2:
             return False  # it has fallen behind already
     board.run(LATE_US + 5_000)
@@ -172,7 +172,7 @@ def stop_in_a_stream(lab: Lab, *, zeros: bool) -> list[float]:
     A frame comes each millisecond, a tenth of a second of them before the stop, and on after it.
     `!` comes at any moment, half of the time inside a frame; eight zeros between two frames.
     """
-    board, random, frame = lab.board(), lab.random, encode(255, 255)
+    board, random, frame = lab.board(), lab.random, encode_frame(255, 255)
     times = []
     for _ in lab.trials():
         board.fresh()
@@ -199,12 +199,12 @@ def stop_in_a_stream(lab: Lab, *, zeros: bool) -> list[float]:
 def stop_behind(lab: Lab, *, size: int) -> list[float]:
     """us for each byte of a burst that the stop is the end of; frames, long lines and newlines by turns."""
     board, random = lab.board(), lab.random
-    contents = (encode(255, 255) + b"\n", b"1XP?;" * 24 + b"2XP?\n", b"\n")
+    contents = (encode_frame(255, 255) + b"\n", b"1XP?;" * 24 + b"2XP?\n", b"\n")
     times = []
     for trial in lab.trials():
         content = contents[trial % len(contents)]
         board.fresh()
-        board.do(encode(255, 255))
+        board.do(encode_frame(255, 255))
         board.run(random.randrange(IDLE_US))
         landed_us = board.give((content * size)[:size] + b"!")
         board.run(3_000_000, board.off)

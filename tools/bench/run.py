@@ -24,8 +24,8 @@ from pathlib import Path
 from lab import Lab
 from rows import CLOSED, PAPER_SOURCE, ROWS, Row
 
-from mirrormount.common.errors import MountError
-from mirrormount.virtual import emulator
+from mirrormount.errors import MountError
+from mirrormount_sim import emulator
 
 QUICK_N = 10
 DEFAULT_IMAGE = "default: the newest RPI_PICO-*.uf2 in $MIRRORMOUNT_IMAGES, else docs/virtual-board.md's"

@@ -15,7 +15,7 @@ from pathlib import Path
 import pins
 
 from mirrormount.device.mount import Mount
-from mirrormount.virtual.machines import THIS, board_text, new_files
+from mirrormount_sim.machines import THIS, board_text, new_files
 
 WAYS = ("tcp", "pty")
 MACHINES = ("cpython", "micropython")

@@ -3,7 +3,7 @@
 import argparse
 import contextlib
 
-from mirrormount.cli.command import Command, board_port, port_of
+from mirrormount.cli.arguments import Command, board_port, port_of
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -29,9 +29,9 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Serve until a signal ends it. Raises MountError."""
     from mirrormount import serve
-    from mirrormount.common.errors import BadValue
-    from mirrormount.common.signals import Terminated, ended_in_order
-    from mirrormount.common.validation import host_and_port
+    from mirrormount.errors import BadValue
+    from mirrormount.terminal import Terminated, ended_in_order
+    from mirrormount.values import host_and_port
 
     if args.host and ":" in args.tcp:
         raise BadValue("--host and --tcp HOST:PORT: name the host once")

@@ -10,10 +10,10 @@ import time
 from collections.abc import Callable, Sequence
 from queue import SimpleQueue
 
-from mirrormount.cli.command import Command, PortOfEnvironment, port_options
-from mirrormount.common.errors import MountError, NoAnswer, NoBoardFound, NotAMount, PortBusy
-from mirrormount.common.names import is_name
+from mirrormount.cli.arguments import Command, PortOfEnvironment, port_options
+from mirrormount.errors import MountError, NoAnswer, NoBoardFound, NotAMount, PortBusy
 from mirrormount.transport.stop_socket import STOPPED, Owner, ask, owners, real_name, why_none
+from mirrormount.values import is_name
 
 _BUSY_S = 1.5  # how long a program may have a port and take no stop: another `stop`, or one that has just opened it
 _PROMPT_S, _POLL_S = 1.0, 0.02  # how long a prompt may take to come back
@@ -74,9 +74,9 @@ def run(args: argparse.Namespace) -> None:
 def _stop_one(address: str) -> list[MountError]:
     """Stop the mount at an address or of a name. Returns what went wrong."""
     if is_name(address):
-        from mirrormount.device.named import place_of
+        from mirrormount.device.table_file import find_port
 
-        address = place_of(address).address
+        address = find_port(address).address
     stops, asked = _Stops(), owners(address)
     for owner in asked:
         stops.begin(lambda owner=owner: _ask(owner))
@@ -101,7 +101,7 @@ def _stop_all(of_environment: str | None) -> list[MountError]:
         stops.begin(lambda owner=owner: _ask(owner))
     ports, problems = _every_port(of_environment)
     if not (ports or problems or asked):
-        from mirrormount.transport.find import find_one
+        from mirrormount.transport.discovery import find_one
 
         try:
             find_one()  # says what is plugged in instead
@@ -135,12 +135,12 @@ def _every_port(of_environment: str | None) -> tuple[dict[str, bool], list[Mount
     True for those that are named by a person, in the environment or in the table: of the others a USB id or a drive is
     all that is known.
     """
-    from mirrormount.device.named import addresses, place_of
-    from mirrormount.transport.find import find
+    from mirrormount.device.table_file import find_port, table_addresses
+    from mirrormount.transport.discovery import find
 
     sources: list[tuple[Callable[[], list[str]], bool]] = [
-        (lambda: [place_of(of_environment).address] if of_environment else [], True),
-        (addresses, True),
+        (lambda: [find_port(of_environment).address] if of_environment else [], True),
+        (table_addresses, True),
         (lambda: [device for device, _ in find()], False),
     ]
     found: dict[str, tuple[str, bool]] = {}
@@ -200,8 +200,8 @@ def _open(address: str, asked: Sequence[Owner], *, may_interrupt: bool = True) -
 
 def _end_program(address: str) -> bool:
     """Interrupt what runs at a board's Python prompt, as a move there. True if the prompt is there then."""
-    from mirrormount.transport.lines import Link
-    from mirrormount.transport.open import open_port
+    from mirrormount.transport.link import Link
+    from mirrormount.transport.ports import open_port
 
     link = Link(open_port(address))
     try:

@@ -23,7 +23,11 @@ from pathlib import Path
 
 from serial.tools import list_ports
 
-from mirrormount.common.errors import (
+from mirrormount.deploy import firmware, prompt
+from mirrormount.deploy.firmware import THIS, answers, boards, check_board_file, folders, hashes, sources
+from mirrormount.deploy.on_board import MANIFEST
+from mirrormount.deploy.prompt import Options, ask, check, may_replace, quiet
+from mirrormount.errors import (
     CannotOpen,
     ConnectionLost,
     DeployError,
@@ -36,19 +40,13 @@ from mirrormount.common.errors import (
     NoAnswer,
     NotSeenRunning,
 )
-from mirrormount.common.extras import install as how_to_install
-from mirrormount.common.printable import printable
-from mirrormount.common.progress import Progress
-from mirrormount.common.supported import CIRCUITPYTHON
-from mirrormount.deploy import firmware, prompt
-from mirrormount.deploy.firmware import THIS, answers, boards, check_board_file, folders, hashes, sources
-from mirrormount.deploy.on_board import MANIFEST
-from mirrormount.deploy.prompt import Options, ask, check, may_replace, quiet
-from mirrormount.transport import volumes
-from mirrormount.transport.circuitpy_drives import Drive, check_version, untried
-from mirrormount.transport.circuitpy_ports import Channels, channels
-from mirrormount.transport.lines import Link
-from mirrormount.transport.open import open_port
+from mirrormount.supported import CIRCUITPYTHON
+from mirrormount.terminal import Progress, printable
+from mirrormount.terminal import install_command as how_to_install
+from mirrormount.transport import discovery
+from mirrormount.transport.discovery import Channels, Drive, channels, check_version, untried
+from mirrormount.transport.link import Link
+from mirrormount.transport.ports import open_port
 from mountfw import __version__
 
 CODE, BOOT = "code.py", "boot.py"
@@ -349,18 +347,18 @@ def kept_sources(files: Files, todo: DrivePlan, wanted: Iterable[str]) -> dict[s
         return {path: files.read(path) for path in kept if path.endswith((".py", ".mpy"))}
 
 
-def _room(drive: Drive) -> volumes.Room:
+def _room(drive: Drive) -> discovery.Room:
     with _told("nothing was changed"):
-        return volumes.room(drive.path)
+        return discovery.room(drive.path)
 
 
-def check_writable(room: volumes.Room) -> None:
+def check_writable(room: discovery.Room) -> None:
     """Raise DriveReadOnly for a drive that cannot be written to."""
     if room.read_only:
         raise DriveReadOnly(f"{READ_ONLY}; nothing was changed")
 
 
-def check_room(todo: DrivePlan, sizes: dict[str, int], room: volumes.Room) -> None:
+def check_room(todo: DrivePlan, sizes: dict[str, int], room: discovery.Room) -> None:
     """Raise DriveReadOnly or DriveFull if the files do not fit on the drive. Counts whole clusters, as FAT does."""
     if todo.nothing:
         return

@@ -15,9 +15,9 @@ from collections.abc import Collection, Iterable, Iterator, Mapping
 from importlib.resources.abc import Traversable
 from pathlib import Path, PurePosixPath
 
-from mirrormount.common.errors import DeployError
-from mirrormount.common.printable import printable
-from mirrormount.common.scratch import scratch_folder
+from mirrormount.errors import DeployError
+from mirrormount.files import scratch_folder
+from mirrormount.terminal import printable
 from mountfw import board_file as rules
 
 PACKAGE = "mountfw"

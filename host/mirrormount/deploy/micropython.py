@@ -24,24 +24,6 @@ from typing import Any
 
 from serial.tools import list_ports
 
-from mirrormount.common.child_python import python_module
-from mirrormount.common.errors import (
-    CannotOpen,
-    ConnectionLost,
-    DeployError,
-    FirmwareFailed,
-    MountError,
-    MpremoteError,
-    NoAnswer,
-    NoBoardFound,
-    SeveralBoardsFound,
-    WrongDrive,
-)
-from mirrormount.common.printable import printable
-from mirrormount.common.progress import Progress
-from mirrormount.common.scratch import scratch_folder
-from mirrormount.common.signals import Terminated
-from mirrormount.common.supported import MICROPYTHON, text
 from mirrormount.deploy import circuitpython, on_board, prompt
 from mirrormount.deploy.firmware import (
     THIS,
@@ -55,11 +37,32 @@ from mirrormount.deploy.firmware import (
     read_pins,
 )
 from mirrormount.deploy.prompt import STATUS, Options, StopAnswer, ask, check, may_replace, quiet, stop_answered
-from mirrormount.transport.circuitpy_drives import Drive, drive_at, find_bootloaders, find_drives
-from mirrormount.transport.circuitpy_ports import serial_number
-from mirrormount.transport.find import find_micropython, find_one
-from mirrormount.transport.lines import Link
-from mirrormount.transport.open import open_port
+from mirrormount.errors import (
+    CannotOpen,
+    ConnectionLost,
+    DeployError,
+    FirmwareFailed,
+    MountError,
+    MpremoteError,
+    NoAnswer,
+    NoBoardFound,
+    SeveralBoardsFound,
+    WrongDrive,
+)
+from mirrormount.files import scratch_folder
+from mirrormount.supported import MICROPYTHON, text
+from mirrormount.terminal import Progress, Terminated, printable, python_module
+from mirrormount.transport.discovery import (
+    Drive,
+    drive_at,
+    find_bootloaders,
+    find_drives,
+    find_micropython,
+    find_one,
+    serial_number,
+)
+from mirrormount.transport.link import Link
+from mirrormount.transport.ports import open_port
 from mountfw import __version__
 
 FLASH_IT = (

@@ -13,10 +13,9 @@ from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from mirrormount.common.errors import DeployError, MountError, NoAnswer, PortBusy
-from mirrormount.common.printable import printable
-from mirrormount.common.signals import Terminated
-from mirrormount.transport.lines import TAKEN, Link
+from mirrormount.errors import DeployError, MountError, NoAnswer, PortBusy
+from mirrormount.terminal import Terminated, printable
+from mirrormount.transport.link import TAKEN, Link
 from mirrormount.transport.stop_socket import SENT, STOPPED, StopListener
 
 SIGN = b">>>"

@@ -9,9 +9,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from mirrormount.common.axis_names import is_axis
-from mirrormount.common.declared import one_line, texts
-from mirrormount.common.errors import (
+from mirrormount.device.session import Session
+from mirrormount.errors import (
     BadValue,
     BoardError,
     ConnectionLost,
@@ -20,10 +19,11 @@ from mirrormount.common.errors import (
     NotAMount,
     NotSupported,
     SettingRefused,
+    doc_texts,
+    one_line,
 )
-from mirrormount.common.printable import printable
-from mirrormount.common.signals import Terminated
-from mirrormount.device.session import Session
+from mirrormount.terminal import Terminated, printable
+from mirrormount.values import is_axis
 from mountfw import codes as wire
 from mountfw import settings as declared
 from mountfw.encoder.settings import ENCODER_SETTINGS
@@ -63,7 +63,7 @@ class Setting:
 
     def _words(self) -> tuple[str, str, str]:
         module = "encoder/settings" if self.name in ENCODER else "settings"
-        words, _, details = texts(module, "_setting")[self.name].partition("\n\n")
+        words, _, details = doc_texts(module, "_setting")[self.name].partition("\n\n")
         group, _, what = one_line(words).partition(": ")
         return group, what, one_line(details)
 

@@ -23,9 +23,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from mirrormount.common.errors import MountError, NoAnswer
-from mirrormount.common.keep_alive import KEEP_ALIVE_MS
-from mirrormount.common.printable import printable
+from mirrormount.errors import MountError, NoAnswer
+from mirrormount.terminal import printable
+from mirrormount.values import KEEP_ALIVE_MS
 
 ANSWER_S = 2.0  # longest time in which an owner confirms
 
