@@ -77,8 +77,8 @@ WORDS_OF_A_TRY = 3  # mp_exc_stack_t
             "position",
         )
     ]
-    + [f"encoder/{name}" for name in ("at_rest", "axis", "closed_loop", "position", "stall_homing", "watch")]
-    + ["dialect/encoder", "ports/counted", "ports/micropython_encoder", "ports/circuitpython_encoder"]
+    + [f"encoder/{name}" for name in ("axis", "closed_loop", "position", "stall_homing", "watch")]
+    + ["dialect/encoder", "ports/encoders", "ports/micropython_encoder", "ports/circuitpython_encoder"]
     + ["ports/circuitpython", "ports/circuitpython_console"],
 )
 def test_no_call_in_the_loop_needs_the_heap_for_its_state(micropython, name):

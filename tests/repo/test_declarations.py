@@ -15,7 +15,6 @@ from mountfw import codes
 ROOT = Path(__file__).parents[2]
 MPY = 6 | 2 << 8  # version 6.2
 DECLARED = [("codes", "_error"), ("codes", "_axis_error"), ("codes", "_reason"), ("settings", "_setting")]
-DECLARED.append(("encoder/settings", "_setting"))
 
 
 @pytest.fixture(scope="module")
@@ -85,7 +84,7 @@ def test_the_words_for_people_do_not_go_to_a_board():
         assert message in compiled
     for module, maker in DECLARED:
         found = texts(module, maker)
-        assert len(found) > (10 if module != "encoder/settings" else 7)
+        assert len(found) > 10
         for text in found.values():
             words = text.split("\n")[0].encode()
             assert words in source

@@ -137,7 +137,7 @@ def stop_watchdog():
 
 
 def encoder(number, pins):
-    """The reader (counted.py) of an axis whose pins name an encoder; None, after a printed line."""
+    """The reader (encoders.py) of an axis whose pins name an encoder; None, after a printed line."""
     return circuitpython_encoder.reader(number, pins)
 
 

@@ -1,7 +1,7 @@
-"""Readers of encoders on CircuitPython: rotaryio, and an AS5600. counted.py says what a reader is."""
+"""Readers of encoders on CircuitPython: rotaryio, and an AS5600. encoders.py says what a reader is."""
 
 from mountfw.ports.circuitpython_pins import pin_of
-from mountfw.ports.counted import Turns
+from mountfw.ports.encoders import Turns
 
 _ADDRESS = 0x36  # AS5600 data sheet: its only one
 _STATUS = b"\x0b"  # the register before RAW ANGLE
