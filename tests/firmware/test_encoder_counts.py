@@ -3,7 +3,7 @@
 from rig import Board, Rig
 
 from mountfw import codes, store
-from mountfw.ports.counted import Phases, Turns
+from mountfw.ports.encoders import Phases, Turns
 
 from rig_encoder import EncoderPort, GearedPort, encoded, ended, finish, move, status  # isort: skip
 

@@ -16,7 +16,6 @@ from mountfw import codes
 ROOT = Path(__file__).parents[2]
 MPY = 6 | 2 << 8  # version 6.2
 DECLARED = [("codes", "_error"), ("codes", "_axis_error"), ("codes", "_reason"), ("settings", "_setting")]
-DECLARED.append(("encoder/settings", "_setting"))
 
 
 @pytest.fixture(scope="module")
@@ -86,7 +85,7 @@ def test_the_words_for_people_do_not_go_to_a_board():
         assert message in compiled
     for module, maker in DECLARED:
         found = doc_texts(module, maker)
-        assert len(found) > (10 if module != "encoder/settings" else 7)
+        assert len(found) > 10
         for text in found.values():
             words = text.split("\n")[0].encode()
             assert words in source
@@ -96,7 +95,7 @@ def test_the_words_for_people_do_not_go_to_a_board():
 def test_the_words_are_read_when_they_are_first_shown():
     code = (
         "import sys; from mirrormount.cli import main; import mirrormount.device.mount, mirrormount.errors;"
-        "main.parser(); from mirrormount.common import declared; print(declared.texts.cache_info().misses)"
+        "main.parser([*main.MODULES]); from mirrormount import errors; print(errors.doc_texts.cache_info().misses)"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout == "0\n"

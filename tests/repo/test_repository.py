@@ -78,7 +78,6 @@ def test_what_is_shared_uses_nothing_that_circuitpython_lacks():
 
 def test_the_host_takes_only_the_wire_from_the_firmware():
     allowed = {"mountfw", "mountfw.__version__", "mountfw.codes", "mountfw.settings"}
-    allowed |= {"mountfw.encoder.settings", "mountfw.encoder.settings.ENCODER_SETTINGS"}
     allowed |= {"mountfw.board_file"}
     wire = ("mountfw.wire.frame", "mountfw.dialect.line", "mountfw.wire.receiver")  # the grammar
     for path in HOST.rglob("*.py"):

@@ -21,7 +21,7 @@ from mountfw import settings as declared
 from mountfw.dialect import commands, encoder, newfocus
 from mountfw.dialect.line import key
 from mountfw.encoder.axis import EncodedAxis
-from mountfw.encoder.settings import ENCODER_SETTINGS
+from mountfw.settings import ENCODER_SETTINGS
 
 ROOT = Path(__file__).resolve().parents[2]
 FIRMWARE = ROOT / "firmware_py" / "mountfw"

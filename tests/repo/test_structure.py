@@ -157,7 +157,7 @@ def contracts() -> dict[str, dict]:
 
 
 def test_the_contracts_forbid_the_host_all_of_the_firmware_but_what_is_named():
-    shared = {"wire", "codes", "settings", "board_file", "boards", "dialect.line", "encoder.settings"}
+    shared = {"wire", "codes", "settings", "board_file", "boards", "dialect.line"}
     forbidden = {name.removeprefix("mountfw.") for name in contracts()["host-takes-the-wire"]["forbidden_modules"]}
     files = [p for p in modules(FIRMWARE) if p.name != "__init__.py" and p.parent.name != "entry"]
     names = [".".join(path.relative_to(FIRMWARE).with_suffix("").parts) for path in files]

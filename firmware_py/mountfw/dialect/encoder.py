@@ -1,11 +1,11 @@
-"""The dialect's words for a closed loop, on a board with an encoder. Imports codes, line, settings of both kinds.
+"""The dialect's words for a closed loop, on a board with an encoder. Imports codes, line, settings.
 
 Without one, newfocus.py answers them. On an axis without one, so does this.
 """
 
 from mountfw import codes, const
 from mountfw.dialect.line import key
-from mountfw.encoder.settings import ENCODER_SETTINGS
+from mountfw.settings import ENCODER_SETTINGS
 
 SETTINGS = {key(entry[0]): entry for entry in ENCODER_SETTINGS}
 _CLOSED_LOOP = key(b"MM")

@@ -16,7 +16,7 @@ _MOST_GAP = const(20_000)  # thousandths of a step
 
 
 class MeasuredPosition(Position):
-    """The position of an axis whose encoder is read by reader (ports/counted.py). It sets the axis's zero_angle.
+    """The position of an axis whose encoder is read by reader (ports/encoders.py). It sets the axis's zero_angle.
 
     It is looked at in each pass, so it has no property: where a class has one, MicroPython searches the class, and
     those that it is made of, at each `self.name =` (py/objtype.c), which doubled the time of a look.
@@ -82,7 +82,7 @@ class MeasuredPosition(Position):
         if again or self._step_differs:
             super().step_changed()
         self._step_differs = False
-        if not -NOISE <= apart(self.motor, self._axis.at_rest.still_at) <= NOISE:  # it may be coasting
+        if not -NOISE <= apart(self.motor, self._axis.still_at) <= NOISE:  # it may be coasting
             self._beside()
         elif self.certainty:
             self._on_a_step()

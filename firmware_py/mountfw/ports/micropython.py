@@ -70,7 +70,7 @@ def reader(number):
 
 
 def encoder(number, pins):
-    """The reader (counted.py) of an axis whose pins name an encoder; None, after a printed line."""
+    """The reader (encoders.py) of an axis whose pins name an encoder; None, after a printed line."""
     return micropython_encoder.reader(number, pins)
 
 

@@ -66,8 +66,9 @@ class WholeParser(Parser):
         return super().add_subparsers(parser_class=Parser, **options)
 
 
-# The modules of the thin host's commands, by the commands' names, in the order of the help. Those of the other packages
-# are entry points of the group GROUP (pyproject.toml), with the extras that they need. COMMANDS of a module are its rows.
+# The modules of the thin host's commands, by the commands' names, in the order of the help. The commands of the other
+# packages are entry points of the group GROUP (pyproject.toml), with the extras that they need. Each module lists its
+# commands in COMMANDS.
 MODULES = {
     **dict.fromkeys(("ports", "status"), "mirrormount.cli.status"),
     **dict.fromkeys(("step", "move", "home", "jog", "drive"), "mirrormount.cli.motion"),

@@ -1,7 +1,6 @@
 """The settings of all axes: their table, reading and writing them.
 
-mountfw/settings.py declares them, and mountfw/encoder/settings.py those of an axis with an encoder. The board decides:
-if it refuses a setting, all settings are restored.
+mountfw/settings.py declares them. The board decides: if it refuses a setting, all settings are restored.
 """
 
 import contextlib
@@ -26,12 +25,11 @@ from mirrormount.terminal import Terminated, printable
 from mirrormount.values import is_axis
 from mountfw import codes as wire
 from mountfw import settings as declared
-from mountfw.encoder.settings import ENCODER_SETTINGS
 
 
 @dataclass(frozen=True)
 class Setting:
-    """One setting of an axis, as mountfw/settings.py or mountfw/encoder/settings.py declares it.
+    """One setting of an axis, as mountfw/settings.py declares it.
 
     command: its mnemonic on the wire; decimals: how many it keeps; among: all values that it may have, if not
     each within least … most; at_rest: refused while the axis moves.
@@ -62,8 +60,7 @@ class Setting:
         return self._words()[2]
 
     def _words(self) -> tuple[str, str, str]:
-        module = "encoder/settings" if self.name in ENCODER else "settings"
-        words, _, details = doc_texts(module, "_setting")[self.name].partition("\n\n")
+        words, _, details = doc_texts("settings", "_setting")[self.name].partition("\n\n")
         group, _, what = one_line(words).partition(": ")
         return group, what, one_line(details)
 
@@ -94,8 +91,8 @@ def _setting(command: bytes, name: str, least: int, most: int, default: int, fla
 
 
 # in the order in which they are written: the direction first, because limits follow it
-SETTINGS = {entry[1]: _setting(*entry) for entry in [*declared.SETTINGS, *ENCODER_SETTINGS]}
-ENCODER = {entry[1]: SETTINGS[entry[1]] for entry in ENCODER_SETTINGS}  # those that only an axis with an encoder has
+SETTINGS = {entry[1]: _setting(*entry) for entry in [*declared.SETTINGS, *declared.ENCODER_SETTINGS]}
+ENCODER = {entry[1]: SETTINGS[entry[1]] for entry in declared.ENCODER_SETTINGS}  # those of an encoder
 _OF_ALL = {name: setting for name, setting in SETTINGS.items() if name not in ENCODER}
 
 
