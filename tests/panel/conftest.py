@@ -5,9 +5,12 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
+from playwright.sync_api import Browser, BrowserContext, Page, expect, sync_playwright
 from running import CHROMIUM, Panel
-from served import ServedBoard
+from served import PATIENCE_S, ServedBoard
+
+# how long a page may take is no fact of these tests: a wait ends by its event
+expect.set_options(timeout=1000 * PATIENCE_S)
 
 # an emulated graphics card takes a sixth of a page's time, a process for each page a fifth
 PLAIN = ["--disable-gpu", "--disable-software-rasterizer", "--process-per-site"]
@@ -66,6 +69,7 @@ def open_page(browser: Browser, context: BrowserContext) -> Iterator[Callable[..
 
     def open_page(url: str, until: str = "body.steady", before: Callable[[Page], object] = str, **options) -> Page:
         page = browser.new_page(**options) if options else context.new_page()
+        page.set_default_timeout(1000 * PATIENCE_S)
         before(page)
         pages.append(page)
         page.on("pageerror", lambda e: faults.append(str(e)))

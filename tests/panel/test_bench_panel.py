@@ -9,13 +9,12 @@ import pytest
 from looks import DESK, PHONE, THEMES, assert_nothing_cut_off, assert_readable, assert_touchable
 from playwright.sync_api import expect
 from running import PANEL_ON_BENCH, Panel, press
-from served import HANG_S, PATIENCE_S, wait_for
+from served import HANG_S, wait_for
 
 from mirrormount.device import calibration
 
 BOARD = "e6616408432f5a21"
 STEP = calibration.Step(200_000, 255, 0)
-expect.set_options(timeout=PATIENCE_S * 1000)
 WORK_MS = HANG_S * 1000  # for up to 40 moves, each with its pictures
 
 # How many pixels of the picture have one of its colours: green is the spot's ring, red the trail, blue the target.

@@ -101,7 +101,7 @@ def test_no_message_covers_take_control(open_page, page, panel, viewport):
     press(watcher.get_by_role("button", name="UP", exact=True))
     watcher.locator(".toast", has_text="another page controls").wait_for()
     settled(watcher)
-    watcher.get_by_role("button", name="Take control").click(timeout=5000)  # fails if something is in front of it
+    watcher.get_by_role("button", name="Take control").click()  # fails if something is in front of it
     watcher.get_by_text("you control").wait_for()
 
 

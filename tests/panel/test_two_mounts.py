@@ -4,9 +4,8 @@ import pytest
 from looks import DESK, PHONE, THEMES, assert_nothing_cut_off, assert_readable, assert_touchable
 from playwright.sync_api import expect
 from running import NotStarted, Panel, press, wait_for_rest
-from served import PATIENCE_S, ServedBoard, wait_for
+from served import ServedBoard, wait_for
 
-expect.set_options(timeout=PATIENCE_S * 1000)
 NAMES = ("first", "second")
 
 

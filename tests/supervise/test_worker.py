@@ -146,9 +146,10 @@ def test_a_step_that_is_refused_does_not_become_a_run(worker, page):
 
 
 def busy(worker) -> threading.Event:
-    """Keep the mount's thread busy until the event that is returned is set."""
-    until = threading.Event()
-    worker.call(lambda mount: until.wait(PATIENCE_S))
+    """Keep the mount's thread busy, from now until the event that is returned is set."""
+    began, until = threading.Event(), threading.Event()
+    worker.call(lambda mount: (began.set(), until.wait(PATIENCE_S)))
+    assert began.wait(PATIENCE_S)
     return until
 
 
@@ -172,9 +173,11 @@ def test_who_asks_and_goes_away_does_not_cost_the_board(worker):
 
 
 def test_who_asked_when_there_was_no_board_does_not_cost_the_one_that_came(worker):
+    until = busy(worker)  # else it may see that there is no board, and open one
     mount, worker.connection.mount = worker.mount, None
     question = worker.call(lambda mount: mount.status())
     worker.connection.mount = mount
+    until.set()
     with pytest.raises(ConnectionLost):
         question.result(PATIENCE_S)
     worker.call(lambda mount: mount.status()).result(PATIENCE_S)

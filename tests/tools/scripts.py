@@ -18,7 +18,6 @@ def load(name, register_as):
     return module
 
 
-programs = load("_programs.py", "_programs")
 bootstrap = load("_bootstrap.py", "_bootstrap")
 demo = load("demo.py", "mirrormount_tools_demo")
 checks = load("test.py", "mirrormount_tools_test")

@@ -1,283 +1,174 @@
 """Facts about tools/demo.py and tools/test.py: how they find a Python, make .venv and fill it.
 
-No test starts pip, uv, apt-get or the network: ``Machine`` stands in for every program.
+No test starts pip, apt-get or the network: ``machine`` stands in for every program.
 """
 
 import ast
 import os
-import re
+import signal
+import subprocess
 import sys
-from pathlib import Path
 
 import pytest
-from scripts import ROOT, bootstrap, demo, programs
+from scripts import ROOT, bootstrap, demo
 
-SCRIPTS = ["_bootstrap.py", "_programs.py", "demo.py", "test.py"]
-WANTED = bootstrap.Wanted("tests", [["-r", "locked.txt"]], ["pyproject.toml"], ["numpy"])
+SCRIPTS = ["_bootstrap.py", "demo.py", "test.py"]
 
 
 class Machine:
-    """Stands in for the programs the scripts start; remembers what they were asked."""
+    """Stands in for the programs that the scripts start: remembers their words; fails: words of those that fail."""
 
-    def __init__(self, *, ensurepip=True, pip=(0, "ok"), healthy=True, imports=True, on_pip=None):
-        self.ensurepip, self.pip, self.healthy, self.imports = ensurepip, pip, healthy, imports
-        self.on_pip = on_pip
+    def __init__(self, root):
+        self.root = root
         self.asked = []
+        self.fails = ()
 
-    def __call__(self, command):
-        words = " ".join(command)
+    def __call__(self, command, **options):
+        words = " ".join(map(str, command))
         self.asked.append(words)
-        if "import ensurepip" in words:
-            return (0 if self.ensurepip else 1), ""
-        if " venv " in words:
-            make_venv(Path(command[-1]))
-        if bootstrap.HEALTH_CHECK in words:
-            there = Path(command[0]).exists() and self.healthy
-            return (0, "3.11.2\n") if there else (1, "No module named pip")
-        if "-m pip install" in words:
-            if self.on_pip:
-                self.on_pip()
-            self.imports = True
-            return self.pip
-        if "find_spec" in words:
-            return (0 if self.imports else 1), ""
-        return 0, ""
+        there = (self.root / ".venv" / "pyvenv.cfg").exists()
+        if any(part in words for part in self.fails) or (bootstrap.HAS_PIP in words and not there):
+            return 1
+        if " -m venv " in words:
+            (self.root / ".venv").mkdir(exist_ok=True)
+            (self.root / ".venv" / "pyvenv.cfg").touch()
+        return 0
 
     def times(self, part):
-        """How many commands contained these words."""
         return sum(part in words for words in self.asked)
 
 
-def make_venv(venv, *, made_for=None):
-    """The files of a virtual environment that matter here."""
-    python = programs.venv_python(venv)
-    python.parent.mkdir(parents=True, exist_ok=True)
-    python.touch()
-    (venv / "a-package").touch()
-    if made_for:
-        (venv / bootstrap.MADE).write_text(str(made_for))
-    return venv
-
-
 @pytest.fixture
-def root(tmp_path):
-    """A folder that looks like a clone."""
-    (tmp_path / "pyproject.toml").write_text("one")
-    return tmp_path
-
-
-def prepare(root, machine, **options):
-    bootstrap.prepare(root, WANTED, 3, run=machine, **options)
-
-
-# An old Python
-
-
-@pytest.mark.parametrize("name", SCRIPTS)
-def test_script_parses_on_python_3_8(name):
-    ast.parse((ROOT / "tools" / name).read_text(encoding="utf-8"), feature_version=(3, 8))
+def machine(tmp_path, monkeypatch):
+    """A computer with a fresh clone: tmp_path."""
+    for name in ("locked.txt", "pyproject.toml", "firmware_py/mountfw/__init__.py"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text("one")
+    machine = Machine(tmp_path)
+    monkeypatch.setattr(bootstrap, "ROOT", tmp_path)
+    monkeypatch.setattr(bootstrap, "VENV", tmp_path / ".venv")
+    monkeypatch.setattr(bootstrap, "call", machine)
+    return machine
 
 
 @pytest.mark.parametrize("name", SCRIPTS)
-def test_script_uses_the_standard_library_only(name):
-    tree = ast.parse((ROOT / "tools" / name).read_text(encoding="utf-8"))
+def test_python_3_8_can_read_a_script_and_has_all_that_it_imports(name):
+    tree = ast.parse((ROOT / "tools" / name).read_text(encoding="utf-8"), feature_version=(3, 8))
     names = {alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names}
     names |= {str(node.module) for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
-    assert {name.split(".")[0] for name in names} <= set(sys.stdlib_module_names) | {"_bootstrap", "_programs"}
+    assert {name.split(".")[0] for name in names} <= set(sys.stdlib_module_names) | {"_bootstrap"}
 
 
-def test_newer_python_on_path_is_chosen_and_a_stand_in_is_passed_over():
-    commands = bootstrap.candidates(lambda name: f"/bin/{name}" if name.startswith("python3.1") else None)
-    versions = {"/bin/python3.14": (), "/bin/python3.13": (3, 13), "/bin/python3.12": (3, 12)}
-    assert bootstrap.find_python(commands, lambda command: versions[command[0]]) == ["/bin/python3.13"]
-
-
-def test_windows_launcher_is_asked_for_each_version():
-    commands = bootstrap.candidates(lambda name: "C:/py.exe" if name == "py" else None)
-    found = bootstrap.find_python(commands, lambda command: (3, 12) if command[1] == "-3.12" else ())
-    assert found == ["C:/py.exe", "-3.12"]
-
-
-def test_python_that_does_not_start_has_no_version():
-    assert bootstrap.version_of(["python3.12"], lambda command: (127, "pyenv: python3.12: not found")) == ()
-
-
-def test_python_3_10_is_not_new_enough():
-    assert bootstrap.find_python([["python3"]], lambda command: (3, 10)) is None
-
-
-def test_old_python_starts_over_with_the_newer_one(monkeypatch):
-    started = []
+def test_an_old_python_starts_over_with_a_newer_one(machine, monkeypatch):
     monkeypatch.setattr(bootstrap.sys, "version_info", (3, 8, 18))
-    monkeypatch.setattr(bootstrap, "find_python", lambda commands, version: ["/bin/python3.12"])
-    monkeypatch.setattr(bootstrap.os, "name", "posix")
-    monkeypatch.setattr(bootstrap.os, "execv", lambda path, command: started.append((path, command)))
-    bootstrap.ensure_python("/clone/tools/demo.py", ["--fast"])
-    assert started == [("/bin/python3.12", ["/bin/python3.12", os.path.abspath("/clone/tools/demo.py"), "--fast"])]
+    monkeypatch.setattr(bootstrap.sys, "argv", ["tools/demo.py", "--fast"])
+    machine.fails = ["python3.14", "python3.13 -c"]  # there is none; a stand-in that starts none
+    with pytest.raises(SystemExit, match=r"^0$"):
+        bootstrap.ensure_python()
+    assert machine.asked[-1] == "python3.12 tools/demo.py --fast"
 
 
-@pytest.mark.parametrize("system", ["Debian", "Ubuntu", "Fedora", "macOS", "Windows"])
-def test_without_a_newer_python_the_message_says_what_to_install(monkeypatch, system):
+def test_without_a_newer_python_one_is_told_what_to_install(machine, monkeypatch, capsys):
     monkeypatch.setattr(bootstrap.sys, "version_info", (3, 8, 18))
-    monkeypatch.setattr(bootstrap, "find_python", lambda commands, version: None)
-    with pytest.raises(programs.Stop, match=rf"(?s)this one is 3\.8.*{system}"):
-        bootstrap.ensure_python("demo.py", [])
+    machine.fails = ["py"]
+    assert bootstrap.guarded(demo.main) == 1
+    told = capsys.readouterr().out
+    assert "this one is 3.8" in told and all(
+        name in told for name in ("Debian", "Ubuntu", "Fedora", "macOS", "Windows")
+    )
 
 
-# .venv
-
-
-def test_venv_is_made_and_marked(root):
-    prepare(root, Machine())
-    assert (root / ".venv" / bootstrap.MADE).read_text() == str(root / ".venv")
-
-
-def test_half_made_venv_is_removed_and_made_again(root, capsys):
-    (root / ".venv" / "lib").mkdir(parents=True)
-    prepare(root, Machine())
-    assert not (root / ".venv" / "lib").exists()
-    assert "half made: making it again" in capsys.readouterr().out
-
-
-def test_venv_made_for_another_folder_is_made_again(root):
-    make_venv(root / ".venv", made_for="/elsewhere/.venv")
-    machine = Machine()
-    prepare(root, machine)
-    assert machine.times("-m venv") == 1
-
-
-def test_working_venv_of_the_user_is_used_as_it_is(root, capsys):
-    make_venv(root / ".venv")
-    machine = Machine()
-    prepare(root, machine)
-    assert machine.times("-m venv") == 0
-    assert "not made by this script, but works" in capsys.readouterr().out
-
-
-def test_venv_with_an_old_python_is_not_removed(root):
-    make_venv(root / ".venv")
-    with pytest.raises(programs.Stop, match=r"holds Python 3\.9\.1"):
-        bootstrap.ensure_venv(root / ".venv", lambda command: (0, "3.9.1"))
-    assert (root / ".venv" / "a-package").exists()
-
-
-def test_link_to_a_broken_venv_is_removed_without_what_it_points_to(root):
-    (root / "elsewhere").mkdir()
-    (root / "elsewhere" / "precious").touch()
-    try:
-        (root / ".venv").symlink_to(root / "elsewhere", target_is_directory=True)
-    except OSError:
-        pytest.skip("this user may not make links")
-    prepare(root, Machine())
-    assert (root / "elsewhere" / "precious").exists()
-
-
-def test_new_venv_that_does_not_work_is_not_marked(root):
-    with pytest.raises(programs.Stop, match="half made"):
-        prepare(root, Machine(healthy=False))
-    assert not (root / ".venv" / bootstrap.MADE).exists()
-
-
-# A Python without ensurepip
-
-
-def tools(*names):
-    """A machine's PATH with only these commands on it."""
-    return lambda name: f"/bin/{name}" if name in names else None
-
-
-def test_without_ensurepip_uv_makes_the_venv(root):
-    machine = Machine(ensurepip=False)
-    bootstrap.create_venv(root / ".venv", machine, may_install=True, which=tools("uv", "apt-get"))
-    assert machine.times("/bin/uv venv --seed") == 1
-    assert machine.times("apt-get") == 0
-
-
-def test_without_ensurepip_and_uv_the_apt_line_is_given(root):
-    machine = Machine(ensurepip=False)
-    line = "sudo apt install python{}.{}-venv".format(*sys.version_info)
-    with pytest.raises(programs.Stop, match=re.escape(line)):
-        bootstrap.create_venv(root / ".venv", machine, may_install=False, which=tools("apt-get"))
-    assert machine.times("apt-get") == 0
-
-
-def test_without_ensurepip_the_package_is_installed_if_that_is_allowed(root):
-    machine = Machine(ensurepip=False)
-    bootstrap.create_venv(root / ".venv", machine, may_install=True, which=tools("apt-get"))
-    steps = [words.split("apt-get ")[1] for words in machine.asked if "apt-get" in words]
-    package = "python{}.{}-venv".format(*sys.version_info)
-    assert steps == ["update", "install -y --no-install-recommends " + package]
-
-
-# pip
-
-
-def test_second_run_does_not_ask_pip(root):
-    prepare(root, Machine())
-    second = Machine()
-    prepare(root, second)
-    assert second.times("-m pip") == 0
-
-
-def test_changed_pyproject_asks_pip_again(root):
-    prepare(root, Machine())
-    (root / "pyproject.toml").write_text("two")
-    second = Machine()
-    prepare(root, second)
-    assert second.times("-m pip install -r locked.txt") == 1
-
-
-def test_interrupted_pip_makes_the_next_run_start_with_a_new_venv(root):
-    def interrupt():
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        prepare(root, Machine(on_pip=interrupt))
-    (root / ".venv" / "half-a-package").touch()
-    second = Machine()
-    prepare(root, second)
-    assert not (root / ".venv" / "half-a-package").exists()
-    assert second.times("-m pip install") == 1
-
-
-def test_damaged_package_has_the_venv_made_again(root):
-    prepare(root, Machine())
-    second = Machine(imports=False)
-    prepare(root, second)
-    assert second.times("-m venv") == 1
-    assert second.times("-m pip install") == 1
-
-
-def test_one_script_does_not_undo_what_the_other_has_prepared(root):
-    prepare(root, Machine())
-    bootstrap.prepare(root, WANTED._replace(purpose="demo"), 3, run=Machine())
-    third = Machine()
-    prepare(root, third)
-    assert third.times("-m pip") == 0
+def test_a_clone_gets_a_venv_with_the_locked_packages_once_until_the_lock_changes(machine, tmp_path):
+    bootstrap.prepare("tests", "locked.txt")
+    assert machine.times("-m venv --clear") == 1
+    assert machine.times("--no-deps --require-hashes -r locked.txt") == 1 and machine.times("-m pip") == 2
+    bootstrap.prepare("tests", "locked.txt")
+    assert machine.times("-m venv") == 1 and machine.times("-m pip") == 2
+    (tmp_path / "locked.txt").write_text("two")
+    bootstrap.prepare("tests", "locked.txt")
+    assert machine.times("-m venv") == 1 and machine.times("-m pip") == 4
 
 
 @pytest.mark.parametrize(
-    ("output", "remedy"),
+    ("fails", "told"),
     [
-        ("OSError: [Errno 28] No space left on device", "disk is full"),
-        ("NewConnectionError: Temporary failure in name resolution", "network, HTTPS_PROXY"),
-        ("SSLError: CERTIFICATE_VERIFY_FAILED", "PIP_CERT"),
-        ("something new", "Run the same command again"),
+        (["pip install"], "pip install failed.*network.*delete the folder .venv"),
+        (["-m venv"], "Making .venv failed.*disk full"),
+        ([bootstrap.IS_OLD], "a Python that is older than 3.11"),
     ],
 )
-def test_failure_of_pip_ends_in_its_last_lines_and_a_remedy(root, output, remedy):
-    with pytest.raises(programs.Stop) as stop:
-        prepare(root, Machine(pip=(1, f"first line\n{output}\n")))
-    assert output in str(stop.value)
-    assert remedy in str(stop.value).splitlines()[-1]
+def test_a_failure_is_one_clear_line_and_the_next_run_tries_again(machine, fails, told):
+    if fails == [bootstrap.IS_OLD]:
+        machine([" -m venv "])  # one that the user made
+    machine.fails = fails
+    with pytest.raises(bootstrap.Stop, match=told):
+        bootstrap.prepare("tests", "locked.txt")
+    machine.fails = []
+    bootstrap.prepare("tests", "locked.txt")
+    assert "-m pip install" in machine.asked[-1]
 
 
-# The demo
+def test_a_folder_of_the_users_that_is_called_venv_is_not_emptied(machine, tmp_path):
+    (tmp_path / ".venv").mkdir()
+    with pytest.raises(bootstrap.Stop, match="no virtual environment"):
+        bootstrap.prepare("tests", "locked.txt")
+    assert machine.times("-m venv") == 0
 
 
-def test_demo_passes_arguments_on_and_needs_no_screen(monkeypatch):
-    shown = []
-    monkeypatch.setattr(bootstrap, "prepare", lambda *args, **options: None)
-    monkeypatch.setattr(programs, "show", lambda command, **env: shown.append((command[1:], env)) or 5)
+@pytest.mark.skipif(not hasattr(os, "geteuid"), reason="there is no apt-get on Windows")
+@pytest.mark.parametrize("may_install", [False, True])
+def test_what_debian_has_left_out_of_python_is_installed_or_named(machine, monkeypatch, may_install):
+    package = "python{}.{}-venv".format(*sys.version_info)
+    monkeypatch.setattr(bootstrap.importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr(bootstrap.shutil, "which", lambda name: f"/bin/{name}")
+    if may_install:
+        bootstrap.prepare("tests", "locked.txt", may_install=True)
+    else:
+        with pytest.raises(bootstrap.Stop, match=f"sudo apt install {package}$"):
+            bootstrap.prepare("tests", "locked.txt")
+    assert machine.times(f"apt-get install -y --no-install-recommends {package}") == may_install
+
+
+# How a script and the programs that it starts end
+
+
+def test_the_demo_passes_arguments_on_and_needs_no_screen(monkeypatch):
+    called = []
+    monkeypatch.setattr(bootstrap, "prepare", lambda *words: None)
+    monkeypatch.setattr(bootstrap, "call", lambda command, **options: called.append((command[1:], options)) or 5)
     assert demo.main(["--seed", "1"]) == 5
-    assert shown == [(["-P", "-m", "mirrormount", "demo", "--seed", "1"], {"MPLBACKEND": "Agg"})]
+    assert called == [(["-P", "-m", "mirrormount", "demo", "--seed", "1"], {"cwd": None, "MPLBACKEND": "Agg"})]
+
+
+def test_a_program_has_the_users_settings_and_its_status_is_told(monkeypatch):
+    monkeypatch.setenv("HTTPS_PROXY", "the user's")
+    code = "import os, sys; sys.exit(7 * (os.environ['HTTPS_PROXY'] == os.environ['ONE'] == \"the user's\"))"
+    assert bootstrap.call([sys.executable, "-c", code], ONE="the user's") == 7
+    assert bootstrap.call(["no-such-program"]) == 127
+
+
+INTERRUPTED = """
+import sys
+sys.path.insert(0, sys.argv.pop(1))
+import _bootstrap
+child = [sys.executable, "-c", '''
+import time
+print("runs", flush=True)
+try:
+    time.sleep(600)
+except KeyboardInterrupt:
+    print("tidied up", flush=True)
+''']
+sys.exit(_bootstrap.guarded(lambda words: _bootstrap.call(child)))
+"""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="a console of Windows has no process groups that a test could signal")
+def test_ctrl_c_ends_in_one_line_after_what_was_started_has_ended():
+    command = [sys.executable, "-c", INTERRUPTED, str(ROOT / "tools")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=True) as script:
+        assert script.stdout.readline() == "runs\n"
+        os.killpg(script.pid, signal.SIGINT)  # as a terminal does: to every process in front of it
+        out = script.communicate(timeout=60)[0]
+    assert script.returncode == 130
+    assert out.split("\n") == ["tidied up", "", "Stopped; the same command carries on from here.", ""]

@@ -7,109 +7,70 @@ import sys
 from pathlib import Path
 
 import pytest
-from scripts import ROOT, bootstrap, checks, programs
-
-GIT = checks.Need("a-command-nobody-has", "git", "a fresh clone", ("tests/clone",))
+from scripts import ROOT, bootstrap, checks
 
 
 @pytest.fixture
-def shown(monkeypatch):
-    """The commands tools/test.py runs, all of which succeed, when one need is not met."""
+def called(monkeypatch):
+    """The commands that tools/test.py runs, all of which succeed, on a machine without git-annex."""
     commands = []
-    monkeypatch.setattr(bootstrap, "prepare", lambda *args, **options: None)
-    monkeypatch.setattr(programs, "run", lambda command, **_: (commands.append(command[2:]) or 0, ""))
-    monkeypatch.setattr(bootstrap, "apt_install", lambda packages, run: commands.append(["apt", *packages]))
-    monkeypatch.setattr(programs, "show_quietly_ended", lambda command: commands.append(command[2:-2]) or 0)
-    monkeypatch.setattr(checks, "NEEDS", (GIT,))
+    monkeypatch.setattr(bootstrap, "prepare", lambda *words: None)
+    monkeypatch.setattr(bootstrap, "call", lambda command, **environment: commands.append(command[1:]) or 0)
+    monkeypatch.setattr(bootstrap, "apt_install", lambda packages: commands.append(["apt", *packages]))
+    monkeypatch.setattr(checks, "NEEDS", {"git-annex": ["a-command-nobody-has", "/no/such/folder"], "sh": ["python3"]})
     monkeypatch.delenv("CI", raising=False)
     return commands
 
 
-def test_on_ci_an_unmet_need_is_installed_and_a_failure_if_still_unmet(shown, monkeypatch, capsys):
-    monkeypatch.setenv("CI", "true")
+@pytest.mark.parametrize(
+    ("words", "ci", "installs", "status", "told"),
+    [
+        ([], "", False, 0, r"not run +what needs: sudo apt install git-annex"),
+        (["--install-system"], "", True, 0, r"not run +what needs: sudo apt install git-annex"),
+        ([], "true", True, 1, r"FAILED +what needs: sudo apt install git-annex"),
+        (["--quick"], "true", False, 0, "ok"),  # needs nothing of it
+    ],
+)
+def test_what_is_missing_is_installed_if_allowed_and_told_and_a_failure_on_ci(
+    called, monkeypatch, capsys, words, ci, installs, status, told
+):
+    monkeypatch.setenv("CI", ci)
+    assert checks.main(words) == status
+    assert (["apt", "git-annex"] in called) == installs
+    assert re.search(told, capsys.readouterr().out)
+
+
+def runs(called):
+    """What is selected in each run of pytest."""
+    return [words[words.index("-m", words.index("pytest")) + 1] for words in called if "pytest" in words]
+
+
+def selected(expression, marks):
+    """Whether pytest's -m takes a test with these marks."""
+    return eval(expression, {name: name in marks for name in ("slow", "full", "wall_clock")})
+
+
+@pytest.mark.parametrize("level", ["quick", "default", "full"])
+def test_each_test_of_a_level_is_in_one_run_of_it(called, level):
+    checks.main([] if level == "default" else ["--" + level])
+    for marks in ([], ["slow"], ["wall_clock"], ["full"], ["full", "slow"], ["full", "wall_clock"]):
+        left_out = {"quick": marks != [], "default": "full" in marks, "full": False}[level]
+        assert sum(selected(expression, marks) for expression in runs(called)) == (not left_out), marks
+
+
+def test_only_a_full_run_has_the_coverage_and_the_times_of_the_firmware_and_not_of_some_tests(called):
+    for words, whole in ([[], False], [["--full"], True], [["--full", "--", "-k", "frame"], False]):
+        called.clear()
+        checks.main(words)
+        assert (["-m", "coverage", "report"] in called) == whole
+        assert (["tools/bench/run.py", "--check", "--quick"] in called) == whole
+    assert all(words[-4:-2] == ["-k", "frame"] for words in called if "pytest" in words)
+
+
+def test_one_failed_check_fails_the_whole_but_stops_nothing(called, monkeypatch, capsys):
+    monkeypatch.setattr(bootstrap, "call", lambda command, **environment: int("basedpyright" in command))
     assert checks.main([]) == 1
-    assert ["apt", "git"] in shown
-    assert re.search(r"FAILED +tests/clone", capsys.readouterr().out)
-
-
-def test_elsewhere_an_unmet_need_is_listed_as_not_run(shown, capsys):
-    assert checks.main([]) == 0
-    assert ["apt", "git"] not in shown
-    output = capsys.readouterr().out
-    assert re.search(r"not run +tests/clone", output)
-    assert "sudo apt install git" in output
-
-
-def test_install_system_allows_apt_outside_ci(shown):
-    assert checks.main(["--install-system"]) == 0
-    assert ["apt", "git"] in shown
-
-
-def test_pytest_comes_last_with_its_arguments_and_without_what_cannot_run(shown):
-    checks.main(["--", "-k", "frame"])
-    words = ["--deselect=tests/clone", "-k", "frame"]
-    assert shown[-2:] == [
-        ["pytest", "--wall-clock=without", *checks.PARALLEL, *words],
-        ["pytest", "--wall-clock=only", *words],
-    ]
-
-
-def test_a_whole_run_has_the_coverage_of_its_first_pytest(shown):
-    checks.main([])
-    first = next(words for words in shown if words[0] == "pytest")
-    words = ["--lockstep=without", "--coverage", "--deselect=tests/clone"]
-    assert first == ["pytest", "--wall-clock=without", *checks.PARALLEL, *words]
-    assert ["coverage", "report", "--fail-under=0"] in shown
-
-
-def test_only_a_whole_run_checks_the_times_of_the_firmware(shown, monkeypatch, capsys):
-    times = ["--check", "--quick", "--jobs", "1"]
-    checks.main([])
-    assert times in shown
-    shown.clear()
-    checks.main(["--", "-k", "frame"])
-    assert times not in shown
-    monkeypatch.setattr(programs, "run", lambda command, **_: (int("--quick" in command), "missed: stop-run"))
-    assert checks.main([]) == 1
-    output = capsys.readouterr().out
-    assert "missed: stop-run" in output and re.search(r"FAILED +times", output)
-
-
-def test_only_a_whole_run_has_a_run_of_its_own_for_the_tests_in_lockstep(shown):
-    def apart():
-        return [words for words in shown if "--lockstep=only" in words]
-
-    checks.main([])
-    assert len(apart()) == 1 and "--deselect=tests/clone" in apart()[0]
-    shown.clear()
-    checks.main(["--", "-k", "frame"])
-    assert not apart()
-
-
-def test_the_floor_of_the_coverage_counts_on_ci(shown, monkeypatch):
-    monkeypatch.setenv("CI", "true")
-    checks.main([])
-    assert ["coverage", "report"] in shown
-
-
-def test_one_failed_check_fails_the_whole_but_stops_nothing(shown, monkeypatch, capsys):
-    monkeypatch.setattr(programs, "run", lambda command, **_: (int("basedpyright" in command), "an error of types"))
-    assert checks.main([]) == 1
-    output = capsys.readouterr().out
-    assert "an error of types" in output
-    assert re.search(r"FAILED +types", output)
-    assert re.search(r"ok +tests", output)
-
-
-def pytest_that(statuses, reports):
-    """Stands in for pytest: ends with these statuses, one a run, and writes these reports."""
-    statuses, reports = iter(statuses), iter(reports)
-
-    def run(command):
-        Path(command[-1]).write_text(next(reports))
-        return next(statuses)
-
-    return run
+    assert re.search(r"FAILED +types[^\0]*ok +tests", capsys.readouterr().out)
 
 
 def report(tests, failures=0, errors=0, skipped=0):
@@ -123,16 +84,23 @@ def report(tests, failures=0, errors=0, skipped=0):
     [
         ((0, 0), (report(10, skipped=1), report(3)), 0, "12 passed, 0 failed, 1 skipped"),
         ((0, 1), (report(10), report(3, failures=1, errors=1)), 1, "11 passed, 2 failed, 0 skipped"),
-        ((1, 0), (report(10, failures=4), report(3)), 1, "9 passed, 4 failed, 0 skipped"),
         ((0, 5), (report(10), report(0)), 0, "10 passed, 0 failed, 0 skipped"),
         ((5, 5), (report(0), report(0)), 1, "0 passed, 0 failed, 0 skipped"),
     ],
 )
 def test_the_last_line_and_the_status_are_of_both_runs_of_pytest(
-    shown, monkeypatch, capsys, statuses, reports, status, last
+    called, monkeypatch, capsys, statuses, reports, status, last
 ):
-    monkeypatch.setattr(checks, "NEEDS", ())
-    monkeypatch.setattr(programs, "show_quietly_ended", pytest_that(statuses, reports))
+    ends = iter(zip(statuses, reports, strict=True))
+
+    def call(command, **environment):
+        if "pytest" not in command:
+            return 0
+        status, text = next(ends)
+        Path(command[-1]).write_text(text)
+        return status
+
+    monkeypatch.setattr(bootstrap, "call", call)
     assert checks.main([]) == status
     assert capsys.readouterr().out.splitlines()[-1] == last
 
