@@ -23,7 +23,7 @@ class MountError(Exception):
     """Base of all errors that this package raises. codes: the numbers of the board's errors that it is about."""
 
     codes: tuple[int, ...] = ()
-    kinds: "ClassVar[list[type[MountError]]]" = []  # all errors of the packages that are imported
+    kinds: ClassVar[list[type["MountError"]]] = []  # all errors of the packages that are imported
 
     def __init_subclass__(cls) -> None:
         """Note an error where it is declared, so that no list of errors has to be kept."""
