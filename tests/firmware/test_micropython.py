@@ -117,7 +117,7 @@ def test_a_position_after_a_power_cut_with_an_encoder_is_worth_no_more_than_it_i
 @pytest.mark.parametrize("runs_on", ["CPython", "MicroPython"])
 def test_the_core_passes_its_tests_on_the_circuitpython_port_with_the_heap_locked_where_it_can_be(runs_on, micropython):
     interpreter = [sys.executable] if runs_on == "CPython" else [micropython, "-X", "heapsize=16m"]
-    fakes = HERE.parent.parent / "host" / "mirrormount" / "virtual" / "fakes"
+    fakes = HERE.parent.parent / "host" / "mirrormount_sim" / "fakes"
     library = Path(importlib.util.find_spec("adafruit_motor").origin).parents[1]
     run = subprocess.run(
         [*interpreter, str(HERE / "run_micropython.py"), str(FIRMWARE), str(fakes), str(library)],

@@ -12,7 +12,7 @@ from mirrormount_sim import emulator
 
 ROOT = Path(__file__).parent.parent.parent
 DOCS = ROOT / "docs"
-LOCKED = ("host/mirrormount/virtual/rp2040", "tools/vms")  # folders with packages from npm
+LOCKED = ("host/mirrormount_sim/rp2040", "tools/vms")  # folders with packages from npm
 
 
 @pytest.mark.parametrize("interpreter", [MICROPYTHON, CIRCUITPYTHON])

@@ -5,7 +5,7 @@
 //   FLASH    file that holds the flash's content; written back as it changes, if it is to be kept
 //   uncached: without the model of the flash's cache (cache.mjs), all of the flash is as fast as RAM
 //
-// stdin and stdout carry the 16-byte records of host/mirrormount/virtual/fakes/_seam.py (in R and T, b is the serial
+// stdin and stdout carry the 16-byte records of host/mirrormount_sim/fakes/_seam.py (in R and T, b is the serial
 // port: 0 the firmware's, 1 CircuitPython's console beside it), and these:
 //   from the board  U USB is up (a = 1) or down     F the flash has been erased or programmed at a place
 //                   L a packet for the firmware is in the board's memory; b bytes still wait in the host
