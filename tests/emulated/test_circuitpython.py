@@ -9,6 +9,8 @@ from images import images
 from mirrormount.virtual.board import Options, make_simulation
 from mirrormount.virtual.lockstep import Lockstep
 
+pytestmark = pytest.mark.full
+
 STEP_US = 1954  # two steps of CircuitPython's clock
 
 

@@ -18,6 +18,8 @@ from mirrormount.deploy.fileset import THIS, board_choice, firmware
 from mirrormount.virtual import emulator
 from mirrormount.virtual.board import Options
 
+pytestmark = pytest.mark.full
+
 IMAGES = images(circuitpython=False)
 MPY = 6
 STEP_US = 100_000

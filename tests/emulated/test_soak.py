@@ -6,7 +6,7 @@ import soak
 from mirrormount.common.errors import EmulatorMissing
 from mirrormount.virtual import emulator
 
-pytestmark = pytest.mark.lockstep
+pytestmark = pytest.mark.full
 
 
 def test_an_episode_is_reported(tmp_path):

@@ -8,7 +8,6 @@ from mirrormount import Mount
 from mirrormount.common import errors
 
 # a client's motion lasts while `serve` feeds the board's keep-alive of 0.5 s: on a busy computer it ends, by design
-pytestmark = pytest.mark.wall_clock
 
 
 @pytest.mark.parametrize("begins", [b"\x16\x03\x01\x02\x00!\n1MV+\n", b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n1MV+\n"])

@@ -13,9 +13,6 @@ HOST = ROOT / "host" / "mirrormount"
 FIRMWARE = ROOT / "firmware_py" / "mountfw"
 TOOLS = ROOT / "tools"
 
-MOST_LINES = {HOST: 300, FIRMWARE: 350}  # of a file; CONTRIBUTING.md says what to do at the limit
-EVENING = 1800  # lines of app, build, wire/ and motion/, which somebody reads in an evening
-
 # the one import by a name in a string: a scheme of addresses that is opened by a floor above (virtual://)
 DYNAMIC = {"transport/open.py": 1}
 
@@ -25,10 +22,6 @@ def modules(*roots: Path) -> list[Path]:
     found = [path for root in roots for path in sorted(root.rglob("*.py")) if "typings" not in path.parts]
     assert len(found) > 20 * len(roots)
     return found
-
-
-def lines_of(path: Path) -> int:
-    return len(path.read_text(encoding="utf-8").splitlines())
 
 
 def is_private(name: str) -> bool:
@@ -88,37 +81,10 @@ def test_dunders_and_names_of_other_peoples_modules_are_not_meant():
     assert [*private_uses(HOST / "made_up.py", text)] == []
 
 
-def test_no_file_is_longer_than_its_package_allows():
-    over = [
-        f"{path.relative_to(ROOT).as_posix()}: {lines_of(path) - most} lines over {most}"
-        for root, most in MOST_LINES.items()
-        for path in modules(root)
-        if lines_of(path) > most
-    ]
-    assert not over, "\n".join([*over, "move what is a subject of its own to a new file"])
-
-
-def test_app_build_wire_and_motion_can_be_read_in_an_evening():
-    files = [FIRMWARE / "app.py", *FIRMWARE.glob("build.py")]
-    for folder in ("wire", "motion"):
-        found = sorted((FIRMWARE / folder).glob("*.py"))
-        assert len(found) > 4
-        files += found
-    longest = ", ".join(f"{path.name} {lines_of(path)}" for path in sorted(files, key=lines_of)[:-4:-1])
-    over = sum(map(lines_of, files)) - EVENING
-    assert over <= 0, f"app, build, wire/ and motion/: {over} lines over {EVENING}; shorten these ({longest} ...)"
-
-
 def test_no_class_of_the_loop_has_a_property():
     # MicroPython then searches the class and its bases at each `self.name =` (docs/architecture.md)
     found = [path.name for path in modules(FIRMWARE) if re.search(r"@property|\bproperty\(", path.read_text())]
     assert found == ["repl.py"], "at the prompt it costs nothing"
-
-
-def test_contributing_says_the_limits():
-    rows = [line for line in (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8").splitlines() if line[:1] == "|"]
-    for most in (*MOST_LINES.values(), EVENING):
-        assert any(re.search(rf"\b{most}\b", row.split("|")[2]) for row in rows), f"the limit {most} is in no row"
 
 
 def dynamic_imports(tree: ast.AST) -> int:
