@@ -16,13 +16,12 @@ import statistics
 import sys
 from dataclasses import dataclass, field, replace
 
-from mirrormount import Mount
-from mirrormount.cli.demo_square import MEASURED_MRAD, closure, square, take_up_by_steps
-from mirrormount.transport.lines import Link
-from mirrormount.virtual.bench import Bench
-from mirrormount.virtual.board import LockstepPort, Options, make_simulation
-from mirrormount.virtual.encoder import COUNTS_A_REV
-from mirrormount.virtual.profile import PROFILES
+from mirrormount.device.mount import Mount
+from mirrormount.transport.link import Link
+from mirrormount_sim.bench import Bench
+from mirrormount_sim.board import LockstepPort, Options, make_simulation
+from mirrormount_sim.demo import MEASURED_MRAD, closure, square, take_up_by_steps
+from mirrormount_sim.mechanics import COUNTS_A_REV, PROFILES
 
 PER_STEP = 280
 SUPPLIES = (0.8, 1.0, 1.2)

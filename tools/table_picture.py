@@ -13,16 +13,16 @@ from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 
-from mirrormount.beam.camera import Frame
-from mirrormount.virtual.geometry import DEFAULT
-from mirrormount.virtual.virtual_table import VirtualTable, open_table
+from mirrormount_beam.camera import Image
+from mirrormount_sim.optics import DEFAULT
+from mirrormount_sim.table import VirtualTable, open_table
 
 IMAGE = Path(__file__).resolve().parent.parent / "docs" / "images" / "table.png"
 ADDRESSES = ("virtual-table://?profile=smooth&seed=4&off=6", "virtual-table://?profile=rough&seed=4&off=6")
 RED, GREY = "#b00020", "#555555"
 
 
-def frames(address: str) -> tuple[VirtualTable, list[Frame]]:
+def frames(address: str) -> tuple[VirtualTable, list[Image]]:
     """The closed table, and the first frame of each of its cameras."""
     with open_table(address) as table:
         return table, [next(camera.frames()) for camera in table.cameras]

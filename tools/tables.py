@@ -11,10 +11,10 @@ import sys
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
-from mirrormount.common import remedies
-from mirrormount.common.declared import one_line, texts
-from mirrormount.deploy.fileset import boards, firmware
+from mirrormount import errors
+from mirrormount.deploy.firmware import boards, firmware
 from mirrormount.device.settings import ENCODER, SETTINGS
+from mirrormount.errors import doc_texts, one_line
 from mountfw import codes
 from mountfw.board_file import FILE_OF
 
@@ -28,14 +28,14 @@ def board_errors() -> Rows:
     yield "number", "message", "cause", "remedy"
     messages = {str(n): text for n, text in codes.MESSAGES.items()}
     messages |= {f"n{n:02d}": text for n, text in codes.AXIS_MESSAGES.items()}
-    for number, remedy in remedies.of_the_board().items():
+    for number, remedy in errors.board_remedies().items():
         yield number, messages[number].decode(), *remedy
 
 
 def reasons() -> Rows:
     """Why a move ended."""
     yield "number", "words", "meaning"
-    for name, text in texts("codes", "_reason").items():
+    for name, text in doc_texts("codes", "_reason").items():
         number = vars(codes)[name]
         yield str(number), codes.REASONS[number], one_line(text)
 
@@ -43,7 +43,7 @@ def reasons() -> Rows:
 def host_errors() -> Rows:
     """The errors of the host."""
     yield "error", "cause", "remedy"
-    for name, remedy in remedies.of_the_host().items():
+    for name, remedy in errors.host_remedies().items():
         yield f"`{name}`", *remedy
 
 
@@ -140,7 +140,7 @@ WRITTEN: dict[str, tuple[Maker, ...]] = {
     "docs/versions.md": (board_files,),
     "firmware_py/mountfw/dialect/line.py": (classes, transitions),
     "firmware_py/mountfw/settings.py": (attributes,),
-    "host/mirrormount/device/axis_properties.py": (properties,),
+    "host/mirrormount/device/axis.py": (properties,),
 }
 
 

@@ -6,7 +6,6 @@ from mountfw.dialect.commands import Commands
 from mountfw.dialect.error_queue import ErrorQueue
 from mountfw.dialect.line import Line
 from mountfw.dialect.queries import About
-from mountfw.memory import presize
 from mountfw.motion.controller import Controller
 from mountfw.own_reply import OwnReply, WaryReceiver
 from mountfw.parts import make_axis, make_emergency_stop, make_lane
@@ -30,7 +29,7 @@ def build(port, board):
     replies = Replies(own)
     frame = Frame(port.pack)
     line = Line()
-    receiver = WaryReceiver(frame, line, port.pack, own)  # its ring needs 4 KB in one piece: before encoders are loaded
+    receiver = WaryReceiver(frame, line, port.pack, own)
     parts = port, board, error_queue, receiver
     axes = [make_axis(i + 1, pins, *parts) for i, pins in enumerate(boards.axes(board))]
     emergency_stop = make_emergency_stop(port, board)
@@ -45,6 +44,5 @@ def build(port, board):
     gated = extras.Gated(port.gate(board) if hasattr(port, "gate") else None, controller, about)
     lane = make_lane(port, board, controller, receiver, frame, own, replies, commands)
     app = App(port, controller, commands, receiver, frame, replies, own, gated, lane)
-    presize([receiver, frame, replies, own, controller], axes)
     App.built = app
     return app

@@ -1,11 +1,12 @@
-"""Makes the parts that differ from board to board: bridges, axes, emergency stop, lane. Imports whatever they are of;
-what is not fitted is not loaded. Needed while a board starts, only.
-"""
+"""Makes the parts that differ from board to board: bridges, axes, emergency stop, lane."""
 
-from mountfw import extras
+from mountfw import bridges, extras
 from mountfw.board_file import BRIDGES
 from mountfw.boards import DRIVES
+from mountfw.encoder.axis import EncodedAxis
 from mountfw.end_stop import EndStop
+from mountfw.homing import Homing
+from mountfw.look import Look
 from mountfw.motion.axis import Axis
 
 
@@ -14,8 +15,6 @@ def make_bridge(port, board, pins):
     kind, duties = BRIDGES[board.BRIDGE]
     make = getattr(port, kind, None)  # the port may have one of its platform's own
     if not make:
-        from mountfw import bridges
-
         make = getattr(bridges, kind)
     names = [name for name in DRIVES if pins[name] is not None]
     parts = [port.output(pins[name], board.PWM_HZ if name in duties else 0) for name in names]
@@ -25,17 +24,10 @@ def make_bridge(port, board, pins):
 def make_axis(number, pins, port, board, error_queue, receiver):
     """Axis `number`, on these pins of a board file, with its interrupts, and its encoder if the port can read it."""
     stops = [EndStop(port.reader(pins[name])) for name in ("stop_pos", "stop_neg")]
-    homing = None
-    if stops[0].has_input or stops[1].has_input:
-        from mountfw.homing import Homing as homing  # only where there is an end-stop to find
+    homing = Homing if stops[0].has_input or stops[1].has_input else None
     parts = [number, make_bridge(port, board, pins)] + stops + [homing, error_queue, port.ticks_us]
     reader = port.encoder(number, pins) if "encoder" in pins or "shaft" in pins else None
-    if reader is None:
-        axis = Axis(*parts)
-    else:
-        from mountfw.encoder.axis import EncodedAxis  # only where there is one
-
-        axis = EncodedAxis(*parts, reader, receiver)  # pyright: ignore[reportCallIssue]
+    axis = Axis(*parts) if reader is None else EncodedAxis(*parts, reader, receiver)  # pyright: ignore[reportCallIssue]
     for name in ("stop_pos", "stop_neg"):
         if pins[name] is not None:
             port.on_rise(pins[name], axis.drive.guard)
@@ -56,7 +48,5 @@ def make_lane(port, board, controller, receiver, frame, own, replies, commands):
     if hasattr(port, "look"):
         port.look(lane, receiver, board)
     else:
-        from mountfw.look import Look  # no place in a memory that has another one
-
         lane.look = Look(port, lane, receiver).look  # pyright: ignore[reportAttributeAccessIssue]
     return lane

@@ -19,12 +19,16 @@ _REST_US = 1_000  # least rest after a pulse
 HUNDREDTHS = 1  # kept in hundredths; the wire and the host have two decimals
 BITS = 2  # a sum of bits: any of those in its greatest value; a switch, 0 or 1, is one
 AT_REST = 4  # refused (n14) while the axis moves; other changes count from the next move on
+# Only an axis with an encoder has it. On another axis its query says 0, and anything but 0 is refused with n35.
+OF_ENCODER = 8
 
 SETTINGS = []  # (mnemonic, name, least, most, default, flags), as they are to be set: limits follow the direction
+ENCODER_SETTINGS = []  # the same, those with OF_ENCODER; a closed loop needs counts of a step, so these come first
 
 
 def _setting(mnemonic, name, least, most, default, flags=0):
-    SETTINGS.append((mnemonic, name, least, most, default, flags))
+    entries = ENCODER_SETTINGS if flags & OF_ENCODER else SETTINGS
+    entries.append((mnemonic, name, least, most, default, flags))
 
 
 _setting(b"XI", "inverted", 0, 1, 0, BITS | AT_REST)
@@ -104,6 +108,60 @@ _setting(b"XT", "search_limit_ms", 1, 400_000, 120_000)
 Of `MT` and `OR`. `PR` and `PA` have no limit of time: their steps bound them, and the soft limits.
 """
 
+_setting(b"XN", "counts_per_step", -10_000, 10_000, 0, OF_ENCODER | AT_REST)
+"""Encoder: counts of one step; 0: not measured
+
+Negative: the encoder counts down while the motor runs in its own positive direction (whatever `XI` is). `mirrormount
+setup` measures both. 0 ends the closed loop.
+"""
+
+_setting(b"MM", "closed_loop", 0, 1, 0, OF_ENCODER | BITS | AT_REST)
+"""Encoder: 1: closed loop, the position is measured; 0: open loop
+
+1 is refused with n35 while `XN` is 0. 0: steps are timed and counted as if there were no encoder: the way to go on
+without one that has failed.
+"""
+
+_setting(b"DB", "dead_band", 0, 10_000, 1, OF_ENCODER)
+"""Encoder: counts that a move may end beside its target
+
+More than that are corrected, at most three times. With an AS5600 a move may end a sixteenth of a step too far: back
+through the play of the gears the motor cannot go by less.
+"""
+
+_setting(b"CL", "correction_s", 0, 1000, 5, OF_ENCODER | HUNDREDTHS)
+"""Encoder: rest before a move's end is judged, s
+
+After its last pulse, and after each correction: the motor coasts for some hundredths of a second.
+"""
+
+_setting(b"FE", "following_error", 0, 10_000, 0, OF_ENCODER)
+"""Encoder: counts that a step's drive may be wrong by
+
+Looked at each `XP` of drive at duty `XD`, in any motion of the closed loop. 0: three quarters of `XN`. `ZH` with bit 1
+(2) ignores it. With an `XP` of 60 ms or less only too few counts are wrong: in it the motor is still gaining speed.
+"""
+
+_setting(b"XG", "stall_ms", 0, 1000, 60, OF_ENCODER)
+"""Encoder: drive without a count that ends a move, ms
+
+0: not checked.
+"""
+
+_setting(b"XA", "stall_duty", 0, 255, 0, OF_ENCODER)
+"""Encoder: duty of a search for the end by stall; 0: off
+
+Where no switch is fitted in that direction, `MT` and `OR` then run so until the motor stalls, off it, and again. They
+are refused with n35 where a stall is not checked (`XG0` or `ZZ1`).
+"""
+
+_setting(b"XZ", "zero_angle", 0, 4096, 0, OF_ENCODER | AT_REST)
+"""Encoder: an AS5600's angle at position 0, 1 … 4096; 0: none
+
+`DH` and homing set it in the closed loop; `SM` saves it. After a power cut in a motion, when there is no record, the
+position is then the one within half a turn of the screw from 0, and an estimate.
+"""
+
 
 class Settings:
     """The settings as attributes of an axis, which has a position, two end-stops, and an apply() that is called after a
@@ -164,7 +222,7 @@ class Settings:
 
 
 def entries_of(axis):
-    """The settings that an axis has: these, and with an encoder those of encoder/settings.py."""
+    """The settings that an axis has: these, and with an encoder those of ENCODER_SETTINGS."""
     return getattr(axis, "entries", SETTINGS)
 
 

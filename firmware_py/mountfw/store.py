@@ -16,6 +16,8 @@ from mountfw.wire.ticks import diff
 
 _RENAMED = {"move_limit_ms": "search_limit_ms"}  # what an older firmware has saved
 
+_STEPS = " units 0"  # a setting of an older firmware: moves are told in steps. They always are now
+
 _SETTINGS = "mountfw.settings"
 _POSITION = "mountfw.position"
 _NEW = ".new"
@@ -143,6 +145,7 @@ class Records:
         lines = unseal(data)
         if lines is None:
             return None
+        lines = [line for line in lines if not line.endswith(_STEPS)]
         values = []
         for line in lines:
             try:

@@ -5,12 +5,13 @@ with Mount.open() as mount:
     mount.x.step(5)
 """
 
-from mirrormount.common.errors import MountError
+from mirrormount.errors import MountError
 from mountfw import __version__
 
 TYPE_CHECKING = False  # typing has it, too, and takes longer than all else here
 if TYPE_CHECKING:
-    from mirrormount.device.mount import Limits, Mount
+    from mirrormount.device.mount import Mount
+    from mirrormount.device.status import Limits
 
 __all__ = ["Limits", "Mount", "MountError", "__version__"]
 

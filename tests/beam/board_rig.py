@@ -1,15 +1,15 @@
 """The virtual table's two boards and its beam in lockstep, with eyes that need no pictures. Its loop can die."""
 
-from fast_table import FastEye
+from fast_table import FastCamera
 from loop_rig import Rig
 
-from mirrormount import Mount
-from mirrormount.beam.direct import DirectTable
-from mirrormount.beam.response import belongs_to
-from mirrormount.common.errors import ConnectionLost
-from mirrormount.transport.lines import Link
-from mirrormount.virtual.profile import PROFILES
-from mirrormount.virtual.virtual_table import Kind, VirtualTable
+from mirrormount.device.mount import Mount
+from mirrormount.errors import ConnectionLost
+from mirrormount.transport.link import Link
+from mirrormount_beam.control.response import belongs_to
+from mirrormount_beam.table import LocalTable
+from mirrormount_sim.mechanics import PROFILES
+from mirrormount_sim.table import Kind, VirtualTable
 
 
 class Died(BaseException):
@@ -55,7 +55,7 @@ class MortalPort:
         self._port.write(data)
 
 
-class BoardTable(DirectTable):
+class BoardTable(LocalTable):
     """Use `with`. The mounts have settings of their own, which no loop wants. response: what was calibrated and saved.
 
     dead: nothing is sent any more.
@@ -81,7 +81,7 @@ class BoardTable(DirectTable):
         self.sent = [MortalPort(port, self) for port in self.virtual.ports]
         self.mounts = [Mount(Link(port)) for port in self.sent]
         mounts = dict(zip(("first", "second"), self.mounts[:: -1 if self._exchanged else 1], strict=True))
-        eyes = [FastEye(self, number, 0.0, (319.5, 239.5)) for number in (0, 1)]
+        eyes = [FastCamera(self, number, 0.0, (319.5, 239.5)) for number in (0, 1)]
         super().__init__(mounts, eyes, self.virtual.now_s, self.virtual.sleep)
 
     def __enter__(self):
@@ -95,7 +95,7 @@ class BoardTable(DirectTable):
 
     def be_off(self, um):
         """Move the targets: the far camera shows an error of so much."""
-        for eye, spot, part in zip(self.eyes, self.spots_mm(), (0.45, 1.0), strict=True):
+        for eye, spot, part in zip(self.cameras, self.spots_mm(), (0.45, 1.0), strict=True):
             x, y = eye.px((spot[0], spot[1]))
             eye.target_px = x - part * um / eye.um_per_px[0], y + part * um / 2 / eye.um_per_px[1]
 

@@ -4,10 +4,10 @@ import contextlib
 
 import pytest
 
-from mirrormount.beam.estimate import Estimate
-from mirrormount.cli import measure_work
-from mirrormount.transport.open import open_table
-from mirrormount.virtual import virtual_table
+from mirrormount.transport.ports import open_table
+from mirrormount_beam.cli import measure
+from mirrormount_beam.estimates import Estimate
+from mirrormount_sim import table as table_module
 
 
 @pytest.fixture
@@ -29,10 +29,10 @@ def tables(monkeypatch):
     opened = []
 
     def open_table(address):
-        opened.append(virtual_table.open_table(address))
+        opened.append(table_module.open_table(address))
         return opened[-1]
 
-    monkeypatch.setattr(measure_work, "open_table", open_table)
+    monkeypatch.setattr(measure, "open_table", open_table)
     return opened
 
 
@@ -41,7 +41,7 @@ def found(monkeypatch):
     """An experiment that has found a take-up at once."""
 
     def at_once(rig, result, _tell):
-        rig.look()
+        rig.observe()
         result.estimates["x.take_up"] = Estimate(251_000.0, 900.0, "us")
 
-    monkeypatch.setattr(measure_work.backlash, "run", at_once)
+    monkeypatch.setattr(measure.backlash, "run", at_once)

@@ -8,10 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from mirrormount.beam.observer import FRAMES, Sighting
-from mirrormount.beam.rig import Vector
-from mirrormount.virtual.drivetrain import Drivetrain
-from mirrormount.virtual.profile import Profile
+from mirrormount_beam.experiments.rig import Vector
+from mirrormount_beam.observe import FRAMES, Sighting
+from mirrormount_sim.mechanics import Drivetrain, Profile
 
 PX_PER_RAD = 16_000.0  # of the mirror: 0.4 m, 0.05 mm a pixel, the beam turning twice as far
 STEP_US = 200_000
@@ -63,7 +62,7 @@ class DrivetrainRig:
     def sleep(self, seconds: float) -> None:
         self._pass(seconds)
 
-    def look(self, frames: int = FRAMES) -> Sighting:
+    def observe(self, frames: int = FRAMES) -> Sighting:
         self._pass(_LOOK_S)
         x, y = (PX_PER_RAD * self.trains[axis].mirror_rad for axis in self.axes)
         c, s = math.cos(self.rotation_rad), math.sin(self.rotation_rad)

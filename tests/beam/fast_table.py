@@ -1,7 +1,7 @@
 """A table without boards and pictures: actuators of the virtual bench, the virtual beam, and spots with noise.
 
-It does what a loop needs (mirrormount.beam.loop_table) in a thousandth of the time of the virtual table. The faults
-that a test orders are attributes. It knows the truth: truth_um() is where the beam is.
+It does what a loop needs (mirrormount_beam/control/interfaces.py) in a thousandth of the time. The faults that
+a test orders are attributes. It knows the truth: truth_um() is where the beam is.
 """
 
 import math
@@ -9,16 +9,15 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from mirrormount.beam.camera import Frame, Size
-from mirrormount.beam.reasons import Reason
-from mirrormount.beam.spot import NoSpot, Spot
-from mirrormount.common.beam_errors import CameraGone
-from mirrormount.common.errors import MoveEnded
-from mirrormount.virtual.bench import LEVER_X_MM, LEVER_Y_MM
-from mirrormount.virtual.drivetrain import Drivetrain
-from mirrormount.virtual.geometry import DEFAULT, Geometry
-from mirrormount.virtual.profile import PROFILES
-from mirrormount.virtual.table import Table
+from mirrormount.errors import MoveEnded
+from mirrormount_beam.camera import Image, Size
+from mirrormount_beam.errors import CameraGone
+from mirrormount_beam.spot.find import NoSpot, NoSpotReason, Spot
+from mirrormount_beam.table import TargetCamera
+from mirrormount_sim.bench import LEVER_X_MM, LEVER_Y_MM
+from mirrormount_sim.mechanics import PROFILES, Drivetrain
+from mirrormount_sim.optics import DEFAULT, Geometry
+from mirrormount_sim.table import Table
 
 FRAME_S = 1 / 30
 LATENCY_S = 0.05
@@ -80,18 +79,21 @@ class FastActuator:
         self.busy_s = 0.0
 
 
-class FastEye:
-    """One camera. black, gone, frozen, split: faults. turned: by 90°. stale_s: added to the age of each frame."""
+class FastCamera(TargetCamera):
+    """One camera, its own source of frames.
+
+    reason, gone, frozen: faults. left: frames with that reason. stale_s: added to the age of each frame.
+    """
 
     def __init__(self, table: "FastTable", number: int, rotation: float, centre: tuple[float, float]) -> None:
         self.table, self.number = table, number
-        self.name = f"camera {number + 1}"
         self.size = SIZE
-        self.target_px = (319.5, 239.5)
-        self.um_per_px = (PX_MM * 1000, PX_MM * 1000)
-        self.distance_m = table.truth.geometry.cameras_m[number]
+        um = PX_MM * 1000
+        super().__init__(f"camera {number + 1}", self, (319.5, 239.5), (um, um), table.truth.geometry.cameras_m[number])
+        del self.view  # no page looks on, and a table is copied as it stands
         self.rotation, self.centre = rotation, centre
-        self.reason: Reason | None = None
+        self.reason: NoSpotReason | None = None
+        self.left = math.inf
         self.gone = self.frozen = False
         self.stale_s = 0.0
         self._count = 0
@@ -106,7 +108,7 @@ class FastEye:
         c, s = math.cos(self.rotation), math.sin(self.rotation)
         return self.centre[0] + right * c + up * s, self.centre[1] + right * s - up * c
 
-    def frames(self) -> Iterator[Frame]:
+    def frames(self) -> Iterator[Image]:
         while True:
             if self.gone:
                 raise CameraGone(f"{self.name} was unplugged")
@@ -121,17 +123,18 @@ class FastEye:
                 spot = self.table.spots_mm()[self.number]
                 self._place = spot and self.px((spot[0], spot[1]))
             self._count += 1
-            yield Frame(np.zeros((1, 1), np.uint8), time_s - self.stale_s, self._count, repeated)
+            yield Image(np.zeros((1, 1), np.uint8), time_s - self.stale_s, self._count, repeated)
 
-    def find(self, frame: Frame) -> Spot | NoSpot:
-        if self.reason:
+    def find(self, frame: Image) -> Spot | NoSpot:
+        if self.reason and self.left > 0:
+            self.left -= 1
             return NoSpot(self.reason)
         if self._place is None:
-            return NoSpot(Reason.NOTHING)
+            return NoSpot(NoSpotReason.NOTHING)
         air = self.table.noise.standard_normal(2) * math.hypot(AIR_MM / PX_MM, FIT_PX)
         x, y = self._place[0] + air[0], self._place[1] + air[1]
         if min(x, SIZE.width - 1 - x, y, SIZE.height - 1 - y) < EDGE_PX:
-            return NoSpot(Reason.EDGE)
+            return NoSpot(NoSpotReason.EDGE)
         return Spot(float(x), float(y), FIT_PX, FIT_PX, 12.0, 12.0, 180.0, 0.0, 0, 600.0)
 
 
@@ -155,12 +158,12 @@ class FastTable:
         self.truth = Table([self._mirrors], mounts, geometry, seed)
         if off_mm:
             self.truth.misalign(off_mm, self.noise)
-        self.eyes = []
+        self.cameras = []
         for number in range(len(geometry.cameras_m)):
             rough = profile == "rough"
             rotation = math.radians(self.noise.uniform(-3, 3)) if rough else 0.0
             off = self.noise.uniform(-25, 25, 2) if rough else (0.0, 0.0)
-            self.eyes.append(FastEye(self, number, rotation, (319.5 + off[0], 239.5 + off[1])))
+            self.cameras.append(FastCamera(self, number, rotation, (319.5 + off[0], 239.5 + off[1])))
 
     def _mirrors(self):
         for actuator in self.actuators:
@@ -174,7 +177,7 @@ class FastTable:
     def truth_um(self) -> np.ndarray:
         """Errors against the targets, without any noise: x and y (up) of each camera."""
         found = []
-        for eye, spot in zip(self.eyes, self.spots_mm(), strict=True):
+        for eye, spot in zip(self.cameras, self.spots_mm(), strict=True):
             x, y = eye.px(spot)
             found += [(x - eye.target_px[0]) * PX_MM * 1000, -(y - eye.target_px[1]) * PX_MM * 1000]
         return np.array(found)

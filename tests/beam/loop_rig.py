@@ -5,10 +5,9 @@ import functools
 
 from fast_table import FastTable
 
-from mirrormount.beam.align import align
-from mirrormount.beam.calibrate import Calibration
-from mirrormount.beam.events import GateClosed, Pulsed, StateChanged
-from mirrormount.beam.hold import Hold
+from mirrormount_beam.control.calibrate import Calibration
+from mirrormount_beam.control.events import InterlockTripped, Pulsed, StateChanged
+from mirrormount_beam.control.hold import Hold, align
 
 
 @functools.cache
@@ -28,8 +27,8 @@ class Rig:
         self.told = []
         self.hold = Hold(self.table, self.response, self.gaps, self.told.append)
 
-    def gates(self):
-        return [event.name for event in self.told if isinstance(event, GateClosed)]
+    def trips(self):
+        return [event.name for event in self.told if isinstance(event, InterlockTripped)]
 
     def pulses(self, begin_s, end_s):
         return [event for event in self.told if isinstance(event, Pulsed) and begin_s < event.time_s <= end_s]

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from fast_table import FastTable
 
-from mirrormount.beam.align import align
-from mirrormount.beam.calibrate import Calibration
-from mirrormount.beam.response import belongs_to, load, save
-from mirrormount.common.beam_errors import NotControllable, ResponseOfOther, SpotLost
-from mirrormount.common.errors import BadFile
-from mirrormount.virtual.geometry import Geometry
+from mirrormount.errors import BadFile
+from mirrormount_beam.control.calibrate import Calibration
+from mirrormount_beam.control.hold import align
+from mirrormount_beam.control.response import belongs_to, load, save
+from mirrormount_beam.errors import NotControllable, ResponseOfOther, SpotLost
+from mirrormount_sim.optics import Geometry
 
 OFF_MM = 9.0
 
@@ -125,7 +125,7 @@ def change_board(table):
 
 
 def change_size(table):
-    table.eyes[1].size = table.eyes[1].size._replace(width=320)
+    table.cameras[1].size = table.cameras[1].size._replace(width=320)
 
 
 @pytest.mark.parametrize("change", [change_step, change_board, change_size])

@@ -5,10 +5,10 @@ import json
 import pytest
 from full_disk import run_with_room
 
-from mirrormount.beam import calibrate
-from mirrormount.cli import hold_work
 from mirrormount.cli.main import main
-from mirrormount.common.errors import CannotWrite
+from mirrormount.errors import CannotWrite
+from mirrormount_beam.cli import hold
+from mirrormount_beam.control import calibrate
 
 ONE = ("--virtual", "--mounts", "1", "--cameras", "1")
 
@@ -40,7 +40,7 @@ def test_a_disk_that_fills_up_meanwhile_costs_only_the_file(monkeypatch, tmp_pat
     def full(*_):
         raise CannotWrite("cannot write cal.json: No space left on device")
 
-    monkeypatch.setattr(hold_work, "save", full)
+    monkeypatch.setattr(hold, "save", full)
     numbers = tmp_path / "all.json"
     assert main(["calibrate", *ONE, "--calibration", str(tmp_path / "cal.json"), "--json", str(numbers)]) == 1
     out, err = capsys.readouterr()

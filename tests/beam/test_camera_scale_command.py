@@ -4,12 +4,12 @@ import cv2
 import numpy as np
 import pytest
 
-from mirrormount.beam import scale
-from mirrormount.beam.estimate import Estimate
-from mirrormount.beam.open_camera import open_camera
-from mirrormount.beam.optics import Optics
 from mirrormount.cli.main import main
-from mirrormount.common.errors import NotCalibrated
+from mirrormount.errors import NotCalibrated
+from mirrormount_beam import scale
+from mirrormount_beam.cameras import open_camera
+from mirrormount_beam.estimates import Estimate
+from mirrormount_beam.scale import Optics
 
 
 @pytest.fixture(autouse=True)

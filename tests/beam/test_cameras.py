@@ -9,16 +9,14 @@ import numpy as np
 import pytest
 import scenes
 
-from mirrormount.beam import Spot, find_spot, webcam
-from mirrormount.beam.camera import OF_DRIVER, Controls, Frame, Size
-from mirrormount.beam.checked import Limits, Picture, checked
-from mirrormount.beam.open_camera import open_camera
-from mirrormount.beam.recording import open_folder, record
-from mirrormount.beam.webcam import Webcam
-from mirrormount.cli import camera_work
-from mirrormount.cli.camera_work import line
 from mirrormount.cli.main import main
-from mirrormount.common.beam_errors import (
+from mirrormount.errors import BadAddress, CannotWrite, remedy_of
+from mirrormount_beam import cameras
+from mirrormount_beam.camera import OF_DRIVER, Controls, Image, Limits, Picture, Size, checked
+from mirrormount_beam.cameras import Webcam, open_camera, open_folder, record
+from mirrormount_beam.cli import camera as camera_module
+from mirrormount_beam.cli.camera import line
+from mirrormount_beam.errors import (
     CameraAbsent,
     CameraBlack,
     CameraError,
@@ -27,8 +25,7 @@ from mirrormount.common.beam_errors import (
     CameraSizeChanged,
     CameraSlow,
 )
-from mirrormount.common.errors import BadAddress, CannotWrite
-from mirrormount.common.remedies import remedy_of
+from mirrormount_beam.spot.find import Spot, find_spot
 
 
 def picture(number, rows=48, columns=64):
@@ -265,7 +262,7 @@ def test_show_prints_a_line_for_each_frame(capsys):
 
 def test_a_weak_ghost_is_not_told_as_one_of_0_percent():
     spot = Spot(320.0, 240.0, 0.1, 0.1, 12.0, 12.0, 178.0, 8.0, 0, 600.0, ghost=0.004)
-    assert "ghost 0.4%" in line(Frame(np.zeros((480, 640), np.uint8), 0.0, 0), spot)
+    assert "ghost 0.4%" in line(Image(np.zeros((480, 640), np.uint8), 0.0, 0), spot)
 
 
 def test_the_virtual_camera_is_that_of_measure_and_scan_with_the_same_profile_and_seed(capsys):
@@ -310,7 +307,7 @@ def test_record_says_at_ctrl_c_how_many_frames_there_are(tmp_path, capsys, monke
         raise KeyboardInterrupt
 
     monkeypatch.setattr(camera, "frames", interrupted)
-    monkeypatch.setattr(camera_work, "open_camera", lambda _address: camera)
+    monkeypatch.setattr(camera_module, "open_camera", lambda _address: camera)
     assert main(["camera", "record", str(tmp_path / "run")]) == 130
     assert capsys.readouterr().out == f"2 frames in {tmp_path / 'run'}\n"
     assert len([*open_folder(str(tmp_path / "run")).frames()]) == 2
@@ -322,8 +319,8 @@ def test_list_names_each_camera_that_linux_knows(tmp_path, capsys, monkeypatch):
         folder.mkdir()
         (folder / "index").write_text(index + "\n")
         (folder / "name").write_text(name + "\n")
-    monkeypatch.setattr(webcam, "SYSFS", tmp_path)
-    monkeypatch.setattr(webcam.sys, "platform", "linux")
+    monkeypatch.setattr(cameras, "SYSFS", tmp_path)
+    monkeypatch.setattr(cameras.sys, "platform", "linux")
     assert main(["camera", "list"]) == 0
     assert capsys.readouterr().out.splitlines() == ["0  Good Cam", "2  Other Cam"]
     with pytest.raises(CameraAbsent, match="several cameras of the name 'cam'; there is: 0 Good Cam, 2 Other Cam"):

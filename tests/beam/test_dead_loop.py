@@ -8,12 +8,11 @@ import contextlib
 import pytest
 from board_rig import BoardTable, Died
 
-from mirrormount.beam.align import align
-from mirrormount.beam.events import GateClosed
-from mirrormount.beam.hold import Hold
-from mirrormount.beam.response import load, save
-from mirrormount.common.errors import MountError
-from mirrormount.common.keep_alive import KEEP_ALIVE_MS
+from mirrormount.errors import MountError
+from mirrormount.values import KEEP_ALIVE_MS
+from mirrormount_beam.control.events import InterlockTripped
+from mirrormount_beam.control.hold import Hold, align
+from mirrormount_beam.control.response import load, save
 
 OFF_S = KEEP_ALIVE_MS / 1000 + 0.002  # the board looks at its clock once a millisecond
 OFF_UM = 2500.0
@@ -133,7 +132,7 @@ def test_a_board_that_is_unplugged_at_any_moment_ends_it_for_both(table, n, numb
     table.at(n, unplug)
     summary = align(table, table.response, None, told.append)
     table.virtual.sleep(1.0)
-    (gate,) = [event for event in told if isinstance(event, GateClosed)]
+    (gate,) = [event for event in told if isinstance(event, InterlockTripped)]
     assert gate.name == "board" and gate.cause and gate.remedy
     assert not summary.reached
     assert all(to_s <= cut_s[0] + 0.001 for _, to_s in table.on(number))
@@ -159,7 +158,7 @@ def test_after_a_restart_it_goes_on_from_what_was_saved_and_moves_nothing_unseen
     unblock_s = table.now_s() + 5.0
     table.virtual.clock.at(unblock_s, lambda: setattr(table.truth.laser, "blocked", False))
     hold.run(25)
-    assert [event.name for event in told if isinstance(event, GateClosed)] == ["no spot"]
+    assert [event.name for event in told if isinstance(event, InterlockTripped)] == ["no spot"]
     first_s = [table.on(number)[had][0] for number, had in enumerate(moved) if len(table.on(number)) > had]
     assert min(first_s) > unblock_s
     assert abs(hold.summary.last_um).max() < 80
@@ -172,15 +171,15 @@ def test_a_wrong_calibration_leaves_the_pins_off(fault):
         if fault == "a sign":
             table.mounts[0].apply({"x": {"inverted": 1}})
         elif fault == "a camera turned":
-            table.eyes[1].rotation += 1.5708
+            table.cameras[1].rotation += 1.5708
         closed = []
 
         def listen(event):
-            if isinstance(event, GateClosed):
+            if isinstance(event, InterlockTripped):
                 closed.append((event.name, table.moving(), [len(table.on(number)) for number in (0, 1)]))
 
         Hold(table, table.response, None, listen).run(120)
         table.virtual.sleep(1.0)
         assert [len(table.on(number)) for number in (0, 1)] == closed[0][2]
         assert closed[0][:2] in (("corrections do not help", False), ("spot jumped", False))
-        assert abs(table.eyes[1].px(table.spots_mm()[1])[0] - 319.5) * 50 < 5000
+        assert abs(table.cameras[1].px(table.spots_mm()[1])[0] - 319.5) * 50 < 5000

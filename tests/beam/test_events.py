@@ -4,13 +4,13 @@ import json
 
 import pytest
 
-from mirrormount.beam import events
+from mirrormount_beam.control import events
 
 
 @pytest.mark.parametrize(
     "event",
     [
-        events.Looked(
+        events.Observed(
             1.5,
             (events.SpotSeen("near", (3.0, 4.0), (0.1, 0.2), (10.0, -20.0), 1.4, 2), events.SpotMissed("far", "dark")),
             free_um=((1.0, 2.0),),
@@ -19,8 +19,8 @@ from mirrormount.beam import events
         events.Pulsed(1.0, "first.x", -12000, events.CREEP),
         events.Corrected(2.0, 1, {"first.x": 0.02}, (1.0, 2.0), (0.0, 0.1), (0.2, 0.3), ("first.x",)),
         events.StateChanged(3.0, events.HOLDING, "within the dead band"),
-        events.GateClosed(4.0, 1, "no spot", "far: dark", "switch on the laser", True),
-        events.GateOpened(5.0, 1, "no spot"),
+        events.InterlockTripped(4.0, 1, "no spot", "far: dark", "switch on the laser", True),
+        events.InterlockCleared(5.0, 1, "no spot"),
         events.ResponseChanged(6.0, ((1.0, 2.0), (3.0, 4.0)), 0.01),
         events.Progress(7.0, 0.5, "first.x"),
     ],
@@ -33,4 +33,4 @@ def test_an_event_is_the_same_after_a_line_of_json(event):
 def test_the_worst_error_of_a_look_is_over_all_cameras_and_axes():
     near = events.SpotSeen("near", (0, 0), (0, 0), (10.0, -30.0), 0.0)
     far = events.SpotSeen("far", (0, 0), (0, 0), (20.0, 5.0), 0.0)
-    assert events.Looked(0.0, (near, far)).worst_um == 30.0
+    assert events.Observed(0.0, (near, far)).worst_um == 30.0

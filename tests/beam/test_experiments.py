@@ -8,13 +8,11 @@ import numpy as np
 import pytest
 from drivetrain_rig import DRIFT_PX, STEP_US, DrivetrainRig, step_scatter, true_pulse_px
 
-from mirrormount.beam.estimate import Estimate, mean, student
-from mirrormount.beam.experiments import backlash, pulses, square, step_size, steps, waiting
-from mirrormount.beam.experiments.stepping import AT_REST, Ended, Log
-from mirrormount.beam.result import Result
-from mirrormount.common.beam_errors import NotMeasurable
-from mirrormount.virtual.drivetrain import GAP_REV
-from mirrormount.virtual.profile import PROFILES, ROUGH, SMOOTH
+from mirrormount_beam.errors import NotMeasurable
+from mirrormount_beam.estimates import Estimate, Result, mean, student
+from mirrormount_beam.experiments import backlash, drift, square, steps
+from mirrormount_beam.experiments.steps import AT_REST, Ended, Log
+from mirrormount_sim.mechanics import GAP_REV, PROFILES, ROUGH, SMOOTH
 
 SEEDS = range(200)
 ROTATION_RAD = 0.05  # of the camera
@@ -78,14 +76,14 @@ def test_the_periodic_error_of_the_screw_is_found_and_none_where_there_is_none()
 
 
 @pytest.mark.parametrize("name", PROFILES)
-@pytest.mark.parametrize("experiment", [steps.run, backlash.run, pulses.run, square.run, waiting.settle])
+@pytest.mark.parametrize("experiment", [steps.run, backlash.run, backlash.run_pulses, square.run, drift.settle])
 def test_the_spot_is_where_it_was_when_a_measurement_is_over(experiment, name):
     step_px = true_pulse_px(PROFILES[name], STEP_US)
     for seed in range(3):
         rig = DrivetrainRig(PROFILES[name], seed)
-        rig.look()
+        rig.observe()
         experiment(rig, Result("test"), quietly)
-        rig.look()
+        rig.observe()
         (_, before), *_, (_, after) = rig.seen
         assert np.abs(after - before).max() < step_px
 
@@ -126,7 +124,7 @@ def test_the_take_up_is_the_backlash_times_the_pulse():
 @pytest.mark.parametrize("name", PROFILES)
 def test_the_pulse_curve_has_right_error_bars(name):
     profile = replace(PROFILES[name], periodic=0.0)  # which differs from place to place, and the experiment says so
-    every = results(pulses.run, profile, SEEDS, lengths_ms=(5, 12, 35, 100))
+    every = results(backlash.run_pulses, profile, SEEDS, lengths_ms=(5, 12, 35, 100))
     for ms in (5, 12, 35, 100):
         for way, sign in (("positive", 1), ("negative", -1)):
             truth = true_pulse_px(profile, sign * ms * 1000)
@@ -141,7 +139,7 @@ def test_the_pulse_for_a_step_of_a_wanted_size_makes_it(name, factor):
         rig, result = DrivetrainRig(PROFILES[name], seed), Result("steps")
         steps.run(rig, result, quietly)
         now_px = (result.estimates["x.positive.step"].value + result.estimates["x.negative.step"].value) / 2
-        step_size.run(rig, result, quietly, {"x": factor * now_px})
+        steps.run_step_size(rig, result, quietly, {"x": factor * now_px})
         us = round(result.estimates["x.wanted.pulse"].value)
         both = []
         for way, sign in (("positive", 1), ("negative", -1)):
@@ -157,7 +155,7 @@ def test_a_step_that_no_pulse_makes_is_told(size, says):
     rig, result = DrivetrainRig(SMOOTH, 1), Result("steps")
     steps.run(rig, result, quietly)
     with pytest.raises(NotMeasurable, match=says):
-        step_size.run(rig, result, quietly, {"x": size})
+        steps.run_step_size(rig, result, quietly, {"x": size})
 
 
 @pytest.mark.parametrize("share", [1.0, 2.0, 4.0])
@@ -246,7 +244,7 @@ def test_a_square_that_the_picture_does_not_show_is_smaller():
 
 
 def test_the_drift_is_a_random_walk_of_the_size_that_the_beam_has():
-    every = results(waiting.drift, SMOOTH, range(40), seconds=1200.0)
+    every = results(drift.drift, SMOOTH, range(40), seconds=1200.0)
     found = [result.estimates["x.walk"] for result in every]
     assert np.mean([e.value for e in found]) == pytest.approx(DRIFT_PX, rel=0.1)
     assert within(DRIFT_PX, found) >= 0.85
@@ -256,7 +254,7 @@ def test_the_drift_is_a_random_walk_of_the_size_that_the_beam_has():
 @pytest.mark.full
 @pytest.mark.parametrize("name", PROFILES)
 def test_the_drifts_error_bars_are_right(name):
-    every = results(waiting.drift, PROFILES[name], SEEDS, seconds=1200.0)
+    every = results(drift.drift, PROFILES[name], SEEDS, seconds=1200.0)
     assert 0.92 <= within(DRIFT_PX, [result.estimates[f"{axis}.walk"] for result in every for axis in "xy"]) <= 0.98
 
 
@@ -265,7 +263,7 @@ def test_the_creeps_error_bars_are_right(name):
     inside = []
     for seed in SEEDS:
         rig, result = DrivetrainRig(PROFILES[name], seed), Result("settle")
-        waiting.settle(rig, result, quietly)
+        drift.settle(rig, result, quietly)
         begin = AT_REST
         for series, run in zip(result.series, (f"{axis}.{way}" for axis in "xy" for way in WAYS), strict=True):
             before, *after = rig.seen[begin : begin + 1 + len(series.points)]
@@ -278,7 +276,7 @@ def test_the_creeps_error_bars_are_right(name):
 
 
 def test_creep_is_told_only_if_it_is_larger_than_the_beams_drift():
-    (result,) = results(waiting.settle, SMOOTH, [1], seconds=10.0)
+    (result,) = results(drift.settle, SMOOTH, [1], seconds=10.0)
     silent = [remark.split(":")[0] for remark in result.remarks if "no creep" in remark]
     assert len(silent) >= 3
     assert not any(f"{run}.settled_after" in result.estimates for run in silent)
@@ -288,7 +286,7 @@ def test_creep_is_told_only_if_it_is_larger_than_the_beams_drift():
 def test_a_motor_that_does_not_move_the_spot_is_told():
     rig = DrivetrainRig(SMOOTH, 1)
     rig.trains["x"].speed_rev_s = 0.0
-    for experiment in (steps.run, backlash.run, pulses.run):
+    for experiment in (steps.run, backlash.run, backlash.run_pulses):
         with pytest.raises(NotMeasurable, match=r"x: .*look at motor and coupler"):
             experiment(rig, Result("test"), quietly)
 

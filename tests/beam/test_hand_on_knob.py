@@ -5,8 +5,8 @@ import pytest
 from board_rig import BoardTable
 from loop_rig import Rig
 
-from mirrormount.beam.events import GateClosed
-from mirrormount.beam.hold import Hold
+from mirrormount_beam.control.events import InterlockTripped
+from mirrormount_beam.control.hold import Hold
 
 WHEN_S = 20.0  # after the begin of the hold
 ENDS = ("corrections do not help", "axis does not move", "spot jumped")
@@ -33,7 +33,7 @@ class Turned:
         table.sleep = watched
         self.summary = self.rig.run(90)
         self.off_um = float(np.abs(table.truth_um()).max())
-        self.gates = [event for event in self.rig.told if isinstance(event, GateClosed)]
+        self.gates = [event for event in self.rig.told if isinstance(event, InterlockTripped)]
 
     def _turn(self, rev_s):
         self.train.hand_rev_s, self.train.hand_s = rev_s, 0.1
@@ -72,7 +72,7 @@ def test_a_knob_that_is_held_fast_ends_at_a_gate(profile, axis):
     rig.table.actuators[axis].train.jammed = True
     rig.table.truth.bump(axis // 2, *((0.0, 300.0) if axis % 2 else (300.0, 0.0)))
     rig.run(200)
-    (gate,) = [event for event in rig.told if isinstance(event, GateClosed)]
+    (gate,) = [event for event in rig.told if isinstance(event, InterlockTripped)]
     assert gate.name in ENDS
     assert not rig.pulses(gate.time_s, rig.table.now_s())
 
@@ -87,7 +87,7 @@ def test_a_hand_on_a_knob_leaves_the_pins_off(fault, motor):
         told = []
 
         def listen(event):
-            if isinstance(event, GateClosed):
+            if isinstance(event, InterlockTripped):
                 told.append((event, table.moving(), [len(table.on(number)) for number in (0, 1)]))
 
         hold = Hold(table, table.response, None, listen)

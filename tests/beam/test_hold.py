@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from loop_rig import Rig
 
-from mirrormount.beam.choosing import Prices, choose
-from mirrormount.beam.events import Corrected, Looked, Pulsed
-from mirrormount.beam.gap import Gap, Width
-from mirrormount.beam.hold import angle_weight
-from mirrormount.beam.tracker import Tracker
-from mirrormount.cli import hold_work
 from mirrormount.cli.main import main
+from mirrormount_beam.cli import hold
+from mirrormount_beam.control.backlash import Gap, Width
+from mirrormount_beam.control.controller import Prices, plan_correction
+from mirrormount_beam.control.events import Corrected, Observed, Pulsed
+from mirrormount_beam.control.hold import angle_weight
+from mirrormount_beam.control.kalman import Tracker
 
 ONE = ("--virtual", "--mounts", "1", "--cameras", "1", "--off", "0")
 LEVER_M = 1.2  # between the cameras
@@ -41,7 +41,7 @@ def rms_urad(rows):
 @pytest.mark.parametrize(("profile", "seed", "most_urad"), [("smooth", 1, 6.5), ("smooth", 2, 6.5), ("rough", 1, 9.0)])
 def test_the_beam_is_held_in_truth_and_the_summary_says_so(profile, seed, most_urad):
     summary, rows = held(Rig(profile, seed))
-    assert summary.gates == []
+    assert summary.interlocks == []
     assert rms_urad(rows) < most_urad
     assert np.abs(rows[:, 1:]).max() < 80
     assert summary.rms_urad == pytest.approx(rms_urad(rows), rel=0.2)
@@ -64,7 +64,7 @@ def test_an_error_within_the_noise_is_not_corrected():
     for gap in gaps:
         gap.followed(1)
     errors = np.array([2.0, -2.0, 3.0, 1.0])
-    assert not choose(errors, rig.response, gaps, Prices(50.0, 220.0), angle_weight(2))
+    assert not plan_correction(errors, rig.response, gaps, Prices(50.0, 220.0), angle_weight(2))
 
 
 def test_a_reversal_has_to_pay():
@@ -74,8 +74,8 @@ def test_a_reversal_has_to_pay():
         gap.followed(1)
     errors = 10.0 * step / np.linalg.norm(step)  # to be corrected by a move of the first axis in the other way
     prices = Prices(1.0, 1e6)
-    assert not choose(errors, rig.response, rig.gaps, prices, np.eye(4)).steps[0] < 0
-    assert choose(-errors, rig.response, rig.gaps, prices, np.eye(4)).steps[0] > 0
+    assert not plan_correction(errors, rig.response, rig.gaps, prices, np.eye(4)).steps[0] < 0
+    assert plan_correction(-errors, rig.response, rig.gaps, prices, np.eye(4)).steps[0] > 0
 
 
 def test_what_is_free_of_a_gap_is_less_than_the_gap():
@@ -155,14 +155,14 @@ def test_each_pulse_and_each_look_is_told():
     summary = rig.run(30)
     kinds = [type(event) for event in rig.told]
     assert kinds.count(Pulsed) == summary.actions
-    assert kinds.count(Looked) > 30
+    assert kinds.count(Observed) > 30
     assert kinds.count(Corrected) >= summary.corrections
 
 
 def test_what_the_beam_would_have_done_is_told():
     rig = Rig("smooth", 1)
     rig.run(200)
-    last = [event for event in rig.told if isinstance(event, Looked)][-1]
+    last = [event for event in rig.told if isinstance(event, Observed)][-1]
     free = Rig("smooth", 1)
     free.table.sleep(200)
     assert np.allclose(np.ravel(last.free_um), free.table.truth_um(), atol=70)
@@ -191,7 +191,7 @@ def test_the_command_holds_the_virtual_table_and_writes_its_figures(tmp_path, ca
     assert found["rms_urad"] < 9
     assert found["max_um"] < 80
     assert set(found["residual_um"]["virtual camera 2"]) == {"x", "y"}
-    assert {"corrections", "actions", "reversals", "gates"} <= set(found)
+    assert {"corrections", "actions", "reversals", "interlocks"} <= set(found)
     assert json.loads(calibration.read_text())["belongs"]["actuators"][0][0] == "first.x"
 
 
@@ -224,7 +224,7 @@ def test_what_cannot_be_is_one_line(arguments, capsys):
 
 @pytest.mark.parametrize("verb", ["calibrate", "align", "hold"])
 def test_numbers_that_cannot_be_written_are_told_before_anything_moves(verb, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(hold_work, "open_table", pytest.fail)
+    monkeypatch.setattr(hold, "open_table", pytest.fail)
     for file in (tmp_path / "none" / "hold.json", tmp_path):
         assert main([verb, "--virtual", "--json", str(file)]) == 1
         assert capsys.readouterr().err.startswith(f"mirrormount: cannot write {file}: ")
@@ -233,7 +233,7 @@ def test_numbers_that_cannot_be_written_are_told_before_anything_moves(verb, tmp
 
 @pytest.mark.parametrize("verb", ["calibrate", "align", "hold"])
 def test_numbers_never_replace_the_file_of_something_else(verb, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(hold_work, "open_table", pytest.fail)
+    monkeypatch.setattr(hold, "open_table", pytest.fail)
     (file := tmp_path / "notes.json").write_text('{"mine": 1}')
     assert main([verb, "--virtual", "--json", str(file)]) == 1
     assert "a file of that name exists" in capsys.readouterr().err

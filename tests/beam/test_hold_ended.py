@@ -7,11 +7,11 @@ from types import SimpleNamespace
 
 import pytest
 
-from mirrormount.beam.guard import Guard
-from mirrormount.beam.hold import Hold
-from mirrormount.cli import hold_work
 from mirrormount.cli.main import main
-from mirrormount.common.errors import NoAnswer
+from mirrormount.errors import NoAnswer
+from mirrormount_beam.cli import hold as hold_module
+from mirrormount_beam.control.hold import Hold
+from mirrormount_beam.control.interlocks import Guard
 
 ONE = ("--virtual", "--mounts", "1", "--cameras", "1", "--off", "0")
 LEARNED = 1.25  # the factor of a short pulse
@@ -81,19 +81,19 @@ def test_without_a_terminal_a_hold_that_ends_keeps_what_it_learned(run, monkeypa
     def gone(_summary):
         raise OSError(5, "Input/output error")
 
-    monkeypatch.setattr(hold_work, "_tell_hold", gone)
+    monkeypatch.setattr(hold_module, "_tell_hold", gone)
     ended = run(lambda: signal.raise_signal(signal.SIGHUP))
     assert ended.learned == LEARNED and ended.numbers["seconds"] > 0
 
 
 def test_a_second_ctrl_c_does_not_interrupt_what_is_kept(run, monkeypatch):
-    save = hold_work.save
+    save = hold_module.save
 
     def pressed_again(response, path):
         signal.raise_signal(signal.SIGINT)
         save(response, path)
 
-    monkeypatch.setattr(hold_work, "save", pressed_again)
+    monkeypatch.setattr(hold_module, "save", pressed_again)
     ended = run(lambda: signal.raise_signal(signal.SIGINT))
     assert ended.status == 0 and ended.err == ""
     assert ended.learned == LEARNED and ended.numbers["seconds"] > 0

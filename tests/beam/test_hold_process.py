@@ -18,22 +18,19 @@ import pytest
 from loop_rig import Rig
 from served import wait_for
 
-from mirrormount.beam import scale
-from mirrormount.beam.camera import Size
-from mirrormount.beam.response import save
-from mirrormount.beam.scale import Scale
-from mirrormount.common.keep_alive import KEEP_ALIVE_MS
 from mirrormount.device import calibration
 from mirrormount.device.mount import Mount
-from mirrormount.virtual.board import Options, make_simulation
-from mirrormount.virtual.geometry import DEFAULT
-from mirrormount.virtual.profile import SMOOTH
-from mirrormount.virtual.pty_port import PtyPort
-from mirrormount.virtual.realtime import serve
-from mirrormount.virtual.table import Table
-from mirrormount.virtual.table_camera import TableCamera
-from mirrormount.virtual.table_clock import RealtimeClock
-from mirrormount.virtual.webcams import new_webcam
+from mirrormount.values import KEEP_ALIVE_MS
+from mirrormount_beam import scale
+from mirrormount_beam.camera import Size
+from mirrormount_beam.control.response import save
+from mirrormount_beam.scale import Scale
+from mirrormount_sim.board import Options, make_simulation
+from mirrormount_sim.clocks import serve
+from mirrormount_sim.mechanics import SMOOTH
+from mirrormount_sim.optics import DEFAULT
+from mirrormount_sim.ports import PtyPort
+from mirrormount_sim.table import RealtimeClock, Table, TableCamera, new_webcam
 
 pytestmark = pytest.mark.wall_clock  # on a busy computer a board in real time answers later than the loop waits
 OFF_US = KEEP_ALIVE_MS * 1000 + 2000  # the board looks at its clock once a millisecond
@@ -196,11 +193,11 @@ class LivingTable:
                 self.start()
 
     def stands(self):
-        return any(": gate " in line for line in self.out)
+        return any(": interlock " in line for line in self.out)
 
     def pictures_are_late(self):
         """On a busy computer: then corrections do not help, and the loop stands still until it is started anew."""
-        return any("gate 4" in line for line in self.out)
+        return any("interlock 4" in line for line in self.out)
 
     def says(self, words):
         def said():
@@ -254,7 +251,7 @@ def test_a_process_that_is_killed_leaves_the_pins_off_and_another_one_looks_firs
     before = table.counts()
     table.truth.laser.blocked = True
     table.start()
-    table.says("gate 1, no spot")
+    table.says("interlock 1, no spot")
     assert any("calibration of" in line for line in table.out), "it goes on from the saved calibration"
     assert table.counts() == before
     table.truth.laser.blocked = False
@@ -277,6 +274,6 @@ def test_a_process_that_is_frozen_has_the_pins_off_and_stands_still_when_it_wake
     table.check_off()
     before = table.counts()
     table.loop.send_signal(signal.SIGCONT)
-    table.says("gate ")
+    table.says("interlock ")
     table.seconds_pass(2)
     assert table.counts() == before

@@ -7,17 +7,10 @@ import cv2
 import numpy as np
 import pytest
 
-from mirrormount.beam import NoSpot, Spot
-from mirrormount.beam.camera import Controls, Frame, Size
-from mirrormount.beam.live import LiveCamera
-from mirrormount.common.beam_errors import (
-    CameraAbsent,
-    CameraBlack,
-    CameraGone,
-    CameraRepeats,
-    CameraSizeChanged,
-    CameraSlow,
-)
+from mirrormount_beam.camera import Controls, Image, Size
+from mirrormount_beam.errors import CameraAbsent, CameraBlack, CameraGone, CameraRepeats, CameraSizeChanged, CameraSlow
+from mirrormount_beam.live import LiveCamera
+from mirrormount_beam.spot.find import NoSpot, Spot
 
 PATIENCE_S = 20.0  # of a busy computer
 
@@ -94,12 +87,12 @@ def failed(live, camera, error):
     ids=lambda error: type(error).__name__,
 )
 def test_a_camera_that_fails_is_told_in_one_line_opened_again_and_its_last_picture_stays(live, camera, error):
-    camera.fed.put(Frame(picture(), 0.0, 0))
+    camera.fed.put(Image(picture(), 0.0, 0))
     before = live.after(0, PATIENCE_S)
     told = failed(live, camera, error)
     assert told.startswith("cam") and "\n" not in told
     assert live.last is before
-    camera.fed.put(Frame(picture(), 0.0, 0))
+    camera.fed.put(Image(picture(), 0.0, 0))
     assert live.after(before.number, PATIENCE_S).number == before.number + 1
     assert live.trouble == ""
     assert camera.opened == 2
@@ -118,7 +111,7 @@ def test_a_camera_that_is_not_there_any_more_is_tried_until_it_is(camera):
     live.open()
     live._open_camera = open_camera
     camera.fed.put(CameraGone("cam was unplugged"))
-    camera.fed.put(Frame(picture(), 0.0, 0))
+    camera.fed.put(Image(picture(), 0.0, 0))
     assert live.after(0, PATIENCE_S) and not absent
     live._closing.set()
     camera.fed.put(None)
@@ -127,16 +120,16 @@ def test_a_camera_that_is_not_there_any_more_is_tried_until_it_is(camera):
 
 def test_a_picture_that_is_two_seconds_old_is_not_of_now(live, camera):
     camera.age_s = 5.0
-    camera.fed.put(Frame(picture(), 0.0, 0))
+    camera.fed.put(Image(picture(), 0.0, 0))
     live.after(0, PATIENCE_S)
     assert "no new picture for 5 s" in live.trouble
 
 
 def test_a_repeated_picture_is_as_old_as_the_first_of_its_kind(live, camera):
-    camera.fed.put(Frame(picture(), 0.0, 0))
+    camera.fed.put(Image(picture(), 0.0, 0))
     first = live.after(0, PATIENCE_S)
-    camera.fed.put(Frame(picture(), 0.0, 1, repeated=True))
-    camera.fed.put(Frame(picture(at=(31, 20)), 0.0, 2))
+    camera.fed.put(Image(picture(), 0.0, 1, repeated=True))
+    camera.fed.put(Image(picture(at=(31, 20)), 0.0, 2))
     assert live.after(first.number, PATIENCE_S).number == first.number + 1
 
 
@@ -147,7 +140,7 @@ def test_who_waits_for_frames_of_a_camera_in_trouble_is_told_and_not_kept_waitin
 
 
 def test_a_wide_picture_is_made_smaller_for_a_browser_and_is_made_once_for_all_who_look(live, camera):
-    camera.fed.put(Frame(np.tile(picture((960, 720), (300, 300)), (1, 2)), 0.0, 0))
+    camera.fed.put(Image(np.tile(picture((960, 720), (300, 300)), (1, 2)), 0.0, 0))
     seen = live.after(0, PATIENCE_S)
     data = live.jpeg(seen)
     assert cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED).shape == (360, 960)
@@ -155,9 +148,9 @@ def test_a_wide_picture_is_made_smaller_for_a_browser_and_is_made_once_for_all_w
 
 
 def test_what_is_found_is_told_with_the_frame(live, camera):
-    camera.fed.put(Frame(picture(), 0.0, 0))
+    camera.fed.put(Image(picture(), 0.0, 0))
     with_spot = live.after(0, PATIENCE_S)
-    camera.fed.put(Frame(picture(at=(900, 900)), 0.0, 1))
+    camera.fed.put(Image(picture(at=(900, 900)), 0.0, 1))
     without = live.after(with_spot.number, PATIENCE_S)
     assert isinstance(with_spot.found, Spot) and abs(with_spot.found.x - 30) < 0.2
     assert isinstance(without.found, NoSpot)

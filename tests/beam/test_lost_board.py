@@ -10,21 +10,21 @@ from contextlib import contextmanager
 
 import pytest
 from board_rig import BoardTable
-from fast_table import FastEye
+from fast_table import FastCamera
 from loop_rig import Rig
 from served import wait_for
 
-from mirrormount.beam import events
-from mirrormount.beam.gap import Gap
-from mirrormount.beam.gates import BOARD
-from mirrormount.beam.hold import Hold
-from mirrormount.beam.response import belongs_to
-from mirrormount.beam.supervised import SupervisedTable
-from mirrormount.common.errors import CannotOpen, ConnectionLost
-from mirrormount.common.keep_alive import KEEP_ALIVE_MS
-from mirrormount.supervise import Supervisor
-from mirrormount.virtual.profile import PROFILES
-from mirrormount.virtual.virtual_table import Kind, VirtualTable
+from mirrormount.errors import CannotOpen, ConnectionLost
+from mirrormount.supervise.supervisor import Supervisor
+from mirrormount.values import KEEP_ALIVE_MS
+from mirrormount_beam.control import events
+from mirrormount_beam.control.backlash import Gap
+from mirrormount_beam.control.hold import Hold
+from mirrormount_beam.control.interlocks import BOARD
+from mirrormount_beam.control.response import belongs_to
+from mirrormount_beam.table import SharedTable
+from mirrormount_sim.mechanics import PROFILES
+from mirrormount_sim.table import Kind, VirtualTable
 
 OFF_S = KEEP_ALIVE_MS / 1000 + 0.002  # the board looks at its clock once a millisecond
 FAR_UM = 4000.0  # some steps of each axis: longer than the keep-alive
@@ -61,7 +61,7 @@ def test_a_cable_pulled_while_the_loop_holds_has_both_boards_off(number, n):
         gaps = [Gap(widths) for widths in table.response.widths]
         table.at(n, pull, only_moving=True)
         Hold(table, table.response, gaps, told.append).run(30)
-        (gate,) = [event for event in told if isinstance(event, events.GateClosed)]
+        (gate,) = [event for event in told if isinstance(event, events.InterlockTripped)]
         assert gate.number == BOARD.number and gate.cause.count("the cable was pulled") == 1
         table.virtual.sleep(1.0)
         assert all(to_s <= table.sent[number].heard_s + OFF_S for _, to_s in table.on(number))
@@ -112,8 +112,8 @@ class LiveTable:
         self.cables = [Cable(port, each) for port, each in zip(self.virtual.ports, armed, strict=True)]
         self._first = list(self.cables)
         self.events = queue.SimpleQueue()
-        self.eyes = [FastEye(self, number, 0.0, (319.5, 239.5)) for number in (0, 1)]
-        for eye, spot, part in zip(self.eyes, self.spots_mm(), (0.45, 1.0), strict=True):
+        self.cameras = [FastCamera(self, number, 0.0, (319.5, 239.5)) for number in (0, 1)]
+        for eye, spot, part in zip(self.cameras, self.spots_mm(), (0.45, 1.0), strict=True):
             x, y = eye.px((spot[0], spot[1]))
             eye.target_px = x - part * FAR_UM / eye.um_per_px[0], y + part * FAR_UM / 2 / eye.um_per_px[1]
 
@@ -151,7 +151,7 @@ class LiveTable:
             self.virtual,
             Supervisor(lambda: self.open(0), patience_s=PATIENCE_S) as first,
             Supervisor(lambda: self.open(1), patience_s=PATIENCE_S) as second,
-            SupervisedTable("hold", [("first", first, ("x", "y")), ("second", second, ("x", "y"))], self.eyes) as loop,
+            SharedTable("hold", [("first", first, ("x", "y")), ("second", second, ("x", "y"))], self.cameras) as loop,
         ):
             loop.take_control()
             self.response.belongs = belongs_to(loop)
@@ -170,7 +170,7 @@ def test_a_lost_board_is_told_as_such_and_back_again_it_moves_nothing_before_the
     table = LiveTable(number)
     with table.hold() as (hold, supervisors):
         pulled, other = table.virtual.simulations[number], table.virtual.simulations[1 - number]
-        gate = table.until(events.GateClosed)
+        gate = table.until(events.InterlockTripped)
         assert gate.number == BOARD.number and gate.cause.startswith("the cable was pulled")
         assert not moving(other)
         wait_for(lambda: pulled.us > table.cables[number].pulled_us + 1_000_000, "a second of the board's time")
@@ -182,7 +182,7 @@ def test_a_lost_board_is_told_as_such_and_back_again_it_moves_nothing_before_the
         wait_for(lambda: supervisors[number].status is not None, "the board to be opened")
         before = [len(driven(simulation)) for simulation in table.virtual.simulations]
         hold.go_on()
-        table.until(events.Looked, lambda event: not event.complete)
+        table.until(events.Observed, lambda event: not event.complete)
         assert [len(driven(simulation)) for simulation in table.virtual.simulations] == before
         table.truth.laser.blocked = False
         hold.go_on()

@@ -5,13 +5,14 @@ import re
 
 import pytest
 
-from mirrormount.beam.checked import Limits, Picture, checked
-from mirrormount.beam.experiments import stepping
-from mirrormount.beam.rig import MountRig
-from mirrormount.cli import main, measure, measure_work
-from mirrormount.common.beam_errors import CameraGone
-from mirrormount.common.errors import CannotWrite
-from mirrormount.virtual.bench import BACKLASH_X_MRAD, BACKLASH_Y_MRAD, STEP_X_MRAD, STEP_Y_MRAD
+from mirrormount.cli import main
+from mirrormount.errors import CannotWrite
+from mirrormount_beam.camera import Limits, Picture, checked
+from mirrormount_beam.cli import measure
+from mirrormount_beam.errors import CameraGone
+from mirrormount_beam.experiments import steps
+from mirrormount_beam.experiments.rig import MountRig
+from mirrormount_sim.bench import BACKLASH_X_MRAD, BACKLASH_Y_MRAD, STEP_X_MRAD, STEP_Y_MRAD
 
 SEED = ("--virtual", "--seed", "5")
 pytestmark = pytest.mark.usefixtures("own_folder")
@@ -82,17 +83,17 @@ def test_a_camera_that_fails_in_mid_measurement_is_one_line_motors_off_and_a_par
         (simulation,) = tables[0].simulations
         return {name: duty for _, name, duty in simulation.edges if name.endswith("_en")}
 
-    class Cut(measure_work.Observer):
+    class Cut(measure.SpotObserver):
         def __init__(self, camera):
             super().__init__(Slower(camera) if fault == "slow" else camera, settle_s=0.05)
 
-        def look(self, *args):
+        def observe(self, *args):
             looks.append(1)
             if len(looks) >= 5 and (driven() or experiment == "drift"):
                 happen(self.camera)
-            return super().look(2)
+            return super().observe(2)
 
-    monkeypatch.setattr(measure_work, "Observer", Cut)
+    monkeypatch.setattr(measure, "SpotObserver", Cut)
     assert main.main(["measure", experiment, *SEED]) == 1
     err = capsys.readouterr().err
     assert err.count("\n") == 1 and "virtual camera 1" in err
@@ -111,12 +112,12 @@ def test_no_setting_of_the_board_is_ever_changed_so_a_killed_measurement_leaves_
     """Each look asks for all settings: at none of them is one different from what it was."""
     seen = []
 
-    class Asking(measure_work.Observer):
-        def look(self, *args):
+    class Asking(measure.SpotObserver):
+        def observe(self, *args):
             seen.append(rigs[0].mount.settings())
             if len(seen) == 12:
                 raise CameraGone("gone")
-            return super().look(*args)
+            return super().observe(*args)
 
     rigs = []
 
@@ -127,8 +128,8 @@ def test_no_setting_of_the_board_is_ever_changed_so_a_killed_measurement_leaves_
         return rigs[-1]
 
     before = []
-    monkeypatch.setattr(measure_work, "Observer", Asking)
-    monkeypatch.setattr(measure_work, "MountRig", made)
+    monkeypatch.setattr(measure, "SpotObserver", Asking)
+    monkeypatch.setattr(measure, "MountRig", made)
     assert main.main(["measure", experiment, *SEED]) == 1
     assert len(seen) == 12
     assert all(settings == before[0] for settings in seen)
@@ -213,16 +214,16 @@ def test_a_drift_is_told_in_angles_of_the_beam_where_there_is_a_scale(tmp_path, 
 
 
 def test_ctrl_c_keeps_what_was_measured(tmp_path, capsys, monkeypatch, tables):
-    class Interrupted(measure_work.Observer):
+    class Interrupted(measure.SpotObserver):
         count = 0
 
-        def look(self, *args):
+        def observe(self, *args):
             self.count += 1
             if self.count == 5:
                 raise KeyboardInterrupt
-            return super().look(*args)
+            return super().observe(*args)
 
-    monkeypatch.setattr(measure_work, "Observer", Interrupted)
+    monkeypatch.setattr(measure, "SpotObserver", Interrupted)
     assert main.main(["measure", "drift", *SEED]) == 130
     out, err = capsys.readouterr()
     assert "partial report: measure-drift.html" in out and err == "mirrormount: stopped\n"
@@ -233,10 +234,10 @@ def test_ctrl_c_keeps_what_was_measured(tmp_path, capsys, monkeypatch, tables):
 
 def test_a_page_without_a_result_shows_the_readings(tmp_path, monkeypatch, tables):
     def interrupted(rig, result, _tell):
-        stepping.Log(rig, result).rest()
+        steps.Log(rig, result).rest()
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(measure_work.backlash, "run", interrupted)
+    monkeypatch.setattr(measure.backlash, "run", interrupted)
     assert main.main(["measure", "backlash", *SEED]) == 130
     page = (tmp_path / "measure-backlash.html").read_text()
     assert "None yet" in page
@@ -250,7 +251,7 @@ def test_a_report_that_cannot_be_written_takes_neither_the_other_file_nor_the_re
     def fail(path, *_):
         raise CannotWrite(f"cannot write {path}: No space left on device")
 
-    monkeypatch.setattr(measure_work, failing, fail)
+    monkeypatch.setattr(measure, failing, fail)
     assert main.main(["measure", "backlash", *SEED]) == 1
     out, err = capsys.readouterr()
     assert f"{other}: measure-backlash." in out and "251000 ± 900 us" in out

@@ -10,9 +10,10 @@ from contextlib import suppress
 
 import pytest
 
-from mirrormount.beam.rig import MountRig
-from mirrormount.cli import main, measure_work
-from mirrormount.virtual import virtual_table
+from mirrormount.cli import main
+from mirrormount_beam.cli import measure
+from mirrormount_beam.experiments.rig import MountRig
+from mirrormount_sim import table
 
 WORDS = ("measure", "drift", "--virtual", "--seed", "5", "--minutes", "10000")
 SIGNALS = ("SIGTERM", "SIGHUP")
@@ -78,23 +79,23 @@ def test_a_motor_that_runs_when_the_signal_comes_is_off_at_the_pins(name, capsys
     tables = []
 
     def open_table(address):
-        tables.append(virtual_table.open_table(address))
+        tables.append(table.open_table(address))
         return tables[-1]
 
     def driven():
         (simulation,) = tables[0].simulations
         return {pin: duty for _, pin, duty in simulation.edges if pin.endswith("_en")}
 
-    class Ended(measure_work.MountRig):
-        def look(self):
+    class Ended(measure.MountRig):
+        def observe(self):
             if driven():
                 self.mount.x.jog(0.5)
                 assert any(driven().values())
                 signal.raise_signal(getattr(signal, name))
-            return super().look()
+            return super().observe()
 
-    monkeypatch.setattr(measure_work, "open_table", open_table)
-    monkeypatch.setattr(measure_work, "MountRig", Ended)
+    monkeypatch.setattr(measure, "open_table", open_table)
+    monkeypatch.setattr(measure, "MountRig", Ended)
     assert main.main(["measure", "steps", "--virtual", "--seed", "5"]) == 128 + getattr(signal, name)
     out, err = capsys.readouterr()
     assert "partial report" in out and err == f"mirrormount: ended by {name}\n"

@@ -4,9 +4,10 @@ from types import SimpleNamespace
 
 import pytest
 
-from mirrormount.beam.estimate import Estimate
-from mirrormount.cli import main, measure_work
+from mirrormount.cli import main
 from mirrormount.device import calibration
+from mirrormount_beam.cli import measure
+from mirrormount_beam.estimates import Estimate
 
 SEED = ("--virtual", "--seed", "5")
 pytestmark = pytest.mark.usefixtures("own_folder")
@@ -45,10 +46,10 @@ def test_on_a_terminal_the_result_is_offered_and_saved_only_for_yes(answer, save
 
 def test_a_take_up_beyond_what_the_board_takes_up_is_told_with_what_was_measured(tables, monkeypatch, capsys):
     def worn(rig, result, _tell):
-        rig.look()
+        rig.observe()
         result.estimates["x.take_up"] = Estimate(2_800_000.0, 900.0, "us")
 
-    monkeypatch.setattr(measure_work.backlash, "run", worn)
+    monkeypatch.setattr(measure.backlash, "run", worn)
     assert main.main(["measure", "backlash", *SEED, "--axes", "x"]) == 0
     out = capsys.readouterr().out
     assert "x.take_up_us: 0 → 2000000\n" in out
@@ -64,12 +65,12 @@ def test_without_a_terminal_nothing_is_asked_and_nothing_is_saved(found, tables,
 @pytest.mark.parametrize(("sure_ms", "says"), [(300, "x.pulse_us: 200000 → 300000"), (100, "it stays")])
 def test_a_step_that_is_shorter_than_a_sure_pulse_is_offered_to_be_longer(sure_ms, says, tables, monkeypatch, capsys):
     def at_once(rig, result, _tell):
-        rig.look()
+        rig.observe()
         for way in ("positive", "negative"):
             result.estimates[f"x.{way}.pulse_50ms"] = Estimate(0.1, 0.1, "px")
             result.estimates[f"x.{way}.pulse_{sure_ms}ms"] = Estimate(5.0, 0.1, "px")
 
-    monkeypatch.setattr(measure_work.pulses, "run", at_once)
+    monkeypatch.setattr(measure.pulses, "run", at_once)
     assert main.main(["measure", "pulses", *SEED, "--axes", "x", "--apply"]) == 0
     assert says in capsys.readouterr().out
 
@@ -80,7 +81,7 @@ def asked_for(monkeypatch):
     seen = []
 
     def steps(rig, result, _tell):
-        rig.look()
+        rig.observe()
         for way in ("positive", "negative"):
             result.estimates[f"x.{way}.step"] = Estimate(3.4, 0.02, "px")
 
@@ -90,8 +91,8 @@ def asked_for(monkeypatch):
         for way in ("positive", "negative"):
             result.estimates[f"x.wanted.{way}.step"] = Estimate(4.0, 0.02, "px")
 
-    monkeypatch.setattr(measure_work.steps, "run", steps)
-    monkeypatch.setattr(measure_work.step_size, "run", of_size)
+    monkeypatch.setattr(measure.steps, "run", steps)
+    monkeypatch.setattr(measure.step_size, "run", of_size)
     return seen
 
 

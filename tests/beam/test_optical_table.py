@@ -4,10 +4,11 @@ import cv2
 import numpy as np
 import pytest
 
-from mirrormount.beam import Table, scale
-from mirrormount.beam.open_camera import open_camera
-from mirrormount.beam.scale import Scale
-from mirrormount.common import errors
+from mirrormount import errors
+from mirrormount_beam import scale
+from mirrormount_beam.cameras import open_camera
+from mirrormount_beam.scale import Scale
+from mirrormount_beam.table import Table
 
 PATIENCE_S = 60.0  # nobody hangs here
 MOUNTS = '[mounts.first]\nport = "virtual://"\n[mounts.second]\nport = "virtual://?seed=2"\nx_axis = 1\n'
@@ -44,7 +45,7 @@ def test_a_table_is_opened_by_its_names(folder):
     save_scale(folder)
     with Table.open(PATIENCE_S) as table, table.loop("a loop") as loop:
         assert [actuator.name for actuator in loop.actuators] == ["first.x", "first.y", "second.x", "second.y"]
-        eye = loop.eyes[0]
+        eye = loop.cameras[0]
         assert (eye.name, eye.target_px, eye.um_per_px, eye.distance_m) == ("near", (70.0, 60.0), (50.0, 50.0), 0.4)
         spot = eye.find(next(eye.frames()))
         assert (spot.x, spot.y) == pytest.approx((80.0, 50.0), abs=0.1)
@@ -60,7 +61,7 @@ def test_without_a_target_the_spot_belongs_into_the_middle(folder):
     write(folder, camera(folder))
     save_scale(folder)
     with Table.open(PATIENCE_S) as table:
-        assert table.eyes["near"].target_px == (79.5, 59.5)
+        assert table.cameras["near"].target_px == (79.5, 59.5)
 
 
 def test_two_mounts_on_one_board_share_its_owner(folder):

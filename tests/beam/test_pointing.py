@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from mirrormount.beam.observer import Sighting
-from mirrormount.beam.pointing import CORRECTIONS, GAP_STEPS, LEARN_STEPS, WITHIN_PX, Learned, approach, learn
-from mirrormount.common.beam_errors import NotMeasurable
+from mirrormount_beam.errors import NotMeasurable
+from mirrormount_beam.observe import Sighting
+from mirrormount_beam.pointing import CORRECTIONS, GAP_STEPS, LEARN_STEPS, WITHIN_PX, Learned, approach, learn
 
 STEP_US = 200_000
 TURNED = np.array([[9.0, 4.0], [5.0, -11.0]])  # px of a step: a camera that is turned, axes that are not square
@@ -39,7 +39,7 @@ class Bench:
         self.motor[at] += steps
         self.mirror[at] = min(max(self.mirror[at], self.motor[at] - self.gap), self.motor[at])
 
-    def look(self, frames):
+    def observe(self, frames):
         x, y = (320, 240) + self.px @ self.mirror + self.noise.normal(0, 0.02, 2)
         return Sighting(x, y, 0.02, 0.02, 0.0, frames)
 

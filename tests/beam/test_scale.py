@@ -7,10 +7,10 @@ import cv2
 import numpy as np
 import pytest
 
-from mirrormount.beam import scale
-from mirrormount.beam.camera import Size
-from mirrormount.beam.scale import Measured, Scale
-from mirrormount.common.errors import BadFile, BadValue, NotCalibrated
+from mirrormount.errors import BadFile, BadValue, NotCalibrated
+from mirrormount_beam import scale
+from mirrormount_beam.camera import Size
+from mirrormount_beam.scale import Measured, Scale
 
 CAMERA = SimpleNamespace(name="USB Camera: 0.1", size=Size(640, 480))
 SCALE = Scale(640, 480, 0.05, 0.0005, distance_mm=1500, sigma_distance_mm=15, incidence_deg=45, sigma_incidence_deg=1)

@@ -11,15 +11,28 @@ import numpy as np
 import pytest
 from scanning import rows_of
 
-from mirrormount.beam import find_spot
-from mirrormount.beam.open_camera import open_camera
-from mirrormount.beam.patterns import FARTHEST, line, raster, spiral
-from mirrormount.beam.scan import Signal, find, grey_signal, scan, spot_signal
-from mirrormount.beam.scan_files import UNKNOWN, CsvFile, Hdf5File, metadata, of_camera
-from mirrormount.beam.scan_page import ScanPage
-from mirrormount.common.errors import BadValue, CannotWrite, MoveEnded
 from mirrormount.device.mount import Mount
-from mirrormount.transport.lines import Link
+from mirrormount.errors import BadValue, CannotWrite, MoveEnded
+from mirrormount.transport.link import Link
+from mirrormount_beam.cameras import open_camera
+from mirrormount_beam.scan import (
+    FARTHEST,
+    UNKNOWN,
+    CsvFile,
+    Hdf5File,
+    ScanPage,
+    Signal,
+    find,
+    grey_signal,
+    line,
+    metadata,
+    of_camera,
+    raster,
+    scan,
+    spiral,
+    spot_signal,
+)
+from mirrormount_beam.spot.find import find_spot
 
 h5py = pytest.importorskip("h5py")
 
@@ -229,7 +242,7 @@ def test_a_disk_that_fails_leaves_no_half_hdf5_file(mount, tmp_path, monkeypatch
 
     signal, path = Signal.of(lambda _mount: 1.0), tmp_path / "a.h5"
     whole = Hdf5File(path, metadata(mount, line(1, 0, 1), signal), signal, 1)
-    monkeypatch.setattr("mirrormount.beam.scan_files.os.fsync", full)
+    monkeypatch.setattr("mirrormount_beam.scan.os.fsync", full)
     with pytest.raises(CannotWrite, match="No space left"):
         whole.end([], "complete")
     assert list(tmp_path.iterdir()) == []

@@ -8,12 +8,12 @@ import resource
 import pytest
 from scanning import rows_of
 
-from mirrormount.beam.scan_page import ScanPage
-from mirrormount.cli import scan_work
 from mirrormount.cli.main import main
-from mirrormount.common.beam_errors import CameraGone
 from mirrormount.device.mount import Mount
-from mirrormount.virtual.sensor import EXPOSURE_S
+from mirrormount_beam.cli import scan
+from mirrormount_beam.errors import CameraGone
+from mirrormount_beam.scan import ScanPage
+from mirrormount_sim.optics import EXPOSURE_S
 
 h5py = pytest.importorskip("h5py")
 
@@ -21,7 +21,7 @@ h5py = pytest.importorskip("h5py")
 @pytest.fixture
 def opened(table, monkeypatch):
     """The command opens this table, so that a test can order its faults."""
-    monkeypatch.setattr(scan_work, "open_table", lambda _address: table)
+    monkeypatch.setattr(scan, "open_table", lambda _address: table)
     return table
 
 
@@ -89,7 +89,7 @@ def test_a_scan_that_does_not_begin_leaves_no_part_of_an_hdf5_file(tmp_path, cap
 
 
 def test_the_part_of_a_scan_that_was_killed_is_told_before_anything_moves(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(scan_work, "open_table", pytest.fail)
+    monkeypatch.setattr(scan, "open_table", pytest.fail)
     path, part = tmp_path / "map.h5", tmp_path / "map.h5.part"
     part.touch()
     assert main(["scan", "line", "1", "0", "2", "--virtual", "--hdf5", str(path)]) == 1

@@ -5,8 +5,10 @@ import numpy as np
 import pytest
 import scenes
 
-from mirrormount.beam import Dark, Reason, find_spot, gaussian
-from mirrormount.common.errors import BadValue
+from mirrormount.errors import BadValue
+from mirrormount_beam.camera import Dark
+from mirrormount_beam.spot import gaussian
+from mirrormount_beam.spot.find import NoSpotReason, find_spot
 
 
 def rng(seed):
@@ -42,7 +44,7 @@ def test_a_spot_that_is_mostly_saturated_is_refused_for_that(width, peak):
     light = 6 + peak * np.exp(-((x - 320) ** 2 + (y - 240) ** 2) / (2 * width**2)) + rng(1).normal(0, 1, (480, 640))
     found = find_spot(np.clip(light, 0, 255).astype(np.uint8))
     assert not found
-    assert found.reason is Reason.SATURATED
+    assert found.reason is NoSpotReason.SATURATED
 
 
 @pytest.mark.parametrize(
@@ -53,7 +55,7 @@ def test_a_second_spot_of_which_little_is_seen_is_a_second_spot(seed):
     assert "two" in scene.parts and scene.truth is None
     found = find_spot(scene.image, scene.dark)
     assert not found
-    assert found.reason is Reason.SPLIT
+    assert found.reason is NoSpotReason.SPLIT
 
 
 def test_a_second_spot_that_has_merged_with_the_first_ones_blob_beyond_the_fit_is_a_second_spot():
@@ -61,7 +63,7 @@ def test_a_second_spot_that_has_merged_with_the_first_ones_blob_beyond_the_fit_i
     assert "two" in scene.parts and scene.truth is None
     found = find_spot(scene.image, scene.dark)
     assert not found
-    assert found.reason is Reason.SPLIT
+    assert found.reason is NoSpotReason.SPLIT
     assert len(found.detection.blobs) == 1
 
 
@@ -71,7 +73,7 @@ def test_two_spots_of_different_brightness_that_look_like_a_long_one_are_two(see
     assert "two" in scene.parts and scene.truth is None
     found = find_spot(scene.image, scene.dark)
     assert not found
-    assert found.reason is Reason.SPLIT
+    assert found.reason is NoSpotReason.SPLIT
 
 
 @pytest.mark.parametrize("seed", [501_141, 620_062])
@@ -80,7 +82,7 @@ def test_a_spot_that_something_dark_touches_is_refused_for_its_shape(seed):
     assert "fly" in scene.parts
     found = find_spot(scene.image, scene.dark)
     assert not found
-    assert found.reason is Reason.SHAPE
+    assert found.reason is NoSpotReason.SHAPE
 
 
 def test_the_error_of_a_spot_of_few_speckles_is_that_of_the_speckle():
@@ -140,18 +142,18 @@ def test_a_ghost_of_ten_percent_hot_pixels_and_saturation_move_it_by_less_than_a
 @pytest.mark.parametrize(
     ("reason", "light"),
     [
-        (Reason.FLAT, np.zeros((480, 640))),
-        (Reason.NOTHING, None),
-        (Reason.SATURATED, 4000 * scenes.gaussian(300, 200, 20, 20)),
-        (Reason.SPLIT, 100 * (scenes.gaussian(300, 200, 9, 9) + scenes.gaussian(360, 220, 9, 9))),
-        (Reason.SPLIT, 100 * (scenes.gaussian(300, 200, 9, 9) + scenes.gaussian(322, 200, 9, 9))),
-        (Reason.EDGE, 120 * scenes.gaussian(4, 200, 9, 9)),
-        (Reason.WIDE, 120 * scenes.gaussian(300, 200, 60, 60)),
-        (Reason.SHAPE, 120 * scenes.gaussian(300, 200, 30, 5)),
+        (NoSpotReason.FLAT, np.zeros((480, 640))),
+        (NoSpotReason.NOTHING, None),
+        (NoSpotReason.SATURATED, 4000 * scenes.gaussian(300, 200, 20, 20)),
+        (NoSpotReason.SPLIT, 100 * (scenes.gaussian(300, 200, 9, 9) + scenes.gaussian(360, 220, 9, 9))),
+        (NoSpotReason.SPLIT, 100 * (scenes.gaussian(300, 200, 9, 9) + scenes.gaussian(322, 200, 9, 9))),
+        (NoSpotReason.EDGE, 120 * scenes.gaussian(4, 200, 9, 9)),
+        (NoSpotReason.WIDE, 120 * scenes.gaussian(300, 200, 60, 60)),
+        (NoSpotReason.SHAPE, 120 * scenes.gaussian(300, 200, 30, 5)),
     ],
 )
 def test_a_refusal_has_its_reason(reason, light):
-    if reason is Reason.FLAT:
+    if reason is NoSpotReason.FLAT:
         image = light.astype(np.uint8)
     else:
         image = scenes.expose((0 if light is None else light) + np.full((480, 640), 6.0), rng(5))
@@ -162,8 +164,8 @@ def test_a_refusal_has_its_reason(reason, light):
 
 
 def test_every_reason_has_a_cause_and_a_remedy():
-    assert all(reason.cause and reason.remedy for reason in Reason)
-    assert len({reason.code for reason in Reason}) == len(Reason)
+    assert all(reason.cause and reason.remedy for reason in NoSpotReason)
+    assert len({reason.code for reason in NoSpotReason}) == len(NoSpotReason)
 
 
 def test_a_cluster_of_hot_pixels_is_learned_from_a_dark_frame():
@@ -171,8 +173,8 @@ def test_a_cluster_of_hot_pixels_is_learned_from_a_dark_frame():
     image[100:104, 200:204] = 230
     dark = scenes.expose(np.full((480, 640), 6.0), rng(7))
     dark[100:104, 200:204] = 230
-    assert find_spot(image, dark).reason is Reason.NOTHING
-    assert find_spot(image, Dark.of(np.stack([dark, dark]))).reason is Reason.NOTHING
+    assert find_spot(image, dark).reason is NoSpotReason.NOTHING
+    assert find_spot(image, Dark.of(np.stack([dark, dark]))).reason is NoSpotReason.NOTHING
 
 
 def test_sixteen_bits_and_colour_give_the_same_place():
@@ -213,7 +215,7 @@ def test_a_sensor_of_ten_or_twelve_bits_is_saturated_at_its_own_end(end, shift):
     found = find_spot(image)
     assert found.saturated == (image == end << shift).sum() > 50
     bright = np.clip(40 * light, 0, end).astype(np.uint16) << shift
-    assert find_spot(bright).reason is Reason.SATURATED
+    assert find_spot(bright).reason is NoSpotReason.SATURATED
 
 
 @pytest.mark.parametrize("cut", [-0.5, -0.3, 0.0])

@@ -2,14 +2,13 @@
 
 import pytest
 
-from mirrormount import Mount
-from mirrormount.beam.camera import Controls, Frame, Size
-from mirrormount.beam.eyes import CameraEye
-from mirrormount.beam.supervised import SupervisedTable, answer
-from mirrormount.common.beam_errors import CameraAbsent, CameraGone, CameraSizeChanged
-from mirrormount.common.errors import BadFile, MoveEnded, NotInControl
-from mirrormount.supervise import Supervisor
+from mirrormount.device.mount import Mount
+from mirrormount.errors import BadFile, MoveEnded, NotInControl
 from mirrormount.supervise.lease import Client
+from mirrormount.supervise.supervisor import Supervisor
+from mirrormount_beam.camera import Controls, Image, Size
+from mirrormount_beam.errors import CameraAbsent, CameraGone, CameraSizeChanged
+from mirrormount_beam.table import SharedTable, TargetCamera, answer
 
 PATIENCE_S = 60.0  # nobody hangs here
 
@@ -27,7 +26,7 @@ def supervised():
         Supervisor("virtual://", patience_s=PATIENCE_S) as second,
     ):
         mounts = [("first", first, ("x", "y")), ("second", second, ("x", "y"))]
-        with SupervisedTable("hold", mounts, ()) as table:
+        with SharedTable("hold", mounts, ()) as table:
             yield table, first, second
 
 
@@ -115,7 +114,7 @@ class _Camera:
         self.closed = True
 
     def frames(self):
-        yield Frame(None, 0.0, 0)
+        yield Image(None, 0.0, 0)
         raise CameraGone("test was unplugged")
 
 
@@ -129,7 +128,7 @@ def test_a_camera_that_comes_back_is_opened_again_and_must_have_its_size():
             raise CameraAbsent("not back yet")
         return camera
 
-    eye = CameraEye("near", first, (320.0, 240.0), (50.0, 50.0), 0.4, reopen=reopen)
+    eye = TargetCamera("near", first, (320.0, 240.0), (50.0, 50.0), 0.4, reopen=reopen)
     frames = eye.frames()
     next(frames)
     with pytest.raises(CameraGone):
@@ -154,7 +153,7 @@ def test_a_camera_is_waited_for_while_table_toml_cannot_be_read():
             raise BadFile("table.toml, line 3: no value")
         return back
 
-    eye = CameraEye("near", _Camera(Size(640, 480)), (320.0, 240.0), (50.0, 50.0), 0.4, reopen=reopen)
+    eye = TargetCamera("near", _Camera(Size(640, 480)), (320.0, 240.0), (50.0, 50.0), 0.4, reopen=reopen)
     frames = eye.frames()
     next(frames)
     with pytest.raises(CameraGone):

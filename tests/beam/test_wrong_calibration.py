@@ -7,30 +7,29 @@ import numpy as np
 import pytest
 from loop_rig import Rig
 
-from mirrormount.beam.align import align
-from mirrormount.beam.events import GateClosed
-from mirrormount.beam.hold import Hold
+from mirrormount_beam.control.events import InterlockTripped
+from mirrormount_beam.control.hold import Hold, align
 
 FURTHER_UM = 4000.0  # a quarter of a picture's half: by so much at most the beam gets further off, on any camera
 ENDS = ("corrections do not help", "axis does not move", "spot jumped")
 
 
 def turn_cameras(table):
-    for eye in table.eyes:
+    for eye in table.cameras:
         eye.rotation += np.pi / 2
 
 
 def turn_one_camera(table):
-    table.eyes[1].rotation += np.pi / 2
+    table.cameras[1].rotation += np.pi / 2
 
 
 def turn_cameras_over(table):
-    for eye in table.eyes:
+    for eye in table.cameras:
         eye.rotation += np.pi
 
 
 def exchange_cameras(table):
-    near, far = table.eyes
+    near, far = table.cameras
     near.number, far.number = far.number, near.number
 
 
@@ -82,7 +81,7 @@ class Watched:
         table.sleep = watched_sleep
 
     def listen(self, event):
-        if isinstance(event, GateClosed):
+        if isinstance(event, InterlockTripped):
             moving = any(actuator.is_moving() for actuator in self.table.actuators)
             self.closed.append((event, self.pulses, moving))
 
@@ -94,7 +93,7 @@ class Watched:
         """It has ended at one gate, said why and what to do, and moved nothing then."""
         ((gate, pulses, moving),) = self.closed
         assert gate.name in ENDS
-        assert not gate.opens_itself
+        assert not gate.clears_itself
         assert gate.cause and gate.remedy
         assert not moving
         assert pulses == self.pulses
@@ -106,7 +105,7 @@ class Watched:
 def test_a_hold_with_a_calibration_that_is_not_true_ends_at_a_gate(profile, fault):
     watched = Watched(profile, fault)
     table = watched.table
-    for eye, spot in zip(table.eyes, table.spots_mm(), strict=True):
+    for eye, spot in zip(table.cameras, table.spots_mm(), strict=True):
         eye.target_px = eye.px(spot)  # the person has set the targets anew: there is no error to begin with
     summary = Hold(table, watched.rig.response, None, watched.listen).run(300)
     watched.check(0.0)
@@ -117,7 +116,7 @@ def test_a_hold_with_a_calibration_that_is_not_true_ends_at_a_gate(profile, faul
 @pytest.mark.parametrize("profile", ["smooth", "rough"])
 def test_an_alignment_with_a_calibration_that_is_not_true_ends_at_a_gate(profile, fault):
     watched = Watched(profile, fault)
-    for eye, spot, off in zip(watched.table.eyes, watched.table.spots_mm(), (1500.0, 3300.0), strict=True):
+    for eye, spot, off in zip(watched.table.cameras, watched.table.spots_mm(), (1500.0, 3300.0), strict=True):
         x, y = eye.px(spot)
         eye.target_px = x - off / eye.um_per_px[0], y - off / 2 / eye.um_per_px[1]
     summary = align(watched.table, watched.rig.response, None, watched.listen)
@@ -128,7 +127,7 @@ def test_an_alignment_with_a_calibration_that_is_not_true_ends_at_a_gate(profile
 @pytest.mark.parametrize("profile", ["smooth", "rough"])
 def test_a_calibration_that_is_still_true_aligns_from_there(profile):
     watched = Watched(profile, lambda _table: None)
-    for eye, off in zip(watched.table.eyes, (1500.0, 3300.0), strict=True):
+    for eye, off in zip(watched.table.cameras, (1500.0, 3300.0), strict=True):
         x, y = eye.target_px
         eye.target_px = x - off / eye.um_per_px[0], y - off / 2 / eye.um_per_px[1]
     assert align(watched.table, watched.rig.response, None, watched.listen).reached

@@ -5,10 +5,10 @@ from collections.abc import Callable, Iterator
 import pytest
 from images import FOLDER
 
-from mirrormount.common.errors import EmulatorMissing
-from mirrormount.virtual import emulator
-from mirrormount.virtual.board import Options, make_simulation
-from mirrormount.virtual.lockstep import Lockstep
+from mirrormount.errors import EmulatorMissing
+from mirrormount_sim import emulator
+from mirrormount_sim.board import Options, make_simulation
+from mirrormount_sim.clocks import Lockstep
 
 # these need images that only a user can give: without them there is nothing to run, and nothing is skipped
 collect_ignore = [] if FOLDER else ["test_images.py", "test_circuitpython.py"]
@@ -68,7 +68,7 @@ def make_board() -> Iterator[Callable[..., Board]]:
 def emulator_works() -> None:
     """Skips where no RP2040 can be emulated."""
     try:
-        emulator.command(None, None, 0)
+        emulator.command()
     except EmulatorMissing as e:
         pytest.skip(str(e))
 

@@ -3,7 +3,7 @@
 import os
 from pathlib import Path
 
-from mirrormount.virtual.image import is_circuitpython
+from mirrormount_sim.emulator import is_circuitpython
 
 NAME = "MIRRORMOUNT_IMAGES"
 FOLDER = os.environ.get(NAME)

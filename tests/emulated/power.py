@@ -1,11 +1,6 @@
-"""A board on the emulated RP2040 whose power can be cut at any operation of its flash, and deploys on it.
+"""A board on the emulated RP2040 whose power can be cut at any operation of its flash, and a deploy on it."""
 
-A deploy here is what `mirrormount deploy` does on a board, by the same scripts and plan, in lockstep at the raw prompt.
-"""
-
-import ast
-import hashlib
-import pickle
+import json
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,16 +8,15 @@ from pathlib import Path
 
 import pytest
 
-from mirrormount.deploy import fileset, on_board
-from mirrormount.deploy.fileset import firmware, firmware_hash, folders
-from mirrormount.deploy.micropython_plan import Plan, plan
-from mirrormount.deploy.mpremote import commit_call, read_told, script_for
-from mirrormount.virtual import emulator
-from mirrormount.virtual.emulator import RawPrompt
-from mirrormount.virtual.files import firmware_folder
-from mirrormount.virtual.image import cache, held
-from mirrormount.virtual.lockstep import Lockstep
-from mirrormount.virtual.simulation import START_US, Simulation
+from mirrormount.deploy import firmware as files_of
+from mirrormount.deploy.firmware import firmware, firmware_hash, hashes
+from mirrormount.deploy.micropython import Plan, Survey, beside, plan
+from mirrormount.deploy.on_board import MANIFEST
+from mirrormount_sim import emulator
+from mirrormount_sim.clocks import Lockstep
+from mirrormount_sim.emulator import RawPrompt
+from mirrormount_sim.machines import firmware_folder
+from mirrormount_sim.simulation import START_US, Simulation
 
 STARTED_US = 300_000  # main.py runs by then, and a Ctrl-C is heard
 MPY = 6  # the format of compiled files that MicroPython 1.23 and later takes
@@ -100,97 +94,28 @@ class Board(Lockstep):
         prompt.run(program)
         return prompt
 
-    def deploy(
-        self, wanted: dict[str, bytes], before_commit: Callable[[], object] = lambda: None, replay: str = "replay"
-    ) -> tuple[dict[str, str], Plan]:
-        """Look, upload, commit. Returns the firmware's files that were there, and what was to be done."""
-        prompt = self.prompt(script_for())
-        there = read_told(prompt.run("say(survey(replay))").splitlines())
-        todo = plan(wanted, there["files"], there["manifest"], lambda _copy: True)
-        if todo.journal:
-            prompt.run(f"make_folders({folders(todo.after)!r})")
-            for path, content in todo.upload.items():
-                prompt.put(path + ".new", content)
-            before_commit()
-            prompt.run(commit_call(todo, replay))
-        return of_firmware(there["files"]), todo
-
-
-NO_REPLAY = "lambda: None"  # leaves a journal to the next boot
-
-
-def of_firmware(files: dict[str, str]) -> dict[str, str]:
-    """Without what waits to be put in place, and copies."""
-    return {path: sha for path, sha in files.items() if not path.endswith((".new", ".bak"))}
-
 
 @dataclass
 class Deploy:
-    """One deploy as flash files, at its stages, and what a board runs before and after."""
+    """A deploy over another firmware: a flash on which the new one waits beside the old one, and what each answers."""
 
-    wanted: dict[str, bytes]
-    old: Path  # nothing done yet
-    uploaded: Path  # every NAME.new is there
-    committed: Path  # the journal is in place
+    uploaded: Path
     todo: Plan
-    old_hash: str
-    new_hash: str
-    old_files: dict[str, str]
-    new_files: dict[str, str]
-    steps: list[tuple[str, int]]  # the journal's lines and its own removal: what it does, operations on the flash
+    old: set[str]  # what XF? answers of the old one: started by its main.py, or by that of the new one
+    new: str
 
 
-def staged(folder: Path, old: Path, wanted: dict[str, bytes]) -> Deploy:
-    """Do the deploy once, and keep the flash of each stage in the folder."""
-    flash, uploaded, committed = (folder / f"{name}.bin" for name in ("flash", "uploaded", "committed"))
-    shutil.copyfile(old, flash)
-    board = Board(flash, keep=True)
-    try:
-        old_hash = board.firmware()
-        there, todo = board.deploy(wanted, lambda: shutil.copyfile(flash, uploaded), NO_REPLAY)
-        shutil.copyfile(flash, committed)
-        prompt = RawPrompt(board)
-        calls = [_call(line) for line in [*todo.journal, on_board.JOURNAL]]
-        steps = [(call, board.count(lambda call=call: prompt.run(call))) for call in calls]
-    finally:
-        board.simulation.close()
-    new = of_firmware(todo.after)
-    assert new.items().isdisjoint(there.items()), "a file that does not differ shows no mix"
-    return Deploy(wanted, old, uploaded, committed, todo, old_hash, firmware_hash(todo.after), there, new, steps)
-
-
-def staged_once(old: dict[str, bytes], wanted: dict[str, bytes], hand_copied: Path) -> Deploy:
-    """As staged(), from the firmware `old`, which was deployed over files copied by hand; made once, then kept.
-
-    It is made again when anything has changed that takes part: both firmwares, the image and the emulator, the scripts
-    of deploy, this file.
-    """
-    _, main, bootrom, image, *_ = emulator.command(None, None, START_US)
-    digest = hashlib.sha256(pickle.dumps([sorted(old.items()), sorted(wanted.items()), Path(main).parent.name]))
-    scripts = sorted(Path(on_board.__file__).parent.glob("*.py"))
-    for file in (hand_copied, Path(bootrom), Path(image), Path(__file__), *scripts):
-        digest.update(file.read_bytes())
-    folder = cache() / "deploys" / digest.hexdigest()[:16]
-    kept = folder / "deploy.pickle"
-    with held("deploys"):
-        if not kept.exists():
-            folder.mkdir(parents=True, exist_ok=True)
-            flash = Path(shutil.copyfile(hand_copied, folder / "old.bin"))
-            board = Board(flash, keep=True)
-            try:
-                board.deploy(old)
-            finally:
-                board.simulation.close()
-            part = kept.with_suffix(".part")
-            part.write_bytes(pickle.dumps(staged(folder, flash, wanted)))
-            part.replace(kept)
-        return pickle.loads(kept.read_bytes())
-
-
-def _call(line: str) -> str:
-    """What replay() calls for a line of the journal."""
-    old, _, new = line.partition(">")
-    return f"os.rename({old!r}, {new!r})" if new else f"os.remove({old!r})"
+def uploaded(folder: Path) -> Deploy:
+    """A board on which everything is done but the exchange. The flash is the cache's: copy it."""
+    old = another_version(folder)
+    there = Survey(files=hashes(old), sizes={path: len(text) for path, text in old.items()}, listed=hashes(old))
+    todo = plan(compiled(), there, lambda _aside: False)
+    assert not todo.unchanged, "a file that does not differ shows no mix"
+    listed = {MANIFEST: json.dumps({"files": there.listed}).encode()}
+    waiting = {beside(path): content for path, content in todo.upload.items()}
+    flash = emulator.flash_with_firmware(None, old | listed | waiting)
+    with_new_main = there.files | {"main.py": todo.after["main.py"]}
+    return Deploy(flash, todo, {firmware_hash(there.files), firmware_hash(with_new_main)}, firmware_hash(todo.after))
 
 
 def compiled() -> dict[str, bytes]:
@@ -205,16 +130,9 @@ def another_version(folder: Path) -> dict[str, bytes]:
     for source in package.rglob("*.py"):
         source.write_bytes(source.read_bytes() + b"\n_VERSION = 'another'\n")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(fileset.importlib.resources, "files", lambda _name: package)
+        patch.setattr(files_of, "package", lambda: package)
         files = firmware(MPY)
     gone = {"mountfw/gone.mpy": files["mountfw/wire/ticks.mpy"]}
     source = {"mountfw/repl.py": (package / "repl.py").read_bytes()}
     del files["mountfw/repl.mpy"]
     return files | gone | source
-
-
-def without_replay(main: bytes) -> bytes:
-    """A main.py that knows of no journal."""
-    tree = ast.parse(main)
-    tree.body = [node for node in tree.body if "replay" not in ast.unparse(node)]
-    return ast.unparse(tree).encode()

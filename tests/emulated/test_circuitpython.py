@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 from images import images
 
-from mirrormount.virtual.board import Options, make_simulation
-from mirrormount.virtual.lockstep import Lockstep
+from mirrormount_sim.board import Options, make_simulation
+from mirrormount_sim.clocks import Lockstep
 
 pytestmark = pytest.mark.full
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 import pytest
 from test_memory import SESSION
 
-from mirrormount.virtual.profile import SMOOTH
-from mirrormount.virtual.simulation import START_US
+from mirrormount_sim.mechanics import SMOOTH
+from mirrormount_sim.simulation import START_US
 
 FAST = 2.03  # times the motors' nominal voltage: 3000 edges a second
 

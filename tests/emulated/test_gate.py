@@ -5,7 +5,7 @@ import random
 import pytest
 from lab import on_times_us
 
-from mirrormount.virtual.emulator import RawPrompt
+from mirrormount_sim.emulator import RawPrompt
 
 USB_US = 10  # the emulated controller takes so long for a packet
 CUT_US = USB_US + 10

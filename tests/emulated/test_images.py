@@ -12,11 +12,11 @@ from images import images
 from served import HANG_S, ServedBoard, run_cli, wait_for
 
 from conftest import Board
-from mirrormount import Mount
-from mirrormount.common.errors import MountError
-from mirrormount.deploy.fileset import THIS, board_choice, firmware
-from mirrormount.virtual import emulator
-from mirrormount.virtual.board import Options
+from mirrormount.deploy.firmware import THIS, board_choice, firmware
+from mirrormount.device.mount import Mount
+from mirrormount.errors import MountError
+from mirrormount_sim import emulator
+from mirrormount_sim.board import Options
 
 pytestmark = pytest.mark.full
 

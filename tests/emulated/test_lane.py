@@ -4,10 +4,10 @@ import shutil
 
 import pytest
 
-from mirrormount.deploy import fileset
-from mirrormount.virtual import emulator
-from mirrormount.virtual.files import THIS
-from mirrormount.virtual.image import mpy_of
+from mirrormount.deploy.firmware import firmware
+from mirrormount_sim import emulator
+from mirrormount_sim.emulator import mpy_of
+from mirrormount_sim.machines import THIS
 
 ENABLES = ("m1_en", "m2_en")
 LANE_US, PYTHON_US = 900, 1_200  # a frame reaches both motors before the first with the lane, after the second without
@@ -22,7 +22,7 @@ def lane(request) -> bool:
 def board(lane, make_board, tmp_path):
     text = f"from mountfw.boards.pico import *\n\nLANE = {lane}\n"
     flash = tmp_path / "flash.bin"
-    files = fileset.firmware(mpy_of(emulator.find_image(None))) | {THIS: text.encode()}
+    files = firmware(mpy_of(emulator.find_image(None))) | {THIS: text.encode()}
     shutil.copyfile(emulator.flash_with_firmware(None, files), flash)
     return make_board("rp2040", flash=flash)
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from mirrormount.virtual.emulator import RawPrompt
+from mirrormount_sim.emulator import RawPrompt
 
 HUNG_US = 1_000_000  # the watchdog's time (_HUNG_MS of ports/micropython.py)
 BITE_US = 50_000  # within which its reset is seen

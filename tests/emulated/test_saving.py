@@ -10,8 +10,8 @@ from collections.abc import Iterator
 import pytest
 from power import Board, PowerCut, compiled
 
-from mirrormount.common.errors import EmulatorMissing
-from mirrormount.virtual import emulator
+from mirrormount.errors import EmulatorMissing
+from mirrormount_sim import emulator
 
 PATIENCE_US = 3_000_000
 RECORDED_US = 10_800_000  # after that much rest the position is on the flash

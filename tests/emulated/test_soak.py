@@ -3,15 +3,15 @@
 import pytest
 import soak
 
-from mirrormount.common.errors import EmulatorMissing
-from mirrormount.virtual import emulator
+from mirrormount.errors import EmulatorMissing
+from mirrormount_sim import emulator
 
 pytestmark = pytest.mark.full
 
 
 def test_an_episode_is_reported(tmp_path):
     try:
-        emulator.command(None, None, 0)
+        emulator.command()
     except EmulatorMissing as e:
         pytest.skip(str(e))
     file = tmp_path / "soak.md"

@@ -1,7 +1,7 @@
 """A virtual CircuitPython board in lockstep, as tests ask it. conftest.py makes and closes such boards."""
 
-from mirrormount.virtual.lockstep import Lockstep
-from mirrormount.virtual.simulation import Simulation
+from mirrormount_sim.clocks import Lockstep
+from mirrormount_sim.simulation import Simulation
 
 STEP_US = 977  # of CircuitPython's clock
 PERIOD_US = 50  # of the PWM

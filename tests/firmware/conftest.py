@@ -9,9 +9,9 @@ from contextlib import ExitStack
 import pytest
 from circuitpy_board import Board
 
-from mirrormount.virtual import machines
-from mirrormount.virtual.bench import Bench
-from mirrormount.virtual.simulation import Simulation
+from mirrormount_sim import machines
+from mirrormount_sim.bench import Bench
+from mirrormount_sim.simulation import Simulation
 
 
 @pytest.fixture

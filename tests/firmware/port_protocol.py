@@ -60,7 +60,7 @@ class Port(Protocol):
         ...
 
     def encoder(self, number: int, pins: dict[str, Any]) -> Any:
-        """The reader (ports/counted.py) of an axis whose pins name an encoder; None, after a printed line."""
+        """The reader (ports/encoders.py) of an axis whose pins name an encoder; None, after a printed line."""
         ...
 
     def on_rise(self, number: int, handler: Callable[[Any], None]) -> None:

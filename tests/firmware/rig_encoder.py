@@ -147,18 +147,6 @@ def status(rig):
     return int(words[0]), int(words[5])
 
 
-class SlowPort(EncoderPort):
-    """A port on which the loop looks at an encoder each 3 ms in a drive, as a Pico does that has two to look at."""
-
-    def ticks_us(self):
-        self.us += 70
-        return super().ticks_us()
-
-    def any(self, wait_ms):
-        self.us += 105
-        return super().any(wait_ms)
-
-
 class GearedPort(EncoderPort):
     """A port whose encoders sit behind gears with play, as an AS5600 does: 97 counts a step, and 0.08 s of play."""
 

@@ -37,7 +37,7 @@ TESTS = (
     "test_settings",
     "test_recorded",
     "test_record_faults",
-    "test_nvm_records",
+    "test_nvm_files",
 )
 
 QUICK = ("test_settings", "test_backlash")

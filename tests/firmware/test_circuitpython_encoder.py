@@ -32,10 +32,9 @@ class Bus:
 def readers(monkeypatch):
     """ports/circuitpython_encoder.py on that bus."""
     Bus.pulled_up, Bus.answers, Bus.asked = True, True, 0
-    for name, attributes in (("busio", {"I2C": Bus}), ("mountfw.ports.circuitpython_pins", {"pin_of": int})):
-        module = ModuleType(name)
-        vars(module).update(attributes)
-        monkeypatch.setitem(sys.modules, name, module)
+    module = ModuleType("busio")
+    vars(module).update(I2C=Bus)
+    monkeypatch.setitem(sys.modules, "busio", module)
     name = "mountfw.ports.circuitpython_encoder"
     monkeypatch.delitem(sys.modules, name, raising=False)
     yield importlib.import_module(name)
@@ -44,14 +43,14 @@ def readers(monkeypatch):
 
 def test_a_sensor_that_is_not_plugged_in_keeps_no_board_from_starting(readers, capsys):
     Bus.pulled_up = False
-    reader = readers.reader(1, {"shaft": (26, 27)})
+    reader = readers.reader(1, {"shaft": (26, 27)}, int)
     assert "No pull up" in capsys.readouterr().out
     assert [reader.counts() for _ in range(100)] == [0] * 100
     assert reader.gone and reader.angle() == -1
 
 
 def test_a_sensor_that_is_gone_is_asked_no_more(readers):
-    reader = readers.reader(1, {"shaft": (26, 27)})
+    reader = readers.reader(1, {"shaft": (26, 27)}, int)
     assert reader.counts() == 256
     assert not reader.gone
     Bus.answers, Bus.asked = False, 0

@@ -1,14 +1,13 @@
 """The way out of the firmware on CircuitPython: whatever comes on it, no motor and no watchdog is left on."""
 
-from mirrormount.virtual import machines
-from mirrormount.virtual.simulation import Simulation
+from mirrormount_sim import machines
+from mirrormount_sim.simulation import Simulation
 
 WAYS_OUT = """
 import sys, usb_cdc, microcontroller
 from watchdog import WatchDogMode
-from mountfw.ports import circuitpython_pins as pins
-WAY_OUT = ("code.py", "ports/circuitpython.py", "ports/circuitpython_pins.py")
-WAY_OUT += ("ports/shared.py", "mountfw/boards/__init__.py")
+from mountfw.ports import circuitpython as pins
+WAY_OUT = ("code.py", "ports/circuitpython.py", "ports/shared.py", "mountfw/boards/__init__.py")
 seen = set()
 count, delivered, leaving = 0, False, False
 
@@ -42,7 +41,7 @@ second_at, bad = 0, 0
 while True:
     second_at += 1
     count, delivered, leaving = 0, False, False
-    from mountfw import build  # a new one each time: code.py gives it back
+    from mountfw import build
     build.build = lambda _port, _board: App()
     sys.settrace(trace)
     try:
@@ -79,8 +78,8 @@ def test_motors_off_takes_every_drive_pin_of_every_axis(new, tmp_path):
     program = "import usb_cdc\nfrom mountfw.boards import pico\nfrom mountfw.ports import circuitpython as port\n"
     program += "class Board:\n    AXIS_1 = pico.AXIS_1\n    AXIS_2 = pico.AXIS_2\n"
     program += "    AXIS_3 = {'en': 16, 'pos': 17, 'neg': 18, 'stop_pos': 19, 'stop_neg': None}\n"
-    program += "port.motors_off(Board)\nfrom mountfw.ports import circuitpython_pins as pins\n"
-    program += "usb_cdc.data.write(b'%s\\n' % ' '.join([str(pin) for pin in sorted(pins._outputs)]).encode())\n"
+    program += "port.motors_off(Board)\n"
+    program += "usb_cdc.data.write(b'%s\\n' % ' '.join([str(pin) for pin in sorted(port._outputs)]).encode())\n"
     (tmp_path / "code.py").write_text(program)
     board = new()
     board.run(3_000_000, lambda: b"\n" in board.received)

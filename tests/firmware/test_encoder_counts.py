@@ -2,8 +2,8 @@
 
 from rig import Board, Rig
 
-from mountfw import codes
-from mountfw.ports.counted import Phases, Turns
+from mountfw import codes, store
+from mountfw.ports.encoders import Phases, Turns
 
 from rig_encoder import EncoderPort, GearedPort, encoded, ended, finish, move, status  # isort: skip
 
@@ -27,26 +27,42 @@ def test_on_a_board_with_one_encoder_the_other_axis_answers_as_without():
     assert rig.ask(b"1XC?\n") == b"ERROR 135\r\n"
 
 
-def test_the_closed_loop_and_counts_as_units_need_the_counts_of_a_step():
+def test_the_closed_loop_needs_the_counts_of_a_step():
     rig = encoded(settings=b"")
-    for line in (b"1MM1\n", b"1SN1\n"):
-        rig.ask(line)
-        assert rig.errors() == [135]
-    rig.ask(b"1XN280;1MM1;1SN1\n")
+    rig.ask(b"1MM1\n")
+    assert rig.errors() == [135]
+    rig.ask(b"1XN280;1MM1\n")
     assert rig.errors() == []
     rig.ask(b"1XN0\n")
-    assert rig.ask(b"1MM?;1SN?\n") == b"0; 0\r\n"
+    assert rig.ask(b"1MM?\n") == b"0\r\n"
+
+
+def test_moves_and_positions_are_told_in_steps_alone():
+    rig = encoded()
+    rig.ask(b"1SN0\n")
+    assert rig.errors() == []
+    rig.ask(b"1SN1\n")
+    assert rig.errors() == [135]
+    assert rig.ask(b"1SN?\n") == b"0\r\n"
 
 
 def test_the_settings_of_an_encoder_are_saved_with_the_others():
-    rig = encoded(settings=b"XN-281;MM1;SN1;DB3;CL0.25;FE90;XG75;XA120;XZ9")
+    rig = encoded(settings=b"XN-281;MM1;DB3;CL0.25;FE90;XG75;XA120;XZ9")
     rig.ask(b"SM\n")
     rig.run(200_000)
     again = encoded(rig.port.files, b"")
-    names = (b"XN", b"MM", b"SN", b"DB", b"CL", b"FE", b"XG", b"XA", b"XZ")
+    names = (b"XN", b"MM", b"DB", b"CL", b"FE", b"XG", b"XA", b"XZ")
     answer = again.ask(b";".join([b"1%s?" % name for name in names]) + b"\n")
-    assert answer == b"-281; 1; 1; 3; 0.25; 90; 75; 120; 9\r\n"
+    assert answer == b"-281; 1; 3; 0.25; 90; 75; 120; 9\r\n"
     assert again.errors() == []
+
+
+def test_units_that_an_older_firmware_saved_are_left_out_and_told_where_they_were_counts():
+    for units, told in ((0, []), (1, [codes.SETTINGS_LEFT_OUT])):
+        files = {"mountfw.settings": store.seal("1 counts_per_step 280\n1 units %d\n" % units)}
+        rig = encoded(files, b"")
+        assert rig.errors() == told
+        assert rig.ask(b"1XN?\n") == b"280\r\n"
 
 
 def test_one_lost_count_takes_the_certainty_back_and_ends_nothing():

@@ -110,44 +110,6 @@ def test_a_dead_band_larger_than_a_step_turns_no_move_round():
     assert rig.drives()[0] == 255
 
 
-def test_counts_as_units_are_right_after_a_restart_and_in_the_open_loop():
-    rig = encoded(settings=b"XN280;MM1;SN1")
-    rig.ask(b"1DH0;SM\n")
-    rig.run(300_000)
-    move(rig, b"1PR2800\n")
-    told = int(rig.ask(b"1TP?\n"))
-    assert abs(told - 2800) <= 1
-    rig.run(11_000_000)
-    again = encoded(dict(rig.port.files), b"")
-    assert again.ask(b"1TP?;1PA?\n") == b"%d; 2800\r\n" % told
-    move(again, b"1PA%d\n" % told)
-    assert abs(again.motor1.at) < 1
-
-    rig = encoded(settings=b"XN280;SN1")
-    rig.ask(b"1DH0\n")
-    for n in (1, 2, 3):
-        move(rig, b"1PR280\n")
-        assert ended(rig) == (codes.DONE, 1, [])
-        assert rig.ask(b"1TP?\n") == b"%d\r\n" % (280 * n)
-        assert rig.ask(b"1PR?;1PA?\n") == b"280; %d\r\n" % (280 * n)
-    assert rig.ask(b"1DH1000;1TP?\n") == b"1000\r\n"
-
-
-def test_counts_that_no_axis_can_tell_or_reach_are_refused():
-    rig = encoded(settings=b"XN280;MM1;SN1")
-    rig.ask(b"1DH0\n")
-    for line in (b"1DH20000000\n", b"1PA12000000\n", b"1PR400000\n"):  # the last: a drive of 286 s
-        rig.ask(line)
-        assert rig.errors() == [101], line
-        assert rig.ask(b"1TP?;1PA?\n") == b"0; 0\r\n"
-    rig.ask(b"1ZH8;1SR5;1SL-20\n")
-    rig.ask(b"1PA1401\n")  # a count beyond 5 steps
-    assert rig.errors() == [106]
-    rig.ask(b"1DH-2800\n")  # no move: no limit
-    assert rig.errors() == []
-    assert status(rig) == (-10_000, codes.MEASURED)
-
-
 def test_a_soft_stop_lets_a_pulse_end_but_not_later_than_it_would_have():
     for settings in (b"XN280;MM1", b"XN280;MM1;ZH2;XG0", b"XN2900;XP2000000;MM1"):
         rig = encoded(settings=settings)

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from mirrormount.virtual import machines
-from mirrormount.virtual.files import firmware_folder
-from mirrormount.virtual.lockstep import Lockstep
-from mirrormount.virtual.simulation import Simulation
+from mirrormount_sim import machines
+from mirrormount_sim.clocks import Lockstep
+from mirrormount_sim.machines import firmware_folder
+from mirrormount_sim.simulation import Simulation
 
 PICO_BUT = (firmware_folder() / "mountfw" / "boards" / "pico.py").read_text()
 SLIPS = {

@@ -109,9 +109,9 @@ def test_the_pure_clock_arithmetic_is_right_across_the_wrap_and_stays_small():
 
 def test_integers_stay_small_with_an_encoder_at_the_extremes_of_its_settings():
     extremes = (
-        b"1XN10000;1MM1;1XP2000000;1XB2000000;1XT400000;1FE10000;1DH999999;1SN1\n",
+        b"1XN10000;1MM1;1XP2000000;1XB2000000;1XT400000;1FE10000;1DH999999\n",
         b"1XN-10000;1MM1;1XP200;1XB2000000;1DB10000;1CL10;1DH-1000000\n",
-        b"1XN1;1MM1;1XP2000000;1XD1;1XB2000000;1CL0;1XG1000;1SN1;1DH0\n",
+        b"1XN1;1MM1;1XP2000000;1XD1;1XB2000000;1CL0;1XG1000;1DH0\n",
         b"1XN280;1MM1;1XA255;1DH1000000\n",
     )
     for settings in extremes:

@@ -1,4 +1,4 @@
-"""The ways out, of entry/main.py and of a move at the prompt: two Ctrl-C, the second before every bytecode."""
+"""The ways out, of start.py and of a move at the prompt: two Ctrl-C, the second before every bytecode."""
 
 import contextlib
 import io
@@ -12,10 +12,10 @@ from rig import Rig
 import mountfw.ports.shared
 from mountfw.boards import pico
 
-MAIN = Path(mountfw.__file__).parent / "entry" / "main.py"
+START = Path(mountfw.__file__).parent / "start.py"
 PORT = Path(mountfw.__file__).parent / "ports" / "micropython.py"
 SHARED = {str(PORT.parent / "shared.py"), str(PORT.parent.parent / "boards" / "__init__.py")}
-WAY_OUT = {str(MAIN), str(PORT)} | SHARED
+WAY_OUT = {str(START), str(PORT)} | SHARED
 WATCHDOG_OFF = 0x40058000 + 0x3000  # RP2040: where a write clears bits of its control register
 SCRATCH4 = 0x40058000 + 0x1C  # says, if it is not 0, that a reset would be the watchdog's own
 OFF_AND_UNMARKED = {WATCHDOG_OFF: 1 << 30, SCRATCH4: 0}
@@ -48,6 +48,7 @@ def port(monkeypatch):
         "micropython": {"kbd_intr": lambda char: setattr(state, "interrupt_char", char)},
         "mountfw.ports.micropython_console": dict.fromkeys(("pack", "writable", "write")),
         "mountfw.ports.micropython_drain": {"any": None, "drain": None},
+        "mountfw.ports.micropython_encoder": {"reader": None},
         "time": {"ticks_us": None, "ticks_ms": None, "sleep_us": None},
         "sys": {"implementation": SimpleNamespace(_machine="Raspberry Pi Pico with RP2040")},
     }
@@ -65,8 +66,8 @@ def port(monkeypatch):
     return module
 
 
-def run_main(port, second_at: int) -> bool:
-    """Run main.py with Ctrl-C in the loop and again before the second_at-th bytecode of the way out.
+def run_start(port, second_at: int) -> bool:
+    """Run start.py with Ctrl-C in the loop and again before the second_at-th bytecode of the way out.
 
     False if the way out has fewer.
     """
@@ -101,11 +102,11 @@ def run_main(port, second_at: int) -> bool:
     from mountfw import build
 
     real, build.build = build.build, lambda _port, _board: App()
-    code = compile(MAIN.read_text(), str(MAIN), "exec")
+    code = compile(START.read_text(), str(START), "exec")
     sys.settrace(trace)
     try:
         with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(KeyboardInterrupt):
-            exec(code, {"__name__": "__main__"})
+            exec(code, {"__name__": "mountfw.start"})
     finally:
         sys.settrace(None)
         build.build = real
@@ -115,7 +116,7 @@ def run_main(port, second_at: int) -> bool:
 
 def test_a_second_ctrl_c_anywhere_on_the_way_out_leaves_no_motor_on(port):
     places = 0
-    while run_main(port, places + 1):
+    while run_start(port, places + 1):
         places += 1
         assert [port.state.levels[pin] for pin in DRIVES] == [0] * 6, f"Ctrl-C before bytecode {places}"
         assert port.state.registers == OFF_AND_UNMARKED, f"the watchdog runs on; Ctrl-C before bytecode {places}"

@@ -14,10 +14,10 @@ from pathlib import Path
 import pytest
 import vms
 
-from mirrormount.common.supported import MICROPYTHON
-from mirrormount.deploy.fileset import firmware, firmware_hash
-from mirrormount.deploy.mpremote import script_for
-from mirrormount.virtual.files import firmware_folder
+from mirrormount.deploy.firmware import firmware, firmware_hash
+from mirrormount.deploy.micropython import board_script
+from mirrormount.supported import MICROPYTHON
+from mirrormount_sim.machines import firmware_folder
 
 HERE = Path(__file__).parent
 NATIVE = ("mountfw/ports/micropython_console.py", "mountfw/ports/micropython_drain.py")
@@ -72,7 +72,7 @@ def session(request, tmp_path_factory) -> Session:
     build, kind = request.param
     root = tmp_path_factory.mktemp("board")
     files = board_files(root / "files", compiled=kind == "compiled")
-    (root / "board_side.py").write_text(script_for())
+    (root / "board_side.py").write_text(board_script())
     script, arguments = HERE / "board_on_vm.py", (vms.FAKES, root / "files", root / "board_side.py")
     if build == "unix":
         return Session([vms.unix(), "-X", "heapsize=2m", str(script), *map(str, arguments)], files)
@@ -115,7 +115,8 @@ def test_saved_settings_are_there_after_a_restart(session):
 
 
 def test_deploy_finds_each_file_with_its_hash(session):
-    found = {path: sha for path, sha in session.survey["files"].items() if path in session.files}
+    told = {fact[1]: fact[2] for fact in session.survey if fact[0] == "file"}
+    found = {path: sha for path, sha in told.items() if path in session.files}
     assert found == session.files
 
 

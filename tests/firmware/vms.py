@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from mirrormount.common.errors import EmulatorMissing
-from mirrormount.common.supported import MICROPYTHON
-from mirrormount.virtual import npm
-from mirrormount.virtual.image import cache, held, last_line
+from mirrormount.errors import EmulatorMissing
+from mirrormount.supported import MICROPYTHON
+from mirrormount_sim import emulator
+from mirrormount_sim.emulator import cache, held, last_line
 
 ROOT = Path(__file__).parent.parent.parent
 FAKES = ROOT / "host" / "mirrormount" / "virtual" / "fakes"
@@ -37,8 +37,8 @@ def command(build: str, heap_kb: int, folders: list[Path], script: Path, *argume
     try:
         home = cache() / "vms"
         with held("vms"):
-            npm.install(ROOT / "tools" / "vms", home)
-        start = [npm.node(), str(home / "vm.mjs"), build, str(heap_kb)]
+            emulator.install_packages(ROOT / "tools" / "vms", home)
+        start = [emulator.find_node(), str(home / "vm.mjs"), build, str(heap_kb)]
     except EmulatorMissing as e:
         pytest.skip(str(e))
     return [*start, ":".join(map(str, folders)), str(script), *map(str, arguments)]

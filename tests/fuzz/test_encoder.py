@@ -57,8 +57,6 @@ OTHER = st.sampled_from(
         b"1XI1",
         b"1XI0",
         b"1XG40",
-        b"1SN1",
-        b"1SN0",
         b"1XV120",
         b"1XV255",
         b"1XA150",

@@ -3,12 +3,11 @@
 from dataclasses import replace
 from pathlib import Path
 
-from mirrormount import Mount
-from mirrormount.transport.lines import Link
-from mirrormount.virtual.board import LockstepPort, Options, make_simulation
-from mirrormount.virtual.encoder import COUNTS_A_REV
-from mirrormount.virtual.files import THIS, board_text, new_files
-from mirrormount.virtual.profile import PROFILES
+from mirrormount.device.mount import Mount
+from mirrormount.transport.link import Link
+from mirrormount_sim.board import LockstepPort, Options, make_simulation
+from mirrormount_sim.machines import THIS, board_text, new_files
+from mirrormount_sim.mechanics import COUNTS_A_REV, PROFILES
 
 PER_STEP = 280
 SETTLED_S = 0.15
@@ -55,7 +54,7 @@ class ClosedLoop:
 
     def off_us(self, pin: str = "m2_en") -> int:
         """When that enable went off last, on the bench's clock."""
-        from mirrormount.virtual.simulation import START_US
+        from mirrormount_sim.simulation import START_US
 
         return next(us for us, name, duty in reversed(self.simulation.edges) if name == pin and not duty) + START_US
 

@@ -13,11 +13,11 @@ from deployed import Served, mpy_of_the_vm
 from served import ServedBoard
 from serving import Served as ServeProcess
 
-from mirrormount import Mount
-from mirrormount.common.errors import EmulatorMissing
-from mirrormount.deploy.fileset import firmware
-from mirrormount.deploy.micropython_plan import plan
-from mirrormount.virtual import machines
+from mirrormount.deploy.firmware import firmware
+from mirrormount.deploy.micropython import Survey, plan
+from mirrormount.device.mount import Mount
+from mirrormount.errors import EmulatorMissing
+from mirrormount_sim import machines
 
 
 @pytest.fixture
@@ -65,7 +65,7 @@ def boot(serve, tmp_path):
 def deployed_files(tmp_path_factory) -> Path:
     """What a deploy leaves on a blank board, made without a board."""
     root = tmp_path_factory.mktemp("deployed")
-    todo = plan(firmware(mpy_of_the_vm()), {}, {}, lambda _copy: True)
+    todo = plan(firmware(mpy_of_the_vm()), Survey(), lambda _aside: True)
     for path, content in todo.upload.items():
         (root / path).parent.mkdir(parents=True, exist_ok=True)
         (root / path).write_bytes(content)

@@ -1,24 +1,22 @@
 """A folder as a MicroPython board's file system, whose power goes at a chosen operation on a file.
 
 In one process: the operations that mpremote and on_board.py make, on a folder, through an `os` and an
-`open` that end everything after the N-th. Then the board boots: what main.py would import counts.
+`open` that end everything after the N-th. Then the board boots: what main.py starts counts.
 """
 
-import ast
 import builtins
+import json
 import os
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 
-from mirrormount.deploy import on_board
-from mirrormount.deploy.fileset import folders
-from mirrormount.deploy.micropython_plan import Plan, plan
-from mirrormount.deploy.mpremote import replay_source
+from mirrormount.deploy import micropython, on_board
+from mirrormount.deploy.firmware import folders, sources
 
-MAIN = f'"""main"""\nimport os\n{replay_source()}\n'
-OLD_MAIN = "# a main.py that knows of no journal\n"
-THEIRS = "# a program of somebody else\n"
+MAIN = sources("micropython")["main.py"]
+MAIN_OF_0_2 = b"# main.py and start in one\n"
+THEIRS = b"# a program of somebody else\n"
 
 
 class PowerCut(BaseException):
@@ -83,72 +81,63 @@ class Board:
             (self.root / path).parent.mkdir(parents=True, exist_ok=True)
             (self.root / path).write_bytes(content)
 
-    def folders(self) -> set[str]:
-        return {p.relative_to(self.root).as_posix() for p in self.root.rglob("*") if p.is_dir()}
-
     def contents(self) -> dict[str, bytes]:
         return {p.relative_to(self.root).as_posix(): p.read_bytes() for p in self.root.rglob("*") if p.is_file()}
 
-    def side(self, power: Power) -> dict:
-        """board_side and replay() as they are on the board."""
-        names: dict = {"os": power.os, "open": power.open}
-        exec(compile(Path(on_board.__file__).read_text(), "board_side", "exec"), names)
-        names |= {"os": power.os, "open": power.open}
-        exec(replay_source(), names)
+    def side(self, power: Power, told: list) -> dict:
+        """on_board.py as it is on the board; told: what it says."""
+        names: dict = {}
+        exec(compile(Path(on_board.__file__).read_text(), "on_board", "exec"), names)
+        names |= {"os": power.os, "open": power.open, "say": lambda *fact: told.append(fact)}
         return names
-
-    def plan(self, wanted: dict[str, bytes], last: int | None = None) -> tuple[Plan, dict, Power]:
-        power = Power(self.root, last)
-        side = self.side(power)
-        there = side["survey"](side["replay"])
-        if there["undo"]:  # as deploy does for a board whose firmware does not answer
-            side["revert"](side["replay"])
-            there = side["survey"](side["replay"])
-        return plan(wanted, there["files"], there["manifest"], lambda _copy: True, there["aside"]), side, power
 
     def deploy(self, wanted: dict[str, bytes], last: int | None = None, answers: bool = True) -> int:
         """All that a deploy does on the board. Returns how many operations that were; PowerCut after `last`.
 
         answers: whether the new firmware does; else the old one is put back.
         """
-        todo, side, power = self.plan(wanted, last)
-        if todo.journal:
-            side["make_folders"](folders(todo.after))
+        power, told = Power(self.root, last), []
+        side = self.side(power, told)
+        side["survey"]()
+        there = micropython.read_survey(json.loads(json.dumps(told)))
+        todo = micropython.plan(wanted, there, lambda _aside: True)
+        if not todo.nothing:
+            side["prepare"](folders(todo.after), todo.unchanged)
             for path, content in todo.upload.items():
-                with power.open(path + ".new", "wb") as f:
+                with power.open(micropython.beside(path), "wb") as f:
                     f.write(content)
-            side["commit"](todo.verify, todo.backup, todo.journal, side["replay"], todo.keep)
-        if answers:
-            side["forget"]()
-        else:
-            assert side["revert"](side["replay"])
+            side["exchange"](todo.backup)
+            if not answers:
+                side["put_back"](todo.backup, "main.py" in there.files)
         return power.count
 
     def undeploy(self, last: int | None = None) -> int:
         power = Power(self.root, last)
-        side = self.side(power)
-        side["undeploy"](side["replay"])
+        self.side(power, [])["undeploy"]()
         return power.count
 
     def boot(self, last: int | None = None) -> int:
-        """Power-up: main.py runs, and finishes what is in the journal if it is one that can."""
+        """Power-up: main.py runs, if it is ours, up to the start."""
         power = Power(self.root, last)
-        main = self.contents().get("main.py", b"").decode()
-        for node in ast.parse(main).body:
-            if isinstance(node, ast.FunctionDef):
-                names: dict = {"os": power.os, "open": power.open}
-                exec(ast.unparse(node), names)
-                names["replay"]()
+
+        def imported(name: str, *_):
+            if name.startswith("mountfw") and not (self.root / "mountfw").is_dir():
+                raise ImportError(name)
+            return power.os if name == "os" else None
+
+        if self.contents().get("main.py", b"").startswith(MAIN):
+            exec(MAIN, {"__builtins__": {"__import__": imported, "ImportError": ImportError}})
         return power.count
 
     def runs(self) -> dict[str, bytes]:
-        """What main.py is, and what an import of each module would find: a .py goes before its .mpy."""
+        """What is started, and what an import of each module would find: a .py goes before its .mpy."""
         files = self.contents()
-        found = {p: c for p, c in files.items() if p == "main.py"}
-        if found.get("main.py") in (THEIRS.encode(), None):
-            return found  # nothing of ours is imported
+        found = {}
         for suffix in (".mpy", ".py"):
             for path, content in files.items():
                 if path.endswith(suffix) and path.startswith("mountfw/"):
                     found[path.removesuffix(suffix)] = content
-        return found
+        main = files.get("main.py", b"")
+        if not main.startswith(MAIN):
+            found["mountfw/start"] = main
+        return found if found["mountfw/start"] not in (THEIRS, b"") else {"mountfw/start": found["mountfw/start"]}

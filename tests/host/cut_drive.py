@@ -4,9 +4,8 @@ from pathlib import Path
 
 from cut_board import PowerCut
 
-from mirrormount.common.progress import Progress
-from mirrormount.deploy import circuitpython_plan
-from mirrormount.deploy.circuitpython_copy import Files, install, survey
+from mirrormount.deploy.circuitpython import Files, drive_plan, install, survey
+from mirrormount.terminal import Progress
 
 
 class CutFiles(Files):
@@ -46,6 +45,6 @@ class CutFiles(Files):
 def put(files: Files, wanted: dict[str, bytes]) -> None:
     """A deploy that may replace what it likes."""
     there, _, old = survey(files)
-    todo = circuitpython_plan.drive_plan(wanted, there, old, lambda _aside: True)
+    todo = drive_plan(wanted, there, old, lambda _aside: True)
     if not todo.nothing:
         install(files, todo, Progress())

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from served import ServedBoard, run_cli
 
-from mirrormount import Mount
+from mirrormount.device.mount import Mount
 
 THEIRS = "print('a program of somebody else')\n"  # a main.py
 

@@ -11,9 +11,9 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import mountfw
-from mirrormount.common.errors import ConnectionLost, PortAbsent
-from mirrormount.deploy import circuitpython, circuitpython_console
-from mirrormount.transport import volumes
+from mirrormount.deploy import circuitpython
+from mirrormount.errors import ConnectionLost, PortAbsent
+from mirrormount.transport import discovery
 from mountfw.ports.shared import FOLDERS
 
 UID = "E6605838835C8A2F"
@@ -141,11 +141,10 @@ class Board:
 
 def plug_in(board: Board, monkeypatch, *, back_s: float) -> None:
     """Make it the only board that this computer sees. back_s: how long a deploy waits for it after a reset."""
-    monkeypatch.setattr(volumes, "mounted", lambda: [board.root])
+    monkeypatch.setattr(discovery, "mounted", lambda: [board.root])
     monkeypatch.setattr("serial.tools.list_ports.comports", board.ports)
     monkeypatch.setattr(circuitpython, "open_port", board.open)
-    monkeypatch.setattr(circuitpython_console, "open_port", board.open)
-    monkeypatch.setattr(circuitpython_console, "_QUIET_S", 0.0)
+    monkeypatch.setattr(circuitpython, "_QUIET_S", 0.0)
     monkeypatch.setattr(circuitpython, "_BACK_S", back_s)
 
 

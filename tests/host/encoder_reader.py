@@ -5,8 +5,8 @@ One letter a command: f r F R drive motor 1 or 2 either way, o O switch it off, 
 
 from pathlib import Path
 
-from mirrormount.virtual.board import Options, make_simulation
-from mirrormount.virtual.lockstep import Lockstep
+from mirrormount_sim.board import Options, make_simulation
+from mirrormount_sim.clocks import Lockstep
 
 _LOOP = """
 one = bytearray(1)

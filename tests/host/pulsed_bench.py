@@ -1,6 +1,6 @@
 """A bench whose pins are pulsed as a board would, without a board."""
 
-from mirrormount.virtual.bench import Bench
+from mirrormount_sim.bench import Bench
 
 STEP_US = 200_000
 

@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 from served import PATIENCE_S, ServedBoard, wait_for
 
-GREETING = bytes.fromhex("fffb01fffb03")
+from mirrormount.transport.link import GREETING
+
 RUN = b"1XM60000;1MV+\n"
 
 
@@ -19,7 +20,7 @@ class Served:
     """A `mirrormount serve` process, and its clients."""
 
     def __init__(self, folder: Path, port: str, *options: str, **environment: str) -> None:
-        words = ["serve", port, "--tcp", "127.0.0.1:0", *options]
+        words = ["serve", port, "--tcp", "0", *options]
         self.log = folder / "serve.log"
         with self.log.open("w") as log:
             self.process = subprocess.Popen(
@@ -45,6 +46,12 @@ class Served:
             client.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_buffer)
         client.connect(("127.0.0.1", int(self.tcp.rsplit(":", 1)[1])))
         client.sendall(first)
+        return client
+
+    def drive(self, first: bytes = b"") -> socket.socket:
+        """A client that drives, and has read the greeting."""
+        client = self.connect(first)
+        assert hear(client, len(GREETING)) == GREETING
         return client
 
     def says(self, text: str) -> None:

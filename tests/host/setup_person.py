@@ -2,8 +2,8 @@
 
 import re
 
-from mirrormount import Mount
-from mirrormount.cli.setup_course import run_course
+from mirrormount.cli.setup import run_course
+from mirrormount.device.mount import Mount
 
 
 class Person:

@@ -3,8 +3,8 @@
 import pytest
 from pulsed_bench import Driver
 
-from mirrormount.virtual.bench import Bench
-from mirrormount.virtual.drivetrain import GAP_REV, Drivetrain
+from mirrormount_sim.bench import Bench
+from mirrormount_sim.mechanics import GAP_REV, Drivetrain
 
 
 @pytest.mark.parametrize(("motor", "component", "mrad"), [("m2", 0, 0.43), ("m1", 1, 0.47)])

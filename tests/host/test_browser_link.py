@@ -8,7 +8,7 @@ from urllib.request import url2pathname
 
 import pytest
 
-from mirrormount.cli.browser_link import page_to
+from mirrormount_panel.cli import page_to
 
 LINK = "http://127.0.0.1:8080/enter#kKq3-0d7LbX_u2mTzR9sWg"
 

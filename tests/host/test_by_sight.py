@@ -4,10 +4,10 @@ import itertools
 
 import pytest
 
-from mirrormount import Mount
-from mirrormount.common.errors import BoardError
-from mirrormount.transport.lines import Link
-from mirrormount.transport.open import open_port
+from mirrormount.device.mount import Mount
+from mirrormount.errors import BoardError
+from mirrormount.transport.link import Link
+from mirrormount.transport.ports import open_port
 
 OWN = {"take_up_us": 100_000, "velocity": 1.25}
 

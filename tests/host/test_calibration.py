@@ -4,11 +4,11 @@ from itertools import pairwise
 
 import pytest
 
-from mirrormount import Mount
+from mirrormount import errors
 from mirrormount.cli import main
-from mirrormount.common import errors
 from mirrormount.device import calibration
 from mirrormount.device.calibration import Scale, Step
+from mirrormount.device.mount import Mount
 
 USUAL = Step(pulse_us=200_000, step_duty=255)
 

@@ -4,12 +4,12 @@ import re
 
 import pytest
 
-from mirrormount import Mount
-from mirrormount.cli import main, self_test_motion
-from mirrormount.cli.outcomes import Wrong
-from mirrormount.cli.self_test import run_checks
-from mirrormount.common import errors
+from mirrormount import errors
+from mirrormount.cli import check as check_module
+from mirrormount.cli import main
+from mirrormount.cli.check import Wrong, run_checks
 from mirrormount.device.axis import Axis
+from mirrormount.device.mount import Mount
 
 ADDRESS = "virtual://?speed=max&bench=switches"
 
@@ -125,7 +125,7 @@ def test_a_pressed_emergency_stop_fails_and_drives_nothing(mount, capsys, monkey
 
 
 def test_other_files_than_this_hosts_are_told(mount, capsys, monkeypatch):
-    monkeypatch.setattr("mirrormount.deploy.known.known_hashes", lambda: iter(["0" * 64]))
+    monkeypatch.setattr("mirrormount.deploy.firmware.known_hashes", lambda: iter(["0" * 64]))
     lines, passed = check(mount, capsys)
     assert passed and lines["firmware"].startswith("not tested") and "mirrormount deploy" in lines["firmware"]
 
@@ -134,14 +134,14 @@ def test_a_step_that_drives_for_another_time_than_it_should_is_wrong(mount, monk
     ask_whole = mount.x.ask_whole
     monkeypatch.setattr(Axis, "ask_whole", lambda _, *q: [198_500, 0] if q == ("XP?", "XB?") else ask_whole(*q))
     with pytest.raises(Wrong, match="not 198500 us"):
-        self_test_motion.one_step(mount.x, 1)
+        check_module.one_step(mount.x, 1)
 
 
 def test_a_keep_alive_that_does_not_act_is_wrong_and_the_axis_is_at_rest_after_it(mount, monkeypatch):
     send = mount.send
     monkeypatch.setattr(mount, "send", lambda line: send(re.sub(r"^XK\d+;", "", line)))
     with pytest.raises(Wrong, match="keep-alive lost"):
-        self_test_motion.keep_alive(mount, mount.x)
+        check_module.keep_alive_ends_motion(mount, mount.x)
     assert not mount.status().moving
 
 
@@ -152,10 +152,10 @@ def test_the_moves_that_are_ended_have_drive_when_they_end(mount, capsys):
 
 
 def test_a_move_that_ends_before_the_motor_has_drive_is_no_test(mount, monkeypatch):
-    monkeypatch.setattr(self_test_motion, "_rest", lambda *_: None)
+    monkeypatch.setattr(check_module, "_rest", lambda *_: None)
     mount.x.step(1)
     with pytest.raises(Wrong, match="nothing was tested"):
-        self_test_motion.stop(mount, mount.x)
+        check_module.stop_in_motion(mount, mount.x)
 
 
 def test_a_move_into_a_switch_fails_and_the_other_axis_is_still_tested(mount, capsys):

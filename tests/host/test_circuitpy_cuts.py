@@ -11,9 +11,8 @@ from cut_board import PowerCut
 from cut_drive import CutFiles, put
 from drive_board import THEIRS, contents, make_drive, stand_in_firmware
 
-from mirrormount.common.progress import Progress
-from mirrormount.deploy import circuitpython_plan, fileset
-from mirrormount.deploy.circuitpython_copy import Files, WayBack, install, remove, survey
+from mirrormount.deploy import firmware
+from mirrormount.deploy.circuitpython import Files, remove
 
 OLD_LIBRARY = {"lib/adafruit_motor/__init__.py": b"", "lib/adafruit_motor/motor.py": b"# old library\n"}
 NEW_LIBRARY = {"lib/adafruit_motor/__init__.py": b"", "lib/adafruit_motor/motor.py": b"# new library\n"}
@@ -24,8 +23,8 @@ def versions(tmp_path_factory) -> tuple[dict[str, bytes], dict[str, bytes]]:
     """Two versions of the firmware: in the new one every file differs, one is new and one is gone."""
     folder = stand_in_firmware(tmp_path_factory.mktemp("firmware"))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(fileset, "package", lambda: folder)
-        files = fileset.sources("circuitpython")
+        patch.setattr(firmware, "package", lambda: folder)
+        files = firmware.sources("circuitpython")
     few = ("boot.py", "code.py", "mountfw/__init__.py", "mountfw/app.py", "mountfw/boards/pico.py")
     old = {path: b"# old\n" + files[path] for path in few} | OLD_LIBRARY | {"mountfw/gone.py": b"# old\n"}
     new = {path: b"# new\n" + files[path] for path in few} | NEW_LIBRARY | {"mountfw/added.py": b"# new\n"}
@@ -77,39 +76,6 @@ def test_wherever_the_power_goes_no_mix_of_versions_runs_and_a_second_deploy_men
         shutil.rmtree(root)
     first = {"a new drive": "nothing", "an older version": "old", "somebody's program": "theirs"}[kind]
     assert seen == {first, "nothing"}  # the last operation makes it the new one, and a cut comes before it
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_wherever_the_power_goes_while_the_old_files_come_back_no_mix_runs_and_a_deploy_mends_it(
-    kind, versions, tmp_path
-):
-    old, new = versions
-    start = before_the_cut(kind, tmp_path / "start", old)
-
-    def fail(files: Files) -> None:
-        """A deploy of a firmware that does not start."""
-        there, _, noted = survey(files)
-        todo = circuitpython_plan.drive_plan(new, there, noted, lambda _aside: True)
-        back = WayBack(files, todo)
-        install(files, todo, Progress())
-        back.go(Progress())
-
-    before = contents(start)
-    whole = CutFiles(Path(shutil.copytree(start, tmp_path / "whole")))
-    fail(whole)
-    assert contents(whole.root) == before
-    wanted = Files(Path(shutil.copytree(start, tmp_path / "wanted")))
-    put(wanted, new)
-    for last in range(1, whole.count + 1):
-        root = Path(shutil.copytree(start, tmp_path / str(last)))
-        with pytest.raises(PowerCut):
-            fail(CutFiles(root, last))
-        runs(root, old, new)  # fails for a mix
-        assert_nothing_of_theirs_is_lost(start, root, kind)
-        put(Files(root), new)
-        on_it = contents(root)
-        assert {path: on_it.get(path) for path in new} == new, f"after a cut at operation {last}"
-        shutil.rmtree(root)
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -3,13 +3,15 @@
 import pytest
 from drive_board import Board, make_drive, plug_in
 
-from mirrormount import Mount, __version__
-from mirrormount.deploy import fileset
-from mirrormount.deploy.micropython import Options, deploy
-from mirrormount.transport.lines import Link
-from mirrormount.virtual import machines
-from mirrormount.virtual.board import LockstepPort
-from mirrormount.virtual.simulation import Simulation
+from mirrormount import __version__
+from mirrormount.deploy.firmware import package
+from mirrormount.deploy.micropython import deploy
+from mirrormount.deploy.prompt import Options
+from mirrormount.device.mount import Mount
+from mirrormount.transport.link import Link
+from mirrormount_sim import machines
+from mirrormount_sim.board import LockstepPort
+from mirrormount_sim.simulation import Simulation
 
 
 class BootedBoard(Board):
@@ -38,7 +40,7 @@ class BootedBoard(Board):
 
 @pytest.fixture
 def board(tmp_path, monkeypatch):
-    code = (fileset.package() / "entry" / "code.py").read_bytes()
+    code = (package() / "entry" / "code.py").read_bytes()
     board = BootedBoard(make_drive(tmp_path / "CIRCUITPY"), code)
     plug_in(board, monkeypatch, back_s=5)
     yield board

@@ -7,15 +7,15 @@ from types import SimpleNamespace
 import pytest
 from drive_board import BOOT_OUT, UID, make_drive, usb_port
 
-import mirrormount.transport.find
-import mirrormount.transport.open
+import mirrormount.transport.discovery
+import mirrormount.transport.ports
+from mirrormount import errors
 from mirrormount.cli import main
-from mirrormount.common import errors
 from mirrormount.deploy import micropython
-from mirrormount.deploy.micropython import Options, choose
-from mirrormount.transport import circuitpy_drives, volumes
-from mirrormount.transport.circuitpy_drives import Drive, check_version, drive_at
-from mirrormount.transport.circuitpy_ports import Channels, channels
+from mirrormount.deploy.micropython import choose
+from mirrormount.deploy.prompt import Options
+from mirrormount.transport import discovery
+from mirrormount.transport.discovery import Channels, Drive, channels, check_version, drive_at
 
 PICO = Drive(Path("/media/me/CIRCUITPY"), "9.2.1", "Raspberry Pi Pico with rp2040", "raspberry_pi_pico", UID)
 MICROPYTHON = SimpleNamespace(
@@ -42,9 +42,9 @@ def plugged(tmp_path, monkeypatch):
 
     def plug(names: list[str], ports: list) -> list[Path]:
         roots = [make_drive(tmp_path / name) for name in names]
-        monkeypatch.setattr(volumes, "mounted", lambda: roots)
+        monkeypatch.setattr(discovery, "mounted", lambda: roots)
         monkeypatch.setattr("serial.tools.list_ports.comports", lambda: ports)
-        monkeypatch.setattr(mirrormount.transport.open, "SerialPort", None)  # opening anything would fail loudly
+        monkeypatch.setattr(mirrormount.transport.ports, "SerialPort", None)  # opening anything would fail loudly
         return roots
 
     return plug
@@ -113,15 +113,15 @@ def test_on_linux_fat_volumes_are_looked_at_and_nothing_else(tmp_path):
     table.write_text(
         "/dev/sda1 /media/me/MY\\040PY vfat rw 0 0\n/dev/sdb1 / ext4 rw 0 0\nserver:/x /mnt/x nfs rw 0 0\nodd\n"
     )
-    assert volumes.fat_mounts(table) == [Path("/media/me/MY PY")]
-    assert volumes.fat_mounts(tmp_path / "none") == []
+    assert discovery.fat_mounts(table) == [Path("/media/me/MY PY")]
+    assert discovery.fat_mounts(tmp_path / "none") == []
 
 
 def test_on_macos_every_volume_is_looked_at(tmp_path, monkeypatch):
     root = make_drive(tmp_path / "Volumes" / "CIRCUITPY")
-    monkeypatch.setattr(volumes.sys, "platform", "darwin")
-    monkeypatch.setattr(volumes, "Path", lambda _name: tmp_path / "Volumes")
-    assert volumes.mounted() == [root]
+    monkeypatch.setattr(discovery.sys, "platform", "darwin")
+    monkeypatch.setattr(discovery, "Path", lambda _name: tmp_path / "Volumes")
+    assert discovery.mounted() == [root]
 
 
 class Kernel:
@@ -145,18 +145,18 @@ class Kernel:
 
 @pytest.fixture
 def windows(monkeypatch):
-    monkeypatch.setattr(volumes.sys, "platform", "win32")
+    monkeypatch.setattr(discovery.sys, "platform", "win32")
     monkeypatch.setattr(ctypes, "windll", SimpleNamespace(kernel32=Kernel()), raising=False)
 
 
 def test_on_windows_removable_drive_letters_are_looked_at(windows):
-    assert volumes.mounted() == [Path("E:\\"), Path("G:\\")]
+    assert discovery.mounted() == [Path("E:\\"), Path("G:\\")]
 
 
 @pytest.mark.parametrize(("letter", "read_only"), [("E:", False), ("G:", True)])
 def test_on_windows_room_is_counted_in_its_clusters_and_a_read_only_volume_is_known(windows, letter, read_only):
     place = SimpleNamespace(resolve=lambda: SimpleNamespace(drive=letter))
-    assert volumes.room(place) == volumes.Room(77, 1024, read_only)
+    assert discovery.room(place) == discovery.Room(77, 1024, read_only)
 
 
 def test_the_one_drive_that_is_there_is_meant(plugged):
@@ -191,19 +191,32 @@ def test_a_drive_that_tells_no_uid_takes_its_ports_from_the_one_that_is_named(pl
     assert choose(Options(drive=root, port="/dev/ttyACM0")).uid == UID
 
 
+def test_a_named_port_and_a_named_drive_of_two_boards_are_refused(plugged):
+    (root,) = plugged(["CIRCUITPY"], [MICROPYTHON])
+    with pytest.raises(errors.WrongDrive, match="not of one board"):
+        choose(Options(port=MICROPYTHON.device, drive=root))
+
+
+def test_of_a_drive_and_its_copy_on_a_memory_stick_one_is_to_be_named(plugged):
+    roots = plugged(["CIRCUITPY", "STICK"], SYSTEMS["Linux"])
+    with pytest.raises(errors.SeveralBoardsFound, match="name one") as e:
+        choose(Options(port="/dev/ttyACM0"))
+    assert all(f"--drive {root}" in str(e.value) for root in roots)
+
+
 def test_a_bootloader_drive_is_named_when_there_is_no_board(plugged, monkeypatch, tmp_path):
     plugged([], [])
     (tmp_path / "INFO_UF2.TXT").write_text("")
-    monkeypatch.setattr(volumes, "mounted", lambda: [tmp_path])
+    monkeypatch.setattr(discovery, "mounted", lambda: [tmp_path])
     with pytest.raises(errors.NoBoardFound, match=rf"{tmp_path} is a bootloader.*circuitpython\.org"):
         micropython.deploy(Options())
 
 
 def test_a_mount_is_found_by_its_drive_and_opened_at_its_data_channel(plugged, capsys):
     (root,) = plugged(["CIRCUITPY"], [*STRANGERS, *SYSTEMS["Linux"]])
-    assert mirrormount.transport.find.find() == []  # some CircuitPython board, not a mount
+    assert mirrormount.transport.discovery.find() == []  # some CircuitPython board, not a mount
     (root / "mountfw").mkdir()
-    assert mirrormount.transport.find.find_one() == "/dev/ttyACM0"
+    assert mirrormount.transport.discovery.find_one() == "/dev/ttyACM0"
     assert main.main(["ports"]) == 0
     assert f"/dev/ttyACM0  CircuitPython on Raspberry Pi Pico with rp2040, drive {root}" in capsys.readouterr().out
 
@@ -211,9 +224,9 @@ def test_a_mount_is_found_by_its_drive_and_opened_at_its_data_channel(plugged, c
 def test_a_data_channel_whose_drive_is_not_seen_is_named_but_not_opened(plugged):
     plugged([], SYSTEMS["Linux"])
     with pytest.raises(errors.NoBoardFound, match="listens at /dev/ttyACM0, but its drive is not mounted"):
-        mirrormount.transport.find.find_one()
+        mirrormount.transport.discovery.find_one()
 
 
 def test_this_computers_volumes_can_be_listed():
-    assert all(isinstance(drive, Drive) for drive in circuitpy_drives.find_drives())
-    assert volumes.room(Path.cwd()).cluster_bytes > 0
+    assert all(isinstance(drive, Drive) for drive in discovery.find_drives())
+    assert discovery.room(Path.cwd()).cluster_bytes > 0

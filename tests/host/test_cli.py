@@ -8,10 +8,10 @@ from types import SimpleNamespace
 import pytest
 from served import PATIENCE_S, run_cli, run_process, wait_for
 
-import mirrormount.transport.find
-import mirrormount.transport.open
-from mirrormount import Mount
+import mirrormount.transport.discovery
+import mirrormount.transport.ports
 from mirrormount.cli import main
+from mirrormount.device.mount import Mount
 
 VIRTUAL = ("--port", "virtual://?speed=max")
 
@@ -51,13 +51,12 @@ def one_line(run: subprocess.CompletedProcess) -> str:
         (("status", "--port", "socket://127.0.0.1:9"), "nothing listens"),
         (("status", "--port", "virtual://?bench=moon"), "no bench"),
         (("status", "--port", "gopher://x"), "not a port's address"),
-        (("status", "--sketch"), "must be named"),
         (("demo", "--port", "/dev/ttyACM0"), "virtual"),
         (("home", "x"), "235: x not fitted or switched off"),
     ],
 )
 def test_wrong_input_is_one_line(words, says):
-    arguments = words if "--port" in words or "--sketch" in words else (*words, *VIRTUAL)
+    arguments = words if "--port" in words else (*words, *VIRTUAL)
     assert says in one_line(run_cli(*arguments))
 
 
@@ -104,7 +103,7 @@ def test_a_picture_that_cannot_be_written_is_one_line_before_anything_runs(tmp_p
 
 
 def test_no_board_is_one_line(monkeypatch, capsys):
-    monkeypatch.setattr(mirrormount.transport.find.list_ports, "comports", list)
+    monkeypatch.setattr(mirrormount.transport.discovery.list_ports, "comports", list)
     monkeypatch.delenv("MIRRORMOUNT_PORT", raising=False)
     assert main.main(["status"]) == 1
     assert "no board found" in capsys.readouterr().err
@@ -116,8 +115,8 @@ def port(device: str, vid: int | None, pid: int | None) -> SimpleNamespace:
 
 def test_two_boards_are_named_and_neither_is_opened(monkeypatch, capsys):
     ports = [port("/dev/ttyACM1", 0x2E8A, 5), port("/dev/ttyACM0", 0x2E8A, 5)]
-    monkeypatch.setattr(mirrormount.transport.find.list_ports, "comports", lambda: ports)
-    monkeypatch.setattr(mirrormount.transport.open, "SerialPort", None)  # opening anything would fail loudly
+    monkeypatch.setattr(mirrormount.transport.discovery.list_ports, "comports", lambda: ports)
+    monkeypatch.setattr(mirrormount.transport.ports, "SerialPort", None)  # opening anything would fail loudly
     monkeypatch.delenv("MIRRORMOUNT_PORT", raising=False)
     assert main.main(["status"]) == 1
     assert "/dev/ttyACM0, /dev/ttyACM1" in capsys.readouterr().err
@@ -129,12 +128,12 @@ def test_other_instruments_are_not_considered(monkeypatch):
         port("/dev/ttyS0", None, None),
         port("/dev/ttyACM3", 0x2341, 0x43),
     ]
-    monkeypatch.setattr(mirrormount.transport.find.list_ports, "comports", lambda: ports)
-    assert mirrormount.transport.find.find() == []
+    monkeypatch.setattr(mirrormount.transport.discovery.list_ports, "comports", lambda: ports)
+    assert mirrormount.transport.discovery.find() == []
 
 
 def test_a_busy_port_is_one_line(board):
-    from mirrormount import Mount
+    from mirrormount.device.mount import Mount
 
     with Mount.open(str(board.link)) as mount:
         mount.x.jog(0.2)
@@ -203,8 +202,8 @@ def test_a_wrong_port_of_the_environment_is_told_with_the_variables_name(words, 
 def test_stopping_a_board_imports_nothing_heavy():
     code = (
         "import sys; from mirrormount.cli import main; import mirrormount.device.mount;"
-        "import mirrormount.transport.open; main.parser();"
-        "heavy = ('numpy', 'matplotlib', 'mirrormount.virtual', 'platformdirs', 'tomllib');"
+        "import mirrormount.transport.ports; main.parser(['stop']);"
+        "heavy = ('numpy', 'matplotlib', 'mirrormount_sim', 'platformdirs', 'tomllib');"
         "print([m for m in heavy if m in sys.modules])"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -214,11 +213,11 @@ def test_stopping_a_board_imports_nothing_heavy():
 def test_a_stop_by_the_program_that_has_the_port_imports_next_to_nothing():
     code = (
         "import sys; from mirrormount.cli import main;"
-        "from mirrormount.transport.stoppable import Stoppable;"
-        "owner = Stoppable(['/dev/mount'], lambda: 'stopped');"
+        "from mirrormount.transport.stop_socket import StopListener;"
+        "owner = StopListener(['/dev/mount'], lambda: 'stopped');"
         "status = main.main(['stop', '--port', '/dev/mount']); owner.close();"
         "print(status, sorted(m for m in sys.modules if m.split('.')[0] in ('serial', 'numpy', 'asyncio', 'logging')"
-        " or m.startswith(('mirrormount.device.', 'mirrormount.deploy.', 'mirrormount.network.'))))"
+        " or m.startswith(('mirrormount.device.', 'mirrormount.deploy.', 'mirrormount.serve'))))"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     said, imported = run.stdout.splitlines()

@@ -3,9 +3,9 @@
 import pytest
 from three_axes import make_firmware, switch_on
 
-from mirrormount import Mount
 from mirrormount.cli import main
-from mirrormount.transport.lines import Link
+from mirrormount.device.mount import Mount
+from mirrormount.transport.link import Link
 
 
 @pytest.fixture

@@ -4,10 +4,10 @@ from itertools import pairwise
 
 import pytest
 
-from mirrormount import Mount
-from mirrormount.common import errors
-from mirrormount.device.mount import Ended
-from mirrormount.transport.lines import Link
+from mirrormount import errors
+from mirrormount.device.mount import Mount
+from mirrormount.device.status import Ended
+from mirrormount.transport.link import Link
 
 
 @pytest.fixture
@@ -47,7 +47,7 @@ def test_the_axes_can_be_wired_the_other_way_round():
 
 
 def _port():
-    from mirrormount.transport.open import open_port
+    from mirrormount.transport.ports import open_port
 
     return open_port("virtual://?speed=max")
 

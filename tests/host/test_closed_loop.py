@@ -5,13 +5,13 @@ import random
 import pytest
 from closed_loop import PER_STEP, with_files
 
-from mirrormount import Mount
-from mirrormount.cli.demo_square import closure, square
-from mirrormount.common import errors
-from mirrormount.device.encoder import judged
+from mirrormount import errors
+from mirrormount.device.axis import judged
+from mirrormount.device.mount import Mount
 from mirrormount.device.settings import ENCODER
-from mirrormount.transport.lines import Link
-from mirrormount.virtual.virtual_table import open_table
+from mirrormount.transport.link import Link
+from mirrormount_sim.demo import closure, square
+from mirrormount_sim.table import open_table
 from mountfw import codes as wire
 
 STALL_US = 80_000  # from the last count to the pin, of which 60 ms are the setting's
@@ -233,7 +233,6 @@ def test_a_position_after_a_power_cut_is_worth_no_more_than_it_is(tmp_path, mach
 OTHER = {
     "counts_per_step": -280,
     "closed_loop": 1,
-    "units": 1,
     "dead_band": 5,
     "correction_s": 0.1,
     "following_error": 100,
@@ -271,22 +270,8 @@ def test_a_mount_of_the_virtual_table_has_encoders_if_it_is_told_so():
 
 def test_a_loop_cannot_be_closed_before_the_counts_of_a_step_are_known(loop):
     mount = loop(closed=False).mount
-    for name in ("closed_loop", "units"):
-        with pytest.raises(errors.BadValue, match=r"x.counts_per_step, which `mirrormount setup` measures"):
-            setattr(mount.x, name, 1)
+    with pytest.raises(errors.BadValue, match=r"x.counts_per_step, which `mirrormount setup` measures"):
+        mount.x.closed_loop = 1
     mount.apply({"x": {"closed_loop": 1, "counts_per_step": 280}})
     with pytest.raises(errors.BadValue, match="counts_per_step"):
         mount.apply({"y": {"closed_loop": 1}})
-
-
-def test_where_the_board_takes_counts_for_steps_a_move_by_steps_is_refused(loop):
-    axis = loop("smooth").mount.x
-    axis.zero()
-    axis.units = 1
-    for act in (lambda: axis.step(2), lambda: axis.move_to(3), lambda: axis.move_by(1.5), lambda: axis.zero(5)):
-        with pytest.raises(errors.BadValue, match=r"x\.units is 1, so the board takes counts .* config set x\.units 0"):
-            act()
-    assert axis.position == 0
-    axis.units = 0
-    axis.step(1)
-    assert axis.position == pytest.approx(1, abs=2 / PER_STEP)

@@ -4,14 +4,13 @@ import signal
 
 import pytest
 
+from mirrormount import errors
 from mirrormount.cli import check, main
-from mirrormount.cli.dialogue import Dialogue
-from mirrormount.cli.self_test import run_checks
-from mirrormount.cli.setup_course import run_course
-from mirrormount.cli.setup_encoder import encoder as set_up
-from mirrormount.common import errors
+from mirrormount.cli.check import run_checks
+from mirrormount.cli.setup import Dialogue, run_course
+from mirrormount.cli.setup import encoder as set_up
 from mirrormount.device import settings
-from mirrormount.device.encoder import Encoded
+from mirrormount.device.axis import Encoded
 
 
 def test_a_setting_of_an_encoder_that_is_not_there_is_told_in_one_line(capsys):

@@ -7,12 +7,12 @@ import tomllib
 
 import pytest
 
-from mirrormount import Mount
+from mirrormount import errors
 from mirrormount.cli import main
-from mirrormount.cli.config_verbs import export, import_, load
-from mirrormount.common import errors
-from mirrormount.device.mount import Limits
+from mirrormount.cli.config import export, import_, load
+from mirrormount.device.mount import Mount
 from mirrormount.device.settings import ENCODER, SETTINGS
+from mirrormount.device.status import Limits
 
 
 @pytest.fixture
@@ -256,7 +256,6 @@ def test_a_file_that_is_wrong_is_one_line_that_names_it_before_a_port_is_opened(
         (("import", "missing.toml"), "no such file"),
         (("import", ""), "FILE is an empty text"),
         (("export", ""), "FILE is an empty text"),
-        (("save", "--sketch"), "needs mountfw"),
     ],
 )
 def test_wrong_words_are_one_line_before_a_port_is_opened(words, says, capsys):

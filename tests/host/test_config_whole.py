@@ -5,10 +5,10 @@ import signal
 
 import pytest
 
-from mirrormount import Mount
+from mirrormount import errors
 from mirrormount.cli import config, main
-from mirrormount.common import errors
 from mirrormount.device import settings
+from mirrormount.device.mount import Mount
 
 
 @pytest.fixture

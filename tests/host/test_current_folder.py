@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 from served import SCRIPT, set_traps
 
-from mirrormount.common.child_python import python_module
-from mirrormount.common.errors import EmulatorMissing
-from mirrormount.virtual import machines
+from mirrormount.errors import EmulatorMissing
+from mirrormount.terminal import python_module
+from mirrormount_sim import machines
 
 ROOT = Path(__file__).parent.parent.parent
 
@@ -68,8 +68,8 @@ def test_every_child_python_is_started_so():
             if isinstance(node, ast.List) and node.elts and ast.unparse(node.elts[0]) in names:
                 started.append((path.relative_to(ROOT).as_posix(), ast.unparse(node)))
     assert {path for path, _ in started} >= {
-        "host/mirrormount/common/child_python.py",
-        "host/mirrormount/virtual/machines.py",
+        "host/mirrormount/terminal.py",
+        "host/mirrormount_sim/machines.py",
     }
     at_the_root = "tools/test.py"  # which runs the tests of this repository, in its own folder
     unsafe = [(path, text) for path, text in started if "'-P'" not in text and "'-I'" not in text]

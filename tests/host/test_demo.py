@@ -6,10 +6,10 @@ import pytest
 from closed_loop import ClosedLoop
 from full_disk import run_with_room
 
-from mirrormount.cli import demo_square as demo
-from mirrormount.common.errors import BadValue, DemoFailed
 from mirrormount.device.mount import Mount
-from mirrormount.virtual.wiring import DRIVES
+from mirrormount.errors import BadValue, DemoFailed
+from mirrormount_sim import demo
+from mirrormount_sim.bench import DRIVES
 
 
 def measure(prepare=lambda mount: None) -> dict[str, demo.Row]:

@@ -6,6 +6,7 @@ import json
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -13,12 +14,13 @@ from deployed import THEIRS, contents, listed, mpy_of_the_vm
 from served import run_cli, wait_for
 
 import mountfw
-from mirrormount import Mount
-from mirrormount.common import errors
-from mirrormount.common.supported import MICROPYTHON
-from mirrormount.deploy.fileset import firmware, firmware_hash
-from mirrormount.deploy.micropython import Options, deploy, may_replace
-from mirrormount.deploy.mpremote import Mpremote
+from mirrormount import errors
+from mirrormount.deploy import micropython
+from mirrormount.deploy.firmware import firmware, firmware_hash
+from mirrormount.deploy.micropython import Mpremote, Survey, deploy
+from mirrormount.deploy.prompt import Options, may_replace
+from mirrormount.device.mount import Mount
+from mirrormount.supported import MICROPYTHON
 
 PACKAGE = Path(mountfw.__file__).parent / "package.json"
 
@@ -81,7 +83,7 @@ def test_a_plain_file_that_would_hide_a_compiled_one_goes(deployed):
 def test_source_puts_plain_files_on_the_board(deployed):
     assert deployed.deploy("--source").returncode == 0
     assert contents(deployed.root)["mountfw/motion/axis.py"] == (PACKAGE.parent / "motion" / "axis.py").read_bytes()
-    assert not list(deployed.root.rglob("*.mpy"))
+    assert not list((deployed.root / "mountfw").rglob("*.mpy"))
 
 
 def test_no_folder_of_this_computer_is_in_a_compiled_file(deployed_files):
@@ -166,13 +168,11 @@ def test_undeploy_of_a_board_that_was_not_deployed_to_removes_nothing(boot, tmp_
     assert contents(root) == before
 
 
-def test_a_flash_that_is_full_leaves_the_old_firmware_running(deployed):
-    if not Path("/dev/full").exists():
-        pytest.skip("needs /dev/full")
-    (deployed.root / "mountfw" / "motion" / "axis.py.new").symlink_to("/dev/full")
+def test_an_upload_that_fails_leaves_the_old_firmware_running_and_nothing_else(deployed, monkeypatch):
     before = contents(deployed.root)
-    done = deployed.deploy("--source")
-    assert done.returncode == 1 and done.stderr.splitlines()[-1].endswith("the board has the firmware that it had")
+    monkeypatch.setattr(micropython, "beside", lambda path: f"nowhere/{path}")
+    with pytest.raises(errors.DeployError, match=r"the upload failed .*; the board has the firmware that it had"):
+        deploy(Options(port=deployed.port, source=True))
     assert contents(deployed.root) == before
     assert wait_for(lambda: deployed.ask("VE?"), "the old firmware")
 
@@ -190,7 +190,7 @@ def test_undeploy_gives_a_program_that_was_put_aside_its_name_back(boot, tmp_pat
 def test_a_board_without_a_board_file_is_named_before_anything_is_uploaded(deployed, monkeypatch):
     before = contents(deployed.root)
     real = Mpremote.survey
-    monkeypatch.setattr(Mpremote, "survey", lambda self: real(self) | {"machine": "Odd\x1b[2JBoard with RP2040"})
+    monkeypatch.setattr(Mpremote, "survey", lambda self: replace(real(self), machine="Odd\x1b[2JBoard with RP2040"))
     with pytest.raises(errors.DeployError) as e:
         deploy(Options(port=deployed.port, source=True))
     assert r"no board file for a 'Odd\x1b[2JBoard'" in str(e.value)
@@ -203,33 +203,29 @@ def test_a_micropython_that_is_too_old_is_refused_and_a_newer_one_is_mentioned(d
     before = contents(deployed.root)
     real = Mpremote.survey
     with monkeypatch.context() as patch:
-        patch.setattr(Mpremote, "survey", lambda self: real(self) | {"version": [1, 19]})
+        patch.setattr(Mpremote, "survey", lambda self: replace(real(self), version=(1, 19)))
         oldest = ".".join(map(str, MICROPYTHON.lowest))
         with pytest.raises(errors.DeployError, match=rf"1\.19: {oldest} or later.*nothing was changed"):
             deploy(Options(port=deployed.port, source=True))
     assert contents(deployed.root) == before
-    monkeypatch.setattr(Mpremote, "survey", lambda self: real(self) | {"version": [2, 0]})
+    monkeypatch.setattr(Mpremote, "survey", lambda self: replace(real(self), version=(2, 0)))
     deploy(Options(port=deployed.port))
     assert "MicroPython 2.0 is newer than any that was tried" in capsys.readouterr().err
 
 
-SURVEY = {"files": {}, "sizes": {}, "manifest": {}, "aside": {}, "kept": False, "undo": False, "room": [9, 9]}
-SURVEY |= {"mpy": None, "machine": "x", "version": [1, 25]}
+FACTS = [["file", "main.py", "00", 7], ["listed", "main.py", "00"], ["aside", "main.py", ["main.py.bak", "11"]]]
+FACTS += [["room", 9, 4096], ["about", None, "Pico", 1, 25]]
 
 
 @pytest.mark.parametrize(
-    "told",
-    [
-        *(None, 7, [], {}),
-        *({"files": 7}, {"files": {"main.py": 7}}, {"sizes": {"main.py": "x"}}, {"machine": 7}),
-        *({"room": [1, 0]}, {"room": [-1, 4096]}, {"version": ["x", 1]}, {"aside": {"main.py": 7}}, {"mpy": "x"}),
-    ],
+    "told", [[], ["file"], ["file", 7, "00", 7], ["aside", "main.py", 7], ["room", 1, 0], ["about", "x", "y", 1, 25], 7]
 )
 def test_what_a_board_tells_is_checked_before_anything_depends_on_it(monkeypatch, told):
-    monkeypatch.setattr(Mpremote, "_tell", lambda *_, **__: SURVEY)
-    assert Mpremote("COM4").survey() == SURVEY
-    answer = SURVEY | told if isinstance(told, dict) and told else told
-    monkeypatch.setattr(Mpremote, "_tell", lambda *_, **__: answer)
+    monkeypatch.setattr(Mpremote, "_tell", lambda *_: FACTS)
+    aside = {"main.py": ["main.py.bak", "11"]}
+    survey = Survey({"main.py": "00"}, {"main.py": 7}, {"main.py": "00"}, aside, 9, 4096, "Pico", (1, 25), None)
+    assert Mpremote("COM4").survey() == survey
+    monkeypatch.setattr(Mpremote, "_tell", lambda *_: [*FACTS, told])
     with pytest.raises(errors.DeployError, match="makes no sense: nothing was changed"):
         Mpremote("COM4").survey()
 
@@ -244,28 +240,88 @@ def test_what_a_board_tells_that_cannot_be_read_is_one_line(monkeypatch, line):
     assert str(e.value).isprintable()
 
 
-def test_a_board_whose_power_went_after_the_commit_boots_the_new_firmware(boot, deployed_files, tmp_path):
+@pytest.mark.parametrize("place", ["mountfw", "main.py"])
+def test_a_file_that_arrives_damaged_changes_nothing(deployed, monkeypatch, place):
+    before = contents(deployed.root)
+    real = micropython.hashes
+    wrong = "0" * 64
+    damaged = {"mountfw": "mountfw/motion/axis.py", "main.py": "main.py"}[place]
+    if place == "main.py":
+        monkeypatch.setattr(
+            micropython, "firmware", lambda _mpy: firmware(None) | {"main.py": b"import mountfw.start\n"}
+        )
+    monkeypatch.setattr(micropython, "hashes", lambda f: real(f) | ({damaged: wrong} if damaged in f else {}))
+    with pytest.raises(errors.DeployError, match=f"damaged on the way: {place}.new.*the firmware that it had"):
+        deploy(Options(port=deployed.port, source=True))
+    assert contents(deployed.root) == before
+    assert deployed.ask("VE?") == f"MM2 Version {mountfw.__version__} mirrormount"
+
+
+def test_the_earlier_firmware_stays_beside_the_new_one_until_the_next_deploy(deployed):
+    before = contents(deployed.root / "mountfw")
+    assert deployed.deploy("--source").returncode == 0
+    assert contents(deployed.root / "mountfw.old") == before
+    assert deployed.deploy("--source").returncode == 0
+    assert {path.name for path in deployed.root.iterdir()} == {"main.py", "mountfw"}
+
+
+def test_a_board_whose_power_went_between_the_renames_starts_the_new_firmware(boot, deployed_files, tmp_path):
     root = Path(shutil.copytree(deployed_files, tmp_path / "cut"))
-    new = (root / "mountfw" / "motion" / "axis.mpy").read_bytes()
-    (root / "mountfw" / "motion" / "axis.mpy.new").write_bytes(new)
-    (root / "mountfw" / "motion" / "axis.mpy").write_bytes(b"old")
-    (root / "mountfw.journal").write_text("mountfw/motion/axis.mpy.new>mountfw/motion/axis.mpy\nmountfw/motion/axis.py")
+    (root / "mountfw").rename(root / "mountfw.new")
     board = boot(root)
     assert board.ask("VE?") == f"MM2 Version {mountfw.__version__} mirrormount"
     assert contents(root) == contents(deployed_files)
 
 
+def of_0_2_0(files: Path, root: Path) -> dict[str, bytes]:
+    """A board on which the main.py of 0.2.0 is: it has the start in it, and the folder has none. Returns its files."""
+    shutil.copytree(files, root)
+    (root / "mountfw" / "start.mpy").unlink()
+    old = (PACKAGE.parent / "start.py").read_bytes()
+    (root / "main.py").write_bytes(old)
+    manifest = json.loads((root / "mountfw" / "manifest.json").read_text())
+    del manifest["files"]["mountfw/start.mpy"]
+    manifest["files"]["main.py"] = hashlib.sha256(old).hexdigest()
+    (root / "mountfw" / "manifest.json").write_text(json.dumps(manifest))
+    return contents(root)
+
+
+def test_a_deploy_over_0_2_0_makes_the_board_one_of_now(boot, deployed_files, tmp_path):
+    of_0_2_0(deployed_files, tmp_path / "old")
+    board = boot(tmp_path / "old")
+    done = board.deploy()
+    assert done.returncode == 0, done.stderr
+    assert contents(board.root / "mountfw") == contents(deployed_files / "mountfw")
+    assert (board.root / "main.py").read_bytes() == (deployed_files / "main.py").read_bytes()
+
+
+def test_0_2_0_starts_again_from_the_main_py_of_now_if_the_new_firmware_fails(
+    boot, deployed_files, tmp_path, monkeypatch
+):
+    before = of_0_2_0(deployed_files, tmp_path / "old")
+    board = boot(tmp_path / "old")
+    files = firmware(None)
+    files["mountfw/app.py"] = b"import no_such_module\n"
+    monkeypatch.setattr(micropython, "firmware", lambda _mpy: files)
+    with pytest.raises(errors.FirmwareFailed, match="that was there before is back and answers"):
+        deploy(Options(port=board.port))
+    after = contents(board.root)
+    assert after.pop("main.py") == firmware(None)["main.py"]
+    assert after.pop("mountfw/start.py") == before.pop("main.py")
+    assert after == before
+
+
 def test_a_deploy_that_was_killed_in_its_upload_leaves_no_more_files_than_the_next_one_can_tell(boot, tmp_path):
     root = tmp_path / "cut"
-    parts = {f"{path}.new": content for path, content in firmware(mpy_of_the_vm()).items()}
-    for path, content in (firmware(None) | parts).items():
+    parts = {path.replace("mountfw", "mountfw.new", 1): text for path, text in firmware(mpy_of_the_vm()).items()}
+    for path, content in (parts | firmware(None)).items():
         (root / path).parent.mkdir(parents=True, exist_ok=True)
         (root / path).write_bytes(content)
     board = boot(root)
     assert board.ask("VE?")  # the firmware has run and left the memory in pieces
     done = board.deploy("--replace-main")
     assert done.returncode == 0, done.stderr
-    assert not [path for path in contents(root) if path.endswith(".new")]
+    assert not [path for path in contents(root) if ".new" in path]
 
 
 def test_mip_installs_the_same_files(boot):
@@ -332,7 +388,7 @@ def test_a_virtual_board_without_a_prompt_is_refused_and_goes_on(serve, machine,
 
 
 def test_without_a_board_deploy_says_how_a_new_one_gets_micropython(monkeypatch):
-    monkeypatch.setattr("mirrormount.transport.find.find", list)
+    monkeypatch.setattr("mirrormount.transport.discovery.find", list)
     with pytest.raises(errors.NoBoardFound, match="BOOTSEL"):
         deploy(Options())
 
@@ -342,5 +398,5 @@ def test_on_a_terminal_one_is_asked_about_somebody_elses_main_py(monkeypatch, ca
     terminal = io.StringIO(typed)
     terminal.isatty = lambda: True
     monkeypatch.setattr("sys.stdin", terminal)
-    assert may_replace(Options())("main.py.bak") is replaced
-    assert "a copy stays as main.py.bak" in capsys.readouterr().err
+    assert may_replace(Options())({"main.py": "main.py.bak"}) is replaced
+    assert "copies stay as main.py.bak" in capsys.readouterr().err

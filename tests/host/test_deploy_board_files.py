@@ -6,9 +6,10 @@ import pytest
 from deployed import contents
 
 import mountfw
-from mirrormount.common import errors
-from mirrormount.deploy.board_file import read_pins
-from mirrormount.deploy.micropython import Options, deploy
+from mirrormount import errors
+from mirrormount.deploy.firmware import read_pins
+from mirrormount.deploy.micropython import deploy
+from mirrormount.deploy.prompt import Options
 
 BOARDS = Path(mountfw.__file__).parent / "boards"
 

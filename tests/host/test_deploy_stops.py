@@ -12,16 +12,13 @@ from deployed import Served, contents
 from served import run_cli, wait_for
 
 import mountfw
-from mirrormount.cli import main
-from mirrormount.common import errors
-from mirrormount.common.errors import MountError
-from mirrormount.common.progress import Progress
-from mirrormount.common.signals import Terminated
-from mirrormount.deploy import micropython, micropython_trial
-from mirrormount.deploy.micropython import Options, deploy, undeploy
-from mirrormount.deploy.mpremote import Mpremote
-from mirrormount.deploy.stop_answer import StopAnswer
-from mirrormount.transport.lines import Link
+from mirrormount import errors
+from mirrormount.deploy import micropython
+from mirrormount.deploy.micropython import Mpremote, Survey, deploy, plan, undeploy
+from mirrormount.deploy.prompt import Options, StopAnswer
+from mirrormount.errors import MountError
+from mirrormount.terminal import Progress, Terminated
+from mirrormount.transport.link import Link
 from mirrormount.transport.stop_socket import SENT, STOPPED
 
 
@@ -46,7 +43,7 @@ def end_by_signal(board: Served, tmp_path: Path, number: int, command: str, unde
 def test_a_deploy_that_a_signal_ends_leaves_the_firmware_that_ran_and_starts_it(deployed, tmp_path, name):
     before, number = contents(deployed.root), getattr(signal, name)
     ended = end_by_signal(
-        deployed, tmp_path, number, "deploy --source", lambda _: list(deployed.root.rglob("*.py.new"))
+        deployed, tmp_path, number, "deploy --source", lambda _: list(deployed.root.glob("mountfw.new/*.py"))
     )
     assert (ended.returncode, ended.stderr.splitlines()[-1]) == (128 + number, f"mirrormount: ended by {name}")
     assert contents(deployed.root) == before
@@ -62,22 +59,6 @@ def test_a_signal_before_anything_was_changed_starts_the_firmware_again(deployed
     assert left.items() <= before.items()  # a late signal may find some files removed
     if left == before:
         assert deployed.ask("VE?") == f"MM2 Version {mountfw.__version__} mirrormount"
-
-
-@pytest.mark.parametrize("command", ["deploy", "undeploy"])
-def test_a_second_ctrl_c_does_not_interrupt_what_puts_the_board_in_order(monkeypatch, command):
-    resets = []
-
-    def ended(_options):
-        try:
-            signal.raise_signal(signal.SIGINT)
-        finally:
-            signal.raise_signal(signal.SIGINT)
-            resets.append(1)
-
-    monkeypatch.setattr(micropython, command, ended)
-    assert main.main([command]) == 130
-    assert resets == [1]
 
 
 class Stopping(Progress):
@@ -107,27 +88,18 @@ def does_not_answer(*_) -> None:
     raise errors.DeployError("the firmware on the board does not answer")
 
 
-def settle(board: Mpremote) -> None:
-    micropython_trial.settle(board, "/dev/none", {"hash"})
-
-
-def put_back(board: Mpremote) -> None:
-    had = micropython_trial.Before(has_main=True, main_is_ours=True)
-    micropython_trial.try_it(board, "/dev/none", {"hash"}, had, Progress())
-
-
-@pytest.mark.parametrize(("call", "action"), [("forget", settle), ("revert", put_back)])
-def test_a_signal_after_the_new_files_are_in_place_resets_the_board_too(monkeypatch, call, action):
+def test_a_signal_while_the_old_files_are_put_back_resets_the_board_too(monkeypatch):
     board, resets = Mpremote("/dev/none"), []
 
     def end(*_):
         raise Terminated(signal.SIGTERM)
 
-    monkeypatch.setattr(board, call, end)
+    monkeypatch.setattr(board, "put_back", end)
     monkeypatch.setattr(board, "reset", lambda: resets.append(1))
-    monkeypatch.setattr(micropython_trial, "come_back", does_not_answer)
+    monkeypatch.setattr(micropython, "come_back", does_not_answer)
+    there = Survey()
     with pytest.raises(Terminated):
-        action(board)
+        micropython.try_it(board, "/dev/none", there, plan({"main.py": b""}, there, lambda _aside: True), Progress())
     assert resets == [1]
 
 

@@ -12,7 +12,7 @@ from served import ServedBoard, wait_for
 termios = pytest.importorskip("termios")
 fcntl = pytest.importorskip("fcntl")
 
-from mirrormount.transport.open import open_port  # noqa: E402
+from mirrormount.transport.ports import open_port  # noqa: E402
 
 # a board waits for the rest of its echo for 20 ms of its own time, which is this computer's
 

@@ -7,15 +7,15 @@ from pathlib import Path
 
 import pytest
 
-from mirrormount.common import errors
-from mirrormount.virtual import board, emulator
-from mirrormount.virtual.simulation import BoardGone, Simulation
+from mirrormount import errors
+from mirrormount_sim import board, emulator
+from mirrormount_sim.simulation import BoardGone, Simulation
 
 
 def test_without_node_it_says_so(monkeypatch):
     monkeypatch.setattr(emulator.shutil, "which", lambda _name: None)
     with pytest.raises(errors.EmulatorMissing, match=r"Node\.js"):
-        emulator.command(None, None, 0)
+        emulator.command()
 
 
 def test_an_old_node_is_told_from_none(monkeypatch):
@@ -23,7 +23,7 @@ def test_an_old_node_is_told_from_none(monkeypatch):
     answer = subprocess.CompletedProcess([], 0, stdout="v12.22.9\n")
     monkeypatch.setattr(emulator.subprocess, "run", lambda *_args, **_kw: answer)
     with pytest.raises(errors.EmulatorMissing, match=r"v12\.22\.9"):
-        emulator.command(None, None, 0)
+        emulator.command()
 
 
 def test_a_wheel_with_another_boot_rom_is_not_used(monkeypatch, tmp_path):
@@ -62,7 +62,7 @@ def test_each_version_of_the_emulator_is_rewritten_once_in_a_folder_of_its_own(m
         made.append(cwd)
         return subprocess.CompletedProcess(command, 0, "", "")
 
-    monkeypatch.setattr(emulator.npm, "install", install)
+    monkeypatch.setattr(emulator, "install_packages", install)
     monkeypatch.setattr(emulator.subprocess, "run", rewrite)
     first = emulator._modules("node")
     assert emulator._modules("node") == first and made == [first.parent]
@@ -74,14 +74,14 @@ def test_each_version_of_the_emulator_is_rewritten_once_in_a_folder_of_its_own(m
 @pytest.mark.parametrize("name", ["", "absent/flash.bin", "link"])
 def test_a_flash_that_cannot_be_written_is_refused_before_the_board_starts(monkeypatch, tmp_path, name):
     (tmp_path / "link").symlink_to(tmp_path)
-    monkeypatch.setattr(emulator.npm, "node", lambda: pytest.fail("the board was started"))
+    monkeypatch.setattr(emulator, "find_node", lambda: pytest.fail("the board was started"))
     with pytest.raises(errors.CannotWrite, match=r"cannot write .*: (it is not a file|No such file)"):
-        emulator.command(None, tmp_path / name, 0)
+        emulator.command(None, tmp_path / name)
 
 
 def test_a_board_that_ends_at_its_start_gives_its_last_line_as_the_cause(monkeypatch, capfd):
     code = "import sys; sys.stdin.close(); print('at line 3', file=sys.stderr); sys.exit('the flash does not fit\\n')"
-    monkeypatch.setattr(board.machines, "rp2040", lambda *_args, **_kw: [sys.executable, "-c", code])
+    monkeypatch.setattr(board.emulator, "command", lambda *_args, **_kw: [sys.executable, "-c", code])
     with pytest.raises(errors.CannotOpen, match=r"has ended at its start: the flash does not fit$"):
         board.make_simulation(board.Options(machine="rp2040"))
     assert capfd.readouterr().err == ""

@@ -5,11 +5,10 @@ import random
 import pytest
 from encoder_reader import Reader
 
-from mirrormount.common.errors import BadAddress
-from mirrormount.virtual.bench import Bench, Order
-from mirrormount.virtual.board import open_virtual
-from mirrormount.virtual.encoder import COUNTS_A_REV, NOISE_BITS
-from mirrormount.virtual.profile import PROFILES, ROUGH, SMOOTH
+from mirrormount.errors import BadAddress
+from mirrormount_sim.bench import Bench, Order
+from mirrormount_sim.board import open_virtual
+from mirrormount_sim.mechanics import COUNTS_A_REV, NOISE_BITS, PROFILES, ROUGH, SMOOTH
 
 LETTERS = (b"f", b"r", b"F", b"R", b"fF", b"rF", b"fR", b"oO", b"o", b"O")
 

@@ -2,9 +2,9 @@
 
 import pytest
 
-from mirrormount import Mount
-from mirrormount.common import errors
-from mirrormount.virtual.drivetrain import SWITCH_REV
+from mirrormount import errors
+from mirrormount.device.mount import Mount
+from mirrormount_sim.mechanics import SWITCH_REV
 
 
 @pytest.fixture

@@ -2,10 +2,10 @@
 
 import pytest
 
-from mirrormount.virtual import machines
-from mirrormount.virtual.files import new_files
-from mirrormount.virtual.lockstep import Lockstep
-from mirrormount.virtual.simulation import Simulation
+from mirrormount_sim import machines
+from mirrormount_sim.clocks import Lockstep
+from mirrormount_sim.machines import new_files
+from mirrormount_sim.simulation import Simulation
 
 SECRET = "a-word-that-is-in-no-other-file"
 

@@ -3,8 +3,8 @@
 import pytest
 from transcript import AT_REST, NO_ERROR, opened, sent, started
 
-from mirrormount.common import errors
-from mirrormount.device.mount import Homed
+from mirrormount import errors
+from mirrormount.device.status import Homed
 
 MOVING = "7,200,0|0,0,0,0,1,1|5000,1,-1,0,0,1"
 

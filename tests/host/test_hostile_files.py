@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 from served import run_cli
 
-from mirrormount import Mount
-from mirrormount.cli import demo_square as demo
-from mirrormount.cli.config_verbs import export
-from mirrormount.common import errors, toml_file
+from mirrormount import errors, files
+from mirrormount.cli.config import export
 from mirrormount.device import calibration, settings
+from mirrormount.device.mount import Mount
+from mirrormount_sim import demo
 
 MAX = ("--port", "virtual://?speed=max")
 
@@ -45,7 +45,7 @@ def test_a_hostile_file_of_settings_is_one_line_that_controls_no_terminal(tmp_pa
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("about.json", ("report", "FOLDER")),
+        ("run.sqlite", ("report", "FOLDER/run.sqlite")),
         ("camera.json", ("camera", "show", "--camera", "FOLDER", "--frames", "1")),
         ("calibration.json", ("hold", "--virtual", "--duration", "1", "--calibration", "FOLDER/calibration.json")),
     ],
@@ -82,7 +82,7 @@ def test_a_users_own_link_to_the_scales_is_kept(tmp_path, monkeypatch):
 @pytest.mark.parametrize("name", [".", "", "missing/../.."])
 def test_what_is_no_files_name_is_refused(name):
     with pytest.raises(errors.CannotWrite):
-        toml_file.write(Path(name), "x = 1\n")
+        files.write_atomic(Path(name), "x = 1\n")
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import pytest
 from served import HANG_S
 
 from mirrormount.cli import main
-from mirrormount.virtual import board
+from mirrormount_sim import board
 
 AT_IMPORT = """
 import io, signal, sys
@@ -35,46 +35,15 @@ def run(code: str) -> tuple[int, str]:
     return done.returncode, done.stderr
 
 
-@pytest.mark.parametrize("module", ["mirrormount.cli.main", "mirrormount.common.remedies", "mirrormount.device.mount"])
+@pytest.mark.parametrize("module", ["mirrormount.cli.main", "mirrormount.cli.status", "mirrormount.device.mount"])
 def test_ctrl_c_while_a_module_is_imported_is_one_line(module):
     assert run(f"sys.meta_path.insert(0, At({module!r}, interrupt))") == (130, "mirrormount: stopped\n")
 
 
 def test_ctrl_c_while_the_words_are_parsed_is_one_line(monkeypatch, capsys):
-    def interrupted():
-        raise KeyboardInterrupt
-
     monkeypatch.setattr(main, "parser", interrupted)
     assert main.main(["status"]) == 130
     assert capsys.readouterr().err == "mirrormount: stopped\n"
-
-
-def test_ctrl_c_of_which_an_import_makes_another_error_is_no_fault_of_the_program():
-    code = """
-def act():
-    try:
-        interrupt()
-    except KeyboardInterrupt:
-        raise ImportError("IMPORTANT: PLEASE READ THIS FOR ADVICE")  # as NumPy does
-
-sys.meta_path.insert(0, At("mirrormount.device.mount", act))
-"""
-    assert run(code) == (130, "mirrormount: stopped\n")
-
-
-def test_further_ones_interrupt_neither_the_line_nor_the_end():
-    code = """
-class Stderr(io.TextIOWrapper):
-    def write(self, text):
-        interrupt()
-        return super().write(text)
-
-import atexit
-atexit.register(interrupt)
-sys.stderr = Stderr(sys.stderr.detach(), write_through=True)
-sys.meta_path.insert(0, At("mirrormount.device.mount", interrupt))
-"""
-    assert run(code) == (130, "mirrormount: stopped\n")
 
 
 @pytest.fixture

@@ -5,7 +5,7 @@ import threading
 import pytest
 from served import PATIENCE_S
 
-from mirrormount import Mount
+from mirrormount.device.mount import Mount
 
 
 @pytest.fixture

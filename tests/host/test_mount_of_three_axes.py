@@ -9,14 +9,15 @@ from served import run_cli
 from three_axes import make_firmware, switch_on
 from transcript import AT_REST, IDENTITY, TranscriptPort, opened, second_pair, sent, started
 
-from mirrormount import Limits, Mount
-from mirrormount.cli import main, moving
-from mirrormount.cli.config_verbs import export, import_, load
-from mirrormount.common import errors
+from mirrormount import errors
+from mirrormount.cli import main, motion
+from mirrormount.cli.config import export, import_, load
 from mirrormount.device import calibration
 from mirrormount.device.calibration import Scale, Step
+from mirrormount.device.mount import Mount
 from mirrormount.device.settings import ENCODER
-from mirrormount.transport.lines import Link
+from mirrormount.device.status import Limits
+from mirrormount.transport.link import Link
 
 THREE_AT_REST = f"{AT_REST}|0,0,0,0,1,1"
 
@@ -69,7 +70,7 @@ def test_the_second_pair_of_axes_is_a_mount_of_its_own_and_takes_no_frames():
 def test_a_drive_command_of_the_second_pair_is_refused_as_a_drive_is():
     mount = second_pair()
     with pytest.raises(errors.NotSupported, match="motors 1 and 2"):
-        moving.drive(mount, 100, 0, None)
+        motion.drive_motors(mount, 100, 0, None)
     mount.close()
 
 
@@ -95,7 +96,7 @@ def test_a_step_of_the_third_axis_waits_for_that_axis(monkeypatch):
     monkeypatch.setattr(transcript, "AT_REST", THREE_AT_REST)
     moving = f"{AT_REST}|500,1,1,0,0,1"
     lines = [
-        ("3XP?;3VA?;3SN?", "200000; 2.00; 0"),
+        ("3XP?;3VA?", "200000; 2.00"),
         *started("3PR1"),
         ("XS?", moving),
         ("XS?", THREE_AT_REST),

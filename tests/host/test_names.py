@@ -6,11 +6,11 @@ from types import SimpleNamespace
 import pytest
 from served import run_cli
 
-import mirrormount.transport.find
-from mirrormount import Mount
+import mirrormount.transport.discovery
+from mirrormount import errors
 from mirrormount.cli import main
-from mirrormount.common import errors
-from mirrormount.device import named, table_file
+from mirrormount.device import table_file
+from mirrormount.device.mount import Mount
 from mirrormount.device.table_file import CameraEntry, MountEntry, TableFile
 
 BOARD = "e6616408432f5a21"
@@ -28,7 +28,7 @@ def table(tmp_path, monkeypatch) -> Path:
 def plugged(monkeypatch) -> None:
     """One board is plugged in, which nobody may open."""
     port = SimpleNamespace(device="/dev/ttyACM7", vid=0x2E8A, pid=5, serial_number=BOARD.upper())
-    monkeypatch.setattr(mirrormount.transport.find.list_ports, "comports", lambda: [port])
+    monkeypatch.setattr(mirrormount.transport.discovery.list_ports, "comports", lambda: [port])
 
 
 def test_a_mount_is_opened_by_its_name_with_its_axis_of_x(table):
@@ -55,22 +55,22 @@ def test_another_file_may_be_named_before_or_behind_the_command(table):
 
 def test_a_board_is_found_by_its_id_wherever_it_is_plugged_in(table, plugged):
     table.write_text(f'[mounts.near]\nboard = "{BOARD}"\n[mounts.far]\nboard = "e000000000000000"\n')
-    assert named.place_of("near") == ("/dev/ttyACM7", 2)
+    assert table_file.find_port("near") == ("/dev/ttyACM7", 2)
     with pytest.raises(errors.NoBoardFound, match=r"far: the board e0+ is not plugged in \(there: /dev/ttyACM7\)"):
-        named.place_of("far")
-    assert named.addresses() == ["/dev/ttyACM7"]
+        table_file.find_port("far")
+    assert table_file.table_addresses() == ["/dev/ttyACM7"]
 
 
 def test_a_name_that_the_table_lacks_is_told_with_those_that_it_has(table):
     table.write_text('[mounts.near]\nport = "virtual://"\n')
     with pytest.raises(errors.BadAddress, match=r"nare is no port, and no mount of .*: that has near"):
-        named.place_of("nare")
+        table_file.find_port("nare")
 
 
 def test_ports_and_files_are_no_names(table):
     table.write_text("this is read by nobody")
     for address in ("/dev/ttyACM0", "COM4", "com12", "socket://h:1", "virtual://", "", "1", str(table)):
-        assert named.place_of(address) == (address, None)
+        assert table_file.find_port(address) == (address, None)
 
 
 def test_what_is_written_is_read(table):

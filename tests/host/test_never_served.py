@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from served import wait_for
 
-from mirrormount import Mount
+from mirrormount.device.mount import Mount
 
 
 def write_and_leave(address: str | Path, data: bytes) -> None:

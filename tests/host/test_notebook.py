@@ -5,8 +5,8 @@ import html
 import pytest
 from served import ServedBoard
 
-from mirrormount import Mount
-from mirrormount.common import errors
+from mirrormount import errors
+from mirrormount.device.mount import Mount
 
 
 @pytest.fixture

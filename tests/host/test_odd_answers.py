@@ -7,7 +7,7 @@ import pytest
 
 from mirrormount.cli import main
 from mirrormount.device import mount
-from mirrormount.virtual.board import LockstepPort, open_virtual
+from mirrormount_sim.board import LockstepPort, open_virtual
 
 ODD = (
     b"",

@@ -11,9 +11,9 @@ from types import SimpleNamespace
 import pytest
 import serial
 
-from mirrormount.cli import virtual_board as virtual
-from mirrormount.common import errors
-from mirrormount.transport import failures
+from mirrormount import errors
+from mirrormount.transport import ports as ports_module
+from mirrormount_sim import cli as virtual
 
 WITHOUT_POSIX = """
 import importlib, os, pkgutil, sys
@@ -41,7 +41,7 @@ def test_the_host_imports_and_drives_a_virtual_board_without_posix_modules(platf
 @pytest.fixture
 def windows(monkeypatch):
     monkeypatch.setattr(virtual, "os", SimpleNamespace(name="nt", strerror=str))
-    monkeypatch.setattr(failures.sys, "platform", "win32")
+    monkeypatch.setattr(ports_module.sys, "platform", "win32")
 
 
 def test_on_windows_a_virtual_board_is_served_on_tcp(windows):
@@ -64,12 +64,12 @@ def test_on_windows_a_port_that_does_not_open_is_busy_if_it_is_there_and_absent_
 ):
     # pyserial gives no error number there, so the list of ports decides
     ports = [SimpleNamespace(device=device) for device in present]
-    monkeypatch.setattr(failures.list_ports, "comports", lambda: ports)
-    assert type(failures.open_error("com4", serial.SerialException("could not open port"))) is error
+    monkeypatch.setattr(ports_module.list_ports, "comports", lambda: ports)
+    assert type(ports_module.explain_open_error("com4", serial.SerialException("could not open port"))) is error
 
 
 def test_on_windows_permission_denied_does_not_name_linux(windows):
-    assert "dialout" not in str(failures.open_error("COM4", PermissionError(13, "Access is denied")))
+    assert "dialout" not in str(ports_module.explain_open_error("COM4", PermissionError(13, "Access is denied")))
 
 
 @pytest.mark.parametrize(
@@ -88,5 +88,5 @@ def test_on_windows_permission_denied_does_not_name_linux(windows):
     ],
 )
 def test_each_cause_of_a_port_that_does_not_open_has_its_error(monkeypatch, cause, error):
-    monkeypatch.setattr(failures.sys, "platform", "linux")
-    assert type(failures.open_error("/dev/ttyTEST", cause)) is error
+    monkeypatch.setattr(ports_module.sys, "platform", "linux")
+    assert type(ports_module.explain_open_error("/dev/ttyTEST", cause)) is error

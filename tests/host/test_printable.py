@@ -2,7 +2,7 @@
 
 import pytest
 
-from mirrormount.common.printable import printable
+from mirrormount.terminal import printable
 
 
 @pytest.mark.parametrize(

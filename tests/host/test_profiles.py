@@ -7,14 +7,13 @@ import numpy as np
 import pytest
 from pulsed_bench import Driver
 
-from mirrormount.cli.command import virtual_address
+from mirrormount.cli.arguments import virtual_address
 from mirrormount.cli.main import main, parser
-from mirrormount.common.errors import BadAddress
 from mirrormount.device.mount import Mount
-from mirrormount.virtual.bench import Bench
-from mirrormount.virtual.drivetrain import Drivetrain
-from mirrormount.virtual.profile import ROUGH, SMOOTH, Profile
-from mirrormount.virtual.query import profile_named
+from mirrormount.errors import BadAddress
+from mirrormount_sim.bench import Bench
+from mirrormount_sim.board import profile_named
+from mirrormount_sim.mechanics import ROUGH, SMOOTH, Drivetrain, Profile
 
 # where the spot of a bench with seed 1 was, in mm, after each of these, before there were profiles
 SMOOTH_WAY = (

@@ -5,7 +5,7 @@ import struct
 
 import pytest
 
-from mirrormount.common.progress import StatusLine
+from mirrormount.terminal import StatusLine
 
 termios = pytest.importorskip("termios")
 fcntl = pytest.importorskip("fcntl")

@@ -1,7 +1,7 @@
 """The way to a board's Python prompt, on a board that is slow to come to it."""
 
 from mirrormount.deploy import prompt
-from mirrormount.transport.lines import Link
+from mirrormount.transport.link import Link
 
 
 class SlowBoard:

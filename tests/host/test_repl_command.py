@@ -9,12 +9,12 @@ from pathlib import Path
 import pytest
 from served import PATIENCE_S, SCRIPT, run_cli, set_traps, wait_for
 
-from mirrormount import Mount
-from mirrormount.common.errors import EmulatorMissing
-from mirrormount.transport.lines import Link
-from mirrormount.transport.serial_port import SerialPort
-from mirrormount.virtual import machines
-from mirrormount.virtual.files import new_files
+from mirrormount.device.mount import Mount
+from mirrormount.errors import EmulatorMissing
+from mirrormount.transport.link import Link
+from mirrormount.transport.ports import SerialPort
+from mirrormount_sim import machines
+from mirrormount_sim.machines import new_files
 
 STEP_US = 200_000
 
@@ -67,7 +67,7 @@ def serve_vm(serve):
 
 def test_mirrormount_repl_opens_the_prompt_with_m_and_starts_the_firmware_again(serve_vm):
     served = serve_vm()
-    port = SerialPort(str(served.link), 115200)
+    port = SerialPort(str(served.link))
     port.write(b"2MV+\n")  # somebody left a motor running
     wait_for(served.driving, "a motor that runs")
     port.close()
@@ -116,7 +116,7 @@ def test_a_stop_ends_a_move_at_the_prompt_while_repl_has_the_port(serve_vm):
 
 def test_a_stop_ends_a_move_at_the_prompt_that_nobody_has_open_any_more(serve_vm):
     served = serve_vm()
-    port = SerialPort(str(served.link), 115200)
+    port = SerialPort(str(served.link))
     port.write(b"\x03")
     said = bytearray()
     wait_for(lambda: said.extend(port.read(0.1)) or b">>> " in said, "the prompt")
@@ -145,7 +145,7 @@ def test_a_board_without_the_firmware_is_named_as_such_and_left_at_its_prompt(se
     terminal = Terminal(str(board.link))
     terminal.until(b"deploy it")
     assert terminal.end() == 1
-    port = SerialPort(str(board.link), 115200)
+    port = SerialPort(str(board.link))
     port.write(b"1+1\r")
     assert b"2" in Link(port).drain(1.0)
     port.close()

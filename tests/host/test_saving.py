@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 from test_repl import PROMPT
 
-from mirrormount.common.errors import EmulatorMissing
-from mirrormount.virtual.board import Options, make_simulation
-from mirrormount.virtual.files import new_files
-from mirrormount.virtual.lockstep import Lockstep
-from mirrormount.virtual.simulation import START_US
+from mirrormount.errors import EmulatorMissing
+from mirrormount_sim.board import Options, make_simulation
+from mirrormount_sim.clocks import Lockstep
+from mirrormount_sim.machines import new_files
+from mirrormount_sim.simulation import START_US
 
 RECORDED_US = 10_800_000
 SWITCHED_ON = Callable[[], Lockstep]

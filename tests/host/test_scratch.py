@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from mirrormount.common.scratch import scratch_folder
-from mirrormount.common.signals import Terminated
+from mirrormount.files import scratch_folder
+from mirrormount.terminal import Terminated
 
 
 @pytest.fixture(autouse=True)

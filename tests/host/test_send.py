@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 from served import PATIENCE_S, run_cli, wait_for
 
-from mirrormount import Mount, __version__
-from mirrormount.common import errors
+from mirrormount import __version__, errors
+from mirrormount.device.mount import Mount
 
 MAX = "virtual://?speed=max"
 

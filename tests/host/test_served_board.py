@@ -12,8 +12,8 @@ import sys
 import pytest
 from served import PATIENCE_S, ServedBoard, run_cli, wait_for
 
-from mirrormount import Mount
-from mirrormount.common import errors
+from mirrormount import errors
+from mirrormount.device.mount import Mount
 
 KEEP_ALIVE_US = 500_000
 
@@ -284,7 +284,6 @@ def test_options_that_cannot_be_are_one_line(serve, tmp_path):
         ["--link", str(tmp_path / "file")],
         ["--link", str(tmp_path / "none" / "mount")],
         ["--tcp", "0", "--edges", str(tmp_path / "none" / "edges")],
-        ["--tcp", "0", "--speed", "max"],
         ["--link", ""],
         ["--tcp", "0", "--edges", ""],
         ["--tcp", "0", "--link", str(serve().link)],

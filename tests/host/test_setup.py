@@ -6,14 +6,13 @@ import pytest
 from setup_person import Person, set_up
 from three_axes import make_firmware, switch_on
 
-from mirrormount import Mount
-from mirrormount.cli.dialogue import Dialogue
-from mirrormount.cli.setup_course import run_course
-from mirrormount.common import errors
+from mirrormount import errors
+from mirrormount.cli.setup import Dialogue, run_course
 from mirrormount.device import calibration
-from mirrormount.device.scale_fit import Marks, beam_per_mirror, measure
-from mirrormount.transport.lines import Link
-from mirrormount.virtual.bench import SCREEN_MM
+from mirrormount.device.calibration import Marks, beam_per_mirror, measure_scale
+from mirrormount.device.mount import Mount
+from mirrormount.transport.link import Link
+from mirrormount_sim.bench import SCREEN_MM
 
 pytestmark = pytest.mark.usefixtures("own_folder")
 
@@ -191,7 +190,7 @@ def test_the_arithmetic_gives_back_what_made_the_marks():
     def mm(steps: float) -> float:
         return distance * math.tan(2 * mrad * 1e-3 * steps)
 
-    found = measure(Marks(0, mm(n), mm(lost), mm(lost - n), mm(0)), n, distance, beam_per_mirror("x", 45))
+    found = measure_scale(Marks(0, mm(n), mm(lost), mm(lost - n), mm(0)), n, distance, beam_per_mirror("x", 45))
     assert found.positive == pytest.approx(mrad)
     assert found.negative == pytest.approx(mrad, rel=1e-4)
     assert found.lost == pytest.approx((lost, lost), abs=1e-3)

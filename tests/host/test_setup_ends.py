@@ -10,11 +10,11 @@ from full_disk import run_with_room
 from served import HANG_S, run_cli
 from setup_person import Person, set_up
 
-from mirrormount.cli import main, setup, setup_course
-from mirrormount.cli.setup_course import run_course
-from mirrormount.common import errors
+from mirrormount import errors
+from mirrormount.cli import main, setup
+from mirrormount.cli.setup import run_course
 from mirrormount.device import calibration, settings
-from mirrormount.virtual.bench import SCREEN_MM
+from mirrormount_sim.bench import SCREEN_MM
 
 pytestmark = pytest.mark.usefixtures("own_folder")
 
@@ -58,7 +58,7 @@ def test_a_signal_ends_setup_and_a_further_ctrl_c_leaves_nothing_changed_either(
 
     monkeypatch.setattr(settings, "put_back", interrupted)
     monkeypatch.setattr(setup, "open_mount", lambda _args: contextlib.nullcontext(mount))
-    monkeypatch.setattr(setup_course, "run_course", lambda mount: run_course(mount, answer, person.say))
+    monkeypatch.setattr(setup, "run_course", lambda mount: run_course(mount, answer, person.say))
     assert main.main(["setup"]) == status
     assert not signals and "nothing was saved" in person.said[-1]
     assert mount.settings() == before

@@ -9,10 +9,9 @@ from types import SimpleNamespace
 import pytest
 from served import HANG_S, PATIENCE_S, wait_for
 
-import mirrormount.transport.find
-from mirrormount import Mount
+import mirrormount.transport.discovery
 from mirrormount.cli import main, stop
-from mirrormount.common.errors import NoAnswer
+from mirrormount.device.session import Session
 
 # on a busy computer a board in real time answers later than its client waits
 pytestmark = pytest.mark.usefixtures("runtime")
@@ -21,7 +20,7 @@ pytestmark = pytest.mark.usefixtures("runtime")
 def plug_in(monkeypatch, *addresses: object) -> None:
     """These look like boards with MicroPython, and nothing else is plugged in."""
     ports = [SimpleNamespace(device=str(a), vid=0x2E8A, pid=5, serial_number=None) for a in addresses]
-    monkeypatch.setattr(mirrormount.transport.find.list_ports, "comports", lambda: ports)
+    monkeypatch.setattr(mirrormount.transport.discovery.list_ports, "comports", lambda: ports)
 
 
 @pytest.fixture(autouse=True)
@@ -145,8 +144,9 @@ def test_a_program_that_opens_a_port_while_others_are_asked_is_asked_too(board, 
 
 def test_a_program_that_does_not_answer_delays_no_other_boards_stop(board, monkeypatch):
     opened = threading.Event()
-    monkeypatch.setattr(Mount, "open", lambda _address: opened.set() or SimpleNamespace(close=str))
-    monkeypatch.setattr(stop, "_ask", lambda _owners: [] if opened.wait(PATIENCE_S) else [NoAnswer("it waited")])
+    monkeypatch.setattr(Session, "open", lambda _address: opened.set() or SimpleNamespace(close=str))
+    monkeypatch.setattr(stop, "_ask", lambda _owner: "stopped" if opened.wait(PATIENCE_S) else pytest.fail("it waited"))
+    monkeypatch.setattr(stop, "owners", lambda address=None: [] if address else [stop.Owner(1, "a program")])
     plug_in(monkeypatch, board.link)
     assert main.main(["stop"]) == 0
 
@@ -174,7 +174,7 @@ def test_ctrl_c_does_not_say_that_all_have_stopped(monkeypatch, capsys):
 
 def test_all_are_stopped_at_the_same_time(monkeypatch, capsys):
     together = threading.Barrier(2, timeout=PATIENCE_S)
-    monkeypatch.setattr(Mount, "open", lambda address: together.wait() is not None and SimpleNamespace(close=str))
+    monkeypatch.setattr(Session, "open", lambda address: together.wait() is not None and SimpleNamespace(close=str))
     plug_in(monkeypatch, "/dev/ttyACM0", "/dev/ttyACM1")
     assert main.main(["stop"]) == 0
     assert sorted(capsys.readouterr().out.splitlines()) == ["/dev/ttyACM0: stopped", "/dev/ttyACM1: stopped"]

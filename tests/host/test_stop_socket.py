@@ -13,12 +13,11 @@ from pathlib import Path
 import pytest
 from served import PATIENCE_S, run_cli, wait_for
 
-from mirrormount import Mount
+from mirrormount import errors
 from mirrormount.cli import main
-from mirrormount.common import errors
-from mirrormount.transport import stop_socket, stoppable
-from mirrormount.transport.stop_socket import SENT, STOPPED, ask, ask_all, owners
-from mirrormount.transport.stoppable import Stoppable, held_here
+from mirrormount.device.mount import Mount
+from mirrormount.transport import stop_socket
+from mirrormount.transport.stop_socket import SENT, STOPPED, StopListener, ask, ask_all, held_here, owners
 
 if os.name != "posix":
     pytest.skip("Unix sockets need POSIX", allow_module_level=True)
@@ -89,7 +88,7 @@ def test_a_port_goes_by_its_real_path_and_is_known_to_its_process_while_open(boa
 
 
 def test_only_this_user_gets_at_the_socket(runtime):
-    owner = Stoppable(["/dev/ttyTEST"], lambda: SENT)
+    owner = StopListener(["/dev/ttyTEST"], lambda: SENT)
     try:
         (path,) = runtime.iterdir()
         assert stat.S_IMODE(runtime.stat().st_mode) == 0o700
@@ -102,7 +101,7 @@ def test_only_this_user_gets_at_the_socket(runtime):
 def test_a_folder_that_others_can_read_is_closed_to_them(runtime):
     runtime.mkdir(mode=0o777)
     runtime.chmod(0o777)
-    Stoppable(["/dev/ttyTEST"], lambda: SENT).close()
+    StopListener(["/dev/ttyTEST"], lambda: SENT).close()
     assert stat.S_IMODE(runtime.stat().st_mode) == 0o700
 
 
@@ -116,7 +115,7 @@ def test_what_a_killed_program_left_is_removed(board, holder, runtime):
 
 def test_looking_for_owners_stops_nothing_and_neither_does_silence(runtime):
     stops = []
-    owner = Stoppable(["/dev/ttyTEST", "socket://127.0.0.1:1"], lambda: stops.append(1) or SENT)
+    owner = StopListener(["/dev/ttyTEST", "socket://127.0.0.1:1"], lambda: stops.append(1) or SENT)
     try:
         (found,) = owners()
         assert found.pid == os.getpid()
@@ -131,9 +130,9 @@ def test_looking_for_owners_stops_nothing_and_neither_does_silence(runtime):
 
 def test_another_user_at_the_socket_stops_nothing(runtime, monkeypatch):
     stops = []
-    owner = Stoppable(["/dev/ttyTEST"], lambda: stops.append(1) or SENT)
+    owner = StopListener(["/dev/ttyTEST"], lambda: stops.append(1) or SENT)
     try:
-        monkeypatch.setattr(stoppable, "_user", lambda _connection: os.getuid() + 1)
+        monkeypatch.setattr(stop_socket, "_user", lambda _connection: os.getuid() + 1)
         with pytest.raises(errors.NoAnswer, match="has the port"):
             ask(owners()[0])
         assert stops == []
@@ -141,11 +140,10 @@ def test_another_user_at_the_socket_stops_nothing(runtime, monkeypatch):
         owner.close()
 
 
-@pytest.mark.parametrize("words", [(), ("--sketch",)])
-def test_a_stop_of_a_sketch_goes_through_the_program_that_has_its_port(words, capsys):
-    owner = Stoppable(["/dev/ttyTEST"], lambda: STOPPED)
+def test_a_stop_goes_through_the_program_that_has_its_port(capsys):
+    owner = StopListener(["/dev/ttyTEST"], lambda: STOPPED)
     try:
-        assert main.main(["stop", "--port", "/dev/ttyTEST", *words]) == 0
+        assert main.main(["stop", "--port", "/dev/ttyTEST"]) == 0
         assert capsys.readouterr().out.startswith("stopped (by process ")
     finally:
         owner.close()
@@ -155,7 +153,7 @@ def test_an_owner_that_cannot_stop_says_why():
     def fail() -> str:
         raise errors.ConnectionLost("the port has gone")
 
-    owner = Stoppable(["/dev/ttyTEST"], fail)
+    owner = StopListener(["/dev/ttyTEST"], fail)
     try:
         with pytest.raises(errors.NoAnswer, match="the port has gone"):
             ask(owners()[0])
@@ -172,7 +170,7 @@ def test_a_program_that_closes_the_port_as_it_is_asked_is_no_obstacle(board):
         owner.close()
         raise errors.ConnectionLost("this Mount was closed: open it again")
 
-    owner = Stoppable([str(board.link)], leave)
+    owner = StopListener([str(board.link)], leave)
     run = run_cli("stop", "--port", str(board.link))
     assert (run.returncode, run.stdout, run.stderr) == (0, "stopped\n", "")
     assert not board.driving()
@@ -181,12 +179,12 @@ def test_a_program_that_closes_the_port_as_it_is_asked_is_no_obstacle(board):
 def test_a_port_works_where_no_socket_can_be_made(board, runtime):
     runtime.symlink_to("/nowhere/at/all")
     with Mount.open(str(board.link)) as mount:
-        assert mount.session.stoppable.why_not
+        assert mount.session.stop_listener.why_not
         mount.x.step(1)
 
 
 def test_many_askers_at_once_are_all_answered():
-    owner = Stoppable(["/dev/ttyTEST"], lambda: STOPPED)
+    owner = StopListener(["/dev/ttyTEST"], lambda: STOPPED)
     try:
         (found,) = owners()
         answers = []
@@ -202,7 +200,7 @@ def test_many_askers_at_once_are_all_answered():
 
 def test_stop_imports_next_to_nothing():
     code = (
-        "import sys; from mirrormount.cli import main; main.parser();"
+        "import sys; from mirrormount.cli import main; main.parser(['stop']);"
         "from mirrormount.transport import stop_socket; print(*{m.partition('.')[0] for m in sys.modules})"
     )
     names = set(subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split())
@@ -254,7 +252,7 @@ def test_all_are_asked_at_once():
         together.wait(PATIENCE_S)  # breaks if one is asked after the other
         return STOPPED
 
-    asked = [Stoppable([f"/dev/ttyTEST{i}"], stop) for i in range(3)]
+    asked = [StopListener([f"/dev/ttyTEST{i}"], stop) for i in range(3)]
     try:
         assert ask_all(owners(), PATIENCE_S) == [STOPPED] * 3
     finally:
@@ -263,14 +261,14 @@ def test_all_are_asked_at_once():
 
 
 def test_a_socket_left_by_a_dead_program_of_the_same_number_is_in_nobodys_way(runtime):
-    earlier = Stoppable(["/dev/ttyTEST"], lambda: SENT)
+    earlier = StopListener(["/dev/ttyTEST"], lambda: SENT)
     earlier.close()
     names = ["/dev/ttyTEST", "socket://127.0.0.1:1"]
     for name in names:
         path = runtime / f"{stop_socket._key(name)}.{os.getpid()}.{earlier._number + 1}.stop"
         with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as dead:
             dead.bind(str(path))
-    owner = Stoppable(names, lambda: STOPPED)
+    owner = StopListener(names, lambda: STOPPED)
     try:
         assert owner.why_not is None
         assert [ask(found) for found in owners("socket://127.0.0.1:1")] == [STOPPED]
@@ -281,19 +279,21 @@ def test_a_socket_left_by_a_dead_program_of_the_same_number_is_in_nobodys_way(ru
 @pytest.mark.parametrize("which", ["the same", "another"])
 def test_one_that_is_closed_while_a_socket_is_made_anew_leaves_nothing(runtime, monkeypatch, which):
     """The collector of garbage closes that of a forgotten Mount in any thread, so also in one that is in there."""
-    monkeypatch.setattr(stoppable, "_PRESENT_S", 0.01)
+    monkeypatch.setattr(stop_socket, "_PRESENT_S", 0.01)
     before, closed = set(threading.enumerate()), threading.Event()
-    opened = [Stoppable([f"/dev/ttyTEST{i}"], lambda: STOPPED) for i in range(2)]
+    opened = [StopListener([f"/dev/ttyTEST{i}"], lambda: STOPPED) for i in range(2)]
     threads = set(threading.enumerate()) - before
     forgotten = opened.pop(0 if which == "the same" else 1)
+    make_folder = stop_socket._make_folder
 
     def collect() -> Path:
         forgotten.close()
         closed.set()
-        return stop_socket.make_folder()
+        return make_folder()
 
-    monkeypatch.setattr(stoppable, "make_folder", collect)
-    owners("/dev/ttyTEST0")[0].path.unlink()
+    (owner,) = owners("/dev/ttyTEST0")
+    monkeypatch.setattr(stop_socket, "_make_folder", collect)
+    owner.path.unlink()
     assert closed.wait(PATIENCE_S)
     opened[0].close()
     for thread in threads:
@@ -304,7 +304,7 @@ def test_one_that_is_closed_while_a_socket_is_made_anew_leaves_nothing(runtime, 
 
 
 def test_what_is_no_socket_is_left_alone_and_stops_no_stop(runtime):
-    owner = Stoppable(["/dev/ttyTEST"], lambda: STOPPED)
+    owner = StopListener(["/dev/ttyTEST"], lambda: STOPPED)
     try:
         (runtime / "aa.1.1.stop").mkdir()
         (runtime / "bb.1.1.stop").write_text("a file")
@@ -316,7 +316,7 @@ def test_what_is_no_socket_is_left_alone_and_stops_no_stop(runtime):
 
 @pytest.mark.parametrize("name", ["socket://localhost:1", "socket://127.0.0.1:1/"])
 def test_a_served_board_goes_by_each_name_of_this_computer(name):
-    owner = Stoppable(["socket://127.0.0.1:1"], lambda: STOPPED)
+    owner = StopListener(["socket://127.0.0.1:1"], lambda: STOPPED)
     try:
         assert len(owners(name)) == 1
     finally:
@@ -339,7 +339,7 @@ def test_a_folder_that_is_not_this_users_is_said_and_not_used(runtime, tmp_path)
     runtime.symlink_to(tmp_path)
     run = run_cli("stop")
     assert run.returncode == 1 and f"{runtime} belongs to somebody else" in run.stderr
-    owner = Stoppable(["/dev/ttyTEST"], lambda: SENT)
+    owner = StopListener(["/dev/ttyTEST"], lambda: SENT)
     owner.close()
     assert owner.why_not == f"{runtime} belongs to somebody else" and list(tmp_path.iterdir()) == []
 
@@ -359,7 +359,7 @@ def test_a_program_that_has_too_many_files_open_takes_stops_again_when_it_has_cl
         return STOPPED
 
     monkeypatch.setattr(socket.socket, "accept", accept_later)
-    owner = Stoppable(["/dev/nothing"], stop)
+    owner = StopListener(["/dev/nothing"], stop)
     try:
         assert ask(owners("/dev/nothing")[0]) == STOPPED
         assert refused and took.is_set()

@@ -6,10 +6,10 @@ from collections.abc import Callable
 import pytest
 from served import PATIENCE_S
 
-from mirrormount import Mount
-from mirrormount.cli import command_line, main, moving
-from mirrormount.common import errors
-from mirrormount.transport.port import Port
+from mirrormount import errors
+from mirrormount.cli import board, main, motion
+from mirrormount.device.mount import Mount
+from mirrormount.transport.ports import Port
 
 
 @pytest.fixture
@@ -148,12 +148,12 @@ def test_a_block_of_one_thread_is_no_block_of_another(mount):
 @pytest.mark.parametrize(
     ("work", "words"),
     [
-        (moving, "step x 3"),
-        (moving, "move x 3"),
-        (moving, "home x"),
-        (moving, "jog x 0.5 --seconds 1"),
-        (moving, "drive 100 100 --seconds 1"),
-        (command_line, "send 2PR3"),
+        (motion, "step x 3"),
+        (motion, "move x 3"),
+        (motion, "home x"),
+        (motion, "jog x 0.5 --seconds 1"),
+        (motion, "drive 100 100 --seconds 1"),
+        (board, "send 2PR3"),
     ],
 )
 def test_a_stop_that_finds_a_command_before_its_motion_is_for_that_motion(monkeypatch, capsys, work, words):

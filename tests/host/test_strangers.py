@@ -1,4 +1,4 @@
-"""What else may answer at a port: a prompt, a board without firmware, the paper's sketch, an instrument."""
+"""What else may answer at a port: a prompt, a board without firmware, an instrument."""
 
 import contextlib
 import math
@@ -7,23 +7,19 @@ import socket
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import pytest
 from served import PATIENCE_S
 
-from mirrormount import Mount
-from mirrormount.common import errors
-from mirrormount.device import arduino_sketch
-from mirrormount.device.arduino_sketch import SketchMount
-from mirrormount.device.handshake import identify
-from mirrormount.transport.lines import Link
-from mirrormount.transport.telnet import GREETING
-from mirrormount.virtual import machines
-from mirrormount.virtual.lockstep import Lockstep
-from mirrormount.virtual.simulation import Simulation
+from mirrormount import errors
+from mirrormount.device.mount import Mount
+from mirrormount.device.session import identify
+from mirrormount.transport.link import GREETING, Link
+from mirrormount_sim import machines
+from mirrormount_sim.clocks import Lockstep
+from mirrormount_sim.simulation import Simulation
 
 
 @contextmanager
@@ -187,148 +183,6 @@ def test_ctrl_c_twice_in_a_pulse_leaves_the_motors_off(at_us):
     assert board.simulation.bench.drive("m1") is None
     assert board.simulation.bench.drive("m2") is None
     board.close()
-
-
-class Sketch:
-    """The paper's sketch as measured (docs/protocol.md): deaf for 143 ms after a frame, and to what
-    arrives within 32 ms of another only as one string, of which it obeys the first 8 characters."""
-
-    lockstep = True
-
-    def __init__(self) -> None:
-        self.us = 0
-        self.heard: list[tuple[int, bytes]] = []
-        self.obeyed: list[tuple[int, bytes]] = []  # (us, frame)
-        self.out: list[tuple[int, bytes]] = []
-
-    def monotonic(self) -> float:
-        return self.us * 1e-6
-
-    def sleep(self, seconds: float) -> None:
-        self.us += round(seconds * 1e6)
-        while self.heard and self.us - self.heard[0][0] >= 34_600:
-            start = self.heard[0][0]
-            text = b"".join(data for at, data in self.heard if at - start <= 32_000)
-            self.heard = [(max(at, start + 143_000), data) for at, data in self.heard if at - start > 32_000]
-            n1, n2 = (int(field) if field.lstrip(b"+-").isdigit() else 0 for field in (text[:4], text[4:8]))
-            self.obeyed.append((start + 34_600, text[:8]))
-            echo = b"".join(b"%s\r\n" % x for x in (text, b"%d" % n1, b"%d" % n2, b"%d" % abs(n1), b"%d" % abs(n2)))
-            self.out.append((start + 90_000, echo))
-
-    def read(self, timeout_s: float) -> bytes:
-        end = self.us + round(timeout_s * 1e6)
-        while self.us < end:
-            self.sleep(0.001)
-            if self.out and self.out[0][0] <= self.us:
-                return self.out.pop(0)[1]
-        return b""
-
-    def write(self, data: bytes) -> None:
-        self.heard.append((self.us, data))
-
-    def close(self) -> None:
-        pass
-
-
-def test_the_papers_sketch_loses_nothing_that_is_sent_to_it():
-    sketch = Sketch()
-    mount = SketchMount(Link(sketch))
-    assert sketch.us >= 2_000_000  # it waited for the Arduino's reset
-    mount.x.step(3)
-    mount.y.step(-1)
-    frames = [frame for _, frame in sketch.obeyed]
-    start = frames.index(b"00000255")
-    assert frames[start:] == [b"00000255", b"00000000"] * 3 + [b"-2550000", b"00000000"]
-
-
-def test_a_board_with_mountfw_is_not_driven_as_a_sketch(board):
-    with pytest.raises(errors.NotAMount, match="leave --sketch out"):
-        SketchMount.open(board.tcp)
-
-
-def test_steps_on_the_sketch_last_about_as_long_as_the_papers():
-    sketch = Sketch()
-    SketchMount(Link(sketch)).x.step(5)
-    lengths = [off - on for (on, frame), (off, _) in pairwise(sketch.obeyed) if frame == b"00000255"]
-    assert all(abs(us - 200_000) < 5_000 for us in lengths), lengths
-
-
-@pytest.mark.parametrize("speed", [1.001, -1.001, 0, 0.001, float("nan"), "1"])
-def test_a_jog_speed_that_is_none_is_refused_and_not_sent_to_the_sketch(speed):
-    sketch = Sketch()
-    mount = SketchMount(Link(sketch))
-    before = list(sketch.obeyed)
-    with pytest.raises(errors.BadValue, match="a jog's speed"):
-        mount.x.jog(speed)
-    sketch.sleep(1)
-    assert sketch.obeyed == before
-
-
-def test_a_stop_reaches_the_sketch_even_right_after_another_frame():
-    sketch = Sketch()
-    mount = SketchMount(Link(sketch))
-    mount.link.write(b"02550000")  # another client's frame, unconfirmed
-    mount.stop()
-    assert sketch.obeyed[-1][1] == b"00000000"
-
-
-class StoppedSketch(Sketch):
-    """Calls `stop` at a time, or as soon as nobody holds the lock: a thread of the stop socket waits for it, too."""
-
-    at_us = 1 << 62
-
-    def sleep(self, seconds: float) -> None:
-        super().sleep(seconds)
-        if self.us >= self.at_us and not self.lock._is_owned():
-            self.at_us = 1 << 62
-            self.stop()
-
-
-@pytest.mark.parametrize(
-    "motion",
-    [
-        lambda mount: mount.x.step(50),
-        lambda mount: (mount.x.jog(1), mount.sleep(3600)),
-        lambda mount: (mount.drive(255, -255), mount.sleep(3600)),
-    ],
-    ids=["step", "jog", "drive"],
-)
-@pytest.mark.parametrize("after_us", [1_000, 40_000, 100_000, 250_000, 300_000, 430_000, 777_000])
-def test_a_stop_of_another_program_ends_a_motion_of_the_sketch(monkeypatch, motion, after_us):
-    sketch, asked = StoppedSketch(), []
-    monkeypatch.setattr(arduino_sketch, "open_port", lambda _address, baud: sketch)
-    monkeypatch.setattr(arduino_sketch, "Stoppable", lambda names, stop: asked.append((names, stop)) or None)
-    mount = SketchMount.open("/dev/ttyTEST")
-    ((names, sketch.stop),) = asked
-    sketch.lock = mount.link.lock
-    assert names == ["/dev/ttyTEST"]
-    sketch.at_us = sketch.us + after_us
-    with pytest.raises(errors.MountError, match="another program has stopped"):
-        motion(mount)
-    sketch.sleep(1)
-    stopped = sketch.us - 1_000_000
-    assert sketch.obeyed[-1][1] == b"00000000"
-    assert [frame for us, frame in sketch.obeyed if us > stopped and frame != b"00000000"] == []
-    mount.x.step(1)  # what is asked for after the stop is done
-
-
-def test_what_the_sketch_cannot_do_is_told_and_not_invented():
-    mount = SketchMount(Link(Sketch()))
-    for question in (lambda: mount.x.position, lambda: mount.x.move_to(3), mount.status):
-        with pytest.raises(errors.NotSupported, match="sketch"):
-            question()
-
-
-def test_leaving_the_block_stops_the_sketch():
-    sketch = Sketch()
-    with SketchMount(Link(sketch)) as mount:
-        mount.drive(255, 0)
-    assert sketch.obeyed[-1][1] == b"00000000"
-
-
-def test_an_arduino_that_does_not_answer_is_not_called_stopped():
-    with answering(lambda data: b"") as address, pytest.raises(errors.NotAMount, match="sketch"):
-        SketchMount.open(address)
 
 
 def test_a_file_called_this_goes_before_the_boards_own(tmp_path: Path):

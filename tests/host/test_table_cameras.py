@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from centroids import centroid
 
-from mirrormount.common.beam_errors import CameraBlack, CameraGone, CameraRepeats, CameraSizeChanged
-from mirrormount.virtual.sensor import EXPOSURE_S, Sensor
-from mirrormount.virtual.table_camera import FRAMES_S, LATENCY_S, TableCamera, Timing
-from mirrormount.virtual.table_clock import LockstepClock
+from mirrormount_beam.errors import CameraBlack, CameraGone, CameraRepeats, CameraSizeChanged
+from mirrormount_sim.optics import EXPOSURE_S, Sensor
+from mirrormount_sim.table import FRAMES_S, LATENCY_S, LockstepClock, TableCamera, Timing
 
 
 def camera(sensor: Sensor | None = None, timing: Timing | None = None, look=lambda t: [(1.0, -2.0)]) -> TableCamera:

@@ -5,9 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from mirrormount.virtual.geometry import BeamPath, Geometry
-from mirrormount.virtual.table import Table
-from mirrormount.virtual.wander import Wander
+from mirrormount_sim.optics import BeamPath, Drift, Geometry
+from mirrormount_sim.table import Table
 
 GEOMETRY = Geometry(laser_m=0.5, between_m=0.6, cameras_m=(0.4, 1.6))
 SMALL = 1e-4  # rad
@@ -67,14 +66,14 @@ def test_a_beam_that_misses_the_second_mirror_comes_nowhere():
 def test_a_drift_grows_as_the_root_of_time_and_a_jitter_does_not():
     ends, jitters = [], []
     for seed in range(300):
-        ends.append(Wander(np.random.default_rng(seed), 3.0, 0.0).at(25.0)[0])
-        jitters.append(Wander(np.random.default_rng(seed), 0.0, 2.0).at(25.0)[1])
+        ends.append(Drift(np.random.default_rng(seed), 3.0, 0.0).at(25.0)[0])
+        jitters.append(Drift(np.random.default_rng(seed), 0.0, 2.0).at(25.0)[1])
     assert np.std(ends) * 1e6 == pytest.approx(3.0 * 5, rel=0.12)
     assert np.std(jitters) * 1e6 == pytest.approx(2.0, rel=0.12)
 
 
 def test_a_drift_does_not_depend_on_how_often_it_is_looked_at():
-    often, once = (Wander(np.random.default_rng(7), 3.0, 1.0) for _ in range(2))
+    often, once = (Drift(np.random.default_rng(7), 3.0, 1.0) for _ in range(2))
     for k in range(1, 1000):
         often.at(k * 0.0137)
     assert often.at(20.0) == pytest.approx(once.at(20.0), abs=1e-15)
@@ -82,8 +81,8 @@ def test_a_drift_does_not_depend_on_how_often_it_is_looked_at():
 
 def still(mirrors: int = 2) -> Table:
     table = Table([lambda: [REST] * mirrors], mirrors, GEOMETRY, seed=3)
-    for wander in (table.laser.wander, *table.vibrations):
-        wander.drift_urad = wander.jitter_urad = 0.0
+    for drift in (table.laser.drift, *table.vibrations):
+        drift.drift_urad = drift.jitter_urad = 0.0
     return table
 
 

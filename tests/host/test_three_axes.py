@@ -10,9 +10,9 @@ import pytest
 from test_repl import PROMPT
 from three_axes import THIRD, make_board_files, make_firmware
 
-from mirrormount.common.errors import EmulatorMissing
-from mirrormount.virtual.board import Options, make_simulation
-from mirrormount.virtual.lockstep import Lockstep
+from mirrormount.errors import EmulatorMissing
+from mirrormount_sim.board import Options, make_simulation
+from mirrormount_sim.clocks import Lockstep
 
 STEP_US = 200_000
 CLOCK_US = {"circuitpython": 2_000}  # how far a pulse may be off

@@ -1,18 +1,16 @@
 """The file of `--truth`: one line for each motion of a screw, written when it has come to rest."""
 
 import json
-import os
-import threading
 
 import pytest
 from closed_loop import ClosedLoop
 
-from mirrormount import Mount
-from mirrormount.common.errors import BadAddress, MountError
-from mirrormount.virtual.bench import Bench
-from mirrormount.virtual.board import open_virtual
-from mirrormount.virtual.drivetrain import SWITCH_REV
-from mirrormount.virtual.truth import Orders
+from mirrormount.device.mount import Mount
+from mirrormount.errors import BadAddress, MountError
+from mirrormount_sim.bench import Bench
+from mirrormount_sim.board import open_virtual
+from mirrormount_sim.mechanics import SWITCH_REV
+from mirrormount_sim.truth import Orders
 
 
 @pytest.fixture
@@ -176,20 +174,6 @@ def test_orders_are_found_however_the_bytes_are_split():
     assert orders.pending() == [""]
     orders.read(b"1PR")
     assert orders.pending() == []
-
-
-@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no named pipes")
-def test_a_pipe_gets_each_line_once(tmp_path):
-    pipe = tmp_path / "pipe"
-    os.mkfifo(pipe)
-    read: list[str] = []
-    reader = threading.Thread(target=lambda: read.extend(pipe.read_text().splitlines()), daemon=True)
-    reader.start()
-    with Mount.open(f"virtual://?speed=max&truth={pipe}") as mount:
-        mount.x.step(3)
-        mount.x.step(1)
-    reader.join(10)
-    assert len(read) == 2
 
 
 def test_a_file_that_cannot_be_written_is_told_in_one_line(tmp_path):

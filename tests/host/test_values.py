@@ -6,9 +6,9 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from mirrormount import Mount
-from mirrormount.common.errors import BadValue
-from mirrormount.common.validation import real_number, typed_number, whole_number
+from mirrormount.device.mount import Mount
+from mirrormount.errors import BadValue
+from mirrormount.values import real_number, typed_number, whole_number
 
 
 @pytest.mark.parametrize("value", [5, 5.0, np.int64(5), np.uint8(5), np.float32(5), Decimal(5), Fraction(10, 2)])

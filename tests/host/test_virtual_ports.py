@@ -4,18 +4,13 @@ import contextlib
 import os
 import socket
 import threading
-from types import SimpleNamespace
 
 import pytest
 from served import PATIENCE_S, wait_for
 
-from mirrormount.network.client_session import ClientSession
-from mirrormount.network.server import Server
-from mirrormount.transport.telnet import Inlet
-from mirrormount.virtual import pty_port, tcp_port
-from mirrormount.virtual.ports import BUFFER
-from mirrormount.virtual.pty_port import PtyPort
-from mirrormount.virtual.tcp_port import TcpPort
+from mirrormount.serve import Client
+from mirrormount_sim import ports
+from mirrormount_sim.ports import BUFFER, PtyPort, TcpPort
 
 
 @pytest.fixture
@@ -64,7 +59,7 @@ def test_what_a_client_sends_before_it_goes_is_obeyed(port, client):
 
 
 def test_a_client_that_sends_more_than_can_wait_is_closed_with_a_stop(port, client, monkeypatch):
-    monkeypatch.setattr(tcp_port, "WAITING_MOST", 10_000)
+    monkeypatch.setattr(ports, "WAITING_MOST", 10_000)
     client.sendall(b"02550255" * 5000)
     wait_for(lambda: port.take(0) == b"" and port.waits and port._ended, "too much to have come")
     assert received(port) == b"!\n" and not port.connected()
@@ -98,7 +93,7 @@ def test_on_a_pty_too_a_stop_overtakes_what_the_board_has_no_room_for(stop):
 
 
 def test_more_than_can_wait_on_a_pty_is_void_and_stops_the_motors(monkeypatch):
-    monkeypatch.setattr(pty_port, "WAITING_MOST", 10_000)
+    monkeypatch.setattr(ports, "WAITING_MOST", 10_000)
     port = PtyPort()
     client = os.open(port.address, os.O_RDWR | os.O_NOCTTY)
     flood = b"02550255" * 5000
@@ -145,16 +140,13 @@ class Endless:
         assert self.received < 1 << 25, "nobody else has a turn"
         return b"\x01" * most
 
+    def setblocking(self, _flag: bool) -> None:
+        pass
+
     def setsockopt(self, *_: int) -> None:
         raise OSError
 
 
-def test_a_client_that_never_ends_does_not_keep_the_board_from_its_work(port):
-    port._receive(Endless())
+def test_a_client_that_never_ends_does_not_keep_the_others_waiting(port):
+    port._receive(Client(Endless()))
     assert port.take(BUFFER) == b""
-
-
-def test_a_client_that_never_ends_does_not_keep_the_server_from_the_others():
-    session = ClientSession(Endless(), "a client", Inlet(telnet=True))
-    server = SimpleNamespace(_client=session, _forward=lambda sent: sent == b"" or pytest.fail(sent))
-    Server._receive_from_client(server, session)

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 from centroids import centroid
 
-from mirrormount.common.errors import BadAddress, ConnectionLost
 from mirrormount.device.mount import Mount
-from mirrormount.transport.lines import Link
-from mirrormount.transport.open import open_table
-from mirrormount.virtual.simulation import START_US
-from mirrormount.virtual.table_clock import LockstepClock
-from mirrormount.virtual.virtual_table import VirtualTable
+from mirrormount.errors import BadAddress, ConnectionLost
+from mirrormount.transport.link import Link
+from mirrormount.transport.ports import open_table
+from mirrormount_sim.simulation import START_US
+from mirrormount_sim.table import LockstepClock, VirtualTable
 
 STEP_US = 200  # the longest time that a board's processor needs for one pass of its loop, on the fake clock
 
@@ -120,25 +119,6 @@ def test_a_board_without_drive_does_not_move_the_beam():
         assert table.truth.mirrors_urad(table.now_s())[0] == pytest.approx(still, abs=3.0)  # vibration and drift
 
 
-def test_one_board_of_four_axes_carries_two_mounts():
-    with opened("?mounts=2&boards=1") as table:
-        (mount,) = mounts(table)
-        assert [axis.name for axis in mount.axes] == ["y", "x", "axis3", "axis4"]
-        before = np.array(table.truth.mirrors_urad(table.now_s()))
-        mount.axis("axis4").step(4)
-        moved = np.array(table.truth.mirrors_urad(table.now_s())) - before
-        assert moved[1][0] > 400 and np.abs(moved[0]).max() < 5 and abs(moved[1][1]) < 5
-
-
-def test_a_beam_splitter_shows_both_planes_in_one_camera():
-    with opened("?cameras=split") as table:
-        (camera,) = table.cameras
-        image = next(camera.frames()).image
-        halves = [centroid(image[:, :320]), centroid(image[:, 320:])]
-        expected = [camera.truth_px((-8.0, 0.0)), camera.truth_px((8.0 - 320 * 0.05, 0.0))]
-        assert np.array(halves) == pytest.approx(np.array(expected), abs=0.5)
-
-
 @pytest.mark.parametrize("profile", ["smooth", "rough"])
 def test_a_run_repeats_to_the_last_grey_value_and_another_seed_is_another_table(profile):
     def run(seed: int) -> tuple[object, bytes]:
@@ -242,7 +222,7 @@ def test_a_board_that_the_computer_keeps_from_running_moves_no_further_than_its_
         (simulation,) = table.simulations
         begun = simulation.mirrors_now_rad()
         later_s = time.monotonic() + 60
-        monkeypatch.setattr("mirrormount.virtual.simulation.time.monotonic", lambda: later_s)
+        monkeypatch.setattr("mirrormount_sim.simulation.time.monotonic", lambda: later_s)
         starved = simulation.mirrors_now_rad()
         monkeypatch.undo()
         table.sleep(1)
@@ -253,7 +233,7 @@ def test_a_board_that_the_computer_keeps_from_running_moves_no_further_than_its_
 
 
 def test_the_edges_that_a_board_keeps_are_the_last_ones(monkeypatch):
-    monkeypatch.setattr("mirrormount.virtual.simulation.EDGES_KEPT", 6)
+    monkeypatch.setattr("mirrormount_sim.simulation.EDGES_KEPT", 6)
     with opened("?mounts=1") as table:
         (mount,) = mounts(table)
         (simulation,) = table.simulations

@@ -3,8 +3,8 @@
 import shutil
 from pathlib import Path
 
-from mirrormount.virtual.board import LockstepPort, Options, make_simulation
-from mirrormount.virtual.files import firmware_folder, new_files
+from mirrormount_sim.board import LockstepPort, Options, make_simulation
+from mirrormount_sim.machines import firmware_folder, new_files
 
 THIRD = {16: "m3_en", 17: "m3_pos", 18: "m3_neg"}
 BOARD_FILE = """

@@ -5,7 +5,7 @@ every start of a motion has is put in by opened() and started().
 """
 
 from mirrormount.device.mount import Mount
-from mirrormount.transport.lines import Link
+from mirrormount.transport.link import Link
 
 IDENTITY = "mirrormount,Raspberry Pi Pico,e661,0.2.0"
 NO_ERROR = "0, NO ERROR DETECTED"

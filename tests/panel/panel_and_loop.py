@@ -8,8 +8,8 @@ import sys
 import threading
 
 from mirrormount.cli import main
-from mirrormount.common.errors import MountError
-from mirrormount.supervise import Program, Supervisor
+from mirrormount.errors import MountError
+from mirrormount.supervise.supervisor import Program, Supervisor
 
 
 def act(loop: Program) -> None:

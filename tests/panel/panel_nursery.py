@@ -10,8 +10,8 @@ import signal
 import socket
 import sys
 
-import mirrormount.cli.panel_opening
-import mirrormount.panel.server  # noqa: F401, with NiceGUI
+import mirrormount_panel.cli
+import mirrormount_panel.server  # noqa: F401, with NiceGUI
 from mirrormount.cli.main import main
 
 

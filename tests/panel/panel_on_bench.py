@@ -8,14 +8,14 @@ import json
 import sys
 import threading
 
-from mirrormount.cli import command, main
-from mirrormount.virtual import virtual_table
-from mirrormount.virtual.bench import Order
+from mirrormount.cli import arguments, main
+from mirrormount_sim import table
+from mirrormount_sim.bench import Order
 
 tables = []
 
 
-class Watched(virtual_table.VirtualTable):
+class Watched(table.VirtualTable):
     """A table that is known here."""
 
     def __init__(self, *args) -> None:
@@ -41,7 +41,7 @@ def act() -> None:
 
 
 if __name__ == "__main__":
-    virtual_table.VirtualTable = Watched
-    command.MOST_PATIENCE_S = 60
+    table.VirtualTable = Watched
+    arguments.MOST_PATIENCE_S = 60
     threading.Thread(target=act, daemon=True).start()
     sys.exit(main.main(["panel", *sys.argv[1:]]))

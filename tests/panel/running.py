@@ -18,7 +18,7 @@ from urllib.parse import urlsplit
 from playwright.sync_api import Locator
 from served import PATIENCE_S, ServedBoard, wait_for
 
-from mirrormount import Mount
+from mirrormount.device.mount import Mount
 from mirrormount.device.status import Status
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")

@@ -10,7 +10,7 @@ from running import Panel, press, wait_for_motion
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
-from mirrormount.cli.browser_link import page_to
+from mirrormount_panel.cli import page_to
 
 FRESH = {"viewport": {"width": 1600, "height": 1000}}  # a browser of its own, without the cookies of other tests
 

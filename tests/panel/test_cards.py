@@ -7,7 +7,7 @@ from playwright.sync_api import expect
 from running import Panel, press
 from served import wait_for
 
-from mirrormount import Mount
+from mirrormount.device.mount import Mount
 from mirrormount.device.settings import ENCODER, SETTINGS
 
 

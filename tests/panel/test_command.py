@@ -5,8 +5,9 @@ import socket
 
 import pytest
 
-from mirrormount.cli import main, web_opening
-from mirrormount.cli import panel_opening as panel
+from mirrormount.cli import main
+from mirrormount_panel import cli
+from mirrormount_panel import cli as panel
 
 
 class Terminal(io.StringIO):
@@ -111,7 +112,7 @@ def test_a_port_in_use_is_told_if_it_was_asked_for_and_passed_over_if_not(served
         number = taken.getsockname()[1]
         assert main.main(["panel", "--virtual", "--http", str(number)]) == 1
         assert "take another port" in capsys.readouterr().err
-        monkeypatch.setattr(web_opening, "_PORT", number)
+        monkeypatch.setattr(cli, "_PORT", number)
         assert main.main(["panel", "--virtual"]) == 0
     assert not served[0][1][0].endswith(f":{number}/")
 

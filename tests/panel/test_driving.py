@@ -7,8 +7,8 @@ import pytest
 from running import press, pulses, run_until_driving, wait_for_rest
 from served import wait_for
 
-from mirrormount.panel.cards_of_motion import SLOW
-from mirrormount.supervise.presses import MOST
+from mirrormount.supervise.worker import MOST
+from mirrormount_panel.cards import SLOW
 
 LEGS = {"UP": "m1_pos", "DOWN": "m1_neg", "RIGHT": "m2_pos", "LEFT": "m2_neg"}
 ARROWS = {"UP": "ArrowUp", "DOWN": "ArrowDown", "RIGHT": "ArrowRight", "LEFT": "ArrowLeft"}

@@ -5,14 +5,12 @@ import re
 import pytest
 from looks import DESK, PHONE, THEMES, assert_nothing_cut_off, assert_readable, assert_touchable
 from playwright.sync_api import expect
-from test_hold_page import SPOT, Eye, gate
+from test_hold_page import SPOT, far_camera, gate
 from test_spot_moves import served
 
-from mirrormount.beam import events
-from mirrormount.beam.watched_eye import WatchedEye
-from mirrormount.panel.hold_board import HoldBoard
-from mirrormount.panel.hold_page import make_hold_server
-from mirrormount.panel.sign_in import SignIn
+from mirrormount_beam.control import events
+from mirrormount_panel.auth import SignIn
+from mirrormount_panel.hold_page import HoldBoard, make_hold_server
 
 pytestmark = pytest.mark.wall_clock  # a page that hears nothing for 3 s is in alarm by design
 
@@ -30,17 +28,16 @@ READ_FROM_3_M_PX = 48  # its capitals are 9 mm high on a common screen (96 px an
 @pytest.fixture
 def loop():
     """The page of a loop that a test tells events of: (address, board, what was asked)."""
-    asked, eye, board = [], WatchedEye(Eye()), HoldBoard({"far": (50.0, 50.0)}, clock=lambda: 0.0)
-    eye.find(next(eye.frames()))
+    asked, board = [], HoldBoard({"far": (50.0, 50.0)}, clock=lambda: 0.0)
     for time_s in range(5):
-        board.listen(events.Looked(float(time_s), (SPOT,), (3.0, -4.0), ((30.0, 40.0),)))
+        board.listen(events.Observed(float(time_s), (SPOT,), (3.0, -4.0), ((30.0, 40.0),)))
     board.listen(events.StateChanged(5.0, events.HOLDING, "the error is within the dead band"))
 
     def stop() -> None:
         asked.append("stop")
         board.listen(events.StateChanged(9.0, events.STOPPED, "STOP was pressed"))
 
-    server = make_hold_server([eye], board, SignIn(None), go=lambda: asked.append("go"), stop=stop)
+    server = make_hold_server([far_camera()[0]], board, SignIn(None), go=lambda: asked.append("go"), stop=stop)
     with served(server.config.app) as at:
         yield f"http://{at}/", board, asked
 
@@ -64,11 +61,11 @@ def test_each_state_can_be_read_from_afar_and_stop_is_asked_for(open_page, loop)
     state = page.locator(".hold-state")
     expect(state).to_have_text("Holding")
     assert_looks(page, "The error is within the dead band", "error x 12.0")
-    board.listen(gate(opens_itself=True))
+    board.listen(gate(clears_itself=True))
     board.listen(events.StateChanged(6.0, events.WAITING, "a gate is closed"))
     expect(state).to_have_text("Waiting: no spot")
-    assert_looks(page, "Far: dark. It opens by itself. Switch the laser on")
-    board.listen(gate(2, opens_itself=False))
+    assert_looks(page, "Far: dark. It clears itself. Switch the laser on")
+    board.listen(gate(2, clears_itself=False))
     expect(state).to_have_text("Alarm: no spot")
     expect(page.locator("body")).to_have_class(re.compile(r"\balarm\b"))
     assert_looks(page, "Far: dark. Switch the laser on")
@@ -81,7 +78,7 @@ def test_each_state_can_be_read_from_afar_and_stop_is_asked_for(open_page, loop)
 def test_a_cause_is_told_once_and_with_the_symbols_of_units(open_page, loop):
     url, board, _ = loop
     page = open_page(url, until="body.ready")
-    board.listen(events.GateClosed(5.0, 3, "spot jumped", "far: 900 um off", "look at what was moved", False))
+    board.listen(events.InterlockTripped(5.0, 3, "spot jumped", "far: 900 um off", "look at what was moved", False))
     board.listen(events.StateChanged(6.0, events.WAITING, "far: 900 um off"))
     expect(page.locator(".hold-gates")).to_have_text("Far: 900 µm off. Look at what was moved")
     expect(page.locator(".hold-why")).to_have_text("")
@@ -95,7 +92,7 @@ def test_an_alarm_is_heard_once_its_user_has_touched_the_page(open_page, loop):
     page.get_by_role("button", name="Sound: press to switch on").click()
     expect(page.locator("[data-quiet]")).to_have_text("Sound is on")
     assert page.evaluate("window.tones") == []
-    board.listen(gate(opens_itself=False))
+    board.listen(gate(clears_itself=False))
     page.wait_for_function("window.tones.length >= 6")  # three tones, and again
     assert page.evaluate("window.tones.slice(0, 3)") == [[880, "running"], [660, "running"], [880, "running"]]
     page.locator("[data-quiet]").click()

@@ -1,4 +1,4 @@
-"""The page of a loop, without a browser: what its board tells, what HOLD and STOP need, what pages see of its eyes."""
+"""The page of a loop, without a browser: what its board tells, what HOLD and STOP need, what pages see."""
 
 import time
 
@@ -7,39 +7,41 @@ import numpy as np
 import pytest
 from test_spot_moves import served
 
-from mirrormount.beam import events
-from mirrormount.beam.camera import Frame, Size
-from mirrormount.beam.watched_eye import WatchedEye
-from mirrormount.common.beam_errors import CameraGone
-from mirrormount.common.errors import NotInControl
-from mirrormount.panel.hold_board import ALARM, CALM, WARN, HoldBoard
-from mirrormount.panel.hold_page import make_hold_server
-from mirrormount.panel.sign_in import SignIn
+from mirrormount.errors import NotInControl
+from mirrormount_beam.camera import Image, Size
+from mirrormount_beam.control import events
+from mirrormount_beam.errors import CameraGone
+from mirrormount_beam.table import TargetCamera
+from mirrormount_panel.auth import SignIn
+from mirrormount_panel.hold_page import ALARM, CALM, WARN, HoldBoard, make_hold_server
 
 TOKEN = b"kKq3-0d7LbX_u2mTzR9sWg"
 SPOT = events.SpotSeen("far", (320.0, 240.0), (0.1, 0.2), (12.0, -5.0), 1.0)
 
 
-class Eye:
-    """An eye that shows one picture, and then has gone."""
+class OnePicture:
+    """A camera that shows one picture, and then has gone."""
 
-    name, size, target_px, um_per_px, distance_m = "far", Size(64, 48), (30.0, 20.0), (50.0, 50.0), 1.6
+    size = Size(64, 48)
 
     def monotonic(self):
         return 0.0
 
     def frames(self):
-        yield Frame(np.random.default_rng(1).integers(0, 20, (48, 64)).astype(np.uint8), 0.0, 0)
+        yield Image(np.random.default_rng(1).integers(0, 20, (48, 64)).astype(np.uint8), 0.0, 0)
         raise CameraGone("far was unplugged")
 
-    def find(self, frame):
-        from mirrormount.beam import find_spot
 
-        return find_spot(frame)
+def far_camera():
+    """That camera on a table; the loop has found no spot in its picture. And the frames that come then."""
+    camera = TargetCamera("far", OnePicture(), (30.0, 20.0), (50.0, 50.0), 1.6)
+    frames = camera.frames()
+    camera.find(next(frames))
+    return camera, frames
 
 
-def gate(number=1, *, opens_itself):
-    return events.GateClosed(1.0, number, "no spot", "far: dark", "switch the laser on", opens_itself)
+def gate(number=1, *, clears_itself):
+    return events.InterlockTripped(1.0, number, "no spot", "far: dark", "switch the laser on", clears_itself)
 
 
 @pytest.mark.parametrize(
@@ -47,12 +49,15 @@ def gate(number=1, *, opens_itself):
     [
         ([], CALM),
         ([events.StateChanged(1.0, events.HOLDING)], CALM),
-        ([gate(opens_itself=True), events.StateChanged(1.0, events.WAITING)], WARN),
-        ([gate(opens_itself=False), events.StateChanged(1.0, events.WAITING)], ALARM),
+        ([gate(clears_itself=True), events.StateChanged(1.0, events.WAITING)], WARN),
+        ([gate(clears_itself=False), events.StateChanged(1.0, events.WAITING)], ALARM),
         ([events.StateChanged(1.0, events.STOPPED, "STOP was pressed")], ALARM),
-        ([gate(opens_itself=True), events.GateOpened(2.0, 1, "no spot"), events.StateChanged(2.0, "holding")], CALM),
-        ([gate(1, opens_itself=True), gate(2, opens_itself=False)], ALARM),
-        ([gate(1, opens_itself=True), gate(2, opens_itself=False), events.GateOpened(2.0, 2, "no spot")], CALM),
+        (
+            [gate(clears_itself=True), events.InterlockCleared(2.0, 1, "no spot"), events.StateChanged(2.0, "holding")],
+            CALM,
+        ),
+        ([gate(1, clears_itself=True), gate(2, clears_itself=False)], ALARM),
+        ([gate(1, clears_itself=True), gate(2, clears_itself=False), events.InterlockCleared(2.0, 2, "no spot")], CALM),
         ([events.StateChanged(1.0, events.ENDED, "its time is over")], CALM),
     ],
 )
@@ -65,7 +70,7 @@ def test_an_alarm_is_what_a_person_has_to_act_on(told, alert):
 
 def test_the_board_tells_errors_with_their_standard_errors_and_what_would_be_without_the_loop():
     board = HoldBoard({"far": (50.0, 40.0)})
-    board.listen(events.Looked(1.0, (SPOT, events.SpotMissed("near", "dark")), None, ((30.0, 40.0),)))
+    board.listen(events.Observed(1.0, (SPOT, events.SpotMissed("near", "dark")), None, ((30.0, 40.0),)))
     far, near = board.told()["cameras"]
     assert far == {"name": "far", "off": [12.0, -5.0], "sigma": [5.0, 8.0], "free": [30.0, 40.0]}
     assert near == {"name": "near", "missed": "dark", "free": None}
@@ -75,9 +80,9 @@ def test_the_rms_is_over_the_time_of_the_last_minute_less_that_behind_a_gate():
     board = HoldBoard()
     for time_s, um in ((0.0, 1000.0), (10.0, 12.0), (11.0, 3000.0)):
         board.listen(events.Estimated(time_s, {"far": (um, 5.0)}, (um, 0.0)))
-    board.listen(gate(opens_itself=True))
+    board.listen(gate(clears_itself=True))
     for time_s in (68.0, 71.0):
-        board.listen(events.Looked(time_s, (SPOT,)))  # what was held until 10 s is out
+        board.listen(events.Observed(time_s, (SPOT,)))  # what was held until 10 s is out
         board.listen(events.Estimated(time_s, {"far": (4.0, -8.0)}, (-3.0, 4.0)))
     um, urad = ((part + 3 * later) / 4 for part, later in ((12.0**2, 8.0**2), (12.0**2, 3.0**2)))
     assert board.told()["rms"] == {"um": round(um**0.5, 1), "urad": round(urad**0.5, 1)}
@@ -86,35 +91,33 @@ def test_the_rms_is_over_the_time_of_the_last_minute_less_that_behind_a_gate():
 def test_the_history_is_bounded_and_told_once():
     board = HoldBoard()
     for number in range(5000):
-        board.listen(events.Looked(number * 0.5, (SPOT,)))
+        board.listen(events.Observed(number * 0.5, (SPOT,)))
     assert len(board.told()["history"]) == 1200
     assert [point["t"] for point in board.told(2498.5)["history"]] == [2499.0, 2499.5]
 
 
 def test_a_board_of_a_loop_that_has_seen_nothing_is_plain_json():
     board = HoldBoard()
-    board.listen(events.Looked(1.0, (events.SpotMissed("far", "dark"),)))
+    board.listen(events.Observed(1.0, (events.SpotMissed("far", "dark"),)))
     assert board.told()["rms"] == {"um": None, "urad": None}
 
 
 def test_a_camera_that_has_gone_is_told_to_pages_and_to_the_loop():
-    eye = WatchedEye(Eye())
-    frames = eye.frames()
-    eye.find(next(frames))
-    assert eye.trouble == "" and eye.last.number == 1
+    camera, frames = far_camera()
+    view = camera.view
+    assert view.trouble == "" and view.last.number == 1
     with pytest.raises(CameraGone):
         next(frames)
-    assert eye.trouble == "far was unplugged" and eye.last.number == 1
+    assert view.trouble == "far was unplugged" and view.last.number == 1
 
 
 @pytest.fixture(params=[None, TOKEN], ids=["loopback", "token"])
 def page(request):
     """The served page: (client, what was asked, headers of a signed-in page)."""
     asked, sign_in = [], SignIn(request.param)
-    eye = WatchedEye(Eye())
-    eye.find(next(eye.frames()))
+    camera, _ = far_camera()
     server = make_hold_server(
-        [eye], HoldBoard(), sign_in, go=lambda: asked.append("go"), stop=lambda: asked.append("stop")
+        [camera], HoldBoard(), sign_in, go=lambda: asked.append("go"), stop=lambda: asked.append("stop")
     )
     cookies = {sign_in.cookie_name: sign_in.cookie.decode()} if request.param else {}
     with (
@@ -150,7 +153,7 @@ def test_the_cookie_alone_holds_nothing_sees_nothing_and_stops(page):
     assert asked == []
 
 
-def test_the_page_has_a_picture_for_each_eye_with_its_target(page):
+def test_the_page_has_a_picture_for_each_camera_with_its_target(page):
     http, _, key = page
     assert 'data-camera="1"' in http.get("/").text
     seen = http.get("/camera/1", headers=key).headers["x-seen"]

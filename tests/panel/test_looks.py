@@ -7,7 +7,7 @@ from looks import DESK, PHONE, THEMES, assert_readable, assert_touchable, settle
 from running import press, run_until_driving
 from served import wait_for
 
-from mirrormount.panel.cards_of_state import curves
+from mirrormount_panel.cards import curves
 
 # pairs of cards of which one lies over the other, and what is wider than the window
 OVERLAPS = """() => {

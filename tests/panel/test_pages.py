@@ -3,10 +3,9 @@
 import socket
 from concurrent.futures import ThreadPoolExecutor
 
-from mirrormount.panel.mounts import PanelMount
-from mirrormount.panel.pages import CONNECTED, WAITING, WAITING_HERE, Pages
-from mirrormount.panel.server import Server
 from mirrormount.supervise.lease import Lease
+from mirrormount_panel.mounts import CONNECTED, WAITING, WAITING_HERE, Pages, PanelMount
+from mirrormount_panel.server import Server
 
 
 def test_pages_that_never_connect_are_dropped_the_oldest_first():

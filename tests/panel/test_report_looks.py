@@ -5,10 +5,9 @@ from datetime import UTC, datetime
 import pytest
 from looks import DESK, PHONE, THEMES, assert_readable
 
-from mirrormount.beam.estimate import Estimate
-from mirrormount.beam.optics import Optics
-from mirrormount.beam.report import Origin, write_page
-from mirrormount.beam.result import Result
+from mirrormount_beam.estimates import Estimate, Result
+from mirrormount_beam.report import Origin, write_page
+from mirrormount_beam.scale import Optics
 
 NOTHING_MEASURED_ON_IT = Origin(datetime(2026, 11, 23, tzinfo=UTC), "0.2.0", "a board", "a camera", {}, Optics())
 

@@ -7,10 +7,8 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 from supervised import Clock
 
-from mirrormount.panel.auth import Auth
-from mirrormount.panel.log_file import _Printable
-from mirrormount.panel.rates import Rate, Rates
-from mirrormount.panel.sign_in import CODE_S, SignIn
+from mirrormount_panel.auth import CODE_S, Auth, Rate, Rates, SignIn
+from mirrormount_panel.server import _Printable
 
 TOKEN = b"kKq3-0d7LbX_u2mTzR9sWg"
 

@@ -15,18 +15,16 @@ from fastapi import FastAPI
 from served import wait_for
 from websockets.sync.client import ClientConnection, connect
 
-from mirrormount.beam.live import LiveCamera
-from mirrormount.beam.pointing import Learned
-from mirrormount.panel import camera_route
-from mirrormount.panel.auth import Auth
-from mirrormount.panel.camera_view import CameraView
-from mirrormount.panel.mounts import Orders, PanelMount
-from mirrormount.panel.pages import Pages
-from mirrormount.panel.sign_in import SignIn
-from mirrormount.panel.socket import routes
-from mirrormount.panel.spot_moves import SpotMoves
-from mirrormount.supervise import Supervisor
-from mirrormount.virtual.virtual_table import open_table
+from mirrormount.supervise.supervisor import Supervisor
+from mirrormount_beam.live import LiveCamera
+from mirrormount_beam.pointing import Learned
+from mirrormount_panel import camera as camera_module
+from mirrormount_panel.auth import Auth, SignIn
+from mirrormount_panel.camera import CameraView
+from mirrormount_panel.mounts import Orders, Pages, PanelMount
+from mirrormount_panel.socket import routes
+from mirrormount_panel.spot_moves import SpotMoves
+from mirrormount_sim.table import open_table
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +52,7 @@ def desk(bench) -> Iterator[SimpleNamespace]:
     orders = Orders({"place": moves.place, "learn": moves.learn}, moves.give_way)
     app.include_router(routes([PanelMount("", bench.worker, pages, orders)], None))
     named = {first.key: "first"}
-    app.include_router(camera_route.routes([view], lambda request: named.get(request.headers.get("x-page"))))
+    app.include_router(camera_module.routes([view], lambda request: named.get(request.headers.get("x-page"))))
     with served(Auth(app, SignIn(None))) as at, ticked(at) as drive, ticked(at) as watch:
         for end, page in ((drive, first), (watch, second)):
             end.send(json.dumps({"page": page.key}))

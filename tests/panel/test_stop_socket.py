@@ -3,7 +3,7 @@
 from running import PANEL, Panel
 from served import run_process
 
-from mirrormount import Mount
+from mirrormount.device.mount import Mount
 
 
 def test_stop_gets_through_a_panel(board, tmp_path):

@@ -10,10 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from mirrormount.common.errors import EmulatorMissing
-from mirrormount.transport import circuitpy_ports
-from mirrormount.transport.find import KNOWN_IDS
-from mirrormount.virtual import machines
+from mirrormount.errors import EmulatorMissing
+from mirrormount.transport.discovery import KNOWN_IDS
+from mirrormount_sim import machines
 
 DOCS = Path(__file__).parent.parent.parent / "docs"
 PAGE = (DOCS / "bring-up.md").read_text()
@@ -62,7 +61,7 @@ def test_the_commands_of_the_rehearsal_work_in_their_order(tmp_path):
 
 
 def test_what_the_page_says_of_the_board_files_is_true():
-    from mirrormount.deploy.fileset import boards, firmware
+    from mirrormount.deploy.firmware import boards, firmware
     from mountfw.board_file import FILE_OF
 
     known = boards(firmware(None))
@@ -76,5 +75,5 @@ def test_the_page_and_the_udev_file_have_the_usb_ids_that_are_looked_for():
     rules = re.findall(r'idVendor}=="(\w+)", ATTRS{idProduct}=="(\w+)"', (DOCS / "60-mirrormount.rules").read_text())
     assert {":".join(rule) for rule in rules} == set(ids)
     assert all(f"USB id {one}" in PAGE for one in ids)
-    in_doubt = circuitpy_ports._USB_IDS["adafruit_feather_rp2040"]
+    in_doubt = (0x239A, 0x80F2)  # of the Feather RP2040 with CircuitPython
     assert in_doubt not in KNOWN_IDS and f"{in_doubt[0]:04x}:{in_doubt[1]:04x}" in PAGE

@@ -7,15 +7,15 @@ from pathlib import Path
 
 import pytest
 
-from mirrormount.common import beam_errors, errors, remedies
-from mirrormount.common.declared import texts
-from mirrormount.deploy.fileset import firmware
+from mirrormount import errors
+from mirrormount.deploy.firmware import firmware
+from mirrormount.errors import doc_texts
+from mirrormount_beam import errors as errors_module
 from mountfw import codes
 
 ROOT = Path(__file__).parents[2]
 MPY = 6 | 2 << 8  # version 6.2
 DECLARED = [("codes", "_error"), ("codes", "_axis_error"), ("codes", "_reason"), ("settings", "_setting")]
-DECLARED.append(("encoder/settings", "_setting"))
 
 
 @pytest.fixture(scope="module")
@@ -48,33 +48,33 @@ def test_a_table_that_says_another_thing_is_found(tables, tmp_path, monkeypatch,
 
 def test_every_error_of_the_board_has_a_message_a_cause_and_a_remedy():
     numbers = {str(n) for n in codes.MESSAGES if n} | {f"n{n:02d}" for n in codes.AXIS_MESSAGES}
-    assert set(remedies.of_the_board()) == numbers
+    assert set(errors.board_remedies()) == numbers
     for number in numbers:
-        shown = remedies.remedy_of(number.replace("n", "2"))
+        shown = errors.remedy_of(number.replace("n", "2"))
         assert shown and shown.cause and shown.remedy
         assert "`" not in "".join(shown) and "](" not in "".join(shown)
 
 
 def test_a_number_below_100_is_the_boards_and_above_it_an_axiss():
-    assert remedies.remedy_of("6") != remedies.remedy_of("106") == remedies.remedy_of("206")
-    assert remedies.remedy_of("399") is remedies.remedy_of("") is remedies.remedy_of("nine") is None
+    assert errors.remedy_of("6") != errors.remedy_of("106") == errors.remedy_of("206")
+    assert errors.remedy_of("399") is errors.remedy_of("") is errors.remedy_of("nine") is None
 
 
 def test_every_error_of_the_host_has_a_cause_and_a_remedy():
     kinds = {
         name
-        for name, kind in (vars(errors) | vars(beam_errors)).items()
+        for name, kind in (vars(errors) | vars(errors_module)).items()
         if isinstance(kind, type)
         and issubclass(kind, errors.MountError)
         and kind not in (errors.MountError, errors.CannotOpen)
     }
-    assert set(remedies.of_the_host()) == kinds
-    assert all(cause and remedy for cause, remedy in remedies.of_the_host().values())
+    assert set(errors.host_remedies()) == kinds
+    assert all(cause and remedy for cause, remedy in errors.host_remedies().values())
 
 
 def test_every_reason_has_words_and_a_meaning():
     assert list(codes.REASONS) == list(range(len(codes.REASONS))), "reasons are numbered from 0 on, without a gap"
-    assert [vars(codes)[name] for name in texts("codes", "_reason")] == list(codes.REASONS)
+    assert [vars(codes)[name] for name in doc_texts("codes", "_reason")] == list(codes.REASONS)
     assert all(codes.REASONS.values())
 
 
@@ -84,8 +84,8 @@ def test_the_words_for_people_do_not_go_to_a_board():
     for message in codes.MESSAGES.values():
         assert message in compiled
     for module, maker in DECLARED:
-        found = texts(module, maker)
-        assert len(found) > (10 if module != "encoder/settings" else 7)
+        found = doc_texts(module, maker)
+        assert len(found) > 10
         for text in found.values():
             words = text.split("\n")[0].encode()
             assert words in source
@@ -94,8 +94,8 @@ def test_the_words_for_people_do_not_go_to_a_board():
 
 def test_the_words_are_read_when_they_are_first_shown():
     code = (
-        "import sys; from mirrormount.cli import main; import mirrormount.device.mount, mirrormount.common.remedies;"
-        "main.parser(); from mirrormount.common import declared; print(declared.texts.cache_info().misses)"
+        "import sys; from mirrormount.cli import main; import mirrormount.device.mount, mirrormount.errors;"
+        "main.parser([*main.MODULES]); from mirrormount import errors; print(errors.doc_texts.cache_info().misses)"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout == "0\n"

@@ -1,4 +1,4 @@
-"""The names of files and functions in the documents are those of the tree."""
+"""The names of files and functions in the documents are those of the tree, and each walk fits on a screen."""
 
 import ast
 import re
@@ -9,10 +9,13 @@ import pytest
 
 ROOT = Path(__file__).parent.parent.parent
 DOCS = ROOT / "docs"
+DECISIONS = DOCS / "decisions"
 ROOMS = (ROOT / "firmware_py" / "mountfw", ROOT / "host" / "mirrormount", ROOT)  # a name is relative to one of these
 HELD = ("architecture.md", "deploy.md", "virtual-board.md")
 ON_A_BOARD = {"main.py", "boot.py", "code.py"}  # at the root of its file system
 WALKS = ("A frame's way from USB to the pin", "A step's life", "A stop", "A press on the panel", "A deploy")
+SCREEN = 45  # lines
+LONGEST_RECORD = 25  # lines
 NAME = re.compile(r"`([\w./]+\.(?:py|js|mjs|sh))(?::([\w.]+))?`")
 
 
@@ -79,8 +82,9 @@ def test_a_name_that_is_gone_is_found_to_be_gone():
 
 
 @pytest.mark.parametrize("walk", WALKS)
-def test_a_walk_names_functions(walk):
+def test_a_walk_fits_on_one_screen_and_names_functions(walk):
     part = sections("architecture.md")[walk]
+    assert len(part.strip().splitlines()) < SCREEN
     assert sum(1 for _, name in NAME.findall(part) if name) >= 6
 
 
@@ -91,6 +95,23 @@ def test_the_floors_list_every_part_of_both_packages():
     for room in ROOMS[:2]:
         parts = {path.name for path in room.glob("*.py")} | {path.parent.name for path in room.glob("*/*.py")}
         assert parts - besides <= named, f"on no floor: {', '.join(sorted(parts - besides - named))}"
+
+
+def test_the_index_of_decisions_lists_each_record_once_by_its_title_and_day():
+    index = re.findall(
+        r"^- \[(.*)\]\((.*)\), (.*)$", (DECISIONS / "README.md").read_text(encoding="utf-8"), re.MULTILINE
+    )
+    records = sorted(p for p in DECISIONS.glob("*.md") if p.name != "README.md")
+    titles = {p.name: p.read_text(encoding="utf-8").splitlines()[0].removeprefix("# ") for p in records}
+    assert sorted(index) == sorted((title, name, name[:10]) for name, title in titles.items())
+
+
+@pytest.mark.parametrize("record", sorted(p.name for p in DECISIONS.glob("2*.md")))
+def test_a_decision_is_short_and_dated(record):
+    assert re.match(r"\d{4}-\d\d-\d\d-[a-z0-9-]+\.md$", record)
+    lines = (DECISIONS / record).read_text(encoding="utf-8").splitlines()
+    assert len(lines) <= LONGEST_RECORD
+    assert any("ecision" in line for line in lines[1:])
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from mirrormount import Mount
+from mirrormount.device.mount import Mount
 from mirrormount.device.settings import SETTINGS
 
 ROOT = Path(__file__).parent.parent.parent

@@ -6,7 +6,7 @@ import re
 import tomllib
 from pathlib import Path
 
-from mirrormount.virtual.wiring import DRIVES, SWITCHES
+from mirrormount_sim.bench import DRIVES, SWITCHES
 from mountfw import app
 from mountfw.boards import pico, pico_drv8833
 from mountfw.motion import drive
@@ -19,7 +19,7 @@ HOST = ROOT / "host" / "mirrormount"
 # platforms have: checksums; the two tick functions if there are any; the interpreter's name and its modules. Nothing
 # else, be it of one platform (machine, rp2, board, pwmio) or different on each (micropython, os, gc, select, hashlib).
 PORTS = ("micropython", "circuitpython", "rp2_")
-ON_BOTH_PLATFORMS = {"store": {"binascii"}, "extras": {"array"}, "ticks": {"time"}, "repl": {"sys"}, "memory": {"sys"}}
+ON_BOTH_PLATFORMS = {"store": {"binascii"}, "extras": {"array"}, "ticks": {"time"}, "repl": {"sys"}}
 MICROPYTHON_ONLY = {"machine", "micropython", "rp2", "esp32", "vfs"}
 CIRCUITPYTHON_ONLY = {"board", "digitalio", "pwmio", "usb_cdc", "supervisor", "microcontroller", "storage", "watchdog"}
 CIRCUITPYTHON_ONLY |= {"adafruit_motor", "nvm", "rp2pio", "analogio", "countio", "busio"}
@@ -45,7 +45,8 @@ def test_the_architecture_page_gives_the_loops_own_times():
 
 
 def test_only_the_ports_name_a_platform_inside_functions_too():
-    shared = [p for p in FIRMWARE.rglob("*.py") if not p.name.startswith(PORTS) and p.parent.name != "entry"]
+    started = [p for p in FIRMWARE.rglob("*.py") if p.name != "start.py" and p.parent.name != "entry"]
+    shared = [p for p in started if not p.name.startswith(PORTS)]
     assert len(shared) > 20
     for path in shared:
         theirs = {n.split(".")[0] for n in imported(path)} - {"mountfw", ""}
@@ -65,7 +66,7 @@ def test_no_port_names_the_other_ones_platform():
 
 def test_what_is_shared_uses_nothing_that_circuitpython_lacks():
     for path in FIRMWARE.rglob("*.py"):
-        if path.name.startswith(("micropython", "rp2_")) or path.name == "main.py":
+        if path.name.startswith(("micropython", "rp2_")) or path.name in ("main.py", "start.py"):
             continue
         for node in ast.walk(ast.parse(path.read_text())):
             name = node.attr if isinstance(node, ast.Attribute) else node.id if isinstance(node, ast.Name) else ""
@@ -77,7 +78,6 @@ def test_what_is_shared_uses_nothing_that_circuitpython_lacks():
 
 def test_the_host_takes_only_the_wire_from_the_firmware():
     allowed = {"mountfw", "mountfw.__version__", "mountfw.codes", "mountfw.settings"}
-    allowed |= {"mountfw.encoder.settings", "mountfw.encoder.settings.ENCODER_SETTINGS"}
     allowed |= {"mountfw.board_file"}
     wire = ("mountfw.wire.frame", "mountfw.dialect.line", "mountfw.wire.receiver")  # the grammar
     for path in HOST.rglob("*.py"):
@@ -87,7 +87,7 @@ def test_the_host_takes_only_the_wire_from_the_firmware():
 
 
 def test_the_bench_imports_nothing_of_the_firmware():
-    for name in ("bench", "wiring", "optics"):
+    for name in ("bench", "mechanics", "optics"):
         assert not {n for n in imported(HOST / "virtual" / f"{name}.py") if n.startswith("mountfw")}
 
 

@@ -16,12 +16,12 @@ from rig_encoder import encoded
 
 from mirrormount.device import settings as host
 from mirrormount.device.axis import Axis as HostAxis
-from mirrormount.device.axis_properties import Property
+from mirrormount.device.axis import Property
 from mountfw import settings as declared
 from mountfw.dialect import commands, encoder, newfocus
 from mountfw.dialect.line import key
 from mountfw.encoder.axis import EncodedAxis
-from mountfw.encoder.settings import ENCODER_SETTINGS
+from mountfw.settings import ENCODER_SETTINGS
 
 ROOT = Path(__file__).resolve().parents[2]
 FIRMWARE = ROOT / "firmware_py" / "mountfw"
@@ -29,7 +29,7 @@ ALL = [*declared.SETTINGS, *ENCODER_SETTINGS]
 NAMES = [entry[1] for entry in ALL]
 MNEMONICS = [entry[0].decode() for entry in ALL]
 OF_AN_AXIS = ("settings.py", "motion/actions.py", "motion/axis.py", "encoder/axis.py")  # files whose `self` is an axis
-SET_BY_THE_AXIS = {"inverted", "soft_minimum", "soft_maximum", "closed_loop", "units"}  # settings that its code assigns
+SET_BY_THE_AXIS = {"inverted", "soft_minimum", "soft_maximum", "closed_loop"}  # settings that its code assigns
 
 
 def test_no_name_and_no_mnemonic_is_declared_twice():
@@ -73,7 +73,7 @@ def test_no_name_is_that_of_another_attribute_of_the_hosts_axis():
 
 
 def test_without_an_encoder_the_mnemonics_of_its_settings_are_answered():
-    wanted = {entry[0].decode() for entry in ENCODER_SETTINGS}
+    wanted = {"SN"} | {entry[0].decode() for entry in ENCODER_SETTINGS}
     assert set(newfocus._ENCODER) == wanted, "add it to _ENCODER of mountfw/dialect/newfocus.py"
 
 

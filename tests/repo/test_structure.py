@@ -13,8 +13,11 @@ HOST = ROOT / "host" / "mirrormount"
 FIRMWARE = ROOT / "firmware_py" / "mountfw"
 TOOLS = ROOT / "tools"
 
-# the one import by a name in a string: a scheme of addresses that is opened by a floor above (virtual://)
-DYNAMIC = {"transport/open.py": 1}
+MOST_LINES = {HOST: 300, FIRMWARE: 350}  # of a file; CONTRIBUTING.md says what to do at the limit
+EVENING = 1800  # lines of app, build, wire/ and motion/, which somebody reads in an evening
+
+# imports by a name in a string: a scheme of addresses that a floor above opens (virtual://); the module of a command
+DYNAMIC = {"transport/ports.py": 1, "cli/main.py": 1}
 
 
 def modules(*roots: Path) -> list[Path]:
@@ -22,6 +25,10 @@ def modules(*roots: Path) -> list[Path]:
     found = [path for root in roots for path in sorted(root.rglob("*.py")) if "typings" not in path.parts]
     assert len(found) > 20 * len(roots)
     return found
+
+
+def lines_of(path: Path) -> int:
+    return len(path.read_text(encoding="utf-8").splitlines())
 
 
 def is_private(name: str) -> bool:
@@ -64,7 +71,7 @@ def test_no_file_takes_a_private_name_of_another_module():
 @pytest.mark.parametrize(
     "text",
     [
-        "from mirrormount.common.errors import _secret",
+        "from mirrormount.errors import _secret",
         "from mirrormount._common import errors",
         "import mountfw._wire",
         "from mountfw import app\nprint(app._SPIN_US)",
@@ -81,10 +88,37 @@ def test_dunders_and_names_of_other_peoples_modules_are_not_meant():
     assert [*private_uses(HOST / "made_up.py", text)] == []
 
 
+def test_no_file_is_longer_than_its_package_allows():
+    over = [
+        f"{path.relative_to(ROOT).as_posix()}: {lines_of(path) - most} lines over {most}"
+        for root, most in MOST_LINES.items()
+        for path in modules(root)
+        if lines_of(path) > most
+    ]
+    assert not over, "\n".join([*over, "move what is a subject of its own to a new file"])
+
+
+def test_app_build_wire_and_motion_can_be_read_in_an_evening():
+    files = [FIRMWARE / "app.py", *FIRMWARE.glob("build.py")]
+    for folder in ("wire", "motion"):
+        found = sorted((FIRMWARE / folder).glob("*.py"))
+        assert len(found) > 4
+        files += found
+    longest = ", ".join(f"{path.name} {lines_of(path)}" for path in sorted(files, key=lines_of)[:-4:-1])
+    over = sum(map(lines_of, files)) - EVENING
+    assert over <= 0, f"app, build, wire/ and motion/: {over} lines over {EVENING}; shorten these ({longest} ...)"
+
+
 def test_no_class_of_the_loop_has_a_property():
     # MicroPython then searches the class and its bases at each `self.name =` (docs/architecture.md)
     found = [path.name for path in modules(FIRMWARE) if re.search(r"@property|\bproperty\(", path.read_text())]
     assert found == ["repl.py"], "at the prompt it costs nothing"
+
+
+def test_contributing_says_the_limits():
+    rows = [line for line in (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8").splitlines() if line[:1] == "|"]
+    for most in (*MOST_LINES.values(), EVENING):
+        assert any(re.search(rf"\b{most}\b", row.split("|")[2]) for row in rows), f"the limit {most} is in no row"
 
 
 def dynamic_imports(tree: ast.AST) -> int:
@@ -97,11 +131,11 @@ def dynamic_imports(tree: ast.AST) -> int:
     return found
 
 
-def test_the_host_imports_by_a_name_in_a_string_only_where_a_scheme_is_opened():
+def test_the_host_imports_by_a_name_in_a_string_only_schemes_and_commands():
     counts = {}
     for path in modules(HOST):
         # what an inner interpreter runs is a program of its own: it fences imports off for the firmware that it hosts
-        if path.name.startswith("boot_") or path.parent.name.startswith("fakes"):
+        if path.parent.name == "boot" or path.parent.name.startswith("fakes"):
             continue
         number = dynamic_imports(ast.parse(path.read_text()))
         if number:
@@ -110,9 +144,9 @@ def test_the_host_imports_by_a_name_in_a_string_only_where_a_scheme_is_opened():
 
 
 def test_every_folder_of_modules_is_a_package_that_the_contracts_see():
-    # import-linter passes over a folder without __init__.py; entry files and fakes are programs
+    # import-linter passes over a folder without __init__.py; entry and boot files and fakes are programs
     folders = {path.parent for root in (HOST, FIRMWARE) for path in modules(root)}
-    programs = {folder for folder in folders if folder.name in ("entry", "fakes", "fakes_circuitpython")}
+    programs = {folder for folder in folders if folder.name in ("entry", "boot", "fakes", "fakes_circuitpython")}
     without = {folder for folder in folders if not (folder / "__init__.py").is_file()}
     assert without == programs, "an __init__.py is missing, or is where programs are"
 
@@ -123,7 +157,7 @@ def contracts() -> dict[str, dict]:
 
 
 def test_the_contracts_forbid_the_host_all_of_the_firmware_but_what_is_named():
-    shared = {"wire", "codes", "settings", "board_file", "boards", "dialect.line", "encoder.settings"}
+    shared = {"wire", "codes", "settings", "board_file", "boards", "dialect.line"}
     forbidden = {name.removeprefix("mountfw.") for name in contracts()["host-takes-the-wire"]["forbidden_modules"]}
     files = [p for p in modules(FIRMWARE) if p.name != "__init__.py" and p.parent.name != "entry"]
     names = [".".join(path.relative_to(FIRMWARE).with_suffix("").parts) for path in files]
@@ -134,4 +168,4 @@ def test_the_contracts_forbid_the_host_all_of_the_firmware_but_what_is_named():
 def test_no_part_of_the_core_may_name_a_port():
     parts = {p.stem for p in FIRMWARE.glob("*.py")} | {p.parent.name for p in FIRMWARE.glob("*/__init__.py")}
     held = {name.removeprefix("mountfw.") for name in contracts()["firmware-core-names-no-port"]["source_modules"]}
-    assert held == parts - {"__init__", "ports", "codes", "settings", "board_file", "boards"}
+    assert held == parts - {"__init__", "ports", "codes", "settings", "start", "board_file", "boards"}

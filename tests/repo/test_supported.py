@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 import vms
 
-from mirrormount.common.supported import CIRCUITPYTHON, MICROPYTHON, VM_PACKAGE, parse
-from mirrormount.virtual import npm
+from mirrormount.supported import CIRCUITPYTHON, MICROPYTHON, VM_PACKAGE, parse
+from mirrormount_sim import emulator
 
 ROOT = Path(__file__).parent.parent.parent
 DOCS = ROOT / "docs"
-LOCKED = ("emulator", "vms")  # folders of tools with packages from npm
+LOCKED = ("host/mirrormount/virtual/rp2040", "tools/vms")  # folders with packages from npm
 
 
 @pytest.mark.parametrize("interpreter", [MICROPYTHON, CIRCUITPYTHON])
@@ -44,11 +44,11 @@ def test_the_installed_vms_and_compilers_are_those_of_the_list():
 
 @pytest.mark.parametrize("name", LOCKED)
 def test_packages_from_npm_are_locked_by_their_sums_and_name_no_registry(name):
-    lock = (ROOT / "tools" / name / "package-lock.json").read_text()
+    lock = (ROOT / name / "package-lock.json").read_text()
     assert "://" not in lock and "resolved" not in lock
     packages = {path: package for path, package in json.loads(lock)["packages"].items() if path}
     assert packages and all(package["integrity"].startswith("sha512-") for package in packages.values())
-    wanted = json.loads((ROOT / "tools" / name / "package.json").read_text())["dependencies"]
+    wanted = json.loads((ROOT / name / "package.json").read_text())["dependencies"]
     assert json.loads(lock)["packages"][""]["dependencies"] == wanted
 
 
@@ -58,12 +58,12 @@ def test_npm_installs_what_is_locked_and_runs_no_scripts(monkeypatch, tmp_path):
     def run(command, cwd, **_options):
         commands.append(command)
         (cwd / "node_modules").mkdir()
-        return npm.subprocess.CompletedProcess(command, 0, "", "")
+        return emulator.subprocess.CompletedProcess(command, 0, "", "")
 
-    monkeypatch.setattr(npm.shutil, "which", lambda name: name)
-    monkeypatch.setattr(npm.subprocess, "run", run)
-    assert npm.install(ROOT / "tools" / "vms", tmp_path)
-    assert not npm.install(ROOT / "tools" / "vms", tmp_path)  # it is there
+    monkeypatch.setattr(emulator.shutil, "which", lambda name: name)
+    monkeypatch.setattr(emulator.subprocess, "run", run)
+    assert emulator.install_packages(ROOT / "tools" / "vms", tmp_path)
+    assert not emulator.install_packages(ROOT / "tools" / "vms", tmp_path)  # it is there
     assert [command[:2] for command in commands] == [["npm", "ci"]]
     assert "--ignore-scripts" in commands[0]
 

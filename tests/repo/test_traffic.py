@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from mirrormount.virtual.board import Options, make_simulation
-from mirrormount.virtual.lockstep import Lockstep
+from mirrormount_sim.board import Options, make_simulation
+from mirrormount_sim.clocks import Lockstep
 
 PROTOCOL = Path(__file__).parent.parent.parent / "docs" / "protocol.md"
 

@@ -7,8 +7,8 @@ import pytest
 from served import ServedBoard, wait_for
 from supervised import AlwaysAlive
 
-from mirrormount.supervise import Program, Supervisor
 from mirrormount.supervise.lease import Client, Lease
+from mirrormount.supervise.supervisor import Program, Supervisor
 
 
 @pytest.fixture

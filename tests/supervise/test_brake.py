@@ -4,14 +4,14 @@ import os
 
 import pytest
 
-from mirrormount.common.errors import ConnectionLost
-from mirrormount.transport.serial_port import SerialPort
+from mirrormount.errors import ConnectionLost
+from mirrormount.transport.ports import SerialPort
 
 
 @pytest.mark.skipif(os.name != "posix", reason="a pty needs POSIX")
 def test_a_stop_that_meets_a_port_just_closed_by_another_thread_finds_it_gone():
     controller, terminal = os.openpty()
-    port = SerialPort(os.ttyname(terminal), 115200)
+    port = SerialPort(os.ttyname(terminal))
     fd, port._serial.fd = port._serial.fd, None  # as in the middle of close()
     with pytest.raises(ConnectionLost):
         port.write(b"!\n")

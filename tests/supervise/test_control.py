@@ -4,7 +4,7 @@ import pytest
 from served import PATIENCE_S, wait_for
 from supervised import moving
 
-from mirrormount.common.errors import MoveEnded, NotInControl
+from mirrormount.errors import MoveEnded, NotInControl
 from mirrormount.supervise.lease import Client, Lease
 from mirrormount.supervise.requests import Press
 from mirrormount.supervise.worker import Worker

@@ -3,8 +3,9 @@
 import pytest
 from supervised import Clock
 
-from mirrormount.common.errors import NotInControl
-from mirrormount.supervise.lease import PATIENCE_S, Client, Lease
+from mirrormount.errors import NotInControl
+from mirrormount.supervise.lease import Client, Lease
+from mirrormount.values import PATIENCE_S
 
 
 @pytest.fixture

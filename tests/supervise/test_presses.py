@@ -3,8 +3,8 @@
 from collections import deque
 
 from mirrormount.supervise.lease import Client
-from mirrormount.supervise.presses import Hold, Presses
 from mirrormount.supervise.requests import Press
+from mirrormount.supervise.worker import Hold, Presses
 
 
 def test_a_release_that_comes_while_its_press_leaves_the_queue_is_not_lost():

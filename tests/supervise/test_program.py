@@ -6,9 +6,9 @@ import pytest
 from served import PATIENCE_S, ServedBoard, run_process, wait_for
 from three_axes import make_board_files
 
-from mirrormount.common.errors import BadValue, BoardError, ConnectionLost, MoveEnded, NotInControl
-from mirrormount.supervise import Supervisor
+from mirrormount.errors import BadValue, BoardError, ConnectionLost, MoveEnded, NotInControl
 from mirrormount.supervise.lease import Client
+from mirrormount.supervise.supervisor import Supervisor
 from mirrormount.transport import stop_socket
 from mountfw import codes as wire
 

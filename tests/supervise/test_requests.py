@@ -2,7 +2,7 @@
 
 import pytest
 
-from mirrormount.common.errors import BadValue
+from mirrormount.errors import BadValue
 from mirrormount.supervise.requests import Drive, GoTo, Home, MoveBy, MoveTo, Press, Steps, Zero, parse
 
 PRESS = {"do": "press", "x": 1, "y": 0, "speed": "128"}

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from mirrormount.device import calibration
-from mirrormount.supervise.state import State
+from mirrormount.supervise.connection import State
 
 STEP = calibration.Step(200_000, 255, 0)
 

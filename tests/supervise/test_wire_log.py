@@ -1,7 +1,7 @@
 """The log of the wire."""
 
-from mirrormount.supervise.wire_log import WireLog
-from mirrormount.transport.tap import TappedPort
+from mirrormount.supervise.log import WireLog
+from mirrormount.transport.ports import TappedPort
 
 
 class Port:

@@ -7,15 +7,13 @@ from served import PATIENCE_S, wait_for
 from supervised import Clock, at_work, moving, polled, sent
 from transcript import second_pair
 
-from mirrormount import Mount
-from mirrormount.common.errors import ConnectionLost, NoBoardFound, NotSupported
+from mirrormount.device.mount import Mount
+from mirrormount.errors import ConnectionLost, NoBoardFound, NotSupported
+from mirrormount.supervise.connection import State
 from mirrormount.supervise.motions import Asked, start
-from mirrormount.supervise.presses import HOLD_S
 from mirrormount.supervise.requests import Drive, GoTo, Press, Steps
-from mirrormount.supervise.state import State
-from mirrormount.supervise.worker import Worker
-from mirrormount.transport.open import open_port
-from mirrormount.transport.port import Port
+from mirrormount.supervise.worker import HOLD_S, Worker
+from mirrormount.transport.ports import Port, open_port
 from mountfw import codes as wire
 
 RIGHT = Press({"x": 1}, 255)

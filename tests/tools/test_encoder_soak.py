@@ -6,7 +6,7 @@ import encoder_soak
 import pytest
 from lab import Board
 
-from mirrormount.virtual.board import Options, make_simulation
+from mirrormount_sim.board import Options, make_simulation
 
 ROUNDS = 60  # one in seven has such a move
 

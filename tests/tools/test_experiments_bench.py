@@ -7,9 +7,9 @@ from functools import partial
 import experiments
 import pytest
 
-from mirrormount.beam.experiments import waiting
-from mirrormount.virtual.bench import STEP_X_MRAD, STEP_Y_MRAD
-from mirrormount.virtual.profile import ROUGH, SMOOTH
+from mirrormount_beam.experiments import drift
+from mirrormount_sim.bench import STEP_X_MRAD, STEP_Y_MRAD
+from mirrormount_sim.mechanics import ROUGH, SMOOTH
 
 
 def test_the_true_step_is_that_of_the_paper_and_slower_to_negative_on_the_rough_profile():
@@ -34,7 +34,7 @@ def test_the_table_counts_both_axes_and_the_four_sides_as_one_quantity():
 
 
 def test_a_run_goes_through_pictures_and_is_kept_and_not_made_again(tmp_path, monkeypatch, capsys):
-    short = replace(experiments.EXPERIMENTS["drift"], run=partial(waiting.drift, seconds=30.0))
+    short = replace(experiments.EXPERIMENTS["drift"], run=partial(drift.drift, seconds=30.0))
     monkeypatch.setitem(experiments.EXPERIMENTS, "drift", short)
     file = tmp_path / "runs.jsonl"
     words = ["experiments.py", "drift", "--seeds", "1", "--first", "5", "--profile", "rough", "--json", str(file)]

@@ -3,11 +3,10 @@
 import random
 from collections import Counter
 
-import messages
+import episode
 import pytest
 import soak
-from episode import Tally, Violation
-from moves import Move
+from episode import Move, Tally, Violation
 
 from mountfw.dialect.line import END, MAX_LINE, Line
 from mountfw.wire.frame import DONE, Frame
@@ -21,15 +20,15 @@ def fits(parser, data: bytes, good: int) -> bool:
 def test_the_soak_says_good_frames_and_good_lines():
     r = random.Random(3)
     for _ in range(1000):
-        assert fits(Frame(), messages.frame(r).rstrip(b"\r\n"), DONE)
-        line = messages.line(r)
+        assert fits(Frame(), episode.frame(r).rstrip(b"\r\n"), DONE)
+        line = episode.line(r)
         assert len(line) < MAX_LINE
         assert fits(Line(), line[: -1 if line[-2:] != b"\r\n" else -2] + b"\n", END), line
 
 
 def test_the_soak_never_says_ctrl_c():
     r = random.Random(4)
-    assert not any(3 in messages.any_message(r) for _ in range(3000))
+    assert not any(3 in episode.any_message(r) for _ in range(3000))
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from mirrormount.virtual.wiring import ENCODERS
+from mirrormount_sim.bench import ENCODERS
 from mountfw.boards import pico
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -21,10 +21,10 @@ from pathlib import Path
 
 from lab import Board
 
-from mirrormount.common.errors import MountError
-from mirrormount.virtual import emulator
-from mirrormount.virtual.board import Options, make_simulation
-from mirrormount.virtual.simulation import BoardGone
+from mirrormount.errors import MountError
+from mirrormount_sim import emulator
+from mirrormount_sim.board import Options, make_simulation
+from mirrormount_sim.simulation import BoardGone
 
 MOTORS = ("m1", "m2")
 FAST = 2.15  # times the motors' nominal voltage: more than 3000 edges a second, with the scatter of speeds

@@ -2,6 +2,7 @@
 
 An episode is a seed: what it sends and when follows from it and from nothing else. It begins with the default
 settings and the motors at rest, and ends with the motors at rest and everything counted.
+Ctrl-C (0x03) is never sent: it belongs to the interpreter and would end the firmware.
 """
 
 import random
@@ -10,11 +11,219 @@ from collections import Counter
 from collections.abc import Callable, Set
 from dataclasses import dataclass, field
 
-import messages
 from lab import ENABLES, LOST, Board, first_low_us, last_fall_us, on_times_us
-from moves import HIT, SILENCE, Move
 
-from mirrormount.virtual.drivetrain import SWITCH_REV
+from mirrormount.device.mount import encode_frame
+from mirrormount_sim.mechanics import SWITCH_REV
+
+# ---- messages, good and bad; all choices are the given generator's
+
+_SETTINGS = (("XP", 200, 2_000_000), ("XD", 1, 255), ("XV", 1, 255), ("XM", 1, 400_000), ("XT", 1, 400_000))
+_FLAGS = (("XI", 1), ("XL", 3), ("ZH", 1))
+_QUERIES = (
+    *("*IDN?", "VE?", "TE?", "TB?", "PH?", "XS?", "XK?", "XF?"),
+    *("TP?", "PA?", "PR?", "MV?", "MD?", "DH?", "VA?", "XP?", "XD?", "XV?", "XI?", "XL?", "XM?", "XT?", "XE?", "ZH?"),
+)
+_ENDS = (b"\n", b"\r", b"\r\n")
+
+
+def frame(r: random.Random) -> bytes:
+    """A good frame, with or without a line end."""
+    m1, m2 = (r.choice((0, 255, -255, r.randrange(-255, 256))) for _ in range(2))
+    text = encode_frame(m1, m2)
+    if r.random() < 0.1:
+        text = text.replace(b"0", b"+", 1) if text[:1] == b"0" else text
+    return text + r.choice((b"", b"", *_ENDS))
+
+
+def line(r: random.Random) -> bytes:
+    """A line that is well formed; not all of it can be done."""
+    text = ";".join(_command(r) for _ in range(r.choice((1, 1, 1, 2, 3, 5))))
+    if r.random() < 0.1:
+        text = f"{r.randrange(32)}>{text}"
+    if r.random() < 0.1:
+        text = text.lower()
+    return text.encode() + r.choice(_ENDS)
+
+
+def _command(r: random.Random) -> str:
+    axis = r.choice(("1", "1", "1", "2", "2", "2", "3", "9", ""))
+    kind = r.random()
+    if kind < 0.35:
+        return _motion(r, axis)
+    if kind < 0.6:
+        return r.choice((axis, axis, "")) + r.choice(_QUERIES)
+    if kind < 0.7:
+        name, most = r.choice(_FLAGS)
+        return f"{axis}{name}{r.randrange(most + 1)}"
+    if kind < 0.8:
+        return f"XK{r.choice((0, r.randrange(20, 3000)))}"
+    if kind < 0.95:
+        name, least, most = r.choice(_SETTINGS)
+        return f"{axis}{name}{round(least * (most / least) ** r.random())}"
+    return r.choice(("AT", f"{axis}XP1", f"{axis}PR", f"{axis}VA0", f"{axis}OR", "ZZ9", f"{axis}XM400001"))
+
+
+def _motion(r: random.Random, axis: str) -> str:
+    return r.choice(
+        (
+            f"{axis}PR{r.randrange(-20, 21)}",
+            f"{axis} PR {r.randrange(-3, 4)}",
+            f"{axis}PA{r.randrange(-50, 51)}",
+            f"{axis}PR{r.randrange(-2_000_000, 2_000_001)}",
+            f"{axis}MV{r.choice('+-')}",
+            f"{axis}MV{r.choice('+-')}",
+            f"{axis}ST",
+            "ST",
+            "AB",
+            f"{axis}DH{r.randrange(-1000, 1000)}",
+            f"{axis}VA{r.randrange(1, 5000)}.{r.randrange(100):02d}",
+        )
+    )
+
+
+def malformed(r: random.Random) -> bytes:
+    """A message that was damaged on its way, or noise; now and then it is still a good one."""
+    if r.random() < 0.3:
+        return bytes(r.choice((*range(3), *range(4, 256))) for _ in range(r.randrange(1, 40)))
+    data = bytearray(good_message(r))
+    for _ in range(r.choice((1, 1, 2))):
+        i = r.randrange(len(data))
+        data[i : i + r.randrange(2)] = bytes(
+            r.choice(b"0123456789+-;?!XPRMV\n \x00\xff") for _ in range(r.randrange(2))
+        )
+        data = data or bytearray(b"#")
+    return bytes(data)
+
+
+def good_message(r: random.Random) -> bytes:
+    """A frame or a line."""
+    return r.choice((frame, line))(r)
+
+
+def any_message(r: random.Random) -> bytes:
+    """A good one, or a damaged one."""
+    return r.choice((good_message,) * 4 + (malformed,))(r)
+
+
+# ---- moves whose end is checked: what is asked for, what may cut it short, what must have come of it
+
+# reasons why a move ended (docs/errors.md)
+_DONE, _STOPPED, _ABORTED, _END_STOP, _RUN_LIMIT, _KEEP_ALIVE, _SUPERSEDED = 1, 2, 3, 4, 6, 7, 8
+
+_NEAR_US = 1_000  # the firmware's count of time under drive, against the pin's, for each pulse
+
+
+@dataclass(frozen=True)
+class End:
+    """What may cut a move short: something that is said, and if nothing is, a switch or the keep-alive.
+
+    wait_us: until it must have shown. reasons and errors are those of docs/errors.md that it may leave.
+    """
+
+    name: str
+    says: str
+    wait_us: int
+    reasons: frozenset[int]
+    errors: frozenset[int] = frozenset()
+
+
+HIT = "end-stop"
+SILENCE = "host frozen"
+_BY_FRAME = "frame"
+_PULSES_US = 1_100_000  # between two pulses at most: a switch shows at the next one
+
+
+def _ends(axis: int, way: int, keep_ms: int) -> tuple[End, ...]:
+    none = End("none", "", 20_000, frozenset())
+    return (
+        none,
+        none,
+        End("!", "!\n", 20_000, frozenset({_ABORTED})),
+        End("zeros", "00000000", 20_000, frozenset({_STOPPED})),
+        End("ST", f"{axis}ST\n", 270_000, frozenset({_STOPPED})),
+        End("malformed", "255255\n", 20_000, frozenset({_STOPPED}), frozenset({60})),
+        # the frame is a move of its own, which ends with the run limit, after 20 ms at least: so it is asked before
+        End(_BY_FRAME, "0255-255", 10_000, frozenset({_SUPERSEDED}), frozenset({140, 240})),
+        End(HIT, "", _PULSES_US, frozenset({_END_STOP}), frozenset({axis * 100 + (4 if way > 0 else 5)})),
+        End(SILENCE, "", keep_ms * 1000 + 30_000, frozenset({_KEEP_ALIVE}), frozenset({62})),
+    )
+
+
+@dataclass(frozen=True)
+class Move:
+    """Steps of one axis, or with steps 0 a run; way is 1 or -1. end comes end_after_us after the start."""
+
+    axis: int
+    way: int
+    steps: int
+    on_us: int
+    limit_ms: int
+    velocity: int  # hundredths of a step per second
+    keep_ms: int
+    end: End
+    end_after_us: int
+
+    @classmethod
+    def chosen(cls, r: random.Random) -> "Move":
+        """Any."""
+        axis, way = r.choice((1, 2)), r.choice((-1, 1))
+        steps = r.choice((0, r.randrange(1, 9)))
+        on_us, limit_ms = r.choice((200, 1_000, 5_000, 30_000, 120_000)), r.randrange(20, 600)
+        velocity = 100_000_000 // (on_us + 1_000) // r.choice((1, 2, 5))
+        keep_ms = r.randrange(20, 400)
+        end = r.choice(_ends(axis, way, keep_ms))
+        whole_us = steps * (100_000_000 // velocity) if steps else limit_ms * 1000
+        after_us = 20_000 + (whole_us if end.name == "none" else r.randrange(whole_us))
+        return cls(axis, way, steps, on_us, limit_ms, velocity, keep_ms, end, after_us)
+
+    def settings(self) -> tuple[str, str]:
+        """The lines that prepare it."""
+        a = self.axis
+        return (
+            f"{a}XP{self.on_us};{a}XD255;{a}XV255;{a}XM{self.limit_ms};{a}XT400000;{a}ZH0;{a}XL3;XK0",
+            f"{a}VA{self.velocity // 100}.{self.velocity % 100:02d}",
+        )
+
+    def start(self) -> str:
+        """The line that starts it."""
+        way = "+" if self.way > 0 else "-"
+        move = f"{self.axis}PR{way}{self.steps}" if self.steps else f"{self.axis}MV{way}"
+        return f"{move};XK{self.keep_ms}" if self.end.name == SILENCE else move
+
+    def errors(self) -> frozenset[int]:
+        """Those that may wait afterwards."""
+        return self.end.errors | (frozenset() if self.steps else {self.axis * 100 + 40})
+
+    def complaints(self, reason: int, done: int, counted_us: int, moved: int, pin_us: list[int]) -> list[str]:
+        """What is wrong with how it ended; nothing if all is right.
+
+        reason, done and counted_us are XE?'s, moved is by how many thousandths of a step the position changed, pin_us
+        how long the enable was high, each time.
+        """
+        most = sum(us >= self.on_us - _NEAR_US for us in pin_us)
+        least = sum(us >= self.on_us + _NEAR_US for us in pin_us)
+        if self.steps:
+            by_itself, over = _DONE, most >= self.steps
+        else:
+            by_itself, over = _RUN_LIMIT, sum(pin_us) >= self.limit_ms * 1000 - _NEAR_US
+        wrong = []
+        if reason not in self.end.reasons and not (over and reason == by_itself):
+            wrong.append("the reason")
+        if self.end.name == _BY_FRAME:  # what the frame drove is in what the pin showed
+            if reason == _SUPERSEDED and self.steps and not least - 1 <= self.way * done <= most + 1:
+                wrong.append("the steps")
+            return wrong
+        if self.steps and not least <= self.way * done <= most:
+            wrong.append("the steps")
+        if abs(counted_us - sum(pin_us)) > _NEAR_US * (len(pin_us) + 1):
+            wrong.append("the time")
+        if reason == _DONE and moved != self.way * self.steps * 1000:
+            wrong.append("the position")
+        return wrong
+
+
+# ---- the episode
 
 STOP_US = 1_000  # from a stop to both enables low
 BYTE_US = 40  # for each byte ahead of it
@@ -120,17 +329,17 @@ class Episode:
     # ---- what is sent
 
     def _frame(self) -> None:
-        self._say("frames", messages.frame(self._random))
+        self._say("frames", frame(self._random))
 
     def _line(self) -> None:
-        self._say("lines", messages.line(self._random))
+        self._say("lines", line(self._random))
 
     def _malformed(self) -> None:
-        self._say("malformed", messages.malformed(self._random))
+        self._say("malformed", malformed(self._random))
 
     def _split(self) -> None:
         """A message in pieces; a pause may be long enough to make it two."""
-        whole = messages.any_message(self._random)
+        whole = any_message(self._random)
         cuts = sorted(self._random.randrange(len(whole) + 1) for _ in range(self._random.randrange(1, 4)))
         self._tally.commands["split"] += 1
         for start, end in zip([0, *cuts], [*cuts, len(whole)], strict=True):
@@ -140,7 +349,7 @@ class Episode:
     def _burst(self) -> None:
         """Many messages at once, good ones or any; often a stop is the last of them."""
         random = self._random
-        kind = random.choice((messages.frame, messages.good_message, messages.any_message))
+        kind = random.choice((frame, good_message, any_message))
         self._say(
             "bursts", b"".join(kind(random) for _ in range(random.randrange(3, 150)))[: random.randrange(50, 1500)]
         )
@@ -160,7 +369,7 @@ class Episode:
             self._give(random.choice((b"0255-255", b"-1000100\n", b"1MV-;2MV+\n", b"1PR9;2PR-9\n", b"2PR3\n")))
             self._run(random.randrange(100_000))
         if random.random() < 0.3:
-            self._give(messages.any_message(random)[:-1])
+            self._give(any_message(random)[:-1])
             self._run(random.choice((0, 0, 1_000, 10_000)))
         self._check_stop()
 

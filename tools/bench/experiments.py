@@ -23,19 +23,17 @@ from pathlib import Path
 import _paths  # noqa: F401
 import numpy as np
 
-from mirrormount import Mount
-from mirrormount.beam.experiments import backlash, pulses, square, steps, waiting
-from mirrormount.beam.experiments.stepping import AT_REST
-from mirrormount.beam.observer import FRAMES, Observer, Sighting
-from mirrormount.beam.result import Result
-from mirrormount.beam.rig import MountRig, Vector
-from mirrormount.transport.lines import Link
-from mirrormount.virtual.bench import LEVER_X_MM, LEVER_Y_MM
-from mirrormount.virtual.drivetrain import GAP_REV, Drivetrain
-from mirrormount.virtual.geometry import DEFAULT, BeamPath
-from mirrormount.virtual.profile import PROFILES, Profile
-from mirrormount.virtual.table import LASER_DRIFT_URAD, MOUNT_DRIFT_URAD
-from mirrormount.virtual.virtual_table import Kind, VirtualTable
+from mirrormount.device.mount import Mount
+from mirrormount.transport.link import Link
+from mirrormount_beam.estimates import Result
+from mirrormount_beam.experiments import backlash, drift, square, steps
+from mirrormount_beam.experiments.rig import MountRig, Vector
+from mirrormount_beam.experiments.steps import AT_REST
+from mirrormount_beam.observe import FRAMES, Sighting, SpotObserver
+from mirrormount_sim.bench import LEVER_X_MM, LEVER_Y_MM
+from mirrormount_sim.mechanics import GAP_REV, PROFILES, Drivetrain, Profile
+from mirrormount_sim.optics import DEFAULT, BeamPath
+from mirrormount_sim.table import LASER_DRIFT_URAD, MOUNT_DRIFT_URAD, Kind, VirtualTable
 
 STEP_US = 200_000
 DRIFT_MIN = 20
@@ -83,7 +81,7 @@ class Watched(MountRig):
     """A mount in front of a camera of a virtual table; what the mirrors have made of each look and of each turn."""
 
     def __init__(self, table: VirtualTable, mount: Mount) -> None:
-        super().__init__(mount, Observer(table.cameras[0]))
+        super().__init__(mount, SpotObserver(table.cameras[0]))
         self.table = table
         self.bench = table.simulations[0].bench
         self.seen: list[tuple[float, Vector]] = []  # of each look: when, and where the spot is without drift and noise
@@ -94,8 +92,8 @@ class Watched(MountRig):
         self._stepped = False  # since the last look
         self._path = BeamPath(1, DEFAULT)
 
-    def look(self, frames: int = FRAMES) -> Sighting:
-        sighting = super().look(frames)
+    def observe(self, frames: int = FRAMES) -> Sighting:
+        sighting = super().observe(frames)
         self.seen.append((sighting.time_s, self.place(*self.bench.mirrors_rad()[0])))
         if self._stepped:
             self.rows[-1][1].append(self.seen[-1][1])
@@ -164,7 +162,7 @@ def _of_pulses(rig: Watched, profile: Profile, _result: Result) -> Truths:
         * float(np.linalg.norm(rig.way(axis)))
         for axis in rig.axes
         for name, sign in WAYS
-        for ms in pulses.LENGTHS_MS
+        for ms in backlash.LENGTHS_MS
     }
 
 
@@ -230,9 +228,9 @@ EXPERIMENTS = {
     "backlash": Experiment(backlash.run, _of_backlash),
     "square": Experiment(square.run, _of_square),
     # all pulses are at one place, where a screw that is not straight makes them larger or smaller; `measure` says so
-    "pulses": Experiment(pulses.run, _of_pulses, straight=True),
-    "settle": Experiment(waiting.settle, _of_settle),
-    "drift": Experiment(partial(waiting.drift, seconds=60.0 * DRIFT_MIN), _of_drift),
+    "pulses": Experiment(backlash.run_pulses, _of_pulses, straight=True),
+    "settle": Experiment(drift.settle, _of_settle),
+    "drift": Experiment(partial(drift.drift, seconds=60.0 * DRIFT_MIN), _of_drift),
 }
 
 
@@ -253,7 +251,7 @@ def run_one(name: str, profile_name: str, seed: int) -> Run:
     if experiment.straight:
         profile = replace(profile, periodic=0.0)
     begun_s = time.process_time()
-    table = VirtualTable(Kind(mounts=1, boards=1, profile=profile, seed=seed))
+    table = VirtualTable(Kind(mounts=1, profile=profile, seed=seed))
     with table, Mount(Link(table.ports[0])) as mount:
         rig, result = Watched(table, mount), Result(name)
         experiment.run(rig, result, lambda _done, _phase: None)

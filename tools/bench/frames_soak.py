@@ -19,10 +19,10 @@ from pathlib import Path
 from lab import Board, Lab, first_low_us
 from measure import QUIET_US, STREAM_US, shown
 
-from mirrormount.common.errors import MountError
-from mirrormount.device.frame import encode
-from mirrormount.virtual import emulator
-from mirrormount.virtual.simulation import BoardGone
+from mirrormount.device.mount import encode_frame
+from mirrormount.errors import MountError
+from mirrormount_sim import emulator
+from mirrormount_sim.simulation import BoardGone
 
 STOP_US = 20  # from a stop's landing to both motors off, with the gate: 99 of 100 (docs/performance.md)
 TRAIN = (200, 1_600)  # frames between two stops
@@ -54,7 +54,7 @@ def train(board: Board, chance: random.Random, tally: Tally, most: int) -> None:
     board.forget()
     frames = min(most, chance.randrange(*TRAIN))
     for i in range(frames):
-        board.give(encode(-255 if i % 2 else 255, 255))
+        board.give(encode_frame(-255 if i % 2 else 255, 255))
         board.run(STREAM_US)
     board.run(AFTER_US)
     seen = [forward for _, forward in shown(board.edges, 1)]
@@ -64,7 +64,7 @@ def train(board: Board, chance: random.Random, tally: Tally, most: int) -> None:
         tally.faults.append(f"{board.us} us: of {frames} frames {len(seen)} were obeyed")
     stop = chance.choice(list(STOPS))
     if stop == b"!":
-        board.give(encode(255, 255)[: chance.randrange(8)])
+        board.give(encode_frame(255, 255)[: chance.randrange(8)])
         board.run(chance.randrange(STREAM_US))
     landed_us = board.land(stop)
     board.run(AFTER_US)

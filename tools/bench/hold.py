@@ -14,11 +14,10 @@ import _paths  # noqa: F401
 import numpy as np
 from fast_table import FastTable
 
-from mirrormount.beam.align import align
-from mirrormount.beam.calibrate import Calibration
-from mirrormount.beam.events import Estimated
-from mirrormount.beam.hold import Hold
 from mirrormount.cli.main import main as command
+from mirrormount_beam.control.calibrate import Calibration
+from mirrormount_beam.control.events import Estimated
+from mirrormount_beam.control.hold import Hold, align
 
 OFF_MM = 9.0
 LEVER_M = 1.2
@@ -52,7 +51,7 @@ def fast(profile: str, seed: int, seconds: float) -> dict[str, float]:
         "rms_urad": float(np.sqrt((angles**2 * dt).sum(axis=0) / dt.sum()).max()),
         "max_um": float(np.abs(found[:, 1:]).max()),
         "reversals": summary.reversals,
-        "gates": len(summary.gates),
+        "interlocks": len(summary.interlocks),
     }
 
 
@@ -64,7 +63,7 @@ def virtual(profile: str, seed: int, seconds: float) -> dict[str, float]:
         command(["hold", "--virtual", "--off", str(OFF_MM), *options])
         found = json.loads(file.read_text())
     names = ("rms_urad", "max_um", "reversals")
-    return {name: float(found[name]) for name in names} | {"gates": float(len(found["gates"]))}
+    return {name: float(found[name]) for name in names} | {"interlocks": float(len(found["interlocks"]))}
 
 
 def main() -> None:

@@ -27,25 +27,20 @@ import numpy as np
 from looking_on import lookers
 from numpy.typing import NDArray
 
-from mirrormount.beam import events
-from mirrormount.beam.align import align
-from mirrormount.beam.calibrate import Calibration
-from mirrormount.beam.eyes import CameraEye
-from mirrormount.beam.gap import Gap
-from mirrormount.beam.hold import Hold
-from mirrormount.beam.looking import lever_m
-from mirrormount.beam.response import Response
-from mirrormount.beam.run_log import RunLog
-from mirrormount.beam.summary import Summary
-from mirrormount.beam.supervised import SupervisedTable
-from mirrormount.beam.watched_eye import WatchedTable
-from mirrormount.common.errors import MountError
-from mirrormount.panel.hold_board import HoldBoard
-from mirrormount.panel.hold_page import make_hold_server
-from mirrormount.panel.sign_in import SignIn
-from mirrormount.supervise import Supervisor
-from mirrormount.transport.port import Port
-from mirrormount.virtual.virtual_table import VirtualTable, open_table
+from mirrormount.errors import MountError
+from mirrormount.supervise.supervisor import Supervisor
+from mirrormount.transport.ports import Port
+from mirrormount_beam.control import events
+from mirrormount_beam.control.backlash import Gap
+from mirrormount_beam.control.calibrate import Calibration
+from mirrormount_beam.control.hold import Hold, Summary, align
+from mirrormount_beam.control.response import Response
+from mirrormount_beam.observe import lever_m
+from mirrormount_beam.runlog import RunLog
+from mirrormount_beam.table import SharedTable, TargetCamera
+from mirrormount_panel.auth import SignIn
+from mirrormount_panel.hold_page import HoldBoard, make_hold_server
+from mirrormount_sim.table import VirtualTable, open_table
 
 Numbers = NDArray[np.float64]
 PERIOD_S = 1 / 60  # less than a frame's, so that the frames set the pace
@@ -63,19 +58,19 @@ class Watch:
     def __init__(self) -> None:
         self.periods_s: list[float] = []
         self.looks = 0
-        self.gates: list[str] = []
+        self.trips: list[str] = []
         self.person: threading.Event = threading.Event()
         self._last_s: float | None = None
 
     def begin_anew(self) -> None:
         """Forget what was before."""
         self.periods_s.clear()
-        self.looks, self.gates = 0, []
+        self.looks, self.trips = 0, []
 
     def listen(self, event: events.Event) -> None:
         """Take an event: two looks with nothing moved between them are a period."""
         match event:
-            case events.Looked():
+            case events.Observed():
                 now_s = time.monotonic()
                 if self._last_s is not None:
                     self.periods_s.append(now_s - self._last_s)
@@ -83,11 +78,11 @@ class Watch:
                 self.looks += 1
             case events.Estimated():
                 pass  # told with each look
-            case events.GateClosed():
-                self.gates.append(f"{event.number} {event.name}: {event.cause}")
-                print(f"gate {self.gates[-1]}", flush=True)
+            case events.InterlockTripped():
+                self.trips.append(f"{event.number} {event.name}: {event.cause}")
+                print(f"interlock {self.trips[-1]}", flush=True)
                 self._last_s = None
-                if not event.opens_itself:
+                if not event.clears_itself:
                     self.person.set()
             case _:
                 self._last_s = None
@@ -99,10 +94,10 @@ class Truth:
     Its room is taken at the beginning, so that memory that grows is the product's.
     """
 
-    def __init__(self, table: VirtualTable, eyes: WatchedTable, seconds: float) -> None:
-        self._rows = np.full((int((seconds + ROOM_S) / TRUTH_S), 2 + 2 * len(eyes.eyes)), np.nan)
+    def __init__(self, table: VirtualTable, targets: Sequence[TargetCamera], seconds: float) -> None:
+        self._rows = np.full((int((seconds + ROOM_S) / TRUTH_S), 2 + 2 * len(targets)), np.nan)
         self._count = 0
-        self._table, self._eyes = table, eyes.eyes
+        self._table, self._targets = table, targets
         self._next_s = table.now_s()
         self.sample()
 
@@ -110,7 +105,7 @@ class Truth:
         """Take one, and order the next while there is room."""
         row = [time.monotonic(), self._next_s]
         for eye, camera, spot in zip(
-            self._eyes, self._table.cameras, self._table.truth.spots_mm(self._next_s), strict=True
+            self._targets, self._table.cameras, self._table.truth.spots_mm(self._next_s), strict=True
         ):
             x, y = camera.truth_px(spot) if spot else (np.nan, np.nan)
             row += [(x - eye.target_px[0]) * eye.um_per_px[0], -(y - eye.target_px[1]) * eye.um_per_px[1]]
@@ -131,7 +126,7 @@ def plugs(table: VirtualTable, number: int) -> Callable[[], Port]:
     return lambda: next(ports, None) or table.replug(number)
 
 
-def ready(table: WatchedTable, listen: events.Listen) -> tuple[Response, Sequence[Gap], Summary]:
+def ready(table: SharedTable, listen: events.Listen) -> tuple[Response, Sequence[Gap], Summary]:
     """Calibrate and align; again where a busy computer has lost a board. Raises MountError at the last of the tries."""
     for left in reversed(range(TRIES)):
         try:
@@ -197,11 +192,11 @@ class Held:
     log_events_lost: int
 
 
-def eyes_of(table: VirtualTable) -> list[CameraEye]:
+def cameras_of(table: VirtualTable) -> list[TargetCamera]:
     """An eye for each camera, which holds the middle of its picture."""
     um = 1000 * table.cameras[0].sensor.pixel_mm
     return [
-        CameraEye(camera.name, camera, ((camera.size.width - 1) / 2, (camera.size.height - 1) / 2), (um, um), at_m)
+        TargetCamera(camera.name, camera, ((camera.size.width - 1) / 2, (camera.size.height - 1) / 2), (um, um), at_m)
         for camera, at_m in zip(table.cameras, table.truth.geometry.cameras_m, strict=True)
     ]
 
@@ -215,28 +210,28 @@ def hour(options: argparse.Namespace) -> Held:
         for number, name in enumerate(("first", "second")):
             supervisor = Supervisor(plugs(table, number), patience_s=options.patience)
             mounts.append((name, kept.enter_context(supervisor), ("x", "y")))
-        eyes = eyes_of(table)
-        watched = WatchedTable(kept.enter_context(SupervisedTable("hour", mounts, eyes)))
-        watch, board = Watch(), HoldBoard({eye.name: eye.um_per_px for eye in eyes})
+        cameras = cameras_of(table)
+        shared = kept.enter_context(SharedTable("hour", mounts, cameras))
+        watch, board = Watch(), HoldBoard({camera.name: camera.um_per_px for camera in cameras})
         folder = options.run or Path(kept.enter_context(tempfile.TemporaryDirectory())) / "run"
-        log = kept.enter_context(RunLog(folder, {"seed": options.seed, "profile": options.profile}))
+        log = kept.enter_context(RunLog(folder / "run.sqlite", {"seed": options.seed, "profile": options.profile}))
 
         def listen(event: events.Event) -> None:
             log(event)
             board.listen(event)
             watch.listen(event)
 
-        response, gaps, summary = ready(watched, listen)
+        response, gaps, summary = ready(shared, listen)
         print(f"aligned in {summary.corrections} corrections", flush=True)
-        hold = Hold(watched, response, gaps, listen, period_s=PERIOD_S)
-        server = make_hold_server(watched.eyes, board, SignIn(None), go=hold.go_on, stop=hold.stop)
+        hold = Hold(shared, response, gaps, listen, period_s=PERIOD_S)
+        server = make_hold_server(cameras, board, SignIn(None), go=hold.go_on, stop=hold.stop)
         listener = kept.enter_context(socket.create_server(("127.0.0.1", 0)))
         page = threading.Thread(target=server.run, args=([listener],), daemon=True)
         page.start()
         got: list[dict[str, float]] = []
         with lookers(listener.getsockname()[1], got):
             watch.begin_anew()
-            truth = Truth(table, watched, options.seconds)
+            truth = Truth(table, cameras, options.seconds)
             with minded(folder, watch, hold) as memory:
                 begun = (time.monotonic(), time.process_time(), busy_s())
                 threading.Timer(options.seconds, hold.stop).start()
@@ -247,13 +242,13 @@ def hour(options: argparse.Namespace) -> Held:
         server.should_exit = True
         page.join(5)
         seconds, own_s, all_s = (after - before for after, before in zip(ended, begun, strict=True))
-        lever = lever_m(eyes) or np.nan
+        lever = lever_m(cameras) or np.nan
         return Held(watch, summary, rows[:, 2:], lever, seconds, own_s, all_s, memory, got, log.lost)
 
 
 @contextlib.contextmanager
 def minded(folder: Path, watch: Watch, hold: Hold) -> Iterator[list[dict[str, float]]]:
-    """Meanwhile memory is sampled, and a person opens the gates that only a person opens. Yields the samples."""
+    """Meanwhile memory is sampled, and a person clears the interlocks that only a person clears. Yields the samples."""
     memory: list[dict[str, float]] = []
     ended = threading.Event()
 
@@ -295,7 +290,7 @@ def figures(options: argparse.Namespace, held: Held) -> dict[str, object]:
         "rms_urad_of_sixths": parts,
         "max_um": float(np.abs(errors_um).max()),
         "over_80_um": float((np.abs(errors_um).max(axis=1) > 80).mean()),
-        "seen": held.summary.to_json(final=False) | {"gates": watch.gates},
+        "seen": held.summary.to_json(final=False) | {"interlocks": watch.trips},
         "looks_a_second": watch.looks / seconds,
         "period_ms": {
             "median": float(np.median(periods_ms)),

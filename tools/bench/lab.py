@@ -1,6 +1,6 @@
 """Emulated boards to measure on: bytes at exact instants, pin edges with their times. Needs the host package.
 
-Every board runs a real MicroPython image in lockstep (mirrormount.virtual), with the firmware on it as
+Every board runs a real MicroPython image in lockstep (mirrormount_sim), with the firmware on it as
 `mirrormount deploy` leaves it. Times are microseconds of the board's own time since power-up.
 """
 
@@ -11,24 +11,21 @@ import shutil
 import sys
 import time
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Self
 
-from mirrormount.deploy import fileset
-from mirrormount.virtual import emulator
-from mirrormount.virtual.board import Options, make_simulation
-from mirrormount.virtual.files import THIS, board_text
-from mirrormount.virtual.image import mpy_of
-from mirrormount.virtual.lockstep import Lockstep
-from mirrormount.virtual.simulation import Simulation
+from mirrormount_sim import emulator
+from mirrormount_sim.board import Options, make_simulation
+from mirrormount_sim.clocks import Lockstep
+from mirrormount_sim.emulator import RawPrompt
+from mirrormount_sim.machines import board_text
+from mirrormount_sim.simulation import Simulation
 
 ENABLES = ("m1_en", "m2_en")
 LOST = math.inf  # what never happened
 USB_US = 10  # the emulated controller takes so long for a packet: a stop lands then
 
-_GATE = "mountfw/ports/rp2_gate.py"
 _PATIENCE_US = 20_000_000
 _ASK_US = 1_000_000  # ask again if no answer came: while the board's output is full it drops what it cannot say
 _LOOK_US = 20  # between two looks whether a packet has landed
@@ -189,16 +186,11 @@ class Board(Lockstep):
         return last_fall_us(self.edges, landed_us) - landed_us if self.off() else LOST
 
 
-def has_gate() -> bool:
-    """True if the firmware has a gate, which cuts a drive without the loop (docs/architecture.md)."""
-    return _GATE in fileset.sources("micropython")
-
-
 class Lab:
     """Makes boards for one measurement, counts its trials, and cleans up after it.
 
-    gate: False for a board file that leaves the gate out; flash_cache: with the model of the flash's cache; closed:
-    with encoders on the motors, and both axes in the closed loop.
+    gate: False for a board file that leaves the gate out; closed: with encoders on the motors, and both axes in the
+    closed loop.
     """
 
     def __init__(
@@ -208,7 +200,6 @@ class Lab:
         image: Path | None = None,
         *,
         gate: bool = True,
-        flash_cache: bool = True,
         closed: bool = False,
     ) -> None:
         self.n = n
@@ -216,7 +207,6 @@ class Lab:
         self._name = name
         self._image = image
         self._gate = gate
-        self._flash_cache = flash_cache
         self.closed = closed
         self._encoder = "motor" if closed else None
         self._folder = TemporaryDirectory(prefix="mirrormount-bench-")
@@ -230,19 +220,16 @@ class Lab:
             board.simulation.close()
         self._folder.cleanup()
 
-    def board(self, *, source: bool = False, switches: bool = False) -> Board:
-        """A new board that has started. source: with .py files instead of .mpy; switches: end-stops wired."""
-        files = fileset.firmware(None if source else mpy_of(emulator.find_image(self._image)))
-        text = board_text("pico", 2, self._encoder) or "from mountfw.boards.pico import *\n"
-        if not self._gate and has_gate():
-            text += "\nGATE = False\n"
-        if text.count("\n") > 1:
-            files |= {THIS: text.encode()}
+    def board(self, *, switches: bool = False) -> Board:
+        """A new board that has started. switches: end-stops wired."""
+        text = board_text("pico", 2, self._encoder)
+        if not self._gate:
+            text = (text or "from mountfw.boards.pico import *\n") + "\nGATE = False\n"
         flash = Path(self._folder.name) / f"{len(self._boards)}.bin"
-        shutil.copyfile(emulator.flash_with_firmware(self._image, files), flash)
+        shutil.copyfile(emulator.flash_with_firmware(self._image, board=text), flash)
         bench = "switches" if switches else "paper"
-        options = Options("rp2040", image=self._image, flash=flash, bench=bench, flash_cache=self._flash_cache)
-        board = Board(make_simulation(replace(options, encoder=self._encoder)))
+        options = Options("rp2040", image=self._image, flash=flash, bench=bench, encoder=self._encoder)
+        board = Board(make_simulation(options))
         self._boards.append(board)
         board.clear()
         if self._encoder:
@@ -258,3 +245,32 @@ class Lab:
                 shown = time.monotonic()
                 print(f"\r{self._name}: {trial}/{n} ", end="", file=sys.stderr, flush=True)
             yield trial
+
+
+# The loop notes how long a pass has taken: there, at the end of each, it hangs while a motor is driven.
+_HANGING = """
+from mountfw.build import build
+from mountfw.ports import micropython as port
+board = port.find_board()
+a = build(port, board)
+about = a.queries.about
+passed = about.passed
+def ended(us):
+    passed(us)
+    while a.controller.driving():
+        pass
+about.passed = ended
+try:
+    a.run()
+finally:
+    port.leave(board)
+"""
+
+
+def start_hanging(board: Board) -> None:
+    """Start the firmware anew; the loop hangs with the first drive, until the watchdog resets the board."""
+    RawPrompt(board)
+    board.simulation.lit = False
+    board.give(_HANGING.encode() + b"\x04")
+    board.boot()
+    board.clear()

@@ -4,10 +4,9 @@ Each function makes its own board and returns a list of numbers, in the unit of 
 happened. Everything is read off pin edges, but for the answer after a reset.
 """
 
-from lab import ENABLES, LOST, Board, Edge, Lab, first_low_us, last_fall_us, on_times_us
-from probe import longest_pass_us, start_polled, start_probe
+from lab import ENABLES, LOST, Board, Edge, Lab, first_low_us, last_fall_us, on_times_us, start_hanging
 
-from mirrormount.device.frame import encode
+from mirrormount.device.mount import encode_frame
 
 IDLE_US = 512_000  # the longest sleep of an idle loop: moments are chosen from as long a stretch
 STREAM_US = 1_000  # a frame each millisecond
@@ -15,8 +14,11 @@ EXECUTED_US = 64_000  # thirty lines `XS?` take three times as long
 RECORDED_US = 10_800_000  # the position is recorded after 10 s of rest
 LATE_US = 10_000  # a frame that shows later than this did not keep up
 FRAMES = 500
-QUIET_US = 700_000  # after an answer; by then the board knows that the port does not echo, so it holds no frame
+QUIET_US = 700_000  # after an answer; by then the board knows that the port does not echo
 KEEP_ALIVE_US = 500_000
+WATCHDOG_US = 1_000_000
+DRIVE_US = 200_000  # of a run whose end comes while the loop hangs
+REST_OVER_US = 510_000  # the period of VA's default, and the next pulse starts at once
 
 # us of a pulse, and how many of 200 pulses are that long
 PULSES = {1_000: 40, 2_000: 40, 5_000: 40, 10_000: 30, 50_000: 25, 200_000: 15, 1_000_000: 6, 2_000_000: 4}
@@ -38,9 +40,9 @@ def frame_to_level(lab: Lab, *, together: bool, full: bool) -> list[float]:
         speeds = [random.choice((-1, 1)) * (255 if full else random.randrange(26, 230)) for _ in ENABLES]
         board.clear()
         if trial % 2:
-            board.do(encode(-speeds[0], -speeds[1]))
+            board.do(encode_frame(-speeds[0], -speeds[1]))
         board.run(random.randrange(IDLE_US))
-        frame = encode(*speeds)
+        frame = encode_frame(*speeds)
         if not together:
             board.give(frame[:7])
             board.run(random.randrange(1_000, 40_000))
@@ -54,15 +56,15 @@ def frame_to_level(lab: Lab, *, together: bool, full: bool) -> list[float]:
     return times
 
 
-def first_after_record(lab: Lab, *, start: bytes) -> list[float]:
-    """ms from the last byte of a motion to the first enable high, where the position is recorded on the flash."""
+def first_after_record(lab: Lab) -> list[float]:
+    """ms from the last byte of a run to the first enable high, where the position is recorded on the flash."""
     board = lab.board()
     times = []
     for _ in lab.trials():
         board.do(b"1MV+\n")
         board.clear()
         board.run(RECORDED_US + lab.random.randrange(IDLE_US))
-        landed_us = board.give(start)
+        landed_us = board.give(b"1MV+\n")
         board.run(400_000)
         rises = [us for us, pin, duty in board.edges if us >= landed_us and pin in ENABLES and duty]
         times.append((min(rises, default=LOST) - landed_us) / 1000)
@@ -76,10 +78,9 @@ def _level_us(edges: list[Edge], since_us: int, motor: int, forward: bool) -> fl
     return next((us for us, pin, duty in edges if us >= turned_us and pin == f"m{motor}_en" and duty), LOST)
 
 
-def frame_rate(lab: Lab, *, reading: bool) -> list[float]:
+def frame_rate(lab: Lab) -> list[float]:
     """The highest rate, to 2 %, at which FRAMES paced frames all show on the pins in order, none LATE_US late."""
     board = lab.board()
-    board.hear(reading)
     low, high = 10.0, 4000.0
     for _ in lab.trials(9):
         middle = (low * high) ** 0.5
@@ -96,7 +97,7 @@ def _keeps_up(board: Board, lab: Lab, rate: float) -> bool:
     start_us, landed = board.us + 1_000, []
     for i, (m1, m2) in enumerate(speeds):
         board.until_us(start_us + round(i * 1e6 / rate))
-        landed.append(board.give(encode(m1, m2)))
+        landed.append(board.give(encode_frame(m1, m2)))
         if i % 25 == 24 and len(shown(board.edges, 1)) < i - LATE_US * 1e-6 * rate - 2:
             return False  # it has fallen behind already
     board.run(LATE_US + 5_000)
@@ -141,9 +142,6 @@ def stop_in_a_run(lab: Lab, *, reading: bool = True) -> list[float]:
     return times
 
 
-REST_OVER_US = 510_000  # the period of VA's default, and the next pulse starts at once
-
-
 def stop_in_a_pulse(lab: Lab) -> list[float]:
     """ms; both axes pulse. By turns at any moment, and about the end of axis 1's pulse, when the loop spins.
 
@@ -168,13 +166,13 @@ def stop_in_a_pulse(lab: Lab) -> list[float]:
     return times
 
 
-def stop_in_a_stream(lab: Lab, *, zeros: bool, landed: bool = True) -> list[float]:
-    """ms, from the stop's landing, or else from when the host has it to give.
+def stop_in_a_stream(lab: Lab, *, zeros: bool) -> list[float]:
+    """ms, from the stop's landing: a packet that comes soon after another waits in the host before that.
 
     A frame comes each millisecond, a tenth of a second of them before the stop, and on after it.
     `!` comes at any moment, half of the time inside a frame; eight zeros between two frames.
     """
-    board, random, frame = lab.board(), lab.random, encode(255, 255)
+    board, random, frame = lab.board(), lab.random, encode_frame(255, 255)
     times = []
     for _ in lab.trials():
         board.fresh()
@@ -188,8 +186,7 @@ def stop_in_a_stream(lab: Lab, *, zeros: bool, landed: bool = True) -> list[floa
             if i == stop_at:
                 board.give(frame[:cut] or frame)
                 board.until_us(start_us + i * STREAM_US + random.randrange(STREAM_US - 50))
-                hand = board.land if landed else board.give
-                landed_us = hand(b"00000000" if zeros else b"!")
+                landed_us = board.land(b"00000000" if zeros else b"!")
                 rest = frame[cut:] if cut else b""
             else:
                 board.give(rest + frame)
@@ -202,12 +199,12 @@ def stop_in_a_stream(lab: Lab, *, zeros: bool, landed: bool = True) -> list[floa
 def stop_behind(lab: Lab, *, size: int) -> list[float]:
     """us for each byte of a burst that the stop is the end of; frames, long lines and newlines by turns."""
     board, random = lab.board(), lab.random
-    contents = (encode(255, 255) + b"\n", b"1XP?;" * 24 + b"2XP?\n", b"\n")
+    contents = (encode_frame(255, 255) + b"\n", b"1XP?;" * 24 + b"2XP?\n", b"\n")
     times = []
     for trial in lab.trials():
         content = contents[trial % len(contents)]
         board.fresh()
-        board.do(encode(255, 255))
+        board.do(encode_frame(255, 255))
         board.run(random.randrange(IDLE_US))
         landed_us = board.give((content * size)[:size] + b"!")
         board.run(3_000_000, board.off)
@@ -233,6 +230,56 @@ def stop_in_queries(lab: Lab) -> list[float]:
     return times
 
 
+# ---- a loop that hangs: nothing but interrupts and the watchdog are there then
+
+
+def stop_in_hang(lab: Lab) -> list[float]:
+    """ms from `!` to both enables low, where the loop has hung since the drive began: runs and frames by turns."""
+    board, random = lab.board(), lab.random
+    times = []
+    for trial in lab.trials():
+        _hang(board, b"1MV+;2MV-\n" if trial % 2 else b"0255-255")
+        board.run(random.randrange(IDLE_US))
+        landed_us = board.give(b"!")
+        times.append(_off_after_us(board, landed_us) / 1000)
+        _recover(board)
+    return times
+
+
+def end_in_hang(lab: Lab) -> list[float]:
+    """ms from the limit of a run, DRIVE_US, to its enable low; the loop has hung meanwhile."""
+    board = lab.board()
+    times = []
+    for _ in lab.trials():
+        began_us = _hang(board, b"1XM%d\n1MV+\n" % (DRIVE_US // 1000))
+        times.append((_off_after_us(board, began_us) - DRIVE_US) / 1000)
+        _recover(board)
+    return times
+
+
+def _hang(board: Board, start: bytes) -> int:
+    """Start a drive in which the loop hangs. Returns when the last enable rose."""
+    start_hanging(board)
+    board.forget()
+    board.give(start)
+    board.run(1_000_000, lambda: not board.off())
+    board.run(20_000)
+    return max(us for us, pin, duty in board.edges if pin in ENABLES and duty)
+
+
+def _off_after_us(board: Board, since_us: int) -> float:
+    board.run(2 * WATCHDOG_US, board.off)
+    return last_fall_us(board.edges, since_us) - since_us if board.off() else LOST
+
+
+def _recover(board: Board) -> None:
+    """Wait for the watchdog's reset and for the start after it."""
+    board.run(2 * WATCHDOG_US, lambda: not board.simulation.usb)
+    board.simulation.lit = False
+    board.boot()
+    board.clear()
+
+
 # ---- pulses
 
 
@@ -255,27 +302,20 @@ def pulse_error(lab: Lab, *, axes: tuple[int, ...], lengths: dict[int, int]) -> 
     return errors
 
 
-def shortest_pulse(lab: Lab) -> list[float]:
-    """ms that an enable was high for XP200."""
-    return [(SHORTEST_US + error) / 1000 for error in pulse_error(lab, axes=(1,), lengths={SHORTEST_US: 1})]
-
-
 # ---- what ends a move from outside
 
 
-def end_stop(lab: Lab, *, pulse: bool, polled: bool = False) -> list[float]:
-    """ms from the edge of the switch ahead to the enable low, with both switches of both axes fitted."""
+def end_stop(lab: Lab) -> list[float]:
+    """ms from the edge of the switch ahead to the enable low in a run, with both switches of both axes fitted."""
     board, random = lab.board(switches=True), lab.random
-    if polled:
-        start_polled(board)
-    board.do(b"1XL3;2XL3;1VA4.9;2VA4.9\n")
+    board.do(b"1XL3;2XL3\n")
     times = []
     for trial in lab.trials():
         axis, forward = 1 + trial % 2, bool(trial & 2)
         way = "+" if forward else "-"
-        board.give(f"{axis}PR{way}1\n".encode() if pulse else f"{axis}MV{way}\n".encode())
+        board.give(f"{axis}MV{way}\n".encode())
         board.run(1_000_000, lambda: not board.off())
-        board.run(random.randrange(1_000, 190_000 if pulse else 40_000))
+        board.run(random.randrange(1_000, 40_000))
         edge_us = board.us
         board.simulation.bench.broken.add(f"m{axis}_sw_{'pos' if forward else 'neg'}")
         board.run(20_000)
@@ -286,14 +326,13 @@ def end_stop(lab: Lab, *, pulse: bool, polled: bool = False) -> list[float]:
     return times
 
 
-def keep_alive(lab: Lab, *, start: bytes) -> list[float]:
-    """ms from the last byte to both enables low, less XK. By turns the host is cut off, freezes, and is killed."""
+def keep_alive(lab: Lab) -> list[float]:
+    """ms from the last byte to both enables low, less XK, of runs. By turns the host is cut off, freezes, is killed."""
     board, random = lab.board(), lab.random
-    board.do(b"1XP1000000;2XP1000000\n")
     times = []
     for trial in lab.trials():
-        board.run(600_000 + random.randrange(IDLE_US))  # a pulse that was cut is followed by its rest
-        landed_us = board.give(b"XK%d" % (KEEP_ALIVE_US // 1000) + start)
+        board.run(random.randrange(IDLE_US))
+        landed_us = board.give(b"XK%d;1MV+;2MV-\n" % (KEEP_ALIVE_US // 1000))
         board.hear(trial % 3 == 2)  # killed: the system goes on reading
         board.simulation.opened(trial % 3 == 1)  # frozen: the port stays open
         board.run(KEEP_ALIVE_US + 100_000)
@@ -305,30 +344,15 @@ def keep_alive(lab: Lab, *, start: bytes) -> list[float]:
     return times
 
 
-# ---- the loop, and a start
+# ---- a start, and memory
 
 
-def longest_pass(lab: Lab, *, messages: tuple[bytes, ...]) -> list[float]:
-    """ms; in each trial the longest while between two looks while one of messages is obeyed, and a little longer."""
-    board, random = lab.board(), lab.random
-    start_probe(board)
-    board.do(b"1XP20000;2XP20000;1VA40;2VA40\n")
-    times = []
-    for trial in lab.trials():
-        board.run(random.randrange(IDLE_US))
-        board.forget()
-        board.give(messages[trial % len(messages)])
-        board.run(2 * IDLE_US)
-        times.append(longest_pass_us(board.edges) / 1000)
-    return times
-
-
-def reset_to_answer(lab: Lab, *, source: bool) -> list[float]:
+def reset_to_answer(lab: Lab) -> list[float]:
     """ms from a pulse of the reset pin to the answer to *IDN?, to 1 ms.
 
     It is asked as the host does: once USB is up, and again each second.
     """
-    board, random = lab.board(source=source), lab.random
+    board, random = lab.board(), lab.random
     times = []
     for _ in lab.trials():
         board.run(random.randrange(IDLE_US))
@@ -344,3 +368,11 @@ def reset_to_answer(lab: Lab, *, source: bool) -> list[float]:
         times.append((board.us - start_us) / 1000)
         board.run(100_000)
     return times
+
+
+def free_memory(lab: Lab) -> list[float]:
+    """KB that the board tells to be free at rest, once it has moved and answered."""
+    board = lab.board()
+    board.do(b"1PR1;2PR-1;XS?;TB?\n")
+    board.run(1_000_000)
+    return [int(board.ask(b"XH?").split(",")[0]) / 1024]

@@ -10,24 +10,133 @@ frames; with both, a row that has a floor (rows.py) has to keep that.
 
 import argparse
 import json
+import math
 import os
+import statistics
 import sys
 import time
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from lab import Lab, has_gate
-from rows import CLOSED, ROWS, Row
-from table import Measurement, as_json, markdown
+from lab import Lab
+from rows import CLOSED, PAPER_SOURCE, ROWS, Row
 
-from mirrormount.common.errors import MountError
-from mirrormount.virtual import emulator
+from mirrormount.errors import MountError
+from mirrormount_sim import emulator
 
 QUICK_N = 10
 DEFAULT_IMAGE = "default: the newest RPI_PICO-*.uf2 in $MIRRORMOUNT_IMAGES, else docs/virtual-board.md's"
 PAGE = Path(__file__).parents[2] / "docs" / "performance.md"
 BEGIN, END = "<!-- measured by tools/bench/run.py --update -->", "<!-- end of what was measured -->"
+NOT_MODELLED = (
+    "Emulated time. Not modelled: when a USB host polls and sends (full speed: up to 1 ms a turn; here a byte is the"
+    " board's as soon as it asks for one), the second core."
+)
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """What one row gave. Errors are judged by their size, so all but sd is of absolute values."""
+
+    row: Row
+    values: Sequence[float]
+    wall_s: float = 0.0
+
+    def _sorted(self) -> list[float]:
+        """From the best to the worst."""
+        return sorted((abs(v) for v in self.values), reverse=self.row.figure.more_is_better)
+
+    @property
+    def median(self) -> float:
+        return statistics.median(self._sorted())
+
+    @property
+    def p99(self) -> float:
+        """The value that 99 of 100 keep to: nearest rank."""
+        return self._sorted()[math.ceil(0.99 * len(self.values)) - 1]
+
+    @property
+    def worst(self) -> float:
+        return self._sorted()[-1]
+
+    @property
+    def sd(self) -> float | None:
+        """Standard deviation of the values with their signs; None for fewer than two, or if one was lost."""
+        if len(self.values) < 2 or not all(map(math.isfinite, self.values)):
+            return None
+        return statistics.stdev(self.values)
+
+    @property
+    def judged(self) -> float:
+        """The value that the limits are for."""
+        return self.p99 if self.row.figure.p99 else self.worst
+
+    def meets(self, limit: float | None) -> bool:
+        """Whether the judged value keeps a limit; None is kept by none."""
+        if limit is None:
+            return False
+        return self.judged >= limit if self.row.figure.more_is_better else self.judged <= limit
+
+    def missed(self, *, quick: bool) -> str:
+        """The row and its limit, if a check fails; else "". quick: a row with a floor has to keep that instead."""
+        must, floor = self.row.figure.must, self.row.floor
+        if self.meets(must) or (quick and self.meets(floor)):
+            return ""
+        limit = f"must {must:g}" if floor is None or not quick else f"must {must:g}, floor {floor:g}"
+        return f"{self.row.name}: {_text(self.judged)} {self.row.figure.unit}, {limit}"
+
+
+def markdown(measurements: Sequence[Measurement]) -> str:
+    """The table, and what it does not tell."""
+    lines = [
+        "| | unit | n | median | p99 | worst | sd | must | the paper's sketch |",
+        "|---|---|--:|--:|--:|--:|--:|---|---|",
+    ]
+    for m in measurements:
+        numbers = [_text(v) for v in (m.median, m.p99, m.worst, m.sd)]
+        must = f"{m.row.figure.must:g}: {'met' if m.meets(m.row.figure.must) else '**not met**'}"
+        lines.append(
+            "| " + " | ".join([m.row.what, m.row.figure.unit, str(len(m.values)), *numbers, must, m.row.paper]) + " |"
+        )
+    return "\n".join([*lines, "", NOT_MODELLED, "", f"The paper's sketch: {PAPER_SOURCE}."])
+
+
+def _text(value: float | None) -> str:
+    if value is None:
+        return ""
+    if math.isinf(value):
+        return "lost"
+    return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"
+
+
+def as_json(measurements: Sequence[Measurement]) -> list[dict]:
+    """The same for programs, with every value; what was lost is null."""
+    return [
+        {
+            "name": m.row.name,
+            "what": m.row.what,
+            "unit": m.row.figure.unit,
+            "n": len(m.values),
+            "median": _number(m.median),
+            "p99": _number(m.p99),
+            "worst": _number(m.worst),
+            "sd": m.sd,
+            "judged_by": "p99" if m.row.figure.p99 else "worst",
+            "must": m.row.figure.must,
+            "must_met": m.meets(m.row.figure.must),
+            "paper": m.row.paper,
+            "wall_s": round(m.wall_s, 1),
+            "values": [_number(v) for v in m.values],
+        }
+        for m in measurements
+    ]
+
+
+def _number(value: float) -> float | None:
+    return round(value, 4) if math.isfinite(value) else None
 
 
 def parse(arguments: list[str]) -> argparse.Namespace:
@@ -38,7 +147,6 @@ def parse(arguments: list[str]) -> argparse.Namespace:
     parser.add_argument("--list", action="store_true", help="list the rows")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write everything to FILE, too")
     parser.add_argument("--image", type=Path, metavar="FILE", help=f"the MicroPython image; {DEFAULT_IMAGE}")
-    parser.add_argument("--no-flash-cache", dest="flash_cache", action="store_false", help="flash as fast as RAM")
     parser.add_argument("--check", action="store_true", help="exit with 1 if a must is missed")
     parser.add_argument("--quick", action="store_true", help="a few trials of the rows of stops and frames")
     parser.add_argument("--jobs", type=int, default=2, metavar="N", help="rows measured at a time (default 2)")
@@ -48,8 +156,8 @@ def parse(arguments: list[str]) -> argparse.Namespace:
     options.image = options.image or official_image()
     if options.n < 1 or options.jobs < 1:
         parser.error("--n and --jobs must be at least 1")
-    if options.update and (options.only or options.quick or not options.flash_cache):
-        parser.error("--update writes the whole table, of a board with a cache: leave out --only, --quick and the like")
+    if options.update and (options.only or options.quick):
+        parser.error("--update writes the whole table: leave out --only and --quick")
     return options
 
 
@@ -71,15 +179,13 @@ def chosen(only: str, quick: bool = False) -> list[Row]:
     return [row for row in ROWS if (not names or row.name in found) and (row.quick or not quick)]
 
 
-def measured(name: str, n: int, image: Path | None, flash_cache: bool = True) -> tuple[list[float], float]:
-    """The values of the row of that name, and how long they took in s. No values without the gate that it is about."""
+def measured(name: str, n: int, image: Path | None) -> tuple[list[float], float]:
+    """The values of the row of that name, and how long they took in s."""
     start = time.monotonic()
     (row,) = (row for row in ROWS if row.name == name)
-    if row.gate and not has_gate():
-        return [], 0.0
     seed = row.name.removesuffix("-gate").removeprefix(CLOSED)  # the same moments with the gate and without
     n, gate = min(n, row.most_n or n), row.gate is not False
-    with Lab(seed, n, image, gate=gate, flash_cache=flash_cache, closed=row.closed) as lab:
+    with Lab(seed, n, image, gate=gate, closed=row.closed) as lab:
         values = row.measure(lab)
     return values, time.monotonic() - start
 
@@ -105,7 +211,7 @@ def main(arguments: list[str]) -> int:
             identity, firmware = lab.board().ask(b"*IDN?;XF?").split("; ")
         # Emulated time does not depend on what else this computer does, so rows may be measured side by side
         with ProcessPoolExecutor(options.jobs) as pool:
-            work = partial(measured, n=options.n, image=options.image, flash_cache=options.flash_cache)
+            work = partial(measured, n=options.n, image=options.image)
             results = []
             for row, result in zip(rows, pool.map(work, [row.name for row in rows]), strict=True):
                 results.append(result)
@@ -116,8 +222,7 @@ def main(arguments: list[str]) -> int:
         return 1
     measurements = [Measurement(row, *result) for row, result in zip(rows, results, strict=True)]
     table = markdown(measurements)
-    cache = "" if options.flash_cache else ", without the flash's cache"
-    print(f"{identity}, firmware {firmware[:12]}, {image}{cache}\n\n{table}")
+    print(f"{identity}, firmware {firmware[:12]}, {image}\n\n{table}")
     if options.json:
         about = {"identity": identity, "firmware": firmware, "image": image}
         options.json.write_text(

@@ -15,9 +15,9 @@ from pathlib import Path
 from episode import BYTE_US, STOP_US, Episode, Hung, Tally, Violation
 from lab import Board, Lab
 
-from mirrormount.common.errors import MountError
-from mirrormount.virtual import emulator
-from mirrormount.virtual.simulation import BoardGone
+from mirrormount.errors import MountError
+from mirrormount_sim import emulator
+from mirrormount_sim.simulation import BoardGone
 
 TOLD = 5  # episodes with violations that are told in full
 

@@ -12,7 +12,8 @@ import cv2
 import numpy as np
 import scenes
 
-from mirrormount.beam import NoSpot, find_spot, gaussian
+from mirrormount_beam.spot import gaussian
+from mirrormount_beam.spot.find import NoSpot, find_spot
 
 
 def main() -> None:

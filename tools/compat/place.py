@@ -14,8 +14,8 @@ from pathlib import Path
 
 import pins
 
-from mirrormount import Mount
-from mirrormount.virtual.files import THIS, board_text, new_files
+from mirrormount.device.mount import Mount
+from mirrormount_sim.machines import THIS, board_text, new_files
 
 WAYS = ("tcp", "pty")
 MACHINES = ("cpython", "micropython")

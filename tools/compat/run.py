@@ -16,7 +16,7 @@ from typing import Any
 from checks import Check, Trial, trial
 from place import MACHINES, WAYS
 
-from mirrormount.common.errors import EmulatorMissing
+from mirrormount.errors import EmulatorMissing
 
 _HEADINGS = ("driver", "over", "machine", "call", "what the pins did", "ok")
 

@@ -6,6 +6,7 @@ says whether it needs an axis, what sets it and what answers its query.
 """
 
 from mountfw import codes
+from mountfw.dialect import encoder
 from mountfw.dialect.line import COMMAND, MINUS, NOTHING, NUMBER, PLUS, QUERY, key
 from mountfw.dialect.newfocus import ADDRESS, AXES, NewFocus
 from mountfw.dialect.queries import Queries
@@ -70,11 +71,9 @@ class Commands:
         self._settings = _SETTINGS
         for axis in self._axes:
             if hasattr(axis, "reader") and self._settings is _SETTINGS:
-                from mountfw.dialect import encoder  # only where there is one
-
                 self._settings = dict(_SETTINGS)
                 self._settings.update(encoder.SETTINGS)
-                parts = (self._number, self._set, self._ask_setting, commands)
+                parts = (self._number, self._set, self._ask_setting)
                 commands.update(encoder.EncoderWords(self._axes, line, replies, *parts).rows())
         self._commands = {key(name.encode()): entry for name, entry in commands.items()}
         self._commands.update(dict.fromkeys(_SETTINGS, (True, self._set, self._ask_setting)))

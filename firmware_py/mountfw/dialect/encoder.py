@@ -1,14 +1,14 @@
-"""The dialect's words for a closed loop, on a board with an encoder. Imports codes, line, settings of both kinds.
+"""The dialect's words for a closed loop, on a board with an encoder. Imports codes, line, settings.
 
 Without one, newfocus.py answers them. On an axis without one, so does this.
 """
 
 from mountfw import codes, const
-from mountfw.dialect.line import HUGE, NOTHING, key
-from mountfw.encoder.settings import ENCODER_SETTINGS
+from mountfw.dialect.line import key
+from mountfw.settings import ENCODER_SETTINGS
 
 SETTINGS = {key(entry[0]): entry for entry in ENCODER_SETTINGS}
-_NEED_COUNTS = (key(b"MM"), key(b"SN"))
+_CLOSED_LOOP = key(b"MM")
 _UNCHECKED = const(1)  # bit of ZZ
 
 
@@ -16,27 +16,22 @@ class EncoderWords:
     """The rows of the command table: {mnemonic: (needs an axis, set, query)}, as in Commands, which has the others.
 
     axes are all axes; line is the Line that is executed; number(line) says whether it carries a number, and queues an
-    error if not; set_any(axis, line) and ask_any(axis) execute a setting; rows are those of Commands.
+    error if not; set_any(axis, line) and ask_any(axis) execute a setting.
     """
 
-    def __init__(self, axes, line, replies, number, set_any, ask_any, rows):
+    def __init__(self, axes, line, replies, number, set_any, ask_any):
         self._axes = axes
         self._line = line
         self._replies = replies
         self._number = number
         self._set_any = set_any
         self._ask_any = ask_any
-        self._steps = {name: rows[name] for name in ("PR", "PA", "TP", "DH")}
 
     def rows(self):
         """Those that differ from a board's without an encoder."""
         rows = {
             "XC": (True, None, self._raw),
             "ZZ": (False, self._configure, self._configuration),
-            "PR": (True, self._move_by, self._last_relative),
-            "PA": (True, self._move_to, self._target),
-            "TP": (True, None, self._position),
-            "DH": (True, self._define, self._defined),
         }
         names = [entry[0].decode() for entry in ENCODER_SETTINGS]
         rows.update(dict.fromkeys(names, (True, self._set, self._ask)))
@@ -48,7 +43,7 @@ class EncoderWords:
         if not hasattr(axis, "reader"):
             if self._number(line) and (line.whole or line.millionths):
                 axis.error(codes.AXIS_NOT_FITTED)
-        elif line.name in _NEED_COUNTS and line.whole and not axis.counts_per_step:
+        elif line.name == _CLOSED_LOOP and line.whole and not axis.counts_per_step:
             axis.error(codes.AXIS_NOT_FITTED)
         else:
             self._set_any(axis, line)
@@ -87,52 +82,3 @@ class EncoderWords:
         while axis and not getattr(axis, "unchecked", False):
             axis = axis.next
         self._replies.add(_UNCHECKED if axis else 0)
-
-    # ---- counts instead of steps
-
-    def _move_by(self, axis, line):
-        if not getattr(axis, "units", 0):
-            self._steps["PR"][1](axis, line)
-        elif self._counts(axis, line):
-            axis.in_counts.move_by(line.rounded())
-
-    def _move_to(self, axis, line):
-        if not getattr(axis, "units", 0):
-            self._steps["PA"][1](axis, line)
-        elif self._counts(axis, line):
-            axis.in_counts.move_to(line.rounded())
-
-    def _define(self, axis, line):
-        if not getattr(axis, "units", 0):
-            self._steps["DH"][1](axis, line)
-        elif line.kind == NOTHING or self._counts(axis, line):
-            axis.in_counts.define(line.rounded())
-
-    def _counts(self, axis, line):
-        """Does the line carry a number of counts? HUGE stands for larger ones, which are refused."""
-        if not self._number(line):
-            return False
-        if line.whole >= HUGE:
-            axis.error(codes.AXIS_OUT_OF_RANGE)
-        return line.whole < HUGE
-
-    def _last_relative(self, axis):
-        self._in_units("PR", axis, "relative")
-
-    def _target(self, axis):
-        self._in_units("PA", axis, "target")
-
-    def _defined(self, axis):
-        self._in_units("DH", axis, "defined")
-
-    def _position(self, axis):
-        if getattr(axis, "units", 0):
-            self._replies.add(axis.in_counts.now())
-        else:
-            self._steps["TP"][2](axis)
-
-    def _in_units(self, name, axis, counts):
-        if getattr(axis, "units", 0):
-            self._replies.add(getattr(axis.in_counts, counts))
-        else:
-            self._steps[name][2](axis)

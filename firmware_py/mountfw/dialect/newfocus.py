@@ -10,7 +10,7 @@ from mountfw.dialect.line import key
 ADDRESS = const(1)  # of this controller, in a line that names one; 0 is the controller at the port, so this one as well
 AXES = const(4)  # of such a controller; an axis that this mount has not answers as not connected
 
-_ENCODER = ("SN", "MM", "DB", "CL", "FE", "XN", "XG", "XA", "XZ")  # encoder/settings.py
+_ENCODER = ("SN", "MM", "DB", "CL", "FE", "XN", "XG", "XA", "XZ")  # SN, and ENCODER_SETTINGS
 
 
 class NewFocus:

@@ -6,21 +6,18 @@ and what comes after it, is decided here.
 """
 
 from mountfw import codes, const
-from mountfw.encoder.at_rest import AtRest
 from mountfw.encoder.closed_loop import ClosedLoop
-from mountfw.encoder.in_counts import InCounts
-from mountfw.encoder.position import MeasuredPosition
-from mountfw.encoder.settings import ENCODER_SETTINGS
+from mountfw.encoder.position import NOISE, MeasuredPosition
 from mountfw.encoder.stall_homing import StallHoming
 from mountfw.encoder.watch import Watch
 from mountfw.motion.axis import ASK, DUE_PULSE, END, PULSE, REST, RUN, SEARCH, SEEK, Axis
 from mountfw.motion.drive import NEVER_US
 from mountfw.motion.position import rounded
-from mountfw.settings import SETTINGS
+from mountfw.settings import ENCODER_SETTINGS, SETTINGS
 from mountfw.wire.ticks import add, diff
+from mountfw.wire.ticks import diff as apart  # counts wrap as times do
 
 _MANY = const(1 << 20)  # pulses left, for the table: the closed loop counts its own
-_LOOKS = const(2)  # of resting: no pulse's rest, but the encoder is looked at
 _LOOK_US = const(4_000)  # between two looks near a pulse's end, at most: the loop sleeps less than that
 _LOOK_AT_RUN_US = const(13_000)  # else: the loop wakes 3 ms before, for a drive that might end then
 _LOOK_AT_REST_US = const(64_000)  # an AS5600 loses count if a hand turns it by half a turn between two
@@ -29,17 +26,16 @@ _LEFT = const(-1)  # a look that another drive has ended
 
 
 class EncodedAxis(Axis):
-    """reader: the encoder's (ports/counted.py). What waits in receiver is obeyed before a look at it.
+    """reader: the encoder's (ports/encoders.py). What waits in receiver is obeyed before a look at it.
 
     Other arguments as of Axis. No property here: see MeasuredPosition.
     """
 
     entries = SETTINGS + ENCODER_SETTINGS
 
-    # attributes, for type checkers: those of encoder/settings.py
+    # attributes, for type checkers: ENCODER_SETTINGS
     counts_per_step: int
     closed_loop: int
-    units: int
     dead_band: int
     correction_s: int
     following_error: int
@@ -54,23 +50,23 @@ class EncodedAxis(Axis):
         self._loop = ClosedLoop()
         self.watch = Watch()
         self.watch.play_us = reader.play_us
-        self._counts = 0  # of the pulse that is to begin, if it is not by its length
         self.measured = MeasuredPosition(reader, self)  # its position
-        self.at_rest = AtRest(self)
-        self.in_counts = InCounts(self)  # the same, and moves, told so
+        # of a shaft that nothing drives: a hand may turn it, and a sensor may fall silent
+        self.still_at = 0  # counts of the motor
+        self._recorded_at = 0  # the same, while they are on the flash
+        self._seen_at = self._seen_band = 0  # the same, at the last look, and how far it may be off
+        self._is_told = False  # was it told that the encoder does not answer?
         super().__init__(number, bridge, positive_stop, negative_stop, homing, error_queue, ticks_us, self.measured)
         self._stall_homing = StallHoming(self)
 
     def reset(self):
-        self.in_counts.reset()
         self.unchecked = False  # is no drive watched for a stall (ZZ)?
         self._watched_at = -1  # on_at of the drive that is watched; -1: it is over
         self._bound_at = 0  # a pulse does not last longer
         self._start = None  # the place from which the move that is to begin counts its pulses, if it is by a target
         self._pulses = False  # is the move under way one of the closed loop?
-        self.at_rest.gone = False
+        self._is_told = False
         self._limit = None  # steps: the soft limit at which the run under way ends
-        self.resting = False
         super().reset()
 
     # ---- settings
@@ -82,12 +78,11 @@ class EncodedAxis(Axis):
 
     def _measure(self):
         if not self.counts_per_step:
-            self.closed_loop = self.units = 0
+            self.closed_loop = 0
         super()._measure()
         if not self.measured.measure(self.closed_loop, self.counts_per_step, self.inverted):
             self.watch.forget()
             self._loop.start_afresh(self.measured.place)
-        self.resting = (self.resting or _LOOKS) if self.measured.closed else self.resting is True
         per_step = self.measured.per_step
         self._loop.set_up(self.dead_band, per_step, self.pulse_us, self.step_duty, self.reader.play_us > 0)
         self._full_duty = self.step_duty  # of the next move, as all here
@@ -104,7 +99,6 @@ class EncodedAxis(Axis):
         """The position was restored. recorded: what its record has of the encoder; None: there is no record."""
         if not self.measured.restored(recorded):
             self.error(codes.AXIS_RECORD_DIFFERS)
-        self.in_counts.target = self.measured.counts_of(self.measured.target * 1000)
 
     # ---- status
 
@@ -141,16 +135,6 @@ class EncodedAxis(Axis):
             self._limit = (self.soft_maximum if direction > 0 else self.soft_minimum) if limited else None
         return begun
 
-    def turn(self, n, start, steps):
-        """One drive of n counts, from the place `start` or from where the last move should have ended; to that step."""
-        if abs(n) > self._loop.most():
-            self.error(codes.AXIS_OUT_OF_RANGE)
-            return False
-        self._counts = abs(n)
-        self._start = start
-        self._begin_pulses(1 if n > 0 else -1 if n else 0, self.pulse_us, steps)
-        return True
-
     def seek(self, direction, home):
         """Find the end-stop in direction 1 or -1, or the end by stall where none is fitted."""
         watched = self.measured.closed and self.watch.stall_us  # else the motor would be pressed on at its end
@@ -164,7 +148,6 @@ class EncodedAxis(Axis):
         return True
 
     def _begin_pulses(self, n, us, target):
-        self.resting = self.resting is True
         if self.measured.closed:
             n = self._begin_loop(n, us)
         super()._begin_pulses(n, us, target)
@@ -173,8 +156,7 @@ class EncodedAxis(Axis):
     def _begin_loop(self, n, us):
         """A closed-loop move of |n| pulses begins, each us long at XN's speed. Returns n as the loop makes it."""
         position = self.measured
-        per_pulse = self._counts or position.share_of_step(us, self.pulse_us)
-        self._counts = 0
+        per_pulse = position.share_of_step(us, self.pulse_us)
         position.look()
         self.poll_input()
         self._pulses = True
@@ -218,7 +200,6 @@ class EncodedAxis(Axis):
         if self.drive.was_cut:
             self._watched_at = -1
         super()._close(reason)
-        self.resting = self.resting or (self.measured.closed and _LOOKS)
 
     # ---- the loop
 
@@ -310,12 +291,12 @@ class EncodedAxis(Axis):
         return self.read(0) and (self.drive.on_at != on_at or not self.state)
 
     def _ends_in(self, us, now_us):
-        """The pulse's counts will be there then. Its bound, a guess, and a soft stop are not put off by that."""
-        drive, loop = self.drive, self._loop
+        """The pulse's counts will be there then. Its bound and a soft stop are not put off by that."""
+        drive = self.drive
         if diff(self._bound_at, now_us) <= us:
-            loop.foretold = loop.guessed
+            self._loop.foretold = False
             us = diff(self._bound_at, now_us)
-        if diff(drive.ends_at, now_us) > us or not (loop.guessed or self.pulses_left == 1):
+        if diff(drive.ends_at, now_us) > us or self.pulses_left != 1:
             drive.ends_at = add(now_us, us)
             if drive.gate:
                 drive.gate.end_at(drive.ends_at)
@@ -327,7 +308,7 @@ class EncodedAxis(Axis):
     def _failed(self, reason):
         if self.measured.certainty:  # is it the motor that does not turn, or the encoder that does not see it?
             self.measured.certainty = codes.ESTIMATED
-        self.at_rest.gone = self.at_rest.gone or self.reader.gone  # which this end tells
+        self._is_told = self._is_told or self.reader.gone  # which this end tells
         if self.state == SEARCH and self.homing is self._stall_homing and reason == codes.STALLED:
             self.homing.stalled()
         else:
@@ -336,15 +317,36 @@ class EncodedAxis(Axis):
 
     def _rest(self):
         """A pulse is over: the rest before the next one, or before the end is judged."""
-        self._loop.drive_us = diff(self.drive.cut_at, self.drive.on_at)
         settled_at = add(self.drive.cut_at, self._settle_us)
         if not self._loop.left or diff(settled_at, self.next_at) > 0:
             self.next_at = settled_at
 
     def _idle(self, now_us):
-        """Nothing moves. resting stays true, so that the controller comes here."""
-        if self.resting is True:  # a pulse's
+        """Nothing moves: look at the encoder. Does nothing if its count has not changed."""
+        if self.resting:
             super().service(now_us)
-        self.resting = self.resting or _LOOKS
-        self.at_rest.look()
+        position = self.measured
+        band = NOISE if position.reader.play_us and self.dead_band < NOISE else self.dead_band
+        seen = position.same() and position.motor == self._seen_at and band == self._seen_band
+        if not (seen and not self._is_told and (self.drive.on_flash or self._recorded_at == self._seen_at)):
+            self._look_at_rest(band)
         return _LOOK_AT_REST_US
+
+    def _look_at_rest(self, band):
+        position, drive = self.measured, self.drive
+        self.poll_input()
+        position.look()
+        self.poll_input()
+        motor = self._seen_at = position.motor
+        self._seen_band = band
+        if not drive.on_flash:
+            self._recorded_at = motor
+        if not -band <= apart(motor, self.still_at) <= band:  # a query may have looked before
+            self.still_at = motor
+            self.has_moved = True
+        if drive.on_flash and not -band <= apart(motor, self._recorded_at) <= band:
+            drive.drop_record()  # it would tell another number
+        if position.reader.gone != self._is_told:
+            self._is_told = position.reader.gone
+            if self._is_told:
+                self.error(codes.AXIS_ENCODER_LOST)

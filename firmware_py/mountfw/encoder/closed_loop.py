@@ -3,8 +3,8 @@
 Its goal is a place (counts that have moved the mirror, position.py), so what one pulse misses the next one makes up
 for. The drive is cut early by what the motor coasts on, which is learned from the place where it came to rest: for each
 direction, and in proportion to the speed. The end of a drive is foretold from the speed, and the loop waits for it as
-for the end of any drive. A drive of a few counts may be over before a speed is known, or between two looks: its end is
-foretold when it begins, from what such drives have made.
+for the end of any drive. A drive of a few counts may be over before a speed is known, or between two looks: a
+correction makes up for what it turns too far.
 """
 
 from mountfw import codes, const
@@ -19,8 +19,6 @@ _MOST_US = const(250_000_000)  # what a drive's counts may be worth: its bound i
 _NEAR_US = const(60_000)  # of drive at a step's speed
 _MOST_COAST = const(4)  # at most that part of a step
 _LEAST_BACK = const(16)  # that part of a step is the least correction back through the play of gears; assumed
-_FEW = const(16)  # counts that a motor makes before it has come to its speed
-_START_US = const(16_384)  # it takes longer than this, where nothing is known of it
 
 
 class Coast:
@@ -51,35 +49,6 @@ class Coast:
         self._rate = rate
 
 
-class Start:
-    """How far a drive from rest turns a motor that has not come to its speed: its counts grow as its time squared."""
-
-    def __init__(self):
-        self.forget()
-
-    def forget(self):
-        """Nothing is known."""
-        self._squares = 0  # of 64 us, for one count
-
-    def learn(self, us, counts):
-        """A drive of us from rest made so many counts, with what it coasted on."""
-        if 0 < us < _START_US:
-            us >>= 6
-            squares = us * us * 2 // max(1, counts * 2)  # none: they take longer than one would
-            self._squares = self._squares + squares >> 1 if self._squares else squares
-
-    def takes_us(self, counts):
-        """Microseconds of drive for so many counts; -1: not known."""
-        if counts > _FEW or not self._squares:
-            return -1
-        square = counts * self._squares
-        root = 64
-        for _ in range(6):  # Newton's: to less than 64 us of what may come
-            root = (root + square // root >> 1) + 1
-        us = root << 6
-        return us if us < _START_US else -1
-
-
 class ClosedLoop:
     """The move of one axis. Directions are 1 and -1."""
 
@@ -92,7 +61,6 @@ class ClosedLoop:
         self.was = 0  # it was cut so early (sixteenths), ...
         self.rate = 0  # ... from this speed
         self.foretold = False  # is the drive's end that of its counts?
-        self.guessed = False  # is it what such drives have taken? Then a look only makes it earlier
         self._dead_band = 0
         self._back_band = 0  # where it would have to go back
         self._per_step = 1
@@ -102,8 +70,6 @@ class ClosedLoop:
         self._per_pulse = 0  # counts, signed
         self._learns = self._will_learn = False
         self._drove = False  # was a drive begun?
-        self.drive_us = 0  # how long it was
-        self._start = Start()
         self._direction = 0
         self._coasts = (Coast(), Coast())
         self._coast = self._coasts[0]  # that of the next drive
@@ -127,7 +93,6 @@ class ClosedLoop:
     def _forget(self):
         self._coasts[0].forget()
         self._coasts[1].forget()
-        self._start.forget()
 
     def begin(self, place, start, n, per_pulse):
         """A move by n pulses of per_pulse counts each, from the place `start`, which is near. Returns n.
@@ -154,8 +119,6 @@ class ClosedLoop:
         if self._learns:
             self._learns = False
             self._learn(apart(place, self.goal) * self._direction)
-        if self._drove and self.target <= _FEW:
-            self._start.learn(self.drive_us, self.target + apart(place, self.goal) * self._direction)
         if self._drove and not self.foretold:
             return codes.FOLLOWING
         self._drove = False
@@ -203,14 +166,8 @@ class ClosedLoop:
 
     def _worth_us(self):
         """How long a drive to the target takes at a step's speed."""
-        return min(self.target, self.most()) * self._count_us()
-
-    def _count_us(self):
-        return self._step_us // self._per_step + 1
-
-    def most(self):
-        """Counts of the longest drive."""
-        return _MOST_US // self._count_us()
+        count_us = self._step_us // self._per_step + 1
+        return min(self.target, _MOST_US // count_us) * count_us
 
     def near(self, counts):
         """May the drive be over before the second of two looks in a run?"""
@@ -218,11 +175,6 @@ class ClosedLoop:
 
     def bound_us(self, play_us):
         """The longest that it may take, where a drive of play_us may turn nothing but the play of gears."""
-        us = -1 if play_us else self._start.takes_us(self.target)
-        self.guessed = us >= 0
-        if self.guessed:
-            self.foretold = True
-            return us
         us = self._worth_us()
         return us + min(us * _LONGER, _MOST_LONGER_US) + _MORE_US + play_us
 

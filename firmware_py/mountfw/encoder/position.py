@@ -16,7 +16,7 @@ _MOST_GAP = const(20_000)  # thousandths of a step
 
 
 class MeasuredPosition(Position):
-    """The position of an axis whose encoder is read by reader (ports/counted.py). It sets the axis's zero_angle.
+    """The position of an axis whose encoder is read by reader (ports/encoders.py). It sets the axis's zero_angle.
 
     It is looked at in each pass, so it has no property: where a class has one, MicroPython searches the class, and
     those that it is made of, at each `self.name =` (py/objtype.c), which doubled the time of a look.
@@ -82,7 +82,7 @@ class MeasuredPosition(Position):
         if again or self._step_differs:
             super().step_changed()
         self._step_differs = False
-        if not -NOISE <= apart(self.motor, self._axis.at_rest.still_at) <= NOISE:  # it may be coasting
+        if not -NOISE <= apart(self.motor, self._axis.still_at) <= NOISE:  # it may be coasting
             self._beside()
         elif self.certainty:
             self._on_a_step()
@@ -329,15 +329,6 @@ class MeasuredPosition(Position):
         if self.closed:
             self._step_differs = False
             self._measured()
-            self._zero()
-
-    def define_counts(self, counts):
-        """Call the present position so many counts."""
-        steps = counts // self.per_step
-        self.define(steps)
-        self._counts = counts - steps * self.per_step
-        self.millisteps = self._shown = steps * 1000 + (self._counts * 1000 + (self.per_step >> 1)) // self.per_step
-        if self.closed:
             self._zero()
 
     def homed(self):

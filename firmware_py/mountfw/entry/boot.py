@@ -6,7 +6,7 @@ The pins float again when this file ends, until code.py has them: the pull-downs
 import supervisor
 import usb_cdc
 
-from mountfw.ports import circuitpython_pins as port
+from mountfw.ports import circuitpython as port
 
 supervisor.runtime.autoreload = False  # a file that is saved must not cut a move off
 board = port.find_board()

@@ -12,11 +12,8 @@ if board:
         try:
             port.motors_off(board)
             from mountfw.build import build
-            from mountfw.memory import forget_start
 
             app = build(port, board)
-            forget_start()
-            build = forget_start = None  # `del` alone would keep what they are
             app.run()
         finally:
             port.leave(board)

@@ -125,7 +125,7 @@ class Controller:
             self.stop_all(self.halted)
         axis = self._axis1
         while axis is not None and not self.halted:
-            if axis.state or axis.resting:
+            if axis.state or axis.resting or axis.position.closed:
                 left_us = axis.service(now_us)
                 if left_us < least_us:
                     least_us = left_us

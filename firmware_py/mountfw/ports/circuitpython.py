@@ -2,29 +2,36 @@
 
 CircuitPython has no interrupts for Python code, so end-stops are polled. The finest clock that does not allocate has
 steps of 1/1024 s. docs/circuitpython.md lists the consequences.
+
+The protocol's stream of bytes is usb_cdc.data where boot.py has enabled that: the console stays the REPL's, and 0x03
+is a stop. Where there are too few USB endpoints for two channels it is usb_cdc.console, and 0x03 interrupts the
+program. A host that disconnects (its program ends, its port closes, the cable is pulled) stops all motion: after all
+bytes that the host has sent, the loop receives one more `!`.
+
+boot.py imports this, too, before USB starts.
 """
 
 import binascii
 import gc
 import os
+import select
+import sys
 import time
 
+import board as pins
+import digitalio
 import microcontroller
+import pwmio
 import supervisor
+import usb_cdc
 
-from mountfw import codes
-from mountfw.ports.circuitpython_console import any, drain, pack, writable, write  # noqa: F401 (verbs of this port, too)
-from mountfw.ports.circuitpython_files import firmware_hash, load, remove, rename, store  # noqa: F401 (likewise)
-from mountfw.ports.circuitpython_pins import (  # noqa: F401 (likewise)
-    PERIOD_US,
-    TwoPwmBridge,
-    find_board,
-    led,
-    motors_off,
-    on_rise,
-    output,
-    reader,
-)
+from mountfw import board_file, codes
+from mountfw.ports import circuitpython_encoder, shared
+from mountfw.ports.circuitpython_storage import firmware_hash, load, remove, rename, store  # noqa: F401 (verbs, too)
+from mountfw.wire.frame import pack  # noqa: F401 (a verb of this port, too: there is no native code to be faster)
+from mountfw.wire.ticks import diff
+
+# ---- time
 
 _WRAP_MASK = 0x3FFF_FFFF  # a literal: computed from 1 << 30 it would be a large integer, and allocate at each use
 _MS_MASK = (1 << 29) - 1  # supervisor.ticks_ms() wraps there
@@ -99,6 +106,274 @@ def pause_us(us):
         pass
 
 
+# ---- pins
+
+# A new duty takes effect at the end of the PWM's period (RP2040 data sheet 4.5.2). Off is a duty here: to drive the pin
+# as a level, CircuitPython needs a new object. So no period is longer than 50 us, whatever the board file says.
+_LEAST_PWM_HZ = 20_000
+PERIOD_US = 50
+
+_gpios = getattr(microcontroller, "pin")  # noqa: B009 (CircuitPython's stubs do not know it)
+_outputs = {}  # {pin: its output}; CircuitPython reserves a pin until deinit() of its object
+_inputs = {}
+_led = None
+
+
+def pin_of(number):
+    """GPIO `number`, or the pin of that name in the module `board`."""
+    return getattr(pins, number) if isinstance(number, str) else getattr(_gpios, "GPIO%d" % number)
+
+
+class _Level:
+    """An output that is high or low."""
+
+    def __init__(self, number):
+        self.io = digitalio.DigitalInOut(pin_of(number))
+        self.io.switch_to_output(False)
+
+    def low(self):
+        """Pin low, at once."""
+        self.io.value = False
+
+    def high(self):
+        """Pin high, at once."""
+        self.io.value = True
+
+
+class _Duty:
+    """An output with a duty, which takes effect at the end of the PWM's period."""
+
+    def __init__(self, number, pwm_hz):
+        self.io = pwmio.PWMOut(pin_of(number), duty_cycle=0, frequency=max(pwm_hz, _LEAST_PWM_HZ))
+
+    def low(self):
+        """Pin low."""
+        self.io.duty_cycle = 0
+
+    def high(self):
+        """Pin high."""
+        self.io.duty_cycle = 65535
+
+    def level(self, duty_u16):
+        """Pin at duty_u16, 0 ... 65535."""
+        self.io.duty_cycle = duty_u16
+
+
+def output(number, pwm_hz=0):
+    """An output pin, low at first. Has low() and high(), and with pwm_hz also level()."""
+    known = _outputs.get(number)
+    if known and isinstance(known, _Duty) == (pwm_hz > 0):
+        known.low()
+        return known
+    if known:
+        known.low()
+        known.io.deinit()
+        del _outputs[number]
+    _outputs[number] = _Duty(number, pwm_hz) if pwm_hz else _Level(number)
+    return _outputs[number]
+
+
+class TwoPwmBridge:
+    """A bridge with two PWM inputs, as bridges.TwoPwmBridge: by Adafruit's DCMotor. Both inputs low is coasting."""
+
+    def __init__(self, pos, neg, dead_time_us, pause_us, ticks_us):
+        from adafruit_motor.motor import DCMotor  # in lib/ on the drive; no other bridge needs it
+
+        self._motor = DCMotor(pos.io, neg.io)
+        self._dead_time_us = dead_time_us
+        self._pause_us = pause_us
+        self._ticks_us = ticks_us
+        self._direction = 0
+
+    def cut(self):
+        """No drive."""
+        self._motor.throttle = None
+
+    def cut_at(self, us):
+        """Wait for this time (ticks), which must be near, and cut. Returns the time."""
+        now_us = self._ticks_us()
+        while diff(us, now_us) > 0:
+            now_us = self._ticks_us()
+        self.cut()
+        return now_us
+
+    def off(self):
+        """No drive, coasting."""
+        self._motor.throttle = None
+        self._direction = 0
+
+    def drive(self, duty):
+        """Drive at duty, -255 ... 255 but not 0. Returns the time."""
+        direction = 1 if duty > 0 else -1
+        if direction != self._direction:
+            self.off()
+            self._direction = direction
+            self._pause_us(self._dead_time_us)
+        now_us = self._ticks_us()
+        self._motor.throttle = duty / 255
+        return now_us
+
+
+def reader(number):
+    """A function that reads input pin `number` (False or True) against its pull-up; None for None."""
+    if number is None:
+        return None
+    if number not in _inputs:
+        io = digitalio.DigitalInOut(pin_of(number))
+        io.switch_to_input(digitalio.Pull.UP)
+        _inputs[number] = io
+    io = _inputs[number]
+    return lambda: io.value
+
+
+def on_rise(_number, _handler):
+    """Do nothing: CircuitPython has no pin interrupts, so the loop polls the switches."""
+
+
+def led(on):
+    """The board's LED."""
+    if _led is not None:
+        _led.value = on
+
+
+def find_board():
+    """The board file by board_file.find_board() for this board_id, or None. Sets its LED up."""
+    global _led
+    found = board_file.find_board(pins.board_id, pins.board_id, os.listdir, sys.platform[:3] == "RP2")
+    number = board_file.led_of(found, pins.board_id.endswith("_w")) if found else None
+    if _led is None and number is not None:
+        try:
+            _led = digitalio.DigitalInOut(pin_of(number))
+            _led.switch_to_output(False)
+        except (AttributeError, ValueError):
+            pass  # no such pin, or it is in use
+    return found
+
+
+def motors_off(board):
+    """Every drive pin low: the enables first, then the legs."""
+    for number in shared.drive_pins(board):
+        if number in _outputs:
+            _outputs[number].low()
+        else:
+            output(number)
+
+
+# ---- the USB serial channel
+
+
+class _NoChannel:
+    """The channel where boot.py has enabled none: no byte ever arrives."""
+
+    connected = False
+    in_waiting = 0
+    out_waiting = 1024
+
+    def readinto(self, _buffer):
+        return 0
+
+    def write(self, _data):
+        return 0
+
+
+_channel = usb_cdc.data or usb_cdc.console or _NoChannel()
+
+_STOP = 0x21  # `!`
+_GONE_MS = 16  # a host that has gone is noticed within this, though the loop sleeps longer
+_OUTPUT = 64  # bytes: the smallest buffer for output that a USB device has; less than that waits if it can take more
+
+_byte_in = bytearray(1)
+_byte_out = bytearray(1)
+_there = False  # whether a host was connected at the last check
+
+
+def _prepare():
+    """Make the channel non-blocking. Returns the ipoll() of a poll object for input.
+
+    ipoll() allocates only for its first answer, which is given here, for output.
+    """
+    if isinstance(_channel, _NoChannel):
+        return _no_input
+    _channel.timeout = 0
+    _channel.write_timeout = 0
+    poll = select.poll()  # pyright: ignore[reportAttributeAccessIssue]
+    poll.register(_channel, select.POLLOUT)  # pyright: ignore
+    ipoll = poll.ipoll  # pyright: ignore[reportAttributeAccessIssue]
+    for _ in ipoll(0):
+        pass
+    poll.modify(_channel, select.POLLIN)  # pyright: ignore
+    return ipoll
+
+
+def _no_input(_wait_ms):
+    return ()
+
+
+_ipoll_in = _prepare()
+_readinto = _channel.readinto
+_write = _channel.write
+
+
+def any(wait_ms):
+    """True as soon as a byte waits, or when the host has gone; False after wait_ms without one."""
+    while True:
+        for _ in _ipoll_in(min(wait_ms, _GONE_MS)):
+            return True
+        wait_ms -= _GONE_MS
+        if _there != _channel.connected and _has_left():
+            return True
+        if wait_ms <= 0:
+            return False
+
+
+def drain(receiver, most):
+    """Pass received bytes to Receiver.receive(): at most `most`, and none after a stop.
+
+    Returns that stop, or NEED_BYTES.
+    """
+    taken = 0
+    while taken < most and receiver.unparsed <= receiver.mask:
+        if not _readinto(_byte_in):
+            return receiver.receive(_STOP) if not taken and _take_leave() else 0
+        taken += 1
+        stop = receiver.receive(_byte_in[0])
+        if stop:
+            return stop
+    return 0
+
+
+def _has_left():
+    """True if a host was connected and none is now. A host that has connected is noted."""
+    global _there
+    if _channel.connected:
+        _there = True
+        return False
+    return _there
+
+
+def _take_leave():
+    """As _has_left(), once for each host that has left."""
+    global _there
+    left = _has_left()
+    if left:
+        _there = False
+    return left
+
+
+def writable():
+    """True if write() will not lose its byte."""
+    return _channel.out_waiting < _OUTPUT
+
+
+def write(c):
+    """Send byte c."""
+    _byte_out[0] = c
+    _write(_byte_out)
+
+
+# ---- the chip
+
+
 def unique_id():
     """The chip's own number, as hex (bytes)."""
     return binascii.hexlify(microcontroller.cpu.uid)
@@ -136,10 +411,8 @@ def stop_watchdog():
 
 
 def encoder(number, pins):
-    """The reader (counted.py) of an axis whose pins name an encoder; None, after a printed line."""
-    from mountfw.ports import circuitpython_encoder  # only where there is one
-
-    return circuitpython_encoder.reader(number, pins)
+    """The reader (encoders.py) of an axis whose pins name an encoder; None, after a printed line."""
+    return circuitpython_encoder.reader(number, pins, pin_of)
 
 
 def collect():

@@ -1,19 +1,22 @@
-"""Readers of encoders on CircuitPython: rotaryio, and an AS5600. counted.py says what a reader is."""
+"""Readers of encoders on CircuitPython: rotaryio, and an AS5600. encoders.py says what a reader is."""
 
-from mountfw.ports.circuitpython_pins import pin_of
-from mountfw.ports.counted import Turns
+from mountfw.ports.encoders import Turns
 
 _ADDRESS = 0x36  # AS5600 data sheet: its only one
 _STATUS = b"\x0b"  # the register before RAW ANGLE
 _readers = {}  # pins: reader; its pins are taken until it is given back
 
 
-def reader(number, pins):
-    """The reader of axis `number`'s encoder. None, after a printed line, where this board has no way to count."""
+def reader(number, pins, pin_of):
+    """The reader of axis `number`'s encoder. None, after a printed line, where this board has no way to count.
+
+    pin_of(number) is the port's pin.
+    """
     pair = pins.get("shaft") or pins["encoder"]
     if pair not in _readers:
         try:
-            _readers[pair] = Shaft(*pair) if "shaft" in pins else Edges(*pair)
+            two = [pin_of(pin) for pin in pair]
+            _readers[pair] = Shaft(*two) if "shaft" in pins else Edges(*two)
         except ImportError as e:
             print("mountfw: axis %d: encoder not fitted: %s" % (number, e))
             return None
@@ -30,7 +33,7 @@ class Edges:
     def __init__(self, a, b):
         import rotaryio
 
-        self._encoder = rotaryio.IncrementalEncoder(pin_of(a), pin_of(b), 1)
+        self._encoder = rotaryio.IncrementalEncoder(a, b, 1)
 
     def counts(self):
         """The edges so far; A before B is positive."""
@@ -47,7 +50,7 @@ class Shaft(Turns):
         self._answer = bytearray(3)
         self._is_asked = False
         try:
-            self._bus = busio.I2C(pin_of(scl), pin_of(sda), frequency=400_000)
+            self._bus = busio.I2C(scl, sda, frequency=400_000)
             self._is_asked = self._bus.try_lock()
         except RuntimeError as e:  # no pull-ups: nothing is plugged in
             print("mountfw: encoder at pins %s and %s: %s" % (sda, scl, e))

@@ -16,7 +16,7 @@ import micropython
 from machine import Pin
 
 from mountfw import codes, const
-from mountfw.ports import shared
+from mountfw.ports import micropython_encoder, shared
 from mountfw.ports.micropython_console import pack, writable, write  # noqa: F401 (verbs of this port, too)
 
 ticks_us = time.ticks_us  # pyright: ignore[reportAttributeAccessIssue]
@@ -70,9 +70,7 @@ def reader(number):
 
 
 def encoder(number, pins):
-    """The reader (counted.py) of an axis whose pins name an encoder; None, after a printed line."""
-    from mountfw.ports import micropython_encoder  # only where there is one
-
+    """The reader (encoders.py) of an axis whose pins name an encoder; None, after a printed line."""
     return micropython_encoder.reader(number, pins)
 
 

@@ -1,6 +1,6 @@
 """Readers of encoders on MicroPython: PIO on an RP2040 or RP2350, machine.Encoder where a port has it, an AS5600.
 
-counted.py says what a reader is. Only for a board file that names an encoder.
+encoders.py says what a reader is.
 """
 
 # pyright: reportUndefinedVariable=false, reportAttributeAccessIssue=false
@@ -11,7 +11,7 @@ import machine
 from machine import Pin
 
 from mountfw import const
-from mountfw.ports.counted import Phases, Turns
+from mountfw.ports.encoders import Phases, Turns
 
 try:
     import rp2

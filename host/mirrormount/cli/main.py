@@ -1,72 +1,86 @@
-"""The shell command `mirrormount`: the table of commands, the parser made of it, and the exit status.
+"""
+
+The parser of the command line and of each command: no abbreviations, and each fault with its own command's usage.
+
+The shell command `mirrormount`: the table of commands, the parser made of it, and the exit status.
 
 An error is one line on stderr, with two more for cause and remedy if the board has numbered it, and exit status 1;
 wrong usage is 2, and so is no command at all, which prints the list of them; Ctrl-C stops the motors and is 130;
-SIGTERM or SIGHUP, where a command ends in order on it, 128 + its number. Each command is a file here that imports the
-modules of its work when it runs.
+SIGTERM or SIGHUP, where a command ends in order on it, 128 + its number. Only the module of the command that is typed
+is imported, and it imports the modules of its work when it runs: a stop must not wait for the others.
 """
 
 import argparse
 import contextlib
+import importlib
 import io
 import os
 import sys
+from collections.abc import Sequence
+from typing import Any
 
-from mirrormount.cli import (
-    camera,
-    check,
-    config,
-    demo,
-    deploy,
-    hold,
-    measure,
-    motion,
-    panel,
-    ports,
-    repl,
-    report,
-    scan,
-    send,
-    serve,
-    setup,
-    status,
-    stop,
-    table,
-    undeploy,
-    virtual,
-)
-from mirrormount.cli.command import Command, table_option, whence
-from mirrormount.cli.parser import WholeParser
-from mirrormount.common.errors import BadValue, MountError
-from mirrormount.common.names import TABLE_VARIABLE
-from mirrormount.common.printable import printable
-from mirrormount.common.remedies import explain
-from mirrormount.common.signals import INTERRUPTS, Terminated
+from mirrormount.cli.arguments import Command, from_extra, no_arguments, no_work, table_option, whence
+from mirrormount.errors import BadValue, ExtraMissing, MountError
+from mirrormount.terminal import Terminated, printable
+from mirrormount.values import TABLE_VARIABLE
 from mountfw import __version__
 
-COMMANDS: tuple[Command, ...] = (
-    ports.COMMAND,
-    status.COMMAND,
-    *motion.COMMANDS,
-    stop.COMMAND,
-    send.COMMAND,
-    config.COMMAND,
-    check.COMMAND,
-    setup.COMMAND,
-    table.COMMAND,
-    virtual.COMMAND,
-    serve.COMMAND,
-    panel.COMMAND,
-    deploy.COMMAND,
-    undeploy.COMMAND,
-    repl.COMMAND,
-    camera.COMMAND,
-    scan.COMMAND,
-    measure.COMMAND,
-    *hold.COMMANDS,
-    report.COMMAND,
-    demo.COMMAND,
-)
+
+class Parser(argparse.ArgumentParser):
+    """A parser that takes no part of an option for the option: what turns a motor is written in full.
+
+    Its subparsers are of this class, too, so an argument that a command does not know is told with that command's
+    usage, not with that of the whole.
+    """
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options, allow_abbrev=False)
+
+    def parse_known_args(self, *given: Any, **named: Any) -> Any:
+        """As argparse's, but nothing is left that nobody knows."""
+        found, unknown = super().parse_known_args(*given, **named)
+        if unknown:
+            self.error(f"unrecognized arguments: {' '.join(unknown)}{self._in_full(unknown)}")
+        return found, unknown
+
+    def _in_full(self, unknown: Sequence[str]) -> str:
+        """The options of which an unknown word is the beginning, to follow an error; "" if there are none."""
+        begun = [word.partition("=")[0] for word in unknown if word.startswith("--")]
+        meant = [name for name in self._option_string_actions if any(name.startswith(word) for word in begun)]
+        return f" (an option is written in full: {' or '.join(meant)})" if meant else ""
+
+
+class WholeParser(Parser):
+    """The parser of the whole command line."""
+
+    def parse_known_args(self, *given: Any, **named: Any) -> Any:
+        """As Parser's. An option that stands before its command is told as such."""
+        words = sys.argv[1:] if not given or given[0] is None else given[0]
+        option = words[0].partition("=")[0] if words else ""
+        if option.startswith("--") and option not in self._option_string_actions:
+            self.error(f"{option} stands behind the command: mirrormount COMMAND {option}")
+        return super().parse_known_args(*given, **named)
+
+    def add_subparsers(self, **options: Any) -> Any:
+        """As argparse's: for commands, which are plain parsers."""
+        return super().add_subparsers(parser_class=Parser, **options)
+
+
+# The modules of the thin host's commands, by the commands' names, in the order of the help. The commands of the other
+# packages are entry points of the group GROUP (pyproject.toml), with the extras that they need. Each module lists its
+# commands in COMMANDS.
+MODULES = {
+    **dict.fromkeys(("ports", "status"), "mirrormount.cli.status"),
+    **dict.fromkeys(("step", "move", "home", "jog", "drive"), "mirrormount.cli.motion"),
+    "stop": "mirrormount.cli.stop",
+    "config": "mirrormount.cli.config",
+    "check": "mirrormount.cli.check",
+    "setup": "mirrormount.cli.setup",
+    "table": "mirrormount.cli.table",
+    "serve": "mirrormount.cli.serve",
+    **dict.fromkeys(("deploy", "undeploy", "repl", "send"), "mirrormount.cli.board"),
+}
+GROUP = "mirrormount.commands"
 
 _LONGEST_MESSAGE = 2000  # characters
 
@@ -80,8 +94,9 @@ def main(argv: list[str] | None = None) -> int:
         sys.stdin.reconfigure(errors="replace")  # a byte that is no text is a wrong answer: it is asked again
     args = argparse.Namespace()
     try:
-        whole = parser()
-        args = whole.parse_args(argv)
+        words = sys.argv[1:] if argv is None else argv
+        whole = parser(_named(words))
+        args = whole.parse_args(words)
         if args.command is None:
             whole.print_help(sys.stderr)
             return 2
@@ -94,10 +109,11 @@ def main(argv: list[str] | None = None) -> int:
             sys.stdout.flush()  # what cannot be written is told now, not when Python ends
         return status
     except MountError as e:
-        _complain(f"{e}{whence(args, str(e))}", *explain(e.codes))
+        _complain(f"{e}{whence(args, str(e))}", *_explained(e))
         return 1
     except KeyboardInterrupt as e:
-        return _stopped(str(e))
+        _complain(str(e) or "stopped")
+        return 130
     except Terminated as e:
         _complain(str(e))
         return 128 + e.number
@@ -109,8 +125,6 @@ def main(argv: list[str] | None = None) -> int:
         _complain(f"{e.filename or 'standard output'}: {e.strerror or e}")
         return 1
     except Exception as e:
-        if INTERRUPTS.came:
-            return _stopped()
         if os.environ.get("MIRRORMOUNT_TRACEBACK"):
             raise
         _complain(
@@ -120,11 +134,12 @@ def main(argv: list[str] | None = None) -> int:
         return 1
 
 
-def _stopped(where: str = "") -> int:
-    """Tell of Ctrl-C: further ones do nothing. Returns the exit status."""
-    INTERRUPTS.over = True
-    _complain(where or "stopped")
-    return 130
+def _explained(e: MountError) -> list[str]:
+    if not e.codes:
+        return []
+    from mirrormount.errors import explain
+
+    return explain(e.codes)
 
 
 def _complain(message: str, *more: str) -> None:
@@ -140,8 +155,48 @@ def _abandon_stdout() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def parser() -> WholeParser:
-    """The parser of the whole command line, from the table."""
+def commands(names: Sequence[str]) -> list[Command]:
+    """The rows of the table of these commands, from their modules.
+
+    Raises ExtraMissing if the only one needs packages that are not installed; of several, its summary says so.
+    """
+    others = {} if all(name in MODULES for name in names) else _of_other_packages()
+    found: dict[str, Command] = {}
+    for name in names:
+        if name in found:
+            continue
+        module, extras = (MODULES[name], "") if name in MODULES else others[name]
+        try:
+            with from_extra(extras, f"`mirrormount {name}` needs"):
+                found.update({command.name: command for command in importlib.import_module(module).COMMANDS})
+        except ExtraMissing:
+            if len(names) == 1:
+                raise
+            found[name] = Command(name, f"(needs the extra {extras}, which is not installed)", no_work, no_arguments)
+    return [found[name] for name in names]
+
+
+def _of_other_packages() -> dict[str, tuple[str, str]]:
+    """The module of each command of the other packages, and the extras that it needs."""
+    from importlib.metadata import entry_points
+
+    return {point.name: (point.module, ",".join(point.extras)) for point in entry_points(group=GROUP)}
+
+
+def _named(words: Sequence[str]) -> Sequence[str]:
+    """The names of the commands that the parser of a command line needs: one, or all if the words name none."""
+    if words[:1] == ["--version"]:
+        return []
+    at = 2 if words[:1] == ["--table"] else 1 if words and words[0].startswith("--table=") else 0
+    word = words[at : at + 1]
+    if word and word[0] in MODULES:
+        return word
+    every = [*MODULES, *_of_other_packages()]
+    return word if word and word[0] in every else every
+
+
+def parser(names: Sequence[str]) -> WholeParser:
+    """The parser of a command line with these commands, from the table."""
     whole = WholeParser(
         prog="mirrormount",
         description="Drive a motorised mirror mount.",
@@ -149,9 +204,9 @@ def parser() -> WholeParser:
     )
     whole.add_argument("--version", action="version", version=f"mirrormount {__version__}")
     table_option(whole)
-    commands = whole.add_subparsers(dest="command", metavar="COMMAND")
-    for command in COMMANDS:
-        sub = commands.add_parser(command.name, help=command.summary, description=command.summary)
+    subparsers = whole.add_subparsers(dest="command", metavar="COMMAND")
+    for command in commands(names):
+        sub = subparsers.add_parser(command.name, help=command.summary, description=command.summary)
         command.arguments(sub)
         sub.set_defaults(run=command.run)
     return whole

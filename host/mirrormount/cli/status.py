@@ -1,25 +1,39 @@
-"""`mirrormount status`: identity, one line an axis, and the errors that wait in the board."""
+"""`mirrormount ports` and `mirrormount status`.
+
+`mirrormount ports`: the ports of boards with known USB ids.
+
+`mirrormount status`: identity, one line an axis, and the errors that wait in the board.
+"""
 
 import argparse
 from typing import TYPE_CHECKING
 
-from mirrormount.cli.command import Command, open_any, port_options
+from mirrormount.cli.arguments import Command, no_arguments, open_mount, port_options
 
 if TYPE_CHECKING:
-    from mirrormount.device.mount import Axis
+    from mirrormount.device.axis import Axis
+
+
+def list_ports(_args: argparse.Namespace) -> None:
+    """Print one line a port."""
+    from mirrormount.terminal import printable
+    from mirrormount.transport.discovery import find
+
+    found = find()
+    for device, what in found:
+        print(f"{printable(device)}  {printable(what)}")
+    if not found:
+        print("no board found; a virtual one is always there: --port virtual://")
+
 
 _LIMITS = {0: "-", 1: "positive", 2: "negative", 3: "both"}
 
 
-def run(args: argparse.Namespace) -> None:
+def show_status(args: argparse.Namespace) -> None:
     """Print them. The errors are taken from the board's queue."""
-    from mirrormount.common.errors import REASONS
-    from mirrormount.device.arduino_sketch import LIMITS, SketchMount
+    from mirrormount.errors import REASONS
 
-    with open_any(args) as mount:
-        if isinstance(mount, SketchMount):
-            print(LIMITS)
-            return
+    with open_mount(args) as mount:
         status = mount.status()
         errors = mount.take_errors()  # before a question could empty their queue
         print(mount.identity)
@@ -35,7 +49,7 @@ def run(args: argparse.Namespace) -> None:
 
 def _encoder(axis: "Axis") -> str:
     """Counts and loop, to follow a status; "" without an encoder."""
-    from mirrormount.common.errors import EncoderFault
+    from mirrormount.errors import EncoderFault
 
     if not axis.has_encoder:
         return ""
@@ -47,4 +61,7 @@ def _encoder(axis: "Axis") -> str:
         return f", encoder: does not answer ({loop})"
 
 
-COMMAND = Command("status", "show what the board knows", run, port_options)
+COMMANDS = (
+    Command("ports", "list the ports that a mount may be at", list_ports, no_arguments),
+    Command("status", "show what the board knows", show_status, port_options),
+)

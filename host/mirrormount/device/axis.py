@@ -1,17 +1,492 @@
-"""One axis of a mount: moves, jogs, homing, limits. Imports encoder, errors, moves, settings, status.
+"""`Axis`: moves, homing, limits, encoder, settings of one axis.
+
+The settings of an axis as its properties. Imports session, settings.
+
+tools/tables.py writes their list from the declarations of mountfw/settings.py, so that editors and type checkers
+know each by its name.
+
+Moves of known length on one axis: steps, pulses, positions, angles. Imports session, status, units, validation.
+
+An interrupt (Ctrl-C, or an interrupted cell of a notebook) of a method that waits for a motion stops all motors.
+
+The encoder of an axis: is there one, what it counts, how many counts are a step. Imports moves, settings.
+
+One axis of a mount: moves, jogs, homing, limits. Imports encoder, errors, moves, settings, status.
 
 An Axis uses a Session, which keeps its motion alive and orders stops before starts. An interrupt (Ctrl-C, or an
 interrupted cell of a notebook) of a method that waits for a motion stops all motors.
 """
 
 import html
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Generic, Self, TypeVar, cast, overload
 
-from mirrormount.common.errors import BadValue
-from mirrormount.common.validation import jog_duty, whole_number, whole_numbers
+from mirrormount import values
 from mirrormount.device import settings
-from mirrormount.device.encoder import Encoded
-from mirrormount.device.moves import Progress
-from mirrormount.device.status import Homed, Limits, table
+from mirrormount.device.session import Session
+from mirrormount.device.status import AxisStatus, Ended, Homed, Limits, table
+from mirrormount.errors import BadValue, BoardError, EncoderFault, MoveEnded, NoAnswer, NotAMount, NotSupported
+from mirrormount.values import jog_duty, positive_numbers, real_number, whole_number, whole_numbers
+from mountfw import codes as wire
+
+N = TypeVar("N", int, float)
+
+
+class Property(Generic[N]):
+    """A setting of an axis, read from the board and set on it. Its name is that of the setting.
+
+    Reading raises BoardError, NoAnswer, ConnectionLost; setting also BadValue, SettingRefused.
+    """
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._name = name
+
+    @overload
+    def __get__(self, axis: None, owner: type) -> Self: ...
+    @overload
+    def __get__(self, axis: "AxisProperties", owner: type) -> N: ...
+    def __get__(self, axis: "AxisProperties | None", owner: type) -> "Self | N":
+        if axis is None:
+            return self
+        return cast(N, settings.read_one(axis._session, axis.name, self._name))
+
+    def __set__(self, axis: "AxisProperties", value: N) -> None:
+        settings.write(axis._session, {axis.name: {self._name: value}})
+
+
+class AxisProperties:
+    """Base of an axis: its session, its name, its settings. They last until the board restarts, unless saved."""
+
+    __slots__ = ("_session", "name")
+
+    def __init__(self, session: Session, name: str) -> None:
+        self._session = session
+        self.name = name
+
+    # properties: made by tools/tables.py
+    inverted = Property[int]()
+    """Wiring: 1: the axis runs the other way"""
+    switches = Property[int]()
+    """Wiring: switches fitted: 1 positive + 2 negative + 4 home"""
+    motor_type = Property[int]()
+    """Wiring: 3: DC motor connected, 0: none"""
+    pulse_us = Property[int]()
+    """Pulse and speed: length of a step's pulse, us"""
+    step_duty = Property[int]()
+    """Pulse and speed: duty of a step, 1 … 255"""
+    velocity = Property[float]()
+    """Pulse and speed: steps per second"""
+    acceleration = Property[int]()
+    """Pulse and speed: kept for other programs; pulses do not ramp"""
+    run_duty = Property[int]()
+    """Pulse and speed: duty of a run, 1 … 255"""
+    take_up_us = Property[int]()
+    """Take-up: drive that takes up the backlash, us; 0: off"""
+    checking = Property[int]()
+    """Limits: 1 ignores end-stops + 8 checks soft limits"""
+    soft_minimum = Property[int]()
+    """Limits: negative soft limit, steps"""
+    soft_maximum = Property[int]()
+    """Limits: positive soft limit, steps"""
+    run_limit_ms = Property[int]()
+    """Limits: longest run, ms"""
+    search_limit_ms = Property[int]()
+    """Limits: longest search for a switch or an end, ms of drive"""
+    counts_per_step = Property[int]()
+    """Encoder: counts of one step; 0: not measured"""
+    closed_loop = Property[int]()
+    """Encoder: 1: closed loop, the position is measured; 0: open loop"""
+    dead_band = Property[int]()
+    """Encoder: counts that a move may end beside its target"""
+    correction_s = Property[float]()
+    """Encoder: rest before a move's end is judged, s"""
+    following_error = Property[int]()
+    """Encoder: counts that a step's drive may be wrong by"""
+    stall_ms = Property[int]()
+    """Encoder: drive without a count that ends a move, ms"""
+    stall_duty = Property[int]()
+    """Encoder: duty of a search for the end by stall; 0: off"""
+    zero_angle = Property[int]()
+    """Encoder: an AS5600's angle at position 0, 1 … 4096; 0: none"""
+    # end
+
+
+Progress = Callable[[AxisStatus], None]  # called with each status during a wait
+
+_POLL_S = 0.05
+_SLACK_S = 4.0  # beyond the computed time of a move before it counts as stuck; 2 s of it for the backlash
+_SIGHT_REST_US = 50_000  # after a pulse by sight: by then the motor has come to rest
+_LEAST_REST_US = 1000  # of the board, between two pulses
+_SHORTEST_US, _LONGEST_US = 200, 2_000_000  # a pulse of its own length (XU)
+_MOST_AMOUNT = 1_000_000_000  # of any unit
+
+
+class Moves(AxisProperties):
+    """The moves of one axis, and the wait for their end. number: the board's."""
+
+    __slots__ = ("_deadline", "number")  # assigning any other name raises AttributeError
+
+    def __init__(self, session: Session, name: str, number: int) -> None:
+        super().__init__(session, name)
+        self.number = number
+        self._deadline = 0.0
+
+    @property
+    def position(self) -> float:
+        """The counted position, in steps; status() has its certainty."""
+        return self.status().position
+
+    def status(self) -> AxisStatus:
+        """The state of this axis. Raises as Mount.status()."""
+        return self._session.status().by_name[self.name]
+
+    def step(
+        self, n: int, *, wait: bool = True, feed: bool = True, by_sight: bool = False, progress: Progress | None = None
+    ) -> None:
+        """Move by n steps. With wait, returns when they are done, else at once.
+
+        Without wait and feed the caller keeps the move alive, as in Mount.drive(). by_sight: without the board's
+        take-up, and with rests of 50 ms, for a caller that sees what moves; the board's settings stay as they are.
+
+        Raises BadValue, BoardError if refused, MoveEnded if an end-stop, a limit or somebody else
+        ended it, ConnectionLost, NoAnswer.
+        """
+        n = whole_number(n, 1_000_000, "steps")
+        self._move("PR", n, n, wait, feed, progress, by_sight=by_sight)
+
+    def pulse(
+        self, us: int, *, wait: bool = True, feed: bool = True, by_sight: bool = False, progress: Progress | None = None
+    ) -> None:
+        """Give one pulse of |us| microseconds, 200 … 2 000 000, in the direction of its sign (`XU`).
+
+        The backlash is taken up first, but not by_sight (as in step()). The position counts the pulse by its length,
+        as an estimate. Raises as step().
+        """
+        self._move("XU", pulse_length(us), 1, wait, feed, progress, by_sight=by_sight)
+
+    def move_to(
+        self,
+        position: float,
+        unit: str = values.STEPS,
+        *,
+        wait: bool = True,
+        feed: bool = True,
+        progress: Progress | None = None,
+    ) -> float:
+        """Move to a position in one of units.UNITS, which may lie between two steps. Returns the one reached, in steps.
+
+        The remainder of whole steps is one pulse of its own length (`XU`), so that a whole position is reached
+        also from one between two steps, such as a jog's end; the position is an estimate then. The board's shortest
+        pulse is 200 us, 0.001 of a step of 200 ms: a smaller remainder stays.
+        Angles and mm go by the mean scale of both directions, as positions are shown; NotCalibrated without one.
+        Without wait the nearest whole number of steps is the target, which is returned, and steps must be whole. From
+        between two steps the open loop ends up to half a step beside it; `position` tells. Raises as step() does.
+        """
+        steps = self._steps_of(position, unit)
+        if not wait:
+            target = whole_number(
+                steps if unit == values.STEPS else round(steps), 1_000_000, "position, without waiting,"
+            )
+            self._move("PA", target, round(target - self.position), wait, feed, progress)
+            return target
+        wanted = real_number(steps, 1_000_000, "position")
+        stops = self._session.gate.last_stop()
+        n, part_us = self.parts_to(wanted)
+        with self._session.stopped_by_interrupt():
+            if isinstance(wanted, int) and not part_us:
+                self._move("PA", wanted, n, wait, feed, progress, stops)
+            else:
+                self._by(n, part_us, feed, progress, stops)
+        return self.position
+
+    def _steps_of(self, position: float, unit: str) -> float:
+        if values.check(unit) == values.STEPS:
+            return position
+        amount = real_number(position, _MOST_AMOUNT, f"a position in {unit}")
+        return real_number(amount / self.per_step(unit), 1_000_000, f"{amount:g} {unit} in steps")
+
+    def move_by(
+        self, amount: float, unit: str = values.STEPS, *, wait: bool = True, progress: Progress | None = None
+    ) -> float:
+        """Move by an amount of one of units.UNITS. Returns the amount that its pulses are worth.
+
+        A part of a step is one pulse of its own length (`XU`) and makes the position an estimate; without wait, the
+        nearest whole number of steps is moved, and an amount in steps must be whole. Angles and mm go by the scale of
+        that direction in the calibration file (docs/calibration.md). Raises NotCalibrated without one that belongs to
+        the board's present step, BadFile, and as step() does.
+        """
+        amount = real_number(amount, _MOST_AMOUNT, f"an amount in {values.check(unit)}")
+        if unit == values.STEPS and (not wait or isinstance(amount, int)):
+            self.step(whole_number(amount, 1_000_000, "steps"), wait=wait, progress=progress)
+            return amount
+        stops = self._session.gate.last_stop()
+        n, part_us, worth = self.parts_of(amount, unit, whole=not wait)
+        if wait:
+            with self._session.stopped_by_interrupt():
+                self._by(n, part_us, True, progress, stops)
+        else:
+            self._move("PR", n, n, wait, True, None, stops)
+        return worth
+
+    def parts_of(self, amount: float, unit: str = values.STEPS, *, whole: bool = False) -> tuple[int, int, float]:
+        """How move_by() moves an amount: whole steps, the length of a pulse after them (us), what both are worth.
+
+        whole: in whole steps, the nearest. Raises BadValue, NotCalibrated, BadFile, ConnectionLost, NoAnswer.
+        """
+        amount = real_number(amount, _MOST_AMOUNT, f"an amount in {values.check(unit)}")
+        pulse_us, duty, inverted = self.ask_whole("XP?", "XD?", "XI?")
+        per_step = 1.0 if unit == values.STEPS else self._per_step(unit, amount, (pulse_us, duty, inverted))
+        steps = real_number(amount / per_step, 1_000_000, f"{amount:g} {unit} in steps")
+        n, part_us = (round(steps), 0) if whole else _split(steps, pulse_us)
+        if not (n or part_us) and amount:
+            least = per_step * (0.5 if whole else _SHORTEST_US / pulse_us)
+            raise BadValue(f"{amount:g} {unit} is less than the least that can be moved, {least:.3g} {unit}")
+        return n, part_us, (n + part_us / pulse_us) * per_step
+
+    def parts_to(self, steps: float) -> tuple[int, int]:
+        """How move_to() moves from the present position: whole steps, and the length of a pulse after them (us).
+
+        Raises BadValue.
+        """
+        steps = real_number(steps, 1_000_000, "position")
+        (pulse_us,) = self.ask_whole("XP?")
+        left = round(steps * 1000) - round(self.position * 1000)  # thousandths of a step
+        return _split(left / 1000, pulse_us)
+
+    def per_step(self, unit: str) -> float:
+        """How much of a unit one step is, the mean of both directions: the scale of positions.
+
+        Raises BadValue, NotCalibrated, BadFile, ConnectionLost, NoAnswer.
+        """
+        if values.check(unit) == values.STEPS:
+            return 1.0
+        pulse_us, duty, inverted = self.ask_whole("XP?", "XD?", "XI?")
+        return sum(self._per_step(unit, way, (pulse_us, duty, inverted)) for way in (1, -1)) / 2
+
+    def ask(self, *queries: str) -> list[str]:
+        """The answers to queries of this axis: axis.ask("XP?", "VA?"). Raises BoardError, NotAMount."""
+        answers = self._session.send(";".join(f"{self.number}{query}" for query in queries)).split("; ")
+        if len(answers) != len(queries):
+            raise NotAMount(f"not the answers to {', '.join(queries)}: {'; '.join(answers)[:80]!r}")
+        return answers
+
+    def ask_whole(self, *queries: str) -> list[int]:
+        """The same for queries whose answers are whole numbers."""
+        return whole_numbers(",".join(self.ask(*queries)), len(queries))
+
+    def wait(self, progress: Progress | None = None) -> Ended:
+        """Wait for the end of this axis's move. Returns how it ended.
+
+        Raises NoAnswer (and stops) if it takes longer than it can, ConnectionLost. An interrupt stops both motors.
+        """
+        session = self._session
+        with session.stopped_by_interrupt():
+            while (status := self.status()).moving:
+                if progress:
+                    progress(status)
+                session.keep_alive.check()
+                if self._deadline and session.link.monotonic() > self._deadline:
+                    session.stop()
+                    raise NoAnswer(f"{self.name}: still moving when it should have ended; stopped")
+                session.link.sleep(_POLL_S)
+            return self.last_move()
+
+    def last_move(self) -> Ended:
+        """How this axis's last move ended."""
+        reason, steps, on_us = whole_numbers(self._session.ask(f"{self.number}XE?"), 3)
+        return Ended(reason, steps, on_us * 1e-6)
+
+    def expect_end(self, longest_s: float) -> None:
+        """A motion was started that ends within longest_s: wait() stops it if it does not, after some seconds more."""
+        self._deadline = self._session.link.monotonic() + longest_s + _SLACK_S
+
+    def _per_step(self, unit: str, amount: float, step: tuple[int, int, int]) -> float:
+        """How much of a unit one step in the direction of amount is."""
+        from mirrormount.device import calibration  # a program that stops, or counts in steps, needs no file
+
+        scale, mirror_mrad = calibration.scale_of(
+            self._session.board.id, self.number, self.name, 1 if amount > 0 else -1, calibration.Step(*step)
+        )
+        return values.per_step(scale, mirror_mrad, unit, self.name)
+
+    def _by(self, n: int, part_us: int, feed: bool, progress: Progress | None, stops: int) -> None:
+        """Move by n steps and one pulse of part_us, both signed, and wait."""
+        if n:
+            self._move("PR", n, n, True, feed, progress, stops)
+        if part_us:
+            self._move("XU", part_us, 1, True, feed, progress, stops)
+
+    def _move(
+        self,
+        mnemonic: str,
+        value: int,
+        n: int,
+        wait: bool,
+        feed: bool,
+        progress: Progress | None = None,
+        stops: int | None = None,
+        *,
+        by_sight: bool = False,
+    ) -> None:
+        """Start a move of n steps. stops: gate.last_stop() at the request, None: now."""
+        a, session = self.number, self._session
+        stops = session.gate.last_stop() if stops is None else stops
+        pulse_us, velocity = positive_numbers(session.ask(f"{a}XP?;{a}VA?"), 2)
+        command = f"{a}{mnemonic}{value}"
+        if by_sight:
+            own, velocity = velocity, _velocity_by_sight(int(pulse_us))
+            (take_up_us,) = self.ask_whole("XB?")
+            command = f"{a}XB0;{a}VA{velocity:.2f};{command};{a}VA{own:.2f};{a}XB{take_up_us}"
+        period_s = max(1 / velocity, pulse_us * 1e-6 + 1e-3)
+        with session.stopped_by_interrupt():
+            session.start(command, stops)
+            self.expect_end((abs(n) + 1) * period_s)
+            if wait:
+                self._wait_until_done(n, progress)
+            elif feed:
+                session.keep_alive.start()
+
+    def _wait_until_done(self, wanted: int | None, progress: Progress | None = None) -> None:
+        ended = self.wait(progress)
+        if ended.reason != wire.DONE:
+            errors = self._session.errors()
+            codes = tuple(error.code for error in errors)
+            raise MoveEnded(self.name, ended.reason, ended.steps, wanted, list(map(str, errors)), codes)
+
+
+def pulse_length(us: int) -> int:
+    """The signed length of a pulse in microseconds, if the board can give it. Raises BadValue."""
+    us = whole_number(us, _LONGEST_US, "a pulse in microseconds")
+    if abs(us) < _SHORTEST_US:
+        raise BadValue(f"a pulse has {_SHORTEST_US} microseconds or more, not {us}")
+    return us
+
+
+def _velocity_by_sight(pulse_us: int) -> float:
+    """Steps per second, in hundredths, with _SIGHT_REST_US behind each pulse; no more than the board can do."""
+    most = 100_000_000 // (pulse_us + _LEAST_REST_US)
+    return min(100_000_000 // (pulse_us + _SIGHT_REST_US), most // 100 * 100 or most) / 100
+
+
+def _split(steps: float, pulse_us: int) -> tuple[int, int]:
+    """Whole steps and the length of one pulse (us) for the rest, both signed; a rest below the shortest pulse is 0."""
+    sign = 1 if steps > 0 else -1
+    n, part_us = divmod(round(abs(steps) * pulse_us), pulse_us)
+    return sign * n, sign * part_us if part_us >= _SHORTEST_US else 0
+
+
+_WRAP = 1 << 30  # of the board's counts
+_APPROACH = 3  # steps that bring the gears to one side of their play, which an encoder behind them sees
+_STEPS = 10  # that are counted, each way
+_LEAST = 4  # counts of a step: with fewer no loop can be closed
+_ALIKE = 0.4  # the directions may differ by so much of the larger one
+_PLAY = 0.3  # of a step's counts: a smaller loss is the scatter of a timed step
+_COAST = 0.04  # of a step's counts: what a motor coasts, on the bench
+_SETTLED_S = 0.2  # after a move: it does not coast any more
+
+
+@dataclass(frozen=True)
+class Counted:
+    """Counts of one step, timed, in the motor's own positive direction: the mean of both, and each of them.
+
+    Negative: the encoder counts down there. per_step is what the setting counts_per_step takes. lost: counts that the
+    first step after the reversal misses, the play that the encoder sees: about 0 for one on the motor.
+    """
+
+    per_step: int
+    positive: float
+    negative: float
+    lost: float = 0.0
+
+    @property
+    def sees_play(self) -> bool:
+        """Is it behind the gears?"""
+        return self.lost > _PLAY * abs(self.per_step)
+
+    @property
+    def settings(self) -> dict[str, int]:
+        """What closes the loop of that axis. One that sees play cannot correct by less than its motor coasts."""
+        dead_band = max(1, round(_COAST * abs(self.per_step))) if self.sees_play else 1
+        return {"counts_per_step": self.per_step, "dead_band": dead_band, "closed_loop": 1}
+
+
+class Encoded(Moves):
+    """What an axis has where an encoder is fitted."""
+
+    __slots__ = ()
+
+    @property
+    def has_encoder(self) -> bool:
+        """Does the board say that one is fitted? Raises ConnectionLost, NoAnswer."""
+        return settings.has_encoder(self._session, self.number)
+
+    @property
+    def counts(self) -> int:
+        """What the encoder has counted, from an arbitrary zero; wraps at 2^29.
+
+        Raises NotSupported without one, EncoderFault if it does not answer or sees no magnet.
+        """
+        if not self.has_encoder:
+            raise NotSupported(f"{self.name} has no encoder, as far as the board's file says")
+        try:
+            answer = self._session.send(f"{self.number}XC?")
+        except BoardError as e:
+            if e.code % 100 != wire.AXIS_ENCODER_LOST:
+                raise
+            raise EncoderFault(f"{self.name}: the encoder does not answer, or sees no magnet") from e
+        return whole_number(int(answer), _WRAP, "a count")
+
+    def measure_counts(self, n: int = _STEPS) -> Counted:
+        """Find out which way the encoder counts, and how many counts a timed step has, by n steps one way and back.
+
+        Each way begins with three steps that are not counted, so the screw turns by n + 3 steps and back. The loop is
+        open meanwhile; the settings are then as they were. Raises EncoderFault if the counts cannot be this motor's,
+        and as step() does.
+        """
+        n = whole_number(n, 1000, "steps to count")
+        _ = self.counts  # there is one
+        before = settings.read(self._session)[self.name]
+        was = {"closed_loop": before["closed_loop"]} if "closed_loop" in before else {}
+        try:
+            settings.write(self._session, {self.name: dict.fromkeys(was, 0)})
+            way = -1 if before["inverted"] else 1
+            forward, _ = self._counts_of(n)
+            back, first = self._counts_of(-n)
+        finally:
+            settings.put_back(self._session, {self.name: was})
+        found = judged(self.name, way * forward / n, -way * back / n)
+        return replace(found, lost=max(0.0, abs(back / n) - abs(first)))
+
+    def _counts_of(self, n: int) -> tuple[int, int]:
+        """The counts of n steps after an approach in their direction, and of the approach's first step."""
+        one = 1 if n > 0 else -1
+        first, _, counted = [self._counts_by(steps) for steps in (one, one * (_APPROACH - 1), n)]
+        return counted, first
+
+    def _counts_by(self, n: int) -> int:
+        before = self.counts
+        self.step(n)
+        self._session.sleep(_SETTLED_S)
+        return counts_between(before, self.counts)
+
+
+def counts_between(before: int, after: int) -> int:
+    """The way from one count to a later one, across the wrap."""
+    return (after - before + _WRAP // 2) % _WRAP - _WRAP // 2
+
+
+def judged(name: str, positive: float, negative: float) -> Counted:
+    """The counts of a step either way, if they can be. Raises EncoderFault."""
+    found = f"{positive:.1f} counts a step one way, {negative:.1f} the other"
+    if abs(positive) < _LEAST and abs(negative) < _LEAST:
+        raise EncoderFault(f"{name}: the encoder counts nothing while the motor has drive ({found})")
+    if positive * negative <= 0:
+        raise EncoderFault(f"{name}: the encoder counts the same way whichever way the motor turns ({found})")
+    if abs(positive - negative) > _ALIKE * max(abs(positive), abs(negative)):
+        raise EncoderFault(f"{name}: the encoder counts much more one way than the other ({found})")
+    return Counted(round((positive + negative) / 2), positive, negative)
+
 
 _SOFT_LIMITS_CHECKED = 8  # the bit of ZH
 
@@ -36,7 +511,6 @@ class Axis(Encoded):
     def zero(self, steps: int = 0) -> None:
         """Define the present position as `steps`; from here on it is counted. Raises BadValue as step() does."""
         steps = whole_number(steps, 1_000_000, "position")
-        self._check_units(*self.ask_whole("SN?"))
         self._session.send(f"{self.number}DH{steps}")
 
     def home(self, progress: Progress | None = None) -> Homed:

@@ -1,4 +1,6 @@
-"""How far the mirror turns with a step: a file of scales, one for each axis and direction. Never guessed.
+"""mrad a step: the file, and the arithmetic.
+
+How far the mirror turns with a step: a file of scales, one for each axis and direction. Never guessed.
 
 The file is calibration.toml in the user's folder for settings (or in $MIRRORMOUNT_CONFIG), with a
 table for each axis of each board, under the board's unique id:
@@ -13,8 +15,15 @@ table for each axis of each board, under the board's unique id:
     screen_mm = 1500.0     # from the mirror to the screen; for mm on the screen
 
 Imports errors, toml_file, whole_file.
+
+From marks on a screen to a scale and a backlash: the arithmetic of `mirrormount setup`.
+
+Angles are the mirror's. A beam that a mirror reflects turns by twice the mirror's angle when the mirror
+turns about an axis that is perpendicular to the plane of the beam, and by 2 cos(incidence) when it tips
+about an axis in that plane (both follow from r = d - 2 (d·n) n).
 """
 
+import math
 import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -23,9 +32,10 @@ from typing import Any
 
 from platformdirs import user_config_path
 
-from mirrormount.common import toml_file, whole_file
-from mirrormount.common.errors import BadFile, NotCalibrated
-from mirrormount.common.printable import printable
+from mirrormount import files
+from mirrormount.device.settings import SETTINGS
+from mirrormount.errors import BadFile, NotCalibrated
+from mirrormount.terminal import printable
 
 _NUMBERS = ("positive", "negative", "beam_per_mirror", "screen_mm")  # of Scale: each above 0, or missing
 _LEAST, _MOST = 1e-9, 1e9  # of each number: far beyond any mirror mount, and safe to divide by
@@ -96,14 +106,14 @@ def write(board_id: str, scales: Mapping[int, Scale]) -> Path:
         measured = {key: getattr(scale, key) for key in _NUMBERS}
         board[f"axis{axis}"] = {k: v for k, v in measured.items() if v is not None} | asdict(scale.step)
     # a link in the user's own folder of settings is the user's: the file that it leads to is written
-    toml_file.write(path().resolve(), toml_file.text_for(path(), tables, _HEADING), make_folder=True)
+    files.write_atomic(path().resolve(), files.toml_text_for(path(), tables, _HEADING), make_folder=True)
     return path()
 
 
 def check_writable() -> None:
     """Raise BadFile or CannotWrite if write() would: for work whose result must not be lost. Makes the folder."""
-    toml_file.text_for(path(), _tables(), _HEADING)
-    whole_file.check_writable(path().resolve(), make_folder=True)
+    files.toml_text_for(path(), _tables(), _HEADING)
+    files.check_writable(path().resolve(), make_folder=True)
 
 
 def scale_of(board_id: str, axis: int, name: str, direction: int, step: Step) -> tuple[Scale, float]:
@@ -130,7 +140,7 @@ def scale_of(board_id: str, axis: int, name: str, direction: int, step: Step) ->
 
 def _tables() -> dict[str, Any]:
     try:
-        return toml_file.read(path())
+        return files.read_toml(path())
     except BadFile as e:
         raise BadFile(f"{e}: correct it, or move it away and run `mirrormount setup`") from e
 
@@ -154,3 +164,65 @@ def _whole(entry: Mapping[str, Any], key: str, where: str) -> int:
     if isinstance(value, bool) or not isinstance(value, int) or value < 0:
         raise BadFile(f"{where}: {key} is a whole number, not {printable(repr(value), 60)}")
     return value
+
+
+def beam_per_mirror(name: str, incidence_deg: float) -> float:
+    """By how much the beam turns when the mirror turns by 1, for axis x or y and a beam in a horizontal plane."""
+    return 2.0 if name == "x" else 2.0 * math.cos(math.radians(incidence_deg))
+
+
+def take_up(lost_us: float) -> tuple[int, str]:
+    """The setting take_up_us for what a turn loses, in us of drive; and words where that is beyond its range, or ""."""
+    most = int(SETTINGS["take_up_us"].most)
+    if lost_us <= most:
+        return max(0, round(lost_us)), ""
+    return most, f"a turn loses {lost_us * 1e-6:.3g} s of drive, and the board takes up {most * 1e-6:g} s at most"
+
+
+@dataclass(frozen=True)
+class Marks:
+    """Where the spot was, in mm along the axis's positive direction, at rest after each of these moves.
+
+    start: after an approach in the positive direction; then n steps forward, n back (the backlash is in
+    these), n more back, and n forward again (with the backlash of the other turn).
+    """
+
+    start: float
+    forward: float
+    turned: float
+    back: float
+    again: float
+
+
+@dataclass(frozen=True)
+class Measured:
+    """mrad of the mirror a step, and the steps that were lost in each turn (to negative, to positive)."""
+
+    positive: float
+    negative: float
+    lost: tuple[float, float]
+
+    @property
+    def backlash(self) -> float:
+        """Steps that a turn loses, the mean of both; not less than 0."""
+        return max(0.0, sum(self.lost) / 2)
+
+
+def measure_scale(marks: Marks, n: int, distance_mm: float, factor: float) -> Measured | None:
+    """The scale from marks that are n steps apart, on a screen at distance_mm across the beam.
+
+    factor is beam_per_mirror(). None if the marks do not go the way that the axis went.
+    """
+
+    def mrad(mm: float) -> float:
+        return math.atan(mm / distance_mm) / factor * 1e3
+
+    positive = mrad(marks.forward - marks.start) / n
+    negative = mrad(marks.turned - marks.back) / n
+    if positive <= 0 or negative <= 0:
+        return None
+    lost = (
+        n - mrad(marks.forward - marks.turned) / negative,
+        n - mrad(marks.again - marks.back) / positive,
+    )
+    return Measured(positive, negative, lost)

@@ -1,4 +1,8 @@
-"""Mount: the public face of a mirror mount.
+"""`Mount`: a board with its axes.
+
+The frame that drives both motors: mountfw/wire/frame.py has its grammar, and parses it.
+
+Mount: the public face of a mirror mount.
 
     with Mount.open() as mount:      # stops at the end of the block, whatever happens
         mount.x.step(5)              # five steps to the right; returns when they are done
@@ -12,20 +16,27 @@ import contextlib
 from collections.abc import Callable, Iterator, Mapping
 from typing import Self
 
-from mirrormount.common.errors import BadValue, NotSupported, PortBusy
-from mirrormount.common.printable import printable
-from mirrormount.common.validation import whole_number
 from mirrormount.device import settings
 from mirrormount.device.axis import Axis
-from mirrormount.device.frame import encode
-from mirrormount.device.named import Place, place_of, x_axis_of
-from mirrormount.device.session import Session
+from mirrormount.device.session import Session, not_begun
 from mirrormount.device.status import AxisStatus, Ended, Homed, Limits, QueuedError, Status, table
-from mirrormount.device.stop_gate import not_begun
-from mirrormount.transport.find import find_one
-from mirrormount.transport.lines import Link
-from mirrormount.transport.open import open_port
-from mirrormount.transport.stoppable import held_here
+from mirrormount.device.table_file import MountPort, find_port, x_axis_of
+from mirrormount.errors import BadValue, NotSupported, PortBusy
+from mirrormount.terminal import printable
+from mirrormount.transport.discovery import find_one
+from mirrormount.transport.link import Link
+from mirrormount.transport.ports import open_port
+from mirrormount.transport.stop_socket import held_here
+from mirrormount.values import whole_number
+
+
+def encode_frame(m1: int, m2: int) -> bytes:
+    """The frame that drives motor 1 at m1 and motor 2 at m2, -255 … 255. Raises ValueError outside that range."""
+    for n in (m1, m2):
+        if not -255 <= n <= 255:
+            raise ValueError("a frame's speed must be within -255 ... 255")
+    return b"".join(b"%s%03d" % (b"-" if n < 0 else b"0", abs(n)) for n in (m1, m2))
+
 
 __all__ = ["Axis", "AxisStatus", "Ended", "Homed", "Limits", "Mount", "QueuedError", "Status"]
 
@@ -58,14 +69,13 @@ class Mount:
         """
         if not isinstance(address, str | None):
             raise BadValue(f"a port's address is text, not {address!r}")
-        place = Place(find_one()) if address is None else place_of(address)
+        place = MountPort(find_one()) if address is None else find_port(address)
         address = place.address
         try:
             link = Link(open_port(address))
             try:
                 mount = cls(link, x_axis=x_axis_of(place, x_axis))
                 mount.accept_stops(address)
-                mount.session.end_when_forgotten()
                 return mount
             except BaseException:
                 link.close()
@@ -158,7 +168,7 @@ class Mount:
         """
         if self.session.board.x_axis > 2:
             raise NotSupported("a frame drives motors 1 and 2 of a board, and this mount has others: use jog()")
-        frame = encode(whole_number(m1, 255, "m1"), whole_number(m2, 255, "m2"))
+        frame = encode_frame(whole_number(m1, 255, "m1"), whole_number(m2, 255, "m2"))
         session = self.session
         last_stop = session.gate.last_stop()
         session.keep_alive.check()

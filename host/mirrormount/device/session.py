@@ -1,4 +1,14 @@
-"""A session with a board: the link, the stop, the keep-alive, and one exchange at a time.
+"""One open board: exchanges, stop, keep-alive, handshake.
+
+Command lines before they are sent: what they may be, which start a motion. The grammar: docs/protocol.md.
+
+Orders stops and starts of all threads: no motion starts after a stop that came later than its request.
+
+Keeps a motion alive from a thread: each status query restarts the board's keep-alive. Imports errors.
+
+The first exchange with a board: is it a mount?
+
+A session with a board: the link, the stop, the keep-alive, and one exchange at a time.
 
 A Mount, a worker of a panel, a loop with a camera and a server on the network stand on it. Every line that starts a
 motion sets the board's keep-alive, so that a program that dies stops the mount. Any thread may call any method; a
@@ -6,55 +16,299 @@ stop waits for no other thread's exchange.
 """
 
 import contextlib
-import logging
-import os
+import itertools
+import re
+import threading
+import time
 import weakref
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
 from typing import Self
 
-from mirrormount.common.errors import BadValue, BoardError, ConnectionLost, MountError, NoAnswer, NotAMount
-from mirrormount.common.keep_alive import KEEP_ALIVE_MS
-from mirrormount.common.printable import printable
-from mirrormount.device.abandoned import abandon
-from mirrormount.device.board import RESET_CAUSES, Board, check_x_axis
-from mirrormount.device.command_lines import check_line, check_query, keep_alives_ms, starts_motion, with_keep_alive
-from mirrormount.device.handshake import ANSWER_S, identify
-from mirrormount.device.keep_alive import FEED_S, KeepAlive
-from mirrormount.device.status import QueuedError, Status
-from mirrormount.device.stop_gate import StopGate
-from mirrormount.transport.lines import Link
-from mirrormount.transport.open import open_port
-from mirrormount.transport.stop_socket import SENT, STOPPED
-from mirrormount.transport.stoppable import Stoppable
+from mirrormount.device.status import RESET_CAUSES, Board, QueuedError, Status, check_x_axis
+from mirrormount.errors import (
+    AllowNeeded,
+    AtPrompt,
+    BadValue,
+    BoardError,
+    ConnectionLost,
+    FirmwareMissing,
+    MountError,
+    MoveEnded,
+    NoAnswer,
+    NotAMount,
+    PortAbsent,
+    PortBusy,
+)
+from mirrormount.terminal import printable
+from mirrormount.transport.link import AT_PROMPT, GREETING, NO_BOARD, NOT_ALLOWED, TAKEN, Link
+from mirrormount.transport.ports import open_port
+from mirrormount.transport.stop_socket import SENT, STOPPED, StopListener
+from mirrormount.values import KEEP_ALIVE_MS
+from mountfw import codes as wire
+
+LONGEST = 128 - len(f"XK{KEEP_ALIVE_MS};;TB?")  # a line of the board has 128 characters
+
+_COMMAND_LINE = re.compile(r" *([A-Za-z*1-9]|0[0-9]*>)")  # the table of first bytes in docs/protocol.md
+_ADDRESS = re.compile(r" *[0-9]+ *>")
+_STARTS_MOTION = re.compile(r"[ 0-9]*(PR|PA|XU|MV|MT|OR)(?!.*\?)", re.IGNORECASE)
+_KEEP_ALIVE = re.compile(r"XK *([0-9]+)", re.IGNORECASE)
+
+
+def check_line(line: str) -> None:
+    """Raises BadValue for a text that is no command line, one with nothing behind a ; included."""
+    if not isinstance(line, str):
+        raise BadValue(f"a command line is text, not {line!r}")
+    if not line.strip(" "):
+        raise BadValue("the command line is empty")
+    if not (line.isascii() and line.isprintable()):
+        raise BadValue(f"a command line is printable ASCII, not {line!r}")
+    if not _COMMAND_LINE.match(line):
+        raise BadValue(f"{line!r} is no command line: a frame is sent by drive, a stop by stop")
+    if not all(command.strip(" ") for command in line.split(";")):
+        raise BadValue("a ; stands between two commands: leave out the one that has nothing behind it")
+
+
+def check_query(query: str) -> None:
+    """Raises BadValue for a text that is no query, or starts a motion."""
+    if not (isinstance(query, str) and query.isascii() and query.isprintable()):
+        raise BadValue(f"a query is printable ASCII, not {query!r}")
+    if starts_motion(query):
+        raise BadValue(f"{query!r} starts a motion: send() does that, and keeps it alive")
+
+
+def starts_motion(line: str) -> bool:
+    """True if a command of the line may start a motion."""
+    return any(map(_STARTS_MOTION.match, line[_begin(line) :].split(";")))
+
+
+def keep_alives_ms(line: str) -> list[int]:
+    """The keep-alives that the line sets itself."""
+    return [int(ms) for ms in _KEEP_ALIVE.findall(line)]
+
+
+def with_keep_alive(line: str) -> str:
+    """The line, with the host's keep-alive before its first command. Raises BadValue if it is too long for that."""
+    if len(line) > LONGEST:
+        raise BadValue(f"a command line that starts a motion has at most {LONGEST} characters, not {len(line)}")
+    at = _begin(line)
+    return f"{line[:at]}XK{KEEP_ALIVE_MS};{line[at:]}"
+
+
+def _begin(line: str) -> int:
+    """Where the first command begins: behind the address, if there is one."""
+    address = _ADDRESS.match(line)
+    return address.end() if address else 0
+
+
+def not_begun() -> MoveEnded:
+    """Of a motion that a stop has kept from starting."""
+    return MoveEnded("mount", wire.ABORTED, 0, None, ["stopped before it began"])
+
+
+class StopCounter:
+    """Held while a stop is written, and while a line that starts a motion is written.
+
+    stops = gate.last_stop()           # when the motion is requested
+    with gate.starting(stops): ...     # MoveEnded if there was a stop since
+    with gate.stopping(): ...          # around the writing of a stop
+    """
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._numbers = itertools.count(1)
+        self._last = 0  # each stop has its own number, so that none is lost between two threads
+        self._blocks = threading.local()  # since: the last stop before this thread's outermost unless_stopped() began
+
+    def last_stop(self) -> int:
+        """The number of the last stop: in a block of unless_stopped() the last one before the block."""
+        since: int | None = getattr(self._blocks, "since", None)
+        return self._last if since is None else since
+
+    @contextlib.contextmanager
+    def starting(self, last_stop: int) -> Iterator[None]:
+        """Inside, no other thread writes a stop. Raises MoveEnded if there was one after last_stop."""
+        with self._lock:
+            if last_stop != self._last:
+                raise not_begun()
+            yield
+
+    @contextlib.contextmanager
+    def stopping(self, longest_s: float | None = None) -> Iterator[None]:
+        """Register a stop; inside, it is written. Waits longest_s at most for another thread's line, then goes on."""
+        self._last = next(self._numbers)
+        is_alone = self._lock.acquire(timeout=-1 if longest_s is None else longest_s)
+        try:
+            yield
+        finally:
+            if is_alone:
+                self._lock.release()
+
+    @contextlib.contextmanager
+    def unless_stopped(self) -> Iterator[None]:
+        """A motion of this thread inside starts only if no thread has stopped since the outermost such block began."""
+        before: int | None = getattr(self._blocks, "since", None)
+        self._blocks.since = self._last if before is None else before
+        try:
+            yield
+        finally:
+            self._blocks.since = before
+
+
+FEED_S = 0.1  # between two queries
+
+
+class KeepAlive:
+    """is_moving: asks the board whether anything moves; called in the thread. threaded: False in lockstep.
+
+    Without a thread only `active` is kept, and the caller queries the board while it is set.
+    """
+
+    def __init__(self, is_moving: Callable[[], bool], threaded: bool) -> None:
+        self._is_moving = is_moving
+        self._threaded = threaded
+        self._active = False
+        self._lock = threading.Lock()
+        self._thread: threading.Thread | None = None
+        self._starts = 0  # a thread that ends checks whether a motion was started meanwhile
+        self._failure: MountError | None = None
+
+    @property
+    def active(self) -> bool:
+        """True while a motion is kept alive."""
+        return self._active
+
+    def start(self) -> None:
+        """Keep the motion that was just started alive until it ends."""
+        with self._lock:
+            self._starts += 1
+            self._active = True
+            if not self._threaded or self._thread:
+                return
+            self._thread = threading.Thread(target=self._feed, name="keep-alive", daemon=True)
+            self._thread.start()
+
+    def end(self) -> None:
+        """Stop feeding. Does not wait for the thread."""
+        self._active = False
+
+    def join(self, timeout_s: float | None = None) -> None:
+        """Wait for the end of the thread: at the end of the motion, or of end()."""
+        thread = self._thread
+        if thread:
+            thread.join(timeout_s)
+
+    def check(self) -> None:
+        """Raise the error that ended the thread, once."""
+        failure, self._failure = self._failure, None
+        if failure:
+            raise failure
+
+    def _feed(self) -> None:
+        while True:
+            starts, moving = self._starts, False
+            try:
+                moving = self._active and self._is_moving()
+            except MountError as e:
+                self._failure = e
+            with self._lock:
+                if not moving and starts == self._starts:
+                    self._active = False
+                    self._thread = None
+                    return
+            time.sleep(FEED_S)
+
+
+ANSWER_S = 2.0  # a board answers in milliseconds, but one that was just plugged in, or is virtual, may be starting
+_SERVED_ANSWER_S = 5.0  # after a greeting: `serve` stops the board first, which takes longer on a busy computer
+
+_STATUS_END = re.compile(r"[0-9,|-]+")  # of an answer to a poll, which a busy computer brings late
+
+
+def identify(link: Link) -> str:
+    """Stop all motion, drop old answers, and query the identity. Returns the answer to *IDN?.
+
+    Raises NotAMount, AtPrompt, FirmwareMissing, PortBusy, PortAbsent, AllowNeeded.
+    """
+    try:
+        link.write(b"!\n")
+        before = link.drain(0.1)
+        _check_served(before.decode("ascii", "replace"))
+        link.write(b"*IDN?\n")
+        answer = link.read_line(_SERVED_ANSWER_S if GREETING in before else ANSWER_S)
+        # the board is just starting; or that is the rest of an answer to a client that was killed
+        if answer.endswith("soft reboot") or _STATUS_END.fullmatch(answer):
+            answer = link.read_line(ANSWER_S)
+    except ConnectionLost as e:
+        raise NotAMount("it hung up when asked who it is: not a mount") from e
+    except NoAnswer as e:
+        answer = link.drain(0.05).decode("ascii", "replace")
+        if not answer:
+            raise NotAMount("nothing answers: not a mount, or its firmware hangs") from e
+    _check_served(answer)
+    answer = answer.lstrip("\ufffd\x01\x03")  # a greeting that came late
+    if not answer.startswith("mirrormount,"):
+        link.write(b"\r")  # a prompt in the middle of a line shows only after its end
+        answer += link.drain(0.3).decode("ascii", "replace")
+    rest = link.drain(0.05).decode("ascii", "replace")
+    if answer.startswith("mirrormount,") and not rest:
+        answer = printable(answer)
+        if answer.count(",") < 3:
+            raise NotAMount(f"not the four parts of a mount's identity: {answer[:80]!r}")
+        return answer
+    if ">>>" in answer + rest:
+        link.write(b"\r\x03\r")
+        link.drain(0.1)
+        if _fails_to_import(link, b"mountfw"):
+            raise FirmwareMissing("Python answers, but mountfw is not on this board: deploy it first")
+        raise AtPrompt("the board is at its Python prompt: press Ctrl-D there, or reset it, to start mountfw")
+    raise NotAMount(f"this is not a mount; it answered {(answer + rest)[:60]!r}")
+
+
+def _fails_to_import(link: Link, module: bytes) -> bool:
+    """Whether a prompt cannot import it. No answer within ANSWER_S: False. Raises ConnectionLost."""
+    link.write(b"import " + module + b"\r")
+    said, end = b"", link.monotonic() + ANSWER_S
+    while b">>> " not in said.partition(module)[2] and link.monotonic() < end:  # behind the echo of what was sent
+        said += link.drain(0.05)
+    return b"ImportError" in said
+
+
+def _check_served(received: str) -> None:
+    """Raise the error that stands for a refusal of a program that serves the board."""
+    if TAKEN in received:
+        raise PortBusy("another program drives this board")
+    if NO_BOARD in received:
+        raise PortAbsent("the program that serves this board has lost it: plug the board in")
+    if AT_PROMPT in received:
+        raise AtPrompt("the board is at its Python prompt: press Ctrl-D there (on its pty) to start mountfw")
+    if NOT_ALLOWED in received:
+        raise AllowNeeded("this computer may not drive that board: serve it with --allow, or go through ssh -L")
+
 
 _LOCK_S = 1.0  # longest wait of another program's stop for the answers of this one
 _GATE_S = 0.05  # longest wait of another program's stop for a thread that writes a line
 _ECHO_LINES, _LONGEST_ANSWER = 5, 4096  # of a frame; characters
 _ERRORS_MOST = 20  # of a board's queue
 
-_log = logging.getLogger("mirrormount")
-
 
 class Session:
     """An open session. Identifying the board stops it. x_axis: the board's number of the axis called x.
 
     Attributes: link; board (identity, axes, last status); gate (stops before starts); keep_alive.
-    In a forked process it only raises ConnectionLost: the port is the parent's. Raises what identify() raises.
+    A session that nobody refers to any more feeds no keep-alive: its motion ends. Raises what identify() raises.
     """
 
     def __init__(self, link: Link, *, x_axis: int = 2) -> None:
         check_x_axis(x_axis)
         self.link = link
         self.board = Board(identify(link), x_axis)
-        self.gate = StopGate()
-        self._process = os.getpid()
+        self.gate = StopCounter()
         self._closed = False
         this = weakref.ref(self)  # threads must not keep it
         self.keep_alive = KeepAlive(lambda: (own := this()) is not None and own.status().moving, not link.lockstep)
-        self._stoppables: list[Stoppable] = []
+        self.stop_listener: StopListener | None = None  # takes other programs' stops
         self.stops_by_others = 0  # how many stops other programs have asked for
-        self._end: weakref.finalize | None = None
         self.status()
 
     @classmethod
@@ -71,8 +325,6 @@ class Session:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        if self._process != os.getpid():
-            return
         try:
             # a stop that fails must not hide the exception that is on its way; the keep-alive stands behind it
             hidden = kind is not None and kind is not KeyboardInterrupt
@@ -81,28 +333,14 @@ class Session:
         finally:
             self.close()
 
-    def end_when_forgotten(self) -> None:
-        """Stop the board and close the port when nobody refers to this session any more; not at the program's end."""
-        self._end = weakref.finalize(self, abandon, self._process, self.link, self.keep_alive, self._stoppables)
-        self._end.atexit = False
-
     def close(self) -> None:
         """Close the port. Does not stop: the board's keep-alive will."""
-        if self._process != os.getpid():
-            return
         self._closed = True
-        if self._end:
-            self._end.detach()
         self.keep_alive.end()
         self.keep_alive.join()
-        for stoppable in self._stoppables:
-            stoppable.close()
+        if self.stop_listener:
+            self.stop_listener.close()
         self.link.close()
-
-    @property
-    def stoppable(self) -> Stoppable | None:
-        """What takes other programs' stops."""
-        return self._stoppables[0] if self._stoppables else None
 
     def age(self) -> str:
         """How old the last status is, for a text. The board is not asked."""
@@ -145,8 +383,9 @@ class Session:
             own = this()
             return own.stop_for_another_program(also) if own else STOPPED
 
-        if not self.link.lockstep and not self._stoppables:
-            self._stoppables.append(Stoppable([address], stop))
+        if not self.link.lockstep and not self.stop_listener:
+            self.stop_listener = StopListener([address], stop)
+            weakref.finalize(self, self.stop_listener.close)
 
     def stop_for_another_program(self, also: Callable[[], None] | None = None) -> str:
         """Write the stop without waiting for a thread that hangs, then confirm it if the link is free.
@@ -279,16 +518,16 @@ class Session:
             return "; ".join(answers)
 
     def _check_open(self) -> None:
-        if self._process != os.getpid():
-            raise ConnectionLost("this Mount was opened by another process: use it there")
         if self._closed:
             raise ConnectionLost("this Mount was closed: open it again")
 
     def _log_old_errors(self) -> None:
         """Empty the error queue, so that an old error is not taken for a refusal of the next line."""
         if self.status().errors_waiting:
+            import logging  # takes 5 ms, for which a stop would wait
+
             for error in self.errors():
-                _log.warning("the board reports %s", error)
+                logging.getLogger("mirrormount").warning("the board reports %s", error)
 
     def _receive_status(self, line: str) -> Status:
         status = self.board.receive_status(line, self.link.monotonic())

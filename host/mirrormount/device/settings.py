@@ -1,7 +1,6 @@
 """The settings of all axes: their table, reading and writing them.
 
-mountfw/settings.py declares them, and mountfw/encoder/settings.py those of an axis with an encoder. The board decides:
-if it refuses a setting, all settings are restored.
+mountfw/settings.py declares them. The board decides: if it refuses a setting, all settings are restored.
 """
 
 import contextlib
@@ -9,9 +8,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from mirrormount.common.axis_names import is_axis
-from mirrormount.common.declared import one_line, texts
-from mirrormount.common.errors import (
+from mirrormount.device.session import Session
+from mirrormount.errors import (
     BadValue,
     BoardError,
     ConnectionLost,
@@ -20,18 +18,18 @@ from mirrormount.common.errors import (
     NotAMount,
     NotSupported,
     SettingRefused,
+    doc_texts,
+    one_line,
 )
-from mirrormount.common.printable import printable
-from mirrormount.common.signals import Terminated
-from mirrormount.device.session import Session
+from mirrormount.terminal import Terminated, printable
+from mirrormount.values import is_axis
 from mountfw import codes as wire
 from mountfw import settings as declared
-from mountfw.encoder.settings import ENCODER_SETTINGS
 
 
 @dataclass(frozen=True)
 class Setting:
-    """One setting of an axis, as mountfw/settings.py or mountfw/encoder/settings.py declares it.
+    """One setting of an axis, as mountfw/settings.py declares it.
 
     command: its mnemonic on the wire; decimals: how many it keeps; among: all values that it may have, if not
     each within least … most; at_rest: refused while the axis moves.
@@ -62,8 +60,7 @@ class Setting:
         return self._words()[2]
 
     def _words(self) -> tuple[str, str, str]:
-        module = "encoder/settings" if self.name in ENCODER else "settings"
-        words, _, details = texts(module, "_setting")[self.name].partition("\n\n")
+        words, _, details = doc_texts("settings", "_setting")[self.name].partition("\n\n")
         group, _, what = one_line(words).partition(": ")
         return group, what, one_line(details)
 
@@ -94,8 +91,8 @@ def _setting(command: bytes, name: str, least: int, most: int, default: int, fla
 
 
 # in the order in which they are written: the direction first, because limits follow it
-SETTINGS = {entry[1]: _setting(*entry) for entry in [*declared.SETTINGS, *ENCODER_SETTINGS]}
-ENCODER = {entry[1]: SETTINGS[entry[1]] for entry in ENCODER_SETTINGS}  # those that only an axis with an encoder has
+SETTINGS = {entry[1]: _setting(*entry) for entry in [*declared.SETTINGS, *declared.ENCODER_SETTINGS]}
+ENCODER = {entry[1]: SETTINGS[entry[1]] for entry in declared.ENCODER_SETTINGS}  # those of an encoder
 _OF_ALL = {name: setting for name, setting in SETTINGS.items() if name not in ENCODER}
 
 
@@ -259,10 +256,8 @@ def check_together(before: Mapping[str, Mapping[str, Any]], wanted: Mapping[str,
         after = {**before[axis], **wanted[axis]}
         if after["soft_minimum"] > after["soft_maximum"]:
             raise BadValue(f"{axis}.soft_minimum {after['soft_minimum']} is above its maximum {after['soft_maximum']}")
-        if not after.get("counts_per_step", 0):
-            for name in ("closed_loop", "units"):  # the board would say no more than n35
-                if wanted[axis].get(name) and "counts_per_step" in after:
-                    raise BadValue(f"{axis}.{name} needs {axis}.counts_per_step, which `mirrormount setup` measures")
+        if wanted[axis].get("closed_loop") and after.get("counts_per_step") == 0:  # the board would say n35 only
+            raise BadValue(f"{axis}.closed_loop needs {axis}.counts_per_step, which `mirrormount setup` measures")
         if "velocity" in wanted[axis]:  # the board would make fewer steps (n10)
             most = 100_000_000 // (after["pulse_us"] + 1000) / 100
             if after["velocity"] > most:

@@ -1,4 +1,8 @@
-"""The names of an optical table: its mounts by board id, its cameras and their targets. A file that the user may edit.
+"""`table.toml`, and the way from a name to a port.
+
+From a mount's name in table.toml to its port: by the unique id of its board, which is its USB serial number, too.
+
+The names of an optical table: its mounts by board id, its cameras and their targets. A file that the user may edit.
 
 The file is table.toml in the user's folder for settings, or the one that $MIRRORMOUNT_TABLE names (`--table FILE`):
 
@@ -19,18 +23,80 @@ The file is table.toml in the user's folder for settings, or the one that $MIRRO
 Mounts stand in the order of the beam. A mount's name may be given wherever a port may. Imports errors, toml_file.
 """
 
+import contextlib
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from mirrormount.common import toml_file
-from mirrormount.common.errors import BadFile, BadValue
-from mirrormount.common.names import NAME_RULE, TABLE_VARIABLE, is_name
-from mirrormount.common.printable import printable
+from mirrormount import files
 from mirrormount.device import calibration
-from mirrormount.device.named import AXIS_OF_X
+from mirrormount.errors import BadAddress, BadFile, BadValue, NoBoardFound
+from mirrormount.terminal import printable
+from mirrormount.transport.discovery import find, serial_number, serial_ports
+from mirrormount.values import NAME_RULE, TABLE_VARIABLE, is_name
+
+AXIS_OF_X = 2  # of a board that the table does not name
+
+
+class MountPort(NamedTuple):
+    """Where a mount is: its port's address, and the number of the axis that is x (None: nobody has said it)."""
+
+    address: str
+    x_axis: int | None = None
+
+
+def find_port(address: str) -> MountPort:
+    """The place of a mount of the table if address is its name; else the address itself.
+
+    Raises BadAddress for a name that the table does not have, NoBoardFound if the board is not plugged in, BadFile.
+    """
+    if not is_name(address) or os.path.exists(address):
+        return MountPort(address)
+
+    mounts = read().mounts
+    if address in mounts:
+        return port_of_entry(address, mounts[address])
+    if mounts:
+        raise BadAddress(
+            f"{address} is no port, and no mount of {path()}: that has {', '.join(mounts)}"
+            " (`mirrormount ports` lists ports)"
+        )
+    return MountPort(address)
+
+
+def port_of_entry(name: str, entry: "MountEntry") -> MountPort:
+    """Where the mount of an entry is. Raises NoBoardFound."""
+    if entry.port is not None:
+        return MountPort(entry.port, entry.x_axis)
+    plugged = plugged_boards()
+    if entry.board is None or entry.board.upper() not in plugged:
+        others = f" (there: {', '.join(map(printable, plugged.values()))})" if plugged else ""
+        raise NoBoardFound(f"{name}: the board {printable(str(entry.board))} is not plugged in{others}")
+    return MountPort(plugged[entry.board.upper()], entry.x_axis)
+
+
+def table_addresses() -> list[str]:
+    """Where the mounts of the table are, each port once, without those that are not plugged in. Raises BadFile."""
+
+    found = {}
+    for name, entry in read().mounts.items():
+        with contextlib.suppress(NoBoardFound):
+            found[port_of_entry(name, entry).address] = name
+    return list(found)
+
+
+def plugged_boards() -> dict[str, str]:
+    """The ports of the boards that are plugged in, by their unique ids in capitals. No port is opened."""
+    serials = {port.device: serial_number(port) for port in serial_ports()}
+    return {serials[device]: device for device, _ in find() if serials.get(device)}
+
+
+def x_axis_of(place: MountPort, asked: int | None) -> int:
+    """The number of the axis that is x: what was asked for, else what the table says."""
+    return next(number for number in (asked, place.x_axis, AXIS_OF_X) if number is not None)
+
 
 _LONGEST_MM = 1e6
 _MOST = 8  # mounts, or cameras
@@ -93,7 +159,7 @@ def read() -> TableFile:
     if os.environ.get(TABLE_VARIABLE) and not where.is_file():
         found = "a folder or a device is there, no" if where.exists() else "there is no such"
         raise BadFile(f"{where}: {found} file of a table")
-    tables = toml_file.read(where)
+    tables = files.read_toml(where)
     for key in tables:
         if key not in ("mounts", "cameras"):
             raise BadFile(f"{where}: [{printable(key, 40)}] is not known: [mounts.NAME] and [cameras.NAME] are")
@@ -116,7 +182,7 @@ def write(table: TableFile) -> Path:
         for kind, entries in kinds.items()
     }
     where = path()
-    toml_file.write(where.resolve(), toml_file.text(tables, _HEADING), make_folder=True)
+    files.write_atomic(where.resolve(), files.toml_text(tables, _HEADING), make_folder=True)
     return where
 
 

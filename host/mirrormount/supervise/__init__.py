@@ -24,7 +24,6 @@ board_settings.py  the board's settings, cached for all clients (asyncio)
 """
 
 from mirrormount.supervise.motions import Motion
-from mirrormount.supervise.program import Program
-from mirrormount.supervise.supervisor import Supervisor
+from mirrormount.supervise.supervisor import Program, Supervisor
 
 __all__ = ["Motion", "Program", "Supervisor"]

@@ -14,8 +14,8 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass, field
 
-from mirrormount.common.errors import NotInControl
-from mirrormount.common.keep_alive import PATIENCE_S
+from mirrormount.errors import NotInControl
+from mirrormount.values import PATIENCE_S
 
 TICK_S = 0.05  # period of the ticks that a remote client is sent
 

@@ -6,10 +6,10 @@ from concurrent.futures import Future, InvalidStateError
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
-from mirrormount.common.errors import MountError, MoveEnded
-from mirrormount.common.validation import real_number
 from mirrormount.device.mount import Mount
 from mirrormount.device.status import Ended, QueuedError, Status
+from mirrormount.errors import MountError, MoveEnded
+from mirrormount.supervise.connection import State
 from mirrormount.supervise.lease import Client
 from mirrormount.supervise.requests import (
     MOST_STEPS,
@@ -24,7 +24,7 @@ from mirrormount.supervise.requests import (
     Steps,
     Zero,
 )
-from mirrormount.supervise.state import State
+from mirrormount.values import real_number
 from mountfw import codes as wire
 
 _WHOLE = (wire.DONE,)

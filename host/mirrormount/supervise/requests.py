@@ -5,9 +5,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from mirrormount.common import units
-from mirrormount.common.errors import BadValue
-from mirrormount.common.validation import real_number, whole_number
+from mirrormount import values
+from mirrormount.errors import BadValue
+from mirrormount.values import real_number, whole_number
 
 MOST_STEPS = 1_000_000
 FINE_STEPS = 1
@@ -129,10 +129,10 @@ def parse(message: Mapping[str, Any], axes: Sequence[str] = ("x", "y")) -> Reque
         if n <= 0:
             raise BadValue(f"how far is more than 0, not {n:g}: the button says which way")
         n *= way
-        return Steps(axis, n) if isinstance(n, int) and unit == units.STEPS else MoveBy(axis, n, unit)
+        return Steps(axis, n) if isinstance(n, int) and unit == values.STEPS else MoveBy(axis, n, unit)
     if what == "goto":
         to, unit = _real(message, "to", f"the target of {axis}"), _unit(message)
-        return GoTo(axis, to) if isinstance(to, int) and unit == units.STEPS else MoveTo(axis, to, unit)
+        return GoTo(axis, to) if isinstance(to, int) and unit == values.STEPS else MoveTo(axis, to, unit)
     if what == "home":
         return Home(axis)
     if what == "zero":
@@ -158,7 +158,7 @@ def _way(message: Mapping[str, Any]) -> int:
 
 
 def _unit(message: Mapping[str, Any]) -> str:
-    return units.check(str(message.get("unit", units.STEPS))[:40])
+    return values.check(str(message.get("unit", values.STEPS))[:40])
 
 
 def _real(message: Mapping[str, Any], key: str, what: str) -> int | float:

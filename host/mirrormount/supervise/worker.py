@@ -1,4 +1,16 @@
-"""The one thread that uses the mount, with the brake beside it. Carries out the requests of the lease's clients.
+"""The one thread that uses the mount, its stop thread, and the buttons.
+
+A queue of what the worker's thread is to do with the mount, and questions to the mount as futures.
+
+A thread that sends stops and nothing else: a stop waits for no other use of the mount.
+
+Direction buttons that go down and come up: one steps or runs, others wait for their turn. Pure.
+
+How they move the mount: pad.py.
+
+Direction buttons on the mount: a press is a step, a button that is held longer runs until it is released.
+
+The one thread that uses the mount, with the brake beside it. Carries out the requests of the lease's clients.
 
 The thread polls the board's status twenty times a second, and each poll feeds the board's keep-alive. It polls on
 only while the client that asked for the motion is alive; if that client has gone, hangs or is cut off, it stops the
@@ -9,13 +21,17 @@ A stop has a thread of its own (brake.py). No request from before a stop is begu
 
 import contextlib
 import logging
+import queue
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future
+from dataclasses import dataclass
 from typing import TypeVar
 
-from mirrormount.common.errors import (
+from mirrormount.device.mount import Mount
+from mirrormount.errors import (
     BoardError,
     ConnectionLost,
     MountError,
@@ -24,25 +40,292 @@ from mirrormount.common.errors import (
     NotInControl,
     SupervisorFault,
 )
-from mirrormount.device.mount import Mount
-from mirrormount.supervise.brake import Brake
+from mirrormount.supervise.connection import POLL_S, Address, Connection, State
 from mirrormount.supervise.lease import Client, Lease
+from mirrormount.supervise.log import Notices, ToNotices, WireLog
 from mirrormount.supervise.motions import Asked, Motion, Motions, start
-from mirrormount.supervise.notices import Notices, ToNotices
-from mirrormount.supervise.pad import Pad
-from mirrormount.supervise.presses import Hold, Presses
-from mirrormount.supervise.reconnect import Address, Connection
 from mirrormount.supervise.requests import Press, Request
-from mirrormount.supervise.state import POLL_S, State
-from mirrormount.supervise.tasks import Tasks
-from mirrormount.supervise.wire_log import WireLog
+
+T = TypeVar("T")
+
+
+def _ignore(_why: MountError) -> None:
+    """The outcome is not awaited."""
+
+
+class Tasks:
+    """Any thread adds tasks, one thread runs them in their order."""
+
+    def __init__(self) -> None:
+        self._waiting: queue.SimpleQueue[tuple[Callable[[], None], Callable[[MountError], None]]] = queue.SimpleQueue()
+        self._closed: MountError | None = None
+
+    def add(self, run: Callable[[], None], fail: Callable[[MountError], None] = _ignore) -> None:
+        """fail(why): called instead of run() if it cannot be run any more."""
+        self._waiting.put((run, fail))
+        if self._closed:
+            self.close(self._closed)
+
+    def ask(self, connection: Connection, work: Callable[[Mount], T], then: Callable[[Mount], None]) -> "Future[T]":
+        """Run work(mount), then then(mount). The future raises MountError, also if another board has come meanwhile."""
+        future: Future[T] = Future()
+        asked = connection.mount
+
+        def run() -> None:
+            if not future.set_running_or_notify_cancel():
+                return
+            mount = connection.mount
+            if mount is None or mount is not asked:
+                why = connection.trouble or "the board had gone meanwhile"
+                future.set_exception(ConnectionLost(f"nothing was done: {why}"))
+                return
+            try:
+                result = work(mount)
+                then(mount)
+                future.set_result(result)
+            except (ConnectionLost, NoAnswer) as e:
+                future.set_exception(e)
+                raise
+            except Exception as e:
+                future.set_exception(e)
+
+        def fail(why: MountError) -> None:
+            if future.set_running_or_notify_cancel():
+                future.set_exception(why)
+
+        self.add(run, fail)
+        return future
+
+    def run_next(self, timeout_s: float) -> None:
+        """Wait for a task for at most timeout_s, and run it. Raises what it raises."""
+        with contextlib.suppress(queue.Empty):
+            run, _ = self._waiting.get(timeout=timeout_s)
+            run()
+
+    def close(self, why: MountError) -> None:
+        """Run no more: those that wait, and all that are added later, fail."""
+        self._closed = why  # before the queue is emptied: what is added meanwhile finds it
+        with contextlib.suppress(queue.Empty):
+            while True:
+                self._waiting.get_nowait()[1](why)
+
+
+_log = logging.getLogger("mirrormount.supervise")
+
+
+class Brake:
+    """Stops the mount that mount() returns; None: there is none."""
+
+    def __init__(self, mount: Callable[[], Mount | None]) -> None:
+        self._mount = mount
+        self._asked: queue.SimpleQueue[None] = queue.SimpleQueue()  # reentrant, unlike Event.set(): for signal handlers
+        self._closing = False
+        self._thread = threading.Thread(target=self._send_stops, name="brake", daemon=True)
+
+    def start(self) -> None:
+        """Begin to send stops."""
+        self._thread.start()
+
+    def pull(self) -> None:
+        """Send a stop; returns at once. Any thread, and a signal handler."""
+        self._asked.put(None)
+
+    def close(self) -> None:
+        """End the thread."""
+        self._closing = True
+        self._asked.put(None)
+        if self._thread.is_alive():
+            self._thread.join(5)
+
+    def _send_stops(self) -> None:
+        while not self._closing:
+            self._asked.get()
+            with contextlib.suppress(queue.Empty):  # one halt serves all stops that were asked for before it
+                while True:
+                    self._asked.get_nowait()
+            mount = self._mount()
+            if mount:
+                try:
+                    mount.halt()
+                except Exception:  # the worker's next poll finds the cause
+                    _log.warning("a stop could not be sent", exc_info=True)
+
+
+HOLD_S = 0.7  # a button that is held longer runs; released before, it made a step
+MOST = 10  # presses that wait: 2 s of steps
+
+
+@dataclass(eq=False)
+class Hold:
+    """A button that is down, or was."""
+
+    client: Client
+    press: Press
+    stops: int  # stops requested before it: after one more it is not begun
+    ready_s: float  # when it could have begun: when it went down, or when those before it were done
+    begun_s: float | None = None  # when its step was begun, and not refused
+    running: bool = False
+    released: bool = False
+
+    def is_run(self, now_s: float) -> bool:
+        """True if it was held for long enough to run."""
+        return self.begun_s is not None and now_s - self.begun_s >= HOLD_S
+
+
+class Presses:
+    """current: the press that steps, runs or was last. One thread begins presses, any thread adds and drops them."""
+
+    def __init__(self) -> None:
+        self.current: Hold | None = None
+        self._waiting: deque[Hold] = deque()
+
+    def __len__(self) -> int:
+        """Number of presses that wait."""
+        return len(self._waiting)
+
+    @property
+    def full(self) -> bool:
+        """True if no more may wait."""
+        return len(self._waiting) >= MOST
+
+    @property
+    def last(self) -> Hold | None:
+        """The press that was added last."""
+        try:
+            return self._waiting[-1]
+        except IndexError:
+            return self.current
+
+    def add(self, hold: Hold) -> None:
+        """Append a press."""
+        self._waiting.append(hold)
+
+    def postpone(self, now_s: float) -> None:
+        """Mark those that wait as not late: a step before them is under way."""
+        for hold in list(self._waiting):
+            hold.ready_s = now_s
+
+    def pop(self) -> Hold | None:
+        """Take the next press; it becomes the current one."""
+        if not self._waiting:
+            return None
+        try:
+            self.current = hold = self._waiting[0]  # before it leaves the queue: a release must find it at any moment
+            self._waiting.popleft()
+        except IndexError:  # another thread has dropped them meanwhile
+            self.drop()
+            return None
+        return hold
+
+    def drop(self) -> None:
+        """Drop those that wait, release the current one."""
+        self._waiting.clear()
+        if self.current:
+            self.current.released = True
+
+    def involve(self, client: Client) -> bool:
+        """True if this client holds a button, or a press of it waits."""
+        current = self.current
+        return any(h.client is client for h in list(self._waiting)) or (
+            current is not None and current.client is client and not current.released
+        )
+
+
+class Pad:
+    """presses: those under way. Methods say which thread calls them. stop(cause): stops all motors."""
+
+    def __init__(self, state: State, clock: Callable[[], float], stop: Callable[[str], None]) -> None:
+        self.presses = Presses()
+        self._state = state
+        self._clock = clock
+        self._stop = stop
+        self._stepping = False  # by a press, and not seen to be over
+
+    # ---- any thread
+
+    def add(self, hold: Hold) -> bool:
+        """A button has gone down. True if its press waits now; a refusal becomes a notice of its client."""
+        last = self.presses.last
+        if last and not last.released:
+            return False  # one hand at a time
+        if self.presses.full:
+            hold.client.notices.append(f"this press was not counted: {len(self.presses)} steps wait already")
+            return False
+        self.presses.add(hold)
+        return True
+
+    def release(self, client: Client) -> bool:
+        """The client's button is up. True if it ran: its run must be stopped."""
+        hold = self.presses.last
+        if not hold or hold.client is not client or hold.released:
+            return False
+        hold.released = True
+        return hold.running or hold.is_run(self._clock())
+
+    # ---- the mount's thread
+
+    @property
+    def held(self) -> Hold | None:
+        """The button that is down."""
+        hold = self.presses.current
+        return hold if hold and not hold.released else None
+
+    def pop(self) -> Hold | None:
+        """The press that may begin now; None while the step of one before it is under way."""
+        now_s, before = self._clock(), self.presses.current
+        if self._stepping or (before and not before.released and before.begun_s is not None):
+            self.presses.postpone(now_s)
+            return None
+        return self.presses.pop()
+
+    def step(self, mount: Mount, hold: Hold) -> None:
+        """Begin the steps of a press. Raises MountError."""
+        for name, steps in hold.press.steps.items():
+            self._state.targets[name] = None
+            try:
+                mount.axis(name).step(steps, wait=False, feed=False)
+            except BoardError:
+                if len(hold.press.steps) > 1:  # one axis of two
+                    self._stop("one axis of a diagonal step was refused")
+                raise
+            self._state.began(name)
+        self._stepping = True
+        hold.begun_s = self._clock()
+
+    def hold_to_run(self) -> Hold | None:
+        """The button that has just been held for long enough to run."""
+        hold = self.held
+        if not hold or hold.running or not hold.is_run(self._clock()):
+            return None
+        hold.running = True  # before it does: a release from here on stops it
+        return hold
+
+    def run(self, mount: Mount, hold: Hold) -> None:
+        """Begin the run of a button that is held. Raises MountError."""
+        for name, speed in hold.press.run.items():
+            if not hold.released:
+                mount.axis(name).jog(speed, feed=False)
+
+    def report_errors(self, moving: bool) -> None:
+        """The board has reported errors: no press goes on."""
+        hold = self.held
+        if hold and hold.running and moving:
+            self._stop("the board reported an error in a run")  # drop() alone would lose the release
+        self.presses.drop()
+
+    def rest(self) -> bool:
+        """Nothing moves. True if no button is down and no press waits."""
+        self._stepping = False
+        return not self.presses and self.held is None
+
+    def reset(self) -> None:
+        """After a stop: no step is under way."""
+        self._stepping = False
+
 
 _SOON_S = 0.01  # instead of POLL_S while a press waits for a step to end
 LATE_S = 0.5  # a request that could not be begun for so long is not begun
 _RETRY_S = 1.0  # between two attempts to open the port
-
-T = TypeVar("T")
-_log = logging.getLogger("mirrormount.supervise")
 
 
 class Worker:

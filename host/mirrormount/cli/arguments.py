@@ -1,0 +1,254 @@
+"""The form of a command, and the arguments that several commands share. Imports only facts.
+
+A command's file is imported to build the parser, whatever command is run: it declares its arguments, and imports in
+run() the modules that do its work.
+"""
+
+import argparse
+import contextlib
+import os
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from mirrormount.errors import BadValue
+from mirrormount.values import LEAST_PATIENCE_S, MOST_PATIENCE_S, PATIENCE_S, is_axis, typed_number
+
+if TYPE_CHECKING:
+    from mirrormount.device.mount import Mount
+
+AXIS_HELP = "x (right +), y (up +), or a further one: axis3 …"
+SECONDS_HELP = "how long, at most the board's run limit (10 s unless set otherwise)"
+PORT_VARIABLE = "MIRRORMOUNT_PORT"  # of the environment: the port where none is named
+_LARGEST = 1_000_000
+_DEFAULT_PORT = "serial port, or a mount's name (default: the one board there is)"
+
+
+class PortOfEnvironment(str):
+    """A port that nobody has typed: PORT_VARIABLE names it, and an error that names it says so."""
+
+
+class Command(NamedTuple):
+    """One row of the table of commands.
+
+    arguments(parser) adds the command's own; run(arguments) does the work, returns the exit status (None: 0) and may
+    raise MountError.
+    """
+
+    name: str
+    summary: str
+    run: Callable[[argparse.Namespace], int | None]
+    arguments: Callable[[argparse.ArgumentParser], None]
+
+
+@contextlib.contextmanager
+def from_extra(extra: str, what: str) -> Iterator[None]:
+    """For the imports of a command that needs an optional part of mirrormount. Raises ExtraMissing."""
+    from mirrormount.errors import ExtraMissing
+    from mirrormount.terminal import install_command
+
+    try:
+        yield
+    except ModuleNotFoundError as e:
+        raise ExtraMissing(f"{what} a package that is not installed ({e.name}): {install_command(extra)}") from e
+
+
+def page_of(command: str) -> Callable[..., Any]:
+    """What serves the web page of a command: an entry point of the group mirrormount.pages. Raises ExtraMissing."""
+    from importlib.metadata import entry_points
+
+    (point,) = entry_points(group="mirrormount.pages", name=command)
+    with from_extra(",".join(point.extras), "a page needs"):
+        return point.load()
+
+
+def no_work(_args: argparse.Namespace) -> None:
+    """For a command that cannot run here."""
+
+
+def no_arguments(_parser: argparse.ArgumentParser) -> None:
+    """For a command that takes none."""
+
+
+def table_option(parser: argparse.ArgumentParser) -> None:
+    """--table: which file has the names of mounts and cameras. main() hands it on."""
+    parser.add_argument(
+        "--table",
+        metavar="FILE",
+        default=argparse.SUPPRESS,  # it may also stand before the command
+        help="the file of names (default: $MIRRORMOUNT_TABLE, else table.toml in the user's folder)",
+    )
+
+
+def _port_of_environment() -> PortOfEnvironment | None:
+    port = os.environ.get(PORT_VARIABLE)
+    return None if port is None else PortOfEnvironment(port)
+
+
+def whence(args: argparse.Namespace, told: str) -> str:
+    """To follow an error: where its port comes from, if nobody has typed it; else ""."""
+    port = getattr(args, "port", None)
+    if getattr(args, "at", None) or not isinstance(port, PortOfEnvironment) or port not in told:
+        return ""
+    return f"; {PORT_VARIABLE} names that port"
+
+
+def port_options(parser: argparse.ArgumentParser) -> None:
+    """--port and --table, for commands that run on a mount."""
+    table_option(parser)
+    parser.add_argument(
+        "--port",
+        default=_port_of_environment(),
+        help=f"serial port, a mount's name, socket://HOST:PORT or virtual:// (default: ${PORT_VARIABLE}, else the one)",
+    )
+
+
+def profile_options(parser: argparse.ArgumentParser) -> None:
+    """--profile and --seed of a virtual board."""
+    parser.add_argument(
+        "--profile",
+        choices=("smooth", "rough"),
+        help="virtual: kind mechanics (smooth, unless named), or those of a mount of hobby parts",
+    )
+    parser.add_argument("--seed", metavar="N", help="virtual: another seed is another mount of that profile (1)")
+
+
+def virtual_options(parser: argparse.ArgumentParser, what: str) -> None:
+    """--virtual, and which kind. See virtual_address."""
+    parser.add_argument("--virtual", action="store_true", help=what)
+    profile_options(parser)
+
+
+def mount_and_camera(parser: argparse.ArgumentParser) -> None:
+    """--port and --camera of a command that looks at what one mount does, and virtual_options for both."""
+    parser.add_argument("--port", default=_port_of_environment(), help="the mount (default: the only board)")
+    parser.add_argument(
+        "--camera",
+        metavar="CAMERA",
+        help="as `mirrormount camera` takes it (default: $MIRRORMOUNT_CAMERA, else 0); with --virtual: 1 or 2",
+    )
+    virtual_options(parser, "a virtual mount, table and camera, as fast as it goes; no hardware needed")
+
+
+def virtual_address(args: argparse.Namespace, scheme: str = "virtual", **options: str) -> str | None:
+    """The address that virtual_options' arguments name, with further options of the address. None without --virtual.
+
+    scheme: virtual, or virtual-table.
+    Raises BadValue for a profile, a seed or an encoder of a real board.
+    """
+    given = {name: value for name in ("profile", "seed", "encoder") if (value := getattr(args, name, None)) is not None}
+    options |= given
+    if not args.virtual:
+        if given:
+            raise BadValue(f"--{' and --'.join(given)}: of a virtual board; add --virtual")
+        return None
+    from urllib.parse import urlencode
+
+    return f"{scheme}://" + ("?" + urlencode(options) if options else "")
+
+
+def virtual_camera(given: str | None) -> int:
+    """Which camera --camera with --virtual names: 1 or 2. Raises BadValue."""
+    which = whole("1" if given is None else given, "--camera with --virtual")
+    if which not in (1, 2):
+        raise BadValue(f"the virtual table has the cameras 1 and 2, not {which}")
+    return which
+
+
+def note(text: str) -> None:
+    """Tell on stderr what is no error."""
+    print(f"note: {text}", file=sys.stderr)
+
+
+def board_port(parser: argparse.ArgumentParser) -> None:
+    """The port of a board that the command needs for itself: PORT, or --port, and --table. See port_of."""
+    table_option(parser)
+    parser.add_argument("at", nargs="?", metavar="PORT", help=_DEFAULT_PORT)
+    parser.add_argument("--port", default=_port_of_environment(), help="the same")
+
+
+def port_of(args: argparse.Namespace) -> str | None:
+    """The port that board_port's arguments name, or None. Raises as named.place_of()."""
+    from mirrormount.device.table_file import find_port
+
+    given = args.at or args.port
+    return None if given is None else find_port(given).address
+
+
+def web_options(parser: argparse.ArgumentParser) -> None:
+    """Where a page is served, and its token. See web_opening.opened."""
+    parser.add_argument(
+        "--host", default="127.0.0.1", help="where to listen; 0.0.0.0: all networks of this computer, with a token"
+    )
+    parser.add_argument("--http", metavar="PORT", help="the web server's port (default: 8080, or the next free one)")
+    parser.add_argument(
+        "--token-file",
+        type=Path,
+        metavar="FILE",
+        help="the token is FILE's first line (default: $MIRRORMOUNT_TOKEN, or made where one is needed)",
+    )
+    parser.add_argument("--token", help="the token itself; other users see it in the list of processes")
+    parser.add_argument("--no-browser", dest="browser", action="store_false", help="do not open the browser")
+
+
+def patience_option(parser: argparse.ArgumentParser, whose: str) -> None:
+    """--patience: after which silence of a client its motion is stopped; patience_of() reads it."""
+    parser.add_argument(
+        "--patience",
+        default=f"{PATIENCE_S:g}",
+        metavar="S",
+        help=f"stop what {whose} drives when it is silent for so long ({PATIENCE_S:g})",
+    )
+
+
+def patience_of(args: argparse.Namespace) -> float:
+    """The patience in seconds. Raises BadValue."""
+    with contextlib.suppress(ValueError):
+        if LEAST_PATIENCE_S <= (seconds := typed_number(args.patience, "--patience")) <= MOST_PATIENCE_S:
+            return seconds
+    raise BadValue(f"--patience is {LEAST_PATIENCE_S:g} to {MOST_PATIENCE_S:g} seconds, not {args.patience!r}")
+
+
+def _axis(text: str) -> str:
+    if not is_axis(text):
+        raise argparse.ArgumentTypeError(f"{text!r} is no axis: choose x, y, or axis3 … of a board with more")
+    return text
+
+
+def axis_argument(parser: argparse.ArgumentParser) -> None:
+    """AXIS."""
+    parser.add_argument("axis", type=_axis, metavar="AXIS", help=AXIS_HELP)
+
+
+def open_mount(args: argparse.Namespace) -> "Mount":
+    """The mount that port_options' arguments name. Raises MountError."""
+    from mirrormount.device.mount import Mount
+
+    return Mount.open(args.port)
+
+
+def whole(text: str, what: str) -> int:
+    """A whole number as it was typed. Raises BadValue."""
+    try:
+        if not text.isascii() or "_" in text:
+            raise ValueError
+        return int(text)
+    except ValueError:
+        raise BadValue(f"{what} is a whole number, not {text!r}") from None
+
+
+def number(text: str, what: str) -> float:
+    """A number as it was typed, at most _LARGEST in magnitude. Raises BadValue."""
+    value = typed_number(text, what)
+    if not abs(value) <= _LARGEST:
+        raise BadValue(f"{what} is out of range: within -{_LARGEST} … {_LARGEST}, not {text}")
+    return value
+
+
+def positive(text: str, what: str) -> float:
+    """A number above 0, as number(). Raises BadValue."""
+    value = number(text, what)
+    if not value > 0:
+        raise BadValue(f"{what} is more than 0, not {text}")
+    return value

@@ -1,1 +1,0 @@
-"""A board served on TCP: listener, client sessions, reader of the port, relay between them."""

@@ -1,0 +1,159 @@
+"""What a command prints and how it ends: progress, safe text, signals.
+
+Text from outside (a board, a drive, a file, a network), made safe to print. Imports nothing.
+
+What a long task says of itself on stderr: a bar on a terminal, else a line for each phase. Imports nothing.
+
+Signals that end a program, turned into an exception, so that what is under way is put in order. Imports nothing.
+
+How to install an optional part of mirrormount, in words. Imports nothing of ours.
+
+Command lines of child Pythons. Imports nothing of ours.
+"""
+
+import contextlib
+import os
+import shutil
+import signal
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from types import FrameType
+
+
+def printable(text: str, longest: int = 200) -> str:
+    r"""One line in which nothing controls a terminal: other characters appear as escapes, for instance `\x1b`.
+
+    Control characters, line breaks, marks that turn the direction of text and unpaired surrogates are escaped.
+    A text of more than `longest` characters ends in an ellipsis.
+    """
+    kept = text if len(text) <= longest else text[: longest - 1] + "…"
+    return "".join(c if c.isprintable() else c.encode("unicode_escape", "surrogatepass").decode("ascii") for c in kept)
+
+
+_WIDTH = 24
+
+
+class StatusLine:
+    """One line on a terminal that is written over and over: show() and, when the task is over, end().
+
+    A text that is wider than the terminal is cut: the end of a wrapped line alone would be written over. Where stderr
+    is no terminal nothing is shown.
+    """
+
+    def __init__(self) -> None:
+        self._out = sys.stderr
+        self._terminal = bool(self._out and self._out.isatty())
+        self._shown = ""
+
+    def show(self, text: str) -> None:
+        """Show this instead of what was shown."""
+        if self._terminal and text != self._shown:
+            print(f"\r{self._cut(text)}\x1b[K", end="", file=self._out, flush=True)
+            self._shown = text
+
+    def _cut(self, text: str) -> str:
+        try:
+            columns = os.get_terminal_size(self._out.fileno()).columns
+        except (OSError, ValueError):  # a terminal without a size, or no file
+            columns = 0
+        return f"{text[: columns - 2]}…" if 2 < columns <= len(text) else text
+
+    def end(self) -> None:
+        """Clear the line."""
+        if self._shown:
+            print("\r\x1b[K", end="", file=self._out, flush=True)
+            self._shown = ""
+
+
+class Progress:
+    """phase() for each part of the task, bar() within one, end() when the bar is over."""
+
+    def __init__(self) -> None:
+        self._out = sys.stderr
+        self._terminal = bool(self._out and self._out.isatty())
+        self._shown = False
+
+    def phase(self, what: str) -> None:
+        """A part of the task begins."""
+        self.end()
+        if self._out:
+            print(what, file=self._out, flush=True)
+
+    def bar(self, done: int, of: int, what: str) -> None:
+        """done of `of` parts are over, now comes `what`."""
+        if self._terminal and of:
+            full = _WIDTH * done // of
+            text = f"[{'#' * full}{'-' * (_WIDTH - full)}] {done}/{of} {what}"
+            print(f"\r{text}\x1b[K", end="", file=self._out, flush=True)
+            self._shown = True
+
+    def end(self) -> None:
+        """Clear the bar."""
+        if self._shown:
+            print("\r\x1b[K", end="", file=self._out, flush=True)
+            self._shown = False
+
+
+NAMES = ("SIGTERM", "SIGHUP")
+
+
+class Terminated(BaseException):
+    """A signal asks this program to end. Like KeyboardInterrupt it is no Exception; number is the signal's."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(f"ended by {signal.Signals(number).name}")
+        self.number = number
+
+
+@contextlib.contextmanager
+def ended_in_order() -> Iterator[None]:
+    """SIGTERM and SIGHUP raise Terminated within this, in the main thread; further ones are ignored from then on.
+
+    A signal that was ignored before (nohup) stays so. The handlers of before are there again afterwards.
+    """
+    numbers = [getattr(signal, name) for name in NAMES if hasattr(signal, name)]
+    before = {number: signal.getsignal(number) for number in numbers}
+    before = {number: handler for number, handler in before.items() if handler not in (signal.SIG_IGN, None)}
+
+    def end(number: int, _frame: FrameType | None) -> None:
+        for every in before:
+            signal.signal(every, signal.SIG_IGN)  # systemd sends both: the second must not interrupt the stop
+        raise Terminated(number)
+
+    for number in before:
+        signal.signal(number, end)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def install_command(extra: str) -> str:
+    """The command that installs an extra: from the copy of the repository that this package belongs to, if it does.
+
+    It is for the Python that runs: a bare `pip` may be another one's.
+    """
+    copy = Path(__file__).parents[3]
+    if (copy / "pyproject.toml").is_file():
+        return f'{_this_python()} -m pip install -e "{copy}[{extra}]"'
+    return f'in a copy of the repository: {_this_python()} -m pip install ".[{extra}]"'
+
+
+def _this_python() -> str:
+    """The Python that runs, as a shell is told it: `python` if that is found first, else its path."""
+    here, found = sys.executable or "python", shutil.which("python")
+    if found and os.path.normcase(os.path.abspath(found)) == os.path.normcase(os.path.abspath(here)):
+        return "python"
+    if Path(here).is_relative_to(Path.cwd()):
+        here = str(Path(here).relative_to(Path.cwd()))
+    return f'"{here}"' if " " in here else here
+
+
+def python_module(name: str, *arguments: str) -> list[str]:
+    """The command that runs an installed module as `python -m name` would.
+
+    -P: without it Python searches the current folder first, where a file of that name would be run instead.
+    """
+    return [sys.executable, "-P", "-m", name, *arguments]

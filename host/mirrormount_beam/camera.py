@@ -1,0 +1,226 @@
+"""`Camera` and `Image`: what a camera gives, checks of its images, grey values.
+
+The interface of an open camera, and the frames that it returns. Imports no camera library.
+
+A picture is an array of grey values of shape (rows, columns). A pixel's coordinates are x (column) and y (row), from
+the centre of the top left pixel, x to the right and y down.
+
+Pictures as arrays of grey values: how a colour becomes grey, which pixels are saturated, and which are hot.
+
+Frames from raw pictures: numbered, compared with the one before, and ended in words by a faulty camera.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrormount.errors import BadValue
+from mirrormount_beam.errors import CameraBlack, CameraRepeats, CameraSizeChanged, CameraSlow
+
+
+class Size(NamedTuple):
+    """Size of a picture in pixels."""
+
+    width: int
+    height: int
+
+    def __str__(self) -> str:
+        return f"{self.width} x {self.height}"
+
+
+OF_DRIVER = "number of the driver"
+
+
+class Controls(NamedTuple):
+    """Whether the camera keeps exposure and gain: True (fixed), False (automatic), None (the camera does not say).
+
+    exposure, gain: what they are, or were when the camera was opened if they are automatic; None: not known.
+    exposure_unit: s, or OF_DRIVER, whose numbers mean something else with each driver, as those of every gain do.
+    """
+
+    exposure_fixed: bool | None
+    gain_fixed: bool | None
+    exposure: float | None = None
+    exposure_unit: str | None = None
+    gain: float | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Image:
+    """One picture.
+
+    image: uint8, (rows, columns), not to be written to.
+    time_s: middle of the exposure on the camera's clock (Camera.monotonic), as well as it is known.
+    number: counts the camera's frames from 0; a gap is frames that are known to be missing.
+    repeated: the image is byte for byte that of the frame before, so it is no new measurement.
+    late: the frame came later than two periods of the camera after the frame before.
+    """
+
+    image: "NDArray[np.uint8]"
+    time_s: float
+    number: int
+    repeated: bool = False
+    late: bool = False
+
+
+class Camera(Protocol):
+    """An open camera.
+
+    name: identifies the camera in reports and in saved scales. size: of every frame.
+    """
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def size(self) -> Size: ...
+
+    @property
+    def controls(self) -> Controls: ...
+
+    def frames(self) -> Iterator[Image]:
+        """Fresh frames, until a recording ends or for ever. Raises CameraError; the camera is then to be closed."""
+        ...
+
+    def monotonic(self) -> float:
+        """The time of the clock that Frame.time_s is of, in seconds: the age of a frame is the difference."""
+        ...
+
+    def close(self) -> None:
+        """Release the device; again without effect."""
+        ...
+
+
+GREY_OF_COLOUR = "the largest of the colour channels, so that a saturated channel stays visible"
+_LEAST = 32  # pixels of a side
+# of a sensor of 10, 12 or 14 bits in a picture of 16: its bits are the lower or the upper ones
+_ENDS = {(1 << bits) - 1 << shift for bits in (10, 12, 14) for shift in (0, 16 - bits)}
+_HOT = 8.0  # standard deviations above the dark picture's median
+
+
+@dataclass(frozen=True, slots=True)
+class Grey:
+    """A grey picture. saturated: pixels at the end of the range. flat: all have one value."""
+
+    image: NDArray[Any]
+    saturated: NDArray[np.bool_]
+    flat: bool
+
+
+def to_grey(image: NDArray[Any]) -> NDArray[Any]:
+    """A picture of shape (rows, columns), of the same type. Colours: GREY_OF_COLOUR. Raises BadValue."""
+    if not isinstance(image, np.ndarray):
+        raise BadValue(f"a picture is an array of NumPy, not {type(image).__name__}")
+    if image.dtype.newbyteorder("=") not in (np.uint8, np.uint16):
+        raise BadValue(f"a picture has 8 or 16 bit without sign (numpy.uint8, numpy.uint16), not {image.dtype}")
+    image = image.astype(image.dtype.newbyteorder("="), copy=False)
+    if image.ndim == 3 and image.shape[2] in (3, 4):
+        image = cv2.max(cv2.max(image[:, :, 0], image[:, :, 1]), image[:, :, 2])
+    elif image.ndim == 3 and image.shape[2] == 1:
+        image = image[:, :, 0]
+    if image.ndim != 2 or min(image.shape) < _LEAST:
+        raise BadValue(
+            f"a picture has rows, columns and 1, 3 or 4 channels, at least {_LEAST} x {_LEAST}: {image.shape}"
+        )
+    return np.ascontiguousarray(image)
+
+
+def grey(frame: "Image | NDArray[Any]") -> Grey:
+    """A frame or an array as a grey picture. Raises BadValue."""
+    array: Any = getattr(frame, "image", frame)
+    image = to_grey(array)
+    low, high, _, _ = cv2.minMaxLoc(image)
+    end = high if image.dtype == np.uint16 and high in _ENDS else np.iinfo(image.dtype).max
+    return Grey(image, image >= end, low == high)
+
+
+@dataclass(frozen=True, slots=True)
+class Dark:
+    """Hot pixels, learned from one or more pictures without the beam."""
+
+    hot: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, dark: "Dark | NDArray[Any]") -> "Dark":
+        """Of one picture, or of a stack (pictures, rows, columns), which is averaged."""
+        if isinstance(dark, Dark):
+            return dark
+        mean = to_grey(dark) if dark.ndim == 2 or dark.shape[-1] in (1, 3, 4) else dark.mean(axis=0)
+        mean = mean.astype(np.float32)
+        apart = mean - cv2.medianBlur(mean, 5)
+        noise = max(float(np.sqrt((apart[np.abs(apart) < 6 * apart.std() + 1e-6] ** 2).mean())), 0.3)
+        return cls(apart > _HOT * noise)
+
+    def hot_in(self, image: NDArray[Any]) -> NDArray[np.bool_]:
+        """The mask for a picture. Raises BadValue if the size differs."""
+        if self.hot.shape != image.shape:
+            (rows, columns), (of_rows, of_columns) = image.shape, self.hot.shape
+            raise BadValue(f"the dark picture has {of_columns} x {of_rows} pixels, the frame {columns} x {rows}")
+        return self.hot
+
+
+_FIRST = 10  # frames that may not all be of one grey value
+_WINDOW = 20  # intervals, the median of which is the camera's period
+
+
+class Limits(NamedTuple):
+    """Bounds of a camera. repeats: equal pictures in a row at most. rate_hz: frames in a second at least."""
+
+    repeats: int = 30
+    rate_hz: float = 0.5
+    may_be_black: bool = False
+
+
+class Picture(NamedTuple):
+    """A raw picture (grey or colour) and the middle of its exposure, in seconds of the camera's clock."""
+
+    image: NDArray[Any]
+    time_s: float
+
+
+def checked(
+    pictures: Iterator[Picture], name: str, size: Size | None, limits: Limits, *, numbers: Iterator[int] | None = None
+) -> Iterator[Image]:
+    """Frames of raw pictures. Raises CameraBlack, CameraRepeats, CameraSizeChanged, CameraSlow."""
+    before: Image | None = None
+    equal, intervals, flat = 0, [], 0
+    for count, picture in enumerate(pictures):
+        image = as_bytes(to_grey(picture.image))
+        got = Size(image.shape[1], image.shape[0])
+        size = size or got
+        if got != size:
+            raise CameraSizeChanged(f"{name}: a frame has {got} pixels, the frames before had {size}")
+        interval = picture.time_s - before.time_s if before else 0.0
+        usual = float(np.median(intervals)) if len(intervals) >= 5 else float("inf")
+        repeated = before is not None and np.array_equal(image, before.image)
+        flat = flat + 1 if image.min() == image.max() else 0
+        equal = equal + 1 if repeated and not flat else 0
+        if flat > count and count + 1 >= _FIRST and not limits.may_be_black:
+            raise CameraBlack(f"{name}: all pixels of the first {_FIRST} frames have the value {image[0, 0]}")
+        if equal >= limits.repeats:
+            raise CameraRepeats(f"{name}: {equal + 1} frames in a row are the same picture")
+        if before is not None:
+            intervals = [*intervals[-_WINDOW:], interval]
+            if len(intervals) >= 5 and float(np.median(intervals)) > 1 / limits.rate_hz:
+                rate = 1 / float(np.median(intervals))
+                raise CameraSlow(f"{name}: {rate:.2g} frames a second, {limits.rate_hz:g} are needed")
+        image.flags.writeable = False
+        before = Image(
+            image,
+            picture.time_s,
+            next(numbers) if numbers else count,
+            repeated=repeated,
+            late=bool(interval > 2 * usual),
+        )
+        yield before
+
+
+def as_bytes(image: NDArray[Any]) -> NDArray[np.uint8]:
+    """A grey picture as 8 bits, a copy; of 16 bits the upper eight."""
+    if image.dtype == np.uint16:
+        return (image >> 8).astype(np.uint8)
+    return np.array(image, np.uint8)

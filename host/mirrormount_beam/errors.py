@@ -1,0 +1,76 @@
+"""The errors of cameras and of the beam that they see; part of the tree of errors.py, in its form. Imports errors."""
+
+from mirrormount.errors import MountError
+
+
+class CameraError(MountError):
+    """A camera cannot be set, or a picture is of no form that is known.
+    Remedy: What the line says.
+    """
+
+
+class CameraAbsent(CameraError):
+    """There is no such camera, recording or folder of pictures, another program has the camera, or this user may not
+    open it.
+    Remedy: `mirrormount camera list` lists cameras. Close other programs that show its picture. Linux:
+    `sudo usermod -aG video $USER` and log in again.
+    """
+
+
+class CameraGone(CameraError):
+    """The camera was unplugged, or does not deliver frames any more. What was recorded before is kept.
+    Remedy: Plug it in, into a port of its own without a hub, and start again.
+    """
+
+
+class CameraBlack(CameraError):
+    """All pixels of the first frames have one and the same value: the lens is covered, the exposure is much too
+    short or too long, or another program holds the camera.
+    Remedy: Remove the cap, switch on the laser, or change the exposure (`mirrormount camera show` shows the picture).
+    """
+
+
+class CameraSlow(CameraError):
+    """The camera delivers fewer frames in a second than asked for: a long exposure, a hub that is shared, a busy
+    computer.
+    Remedy: A shorter exposure and more light, a USB port of its own, a smaller picture, or ask for a lower rate.
+    """
+
+
+class CameraRepeats(CameraError):
+    """The camera, or its driver, returned the same picture byte for byte again and again, so nothing is measured.
+    Remedy: Unplug the camera and plug it in. A screen recorder or a virtual camera program does so when it hangs.
+    """
+
+
+class CameraSizeChanged(CameraError):
+    """A frame has another size than the frames before, so positions in it are not comparable.
+    Remedy: Close other programs that set the camera, and start again. A saved scale of another size is not used.
+    """
+
+
+class SpotLost(MountError):
+    """The camera shows no spot that could be measured, for longer than a frame or two. The line has the reason.
+    Remedy: What the line says; `mirrormount camera show` shows the threshold and the spot. Motors are off, and what was
+    measured before is kept.
+    """
+
+
+class NotMeasurable(MountError):
+    """The readings contradict what the experiment assumes, or the picture is too small for it.
+    Remedy: What the line says.
+    """
+
+
+class ResponseOfOther(MountError):
+    """The saved calibration of the table belongs to other boards, other cameras, another length of a step, or another
+    size of the pictures: what it says of a pulse is not true here.
+    Remedy: `mirrormount calibrate`, or put back what was changed.
+    """
+
+
+class NotControllable(MountError):
+    """These cameras cannot tell what these mounts do: two mounts move the beam in four ways, and one camera sees two of
+    them; or an axis does not move the spot at all.
+    Remedy: What the line says: a second camera at another distance, one mount, or look at motor and coupler.
+    """

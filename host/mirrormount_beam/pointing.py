@@ -1,0 +1,168 @@
+"""Moves the spot to a place in the picture: learns what a step of each axis does, then looks and moves.
+
+Every move is bounded, and the spot is looked at after each. Pulses are not linear in their length, and a reversal has
+to cross the backlash, so a move that does little is followed by a longer one: twice as long, up to a creep's length.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from mirrormount_beam.errors import NotMeasurable
+from mirrormount_beam.observe import Sighting
+
+LEARN_STEPS = 2  # of each axis, behind those that take up the backlash
+GAP_STEPS = 6  # of each axis at most, until the spot is seen to move
+CORRECTIONS = 40  # of one move of the spot at most
+WITHIN_PX = 0.5  # of the target: there the spot has arrived
+_MOST_STEPS = 4.0  # of an axis in one correction
+_GAIN = 0.8  # part of the way that a correction goes: the response is known to some per cent
+_CREEP_STEPS, _LEAST_CREEP = 0.3, 0.05  # of a correction after one without effect: it may be too long by so much
+_OF_GAP = 0.6  # part of the backlash that is crossed at once, once it is known
+_LEAST_US, _MOST_US = 500, 2_000_000  # of a pulse; a shorter one moves no motor, a longer one is refused by the board
+_NO_EFFECT = 0.3  # part of a correction that was seen, below which it is taken for lost in the backlash
+_WORSE = 3  # corrections in a row that end farther from the target
+_ANGLE = 0.2  # sine of the angle between the two axes in the picture, at least
+_SURE = 6.0  # standard errors by which the spot has moved at least
+_LOOK = 3  # frames
+
+
+class Hands(Protocol):
+    """What moves the mount and looks at the spot. Moves return when the motors are at rest."""
+
+    def step(self, axis: str, n: int) -> None: ...
+
+    def pulse(self, axis: str, us: int) -> None: ...
+
+    def observe(self, frames: int) -> Sighting: ...
+
+    def step_us(self, axis: str) -> int:
+        """The length of one step's pulse."""
+        ...
+
+
+Say = Callable[[str], object]
+
+
+@dataclass(frozen=True)
+class Learned:
+    """How far one step moves the spot, in px (right, down): columns of `px` are the axes."""
+
+    axes: tuple[str, str]
+    px: tuple[tuple[float, float], tuple[float, float]]
+
+    def steps(self, right: float, down: float) -> tuple[float, float]:
+        """The steps of each axis for a shift of the spot."""
+        first, second = np.linalg.solve(np.array(self.px), [right, down])
+        return float(first), float(second)
+
+
+@dataclass(frozen=True)
+class Arrival:
+    """The end of a move of the spot: where it is, and how far from the target."""
+
+    sighting: Sighting
+    off_px: float
+    corrections: int
+
+    @property
+    def reached(self) -> bool:
+        """True if the spot is where it should be."""
+        return self.off_px <= WITHIN_PX
+
+
+def learn(hands: Hands, axes: tuple[str, str], say: Say) -> Learned:
+    """Move each axis by 3 to 8 steps, and see what they do. Raises NotMeasurable, SpotLost, CameraError."""
+    columns = [_learn_axis(hands, axis, say) for axis in axes]
+    (a, b), (c, d) = columns
+    if abs(a * d - b * c) < _ANGLE * math.hypot(a, b) * math.hypot(c, d):
+        raise NotMeasurable(f"{axes[0]} and {axes[1]} move the spot along the same line: is one of them not connected?")
+    return Learned(axes, ((a, c), (b, d)))
+
+
+def _learn_axis(hands: Hands, axis: str, say: Say) -> tuple[float, float]:
+    start = hands.observe(_LOOK)
+    for count in range(1, GAP_STEPS + 1):
+        say(f"step {count} of {axis}: until the spot moves")
+        hands.step(axis, 1)
+        seen = hands.observe(_LOOK)
+        if _apart(start, seen) > _SURE * _error(start, seen):
+            break
+    else:
+        raise NotMeasurable(f"{GAP_STEPS} steps of {axis} did not move the spot: is its motor connected, is it seen?")
+    say(f"{LEARN_STEPS} steps of {axis}: to measure them")
+    hands.step(axis, LEARN_STEPS)
+    end = hands.observe(_LOOK)
+    if _apart(seen, end) <= _SURE * _error(seen, end):
+        raise NotMeasurable(f"{LEARN_STEPS} steps of {axis} did not move the spot, and the one before did")
+    return (end.x - seen.x) / LEARN_STEPS, (end.y - seen.y) / LEARN_STEPS
+
+
+def approach(hands: Hands, learned: Learned, target: tuple[float, float], say: Say) -> Arrival:
+    """Move the spot to a place in the picture (x, y), px. Raises NotMeasurable, SpotLost, CameraError."""
+    drives = [_Drive(hands, axis) for axis in learned.axes]
+    seen, worse = hands.observe(_LOOK), 0
+    for count in range(CORRECTIONS):
+        right, down = target[0] - seen.x, target[1] - seen.y
+        off_px = math.hypot(right, down)
+        if off_px <= WITHIN_PX:
+            return Arrival(seen, off_px, count)
+        say(f"correction {count + 1}: {off_px:.1f} px to go")
+        for drive, wanted in zip(drives, learned.steps(right, down), strict=True):
+            drive.correct(wanted)
+        before, seen = seen, hands.observe(_LOOK)
+        for drive, moved in zip(drives, learned.steps(seen.x - before.x, seen.y - before.y), strict=True):
+            drive.see(moved)
+        now_px = math.hypot(target[0] - seen.x, target[1] - seen.y)
+        worse = worse + 1 if now_px > off_px + _SURE * _error(before, seen) else 0
+        if worse >= _WORSE:
+            raise NotMeasurable("the spot moves away from its target: something has changed; learn again")
+    return Arrival(seen, math.hypot(target[0] - seen.x, target[1] - seen.y), CORRECTIONS)
+
+
+class _Drive:
+    """Corrections of one axis, in steps. It learns its backlash from the corrections that were lost in it."""
+
+    def __init__(self, hands: Hands, axis: str) -> None:
+        self._hands = hands
+        self._axis = axis
+        self._asked = 0.0  # the last correction
+        self._is_lost = False
+        self._crossed = 0.0  # in the backlash, since the last reversal
+        self._gap = 0.0  # at least
+        self._creep = _CREEP_STEPS
+
+    def correct(self, wanted: float) -> None:
+        """Give one pulse towards a place so many steps away."""
+        steps = max(-_MOST_STEPS, min(_MOST_STEPS, _GAIN * wanted))
+        if wanted * self._asked < 0:  # too far, or another target: from here on with smaller steps
+            self._creep = max(self._creep / 2, _LEAST_CREEP)
+            self._crossed = 0.0
+            self._is_lost = False
+            if self._gap * _OF_GAP > abs(steps):
+                steps = math.copysign(self._gap * _OF_GAP, wanted)
+        elif self._is_lost and abs(steps) < self._creep:
+            steps = math.copysign(min(self._creep, max(abs(steps), 2 * abs(self._asked))), wanted)
+        us = round(steps * self._hands.step_us(self._axis))
+        if abs(us) >= _LEAST_US:
+            self._asked = steps
+            self._hands.pulse(self._axis, max(-_MOST_US, min(_MOST_US, us)))
+
+    def see(self, moved: float) -> None:
+        """How far it has moved since, as the camera says."""
+        was_lost, self._is_lost = self._is_lost, abs(moved) < _NO_EFFECT * abs(self._asked)
+        if self._is_lost:
+            self._crossed += abs(self._asked)
+        elif was_lost:
+            self._gap = min(self._crossed, _MOST_STEPS)
+
+
+def _apart(a: Sighting, b: Sighting) -> float:
+    return math.hypot(a.x - b.x, a.y - b.y)
+
+
+def _error(a: Sighting, b: Sighting) -> float:
+    return math.sqrt(a.error_x**2 + a.error_y**2 + b.error_x**2 + b.error_y**2)

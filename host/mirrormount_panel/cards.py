@@ -1,0 +1,645 @@
+"""The cards of a page.
+
+Cards that drive: press and hold, numbers of steps, typed speeds. static/panel.js sends their requests.
+
+The card of the camera: its picture with the spot and the target, and how the spot is moved. See static/camera.js.
+
+The settings of all axes: read, apply, save on the board, restore. The board checks each.
+
+The card with the wire log.
+
+Cards of the mount's state: position and lamps of an axis, its past, events, and the virtual screen.
+"""
+
+import contextlib
+import itertools
+import json
+import time
+from collections.abc import Awaitable, Callable, Sequence
+from typing import Any
+
+from nicegui import ui
+from nicegui.events import GenericEventArguments
+
+from mirrormount.device.settings import ENCODER, SETTINGS, groups
+from mirrormount.device.status import AxisStatus
+from mirrormount.errors import REASONS, BadValue, remedy_of
+from mirrormount.supervise.connection import AxisScale, Point
+from mirrormount.supervise.log import Entry, Notice
+from mirrormount.supervise.requests import COARSE_STEPS, FINE_STEPS, FULL
+from mirrormount.supervise.worker import HOLD_S, MOST, Worker
+from mirrormount_panel.board_settings import BoardSettings
+from mirrormount_panel.camera import CameraView, camera_html
+from mirrormount_panel.mounts import Page, confirm, run_on_mount, warn
+
+_PAD = (  # place in the pad, directions of the axes, arrow, name
+    ("up", "y:1", "▲", "UP"),
+    ("left", "x:-1", "◀", "LEFT"),
+    ("right", "x:1", "▶", "RIGHT"),
+    ("down", "y:-1", "▼", "DOWN"),
+    ("up-left", "x:-1 y:1", "◤", "UP AND LEFT"),
+    ("up-right", "x:1 y:1", "◥", "UP AND RIGHT"),
+    ("down-left", "x:-1 y:-1", "◣", "DOWN AND LEFT"),
+    ("down-right", "x:1 y:-1", "◢", "DOWN AND RIGHT"),
+)
+_PAD_AXES = ("x", "y")  # further axes have a row of buttons each
+_STEP_WORDS = {"x": ("◀ left", "right ▶"), "y": ("▼ down", "up ▲")}
+SLOW = 80  # of 255, where the slider starts: a third of full speed
+
+UNITS = {  # of units.UNITS, as a person reads them
+    "steps": "steps",
+    "urad": "µrad of the mirror",
+    "mrad": "mrad of the mirror",
+    "beam-urad": "µrad of the beam",
+    "beam-mrad": "mrad of the beam",
+    "mm": "mm on the screen",
+}
+
+_SLIDER = (
+    f'<input type="range" name="speed" min="1" max="{FULL}" value="{SLOW}" aria-label="Speed">'
+    f'<output class="mono" data-shows="speed">{SLOW}</output>'
+)
+
+
+def hold(worker: Worker) -> Callable[[], None]:
+    """The pad: a short press is one step, a long one runs at the slider's speed. Shows how many presses wait."""
+    with card("Press and hold"):
+        with ui.element("div").classes("pad"):
+            for place, press, arrow, word in _PAD:
+                _press(place, press, arrow, word, shows_word=" " not in word)
+            queued = ui.label().classes("queued").props("role=status")
+        for axis in worker.state.axes:
+            if axis not in _PAD_AXES:
+                with ui.element("div").classes("axis-row"):
+                    title = axis_title(axis)
+                    _press("minus", f"{axis}:-1", "−", f"{title.upper()} MINUS")
+                    ui.label(title).classes("name")
+                    _press("plus", f"{axis}:1", "+", f"{title.upper()} PLUS")
+        with ui.element("div").classes("line"):
+            ui.label("Speed").classes("name")
+            # as plain HTML: Vue would put an input's first value back whenever anything on the page changes
+            ui.html(_SLIDER, sanitize=False).classes("slider")
+        ui.label(
+            f"Short press: {FINE_STEPS} step. Longer than {HOLD_S:g} s: runs until you let go. Arrow keys do the same;"
+            f" with Shift {COARSE_STEPS} steps, and full speed. Presses while it steps are queued, up to {MOST}."
+        ).classes("hint")
+
+    def refresh() -> None:
+        queued.set_text(f"{len(worker.presses)} queued" if worker.presses else "")
+
+    return refresh
+
+
+def axis_title(name: str) -> str:
+    """An axis's name for a person: X, Y, Axis 3."""
+    return name.upper() if name in _PAD_AXES else name.replace("axis", "Axis ")
+
+
+def _press(place: str, press: str, arrow: str, name: str, *, shows_word: bool = False) -> None:
+    """A direction button."""
+    button = ui.element("button").classes(f"press {place}")
+    with button.props(f'type=button data-press="{press}" aria-label="{name}"'):
+        ui.label(arrow).classes("arrow")
+        if shows_word:
+            ui.label(name).classes("word")
+
+
+def by_numbers(worker: Worker) -> Callable[[], None]:
+    """Two cards: amounts to move by, and speeds of x and y. Shows what a step is where a scale was measured."""
+    with card("Fine steps"):
+        with ui.element("div").classes("line"):
+            ui.label("Move by").classes("name")
+            number("steps", "1", "Number of steps, or of another unit", keyboard="decimal")
+            refresh_units = unit_choice(worker, "steps_unit", "Unit of fine steps", worker.state.axes)
+        with ui.element("div").classes("fine"):
+            for axis in worker.state.axes:
+                for way, word in zip(
+                    (-1, 1), _STEP_WORDS.get(axis) or (f"− {axis_title(axis)}", f"{axis_title(axis)} +"), strict=True
+                ):
+                    send(word, {"do": "steps", "axis": axis, "way": way}, "n:steps unit:steps_unit").props("outline")
+        sizes = ui.label().classes("hint")
+    with card("Speeds of both axes" if len(worker.state.axes) == 2 else "Speeds of X and Y"):
+        with ui.element("div").classes("line speeds"):
+            ui.label("X").classes("name")
+            number("speed_x", "0", "Speed of X, right and left")
+            ui.label("Y").classes("name")
+            number("speed_y", "0", "Speed of Y, up and down")
+            send("OK", {"do": "drive"}, "x:speed_x y:speed_y", enter="speed_x speed_y").classes("ok")
+        ui.label(
+            f"−{FULL} … {FULL}, 0 is off. X: positive is right. Y: positive is up. They run until STOP,"
+            " the board's run limit, or the end of this page."
+        ).classes("hint")
+
+    def refresh() -> None:
+        sizes.set_text(worker.state.step_text())
+        refresh_units()
+
+    return refresh
+
+
+def card(title: str) -> ui.element:
+    """An empty card with a title."""
+    box = ui.element("section").classes("card")
+    with box:
+        ui.label(title).classes("title").props("role=heading aria-level=2")
+    return box
+
+
+def unit_choice(worker: Worker, name: str, label: str, axes: Sequence[str]) -> Callable[[], None]:
+    """A choice of units for a number beside it. Those without a scale for any of these axes cannot be chosen."""
+    with ui.element("select").classes("unit-choice").props(f'name={name} aria-label="{label}"'):
+        options = {
+            unit: ui.html(words, sanitize=False, tag="option").props(f"value={unit}") for unit, words in UNITS.items()
+        }
+    known = set(UNITS)
+
+    def refresh() -> None:
+        scales = [worker.state.scales.get(axis) for axis in axes]
+        for unit, option in options.items():
+            if (unit in known) == any(_is_known(unit, scale) for scale in scales):
+                continue
+            known.symmetric_difference_update({unit})
+            option.props("", remove="disabled") if unit in known else option.props("disabled")
+
+    refresh()
+    return refresh
+
+
+def _is_known(unit: str, scale: AxisScale | None) -> bool:
+    match unit:
+        case "steps":
+            return True
+        case "mrad" | "urad":
+            return scale is not None
+        case "mm":
+            return scale is not None and scale.screen_mm is not None
+        case _:
+            return scale is not None and scale.beam_mrad is not None
+
+
+def number(name: str, value: str, label: str, keyboard: str = "text") -> ui.input:
+    """A text field for a number; it is checked when it is sent, and never rounded or clamped.
+
+    keyboard: a phone's; "numeric" has no minus on some.
+    """
+    return ui.input(value=value).props(
+        f'name={name} inputmode={keyboard} autocomplete=off dense outlined hide-bottom-space aria-label="{label}"'
+    )
+
+
+def send(word: str, request: dict, fields: str = "", *, enter: str = "") -> ui.button:
+    """A button that sends a request."""
+    props = f"no-caps unelevated data-send='{json.dumps(request)}' data-fields='{fields}'"
+    return ui.button(word).props(f"{props} data-enter='{enter}'")
+
+
+def camera_card(view: CameraView) -> None:
+    """The card. Its picture and its lines are drawn by the browser, which asks for them (camera_route.py)."""
+    with card("Camera"):
+        ui.html(camera_html(1, view.live.name, clicks=True), sanitize=False).classes("camera-box")
+        with ui.element("div").classes("line"):
+            ui.label("x, y in px").classes("name")
+            number("place_x", "", "x of the place, in pixels of the picture")
+            number("place_y", "", "y of the place, in pixels of the picture")
+            send("Move the spot there", {"do": "place"}, "x:place_x y:place_y", enter="place_x place_y")
+            send("Learn", {"do": "learn"}).props("outline")
+        ui.label(
+            "Click on the picture: the spot goes there, a second later, in small moves that the camera checks."
+            " Learn first: it measures what a step of each axis does to the spot. STOP or any other button ends it."
+        ).classes("hint")
+
+
+_DONE = "done"
+_SHOWN_S = 5  # as long as a page may take to show what was read
+
+
+def settings_card(settings: BoardSettings, refusal: Callable[[object], str], mount: int) -> Callable[[], None]:
+    """A card that opens to all settings. refusal(tick): why this page may not change them; "" if it may.
+
+    mount: its number, as static/panel.js counts.
+    """
+
+    def button(word: str, action: Callable[[], Awaitable[object]]) -> ui.button:
+        async def clicked(event: GenericEventArguments) -> None:
+            why = refusal(event.args)
+            if why:
+                warn(why)
+            else:
+                await action()
+
+        # with the last tick that the page has seen: NiceGUI keeps a click until the network is back
+        tick = f"() => emit(window.mountTick({mount}))"
+        return ui.button(word).on("click", clicked, js_handler=tick).props("no-caps")
+
+    with card("Settings"), ui.expansion(", ".join(groups()).capitalize()).classes("fold") as fold:
+        form = _Form(settings)
+        with ui.dialog() as question, ui.card():
+            ui.label("Replace all settings by the factory's?").classes("title")
+            ui.label(
+                "All settings of all axes change at once: direction, switches, limits, pulse and speed."
+                " What is saved on the board stays saved. The present settings are kept, to be put back."
+            )
+            with ui.element("div").classes("line"):
+
+                async def agreed() -> None:
+                    question.close()
+                    await form.factory()
+
+                button("Replace them", agreed).props("unelevated")
+                ui.button("Cancel", on_click=question.close).props("flat no-caps")
+
+        async def inquire() -> None:
+            question.open()
+
+        with ui.element("div").classes("line"):
+            button("Apply", form.apply).props("unelevated")
+            button("Save on the board", form.save).props("outline")
+            button("Restore saved", form.restore).props("flat")
+            button("Factory …", inquire).props("flat")
+        with ui.element("div").classes("line undo") as undo:
+            ui.label("All settings were replaced. The ones before are kept.").classes("grow")
+            button("Put them back", form.undo).props("outline")
+        ui.label("Applied settings last until the board restarts, unless they are saved.").classes("hint")
+    fold.on_value_change(lambda e: form.read() if e.value else form.rest())
+
+    def refresh() -> None:
+        undo.set_visibility(settings.before is not None)
+
+    refresh()
+    return refresh
+
+
+class _Form:
+    """A field for every setting of every axis, and the actions of the buttons."""
+
+    def __init__(self, settings: BoardSettings) -> None:
+        self._settings = settings
+        self._axes = settings.axes
+        self._fields: dict[tuple[str, str], ui.input] = {}
+        self._read: dict[tuple[str, str], str] = {}  # what the board had when it was last asked
+        title = ""
+        of_all = ui.element("div")
+        with ui.element("div") as self._of_encoders:
+            pass
+        self._of_encoders.set_visibility(False)  # until an axis turns out to have one
+        for name, setting in SETTINGS.items():
+            box = self._of_encoders if name in ENCODER else of_all
+            with box:
+                if setting.group != title:
+                    title = setting.group
+                    ui.label(title).classes("group")
+                self._row(name)
+
+    def _row(self, name: str) -> None:
+        what = SETTINGS[name].what
+        with ui.element("div").classes("setting"):
+            ui.label(what).classes("grow")
+            for axis in self._axes:
+                field = ui.input(axis.upper()).props(f'dense outlined inputmode=decimal aria-label="{axis}: {what}"')
+                self._fields[axis, name] = field.props("hide-bottom-space")
+                field.set_enabled(False)
+
+    def rest(self) -> None:
+        """Take nothing: the values are old, or not read yet."""
+        for field in self._fields.values():
+            field.set_enabled(False)
+
+    async def read(self) -> None:
+        """Show the board's present settings. Fields take what is typed once the page has shown them."""
+        settings = await run_on_mount(self._settings.read())
+        if settings:
+            for (axis, name), field in self._fields.items():
+                there = name in settings[axis]
+                self._read[axis, name] = str(settings[axis][name]) if there else ""
+                field.set_value(self._read[axis, name])
+            self._of_encoders.set_visibility(any(name in ENCODER for values in settings.values() for name in values))
+            # a value comes to the page in two messages: the second undid what was typed after the first
+            with contextlib.suppress(TimeoutError):  # a page that is away gets all of them in order
+                await ui.run_javascript("0", timeout=_SHOWN_S)
+            for (axis, name), field in self._fields.items():
+                field.set_enabled(name in settings[axis])
+
+    async def apply(self, done: str = "applied") -> bool:
+        """Apply all edited settings, or none. True if the board took them.
+
+        Others are not sent: another page may have changed them meanwhile.
+        """
+        try:
+            wanted = {
+                axis: {name: self._typed(axis, name) for name in SETTINGS if self._edited(axis, name)}
+                for axis in self._axes
+            }
+        except BadValue as e:
+            warn(f"nothing was changed: {e}")
+            return False
+        return await self._made(self._settings.change(lambda mount: mount.apply(wanted)), done)
+
+    async def save(self) -> None:
+        """Apply, and save on the board."""
+        if await self.apply(""):
+            await self._made(self._settings.change(lambda mount: mount.save()), "saved on the board")
+
+    async def restore(self) -> None:
+        """Load the settings that are saved on the board."""
+        await self._made(self._settings.replace(lambda mount: mount.recall()), "restored")
+
+    async def factory(self) -> None:
+        """Load the defaults; saved settings stay."""
+        await self._made(self._settings.replace(lambda mount: mount.recall(factory=True)), "factory settings")
+
+    async def undo(self) -> None:
+        """Apply the settings from before restore() or factory()."""
+        await self._made(self._settings.undo(), "the earlier settings are back")
+
+    async def _made(self, change: Awaitable[None], done: str) -> bool:
+        """Await a change and show the settings after it. True if the board took it."""
+
+        async def make() -> str:
+            await change
+            return _DONE
+
+        if await run_on_mount(make()) != _DONE:
+            return False
+        await self.read()
+        if done:
+            confirm(done)
+        return True
+
+    def _edited(self, axis: str, name: str) -> bool:
+        return (self._fields[axis, name].value or "").strip() != self._read.get((axis, name), "")
+
+    def _typed(self, axis: str, name: str) -> Any:
+        """The typed number; its range is checked elsewhere. Raises BadValue."""
+        text = (self._fields[axis, name].value or "").strip()
+        try:
+            return float(text) if SETTINGS[name].decimals else int(text)
+        except ValueError:
+            raise BadValue(f"{axis}, {SETTINGS[name].what}: a number, not {text!r}") from None
+
+
+_SHOWN = 300
+
+
+def wire_card(worker: Worker, name: str) -> Callable[[], None]:
+    """A card that opens to the last lines of both directions. name: the mount's, for its file; "" of the only one."""
+    with card("Wire log"), ui.expansion("What goes over the wire").classes("fold") as fold:
+        with ui.element("div").classes("line"):
+            polls = ui.checkbox("with the questions after the state")
+            ui.element("span").classes("spring")
+            ui.button("Save as a file", on_click=lambda: _download(worker, name)).props("no-caps flat dense")
+        log = ui.log(max_lines=_SHOWN).classes("wire mono")
+    seen = [0]
+
+    def refresh() -> None:
+        if not fold.value:
+            return
+        entries = worker.log.since(seen[0])
+        if entries:
+            seen[0] = entries[-1].number
+            for entry in [e for e in entries if polls.value or not e.poll][-_SHOWN:]:
+                log.push(_text(entry))
+
+    return refresh
+
+
+def _text(entry: Entry) -> str:
+    clock = time.strftime("%H:%M:%S", time.localtime(entry.at_s)) + f"{entry.at_s % 1:.3f}"[1:]
+    return f"{clock} {'→' if entry.to_board else '←'} {entry.text}"
+
+
+def _download(worker: Worker, name: str) -> None:
+    file = "-".join(["mirrormount-wire", *name.split()]) + ".txt"
+    ui.download.content("\n".join(map(_text, worker.log.since(0))) + "\n", file, "text/plain")
+
+
+_TITLES = {"x": "X · right and left", "y": "Y · up and down"}
+_CERTAINTY = {
+    "unknown": ("position unknown", "Counted since the board started, from nowhere known. Zero it, or home it."),
+    "counted": ("counted", "Counted in steps since it was called zero."),
+    "homed": ("homed", "Counted from its home switch."),
+    "estimated": ("estimated", "Part of it was run by time, not by steps; or an encoder lost counts, or is silent."),
+    "measured": ("measured", "Counted by the encoder since it was zeroed or homed: a hand on the knob shows, too."),
+}
+_SWITCHES = ((1, "+ end-stop"), (2, "− end-stop"), (4, "home"))
+_PLOT_S = 60.0
+_PLOT_EVERY_S = 0.5
+_PLOT_POINTS = 300
+_GAP_S = 1.0  # without a position for longer: no line is drawn
+_GREY = "#737b82"  # readable on the cards of both themes
+_COLOURS = ("#0b8f98", "#d9480f", "#6741d9", "#5c940d")
+
+Refresh = Callable[[], None]
+
+
+def axis(worker: Worker, name: str) -> Refresh:
+    """Position, target, lamps and reason of one axis; go to, zero, home."""
+    with card(_TITLES.get(name, axis_title(name))) as box:
+        with ui.element("div").classes("line"):
+            position = ui.label().classes("position mono")
+            ui.label("steps").classes("unit")
+            with ui.label().classes("mrad mono") as mrad:
+                ui.tooltip(
+                    "mrad of the mirror, mm on the screen: steps times the measured scale, the mean of both directions."
+                )
+            ui.element("span").classes("spring")
+            target = ui.label().classes("hint mono")
+        with ui.element("div").classes("lamps"):
+            moving, certain = _Lamp("moving"), _Lamp("")
+            switches = [(bit, _Lamp(word)) for bit, word in _SWITCHES]
+        reason = ui.label().classes("hint reason").props("role=status")
+        with ui.element("div").classes("line"):
+            number(f"target_{name}", "0", f"Target of {name}").classes("grow")
+            refresh_units = unit_choice(worker, f"unit_{name}", f"Unit for {name}", [name])
+            fields = f"to:target_{name} unit:unit_{name}"
+            send("Go to", {"do": "goto", "axis": name}, fields, enter=f"target_{name}")
+            send("Home", {"do": "home", "axis": name}).props("flat")
+            send("Zero", {"do": "zero", "axis": name}).props("flat")
+
+    def refresh() -> None:
+        refresh_units()
+        state = worker.state
+        known = state.is_known
+        box.classes(toggle=None, add="" if known else "stale", remove="stale" if known else "")
+        status = state.last.by_name.get(name) if state.last else None
+        position.set_text("–" if status is None else f"{status.position:+.3f}".replace("-", "−"))
+        mrad.set_text("" if status is None else state.angle_text(name, status.position))
+        wanted = state.targets.get(name)
+        if status is None or not known:
+            target.set_text("")
+            for lamp in (moving, certain, *(lamp for _, lamp in switches)):
+                lamp.show("unknown")
+            certain.show("unknown", "not known now")
+            reason.set_text("" if status is None else f"not known since {state.seen_at}: the number is the last one")
+            return
+        target.set_text(
+            "" if wanted is None or not status.moving else f"on the way to {wanted:+.10g}".replace("-", "−")
+        )
+        moving.show("on" if status.moving else "")
+        word, why = _CERTAINTY[status.certainty]
+        certain.show({"unknown": "", "estimated": "warn"}.get(status.certainty, "on"), word, why)
+        for bit, lamp in switches:
+            lamp.show("warn" if status.limits & bit else "")
+        reason.set_text(_reason(status, state.stopped_by.get(name, "")))
+
+    return refresh
+
+
+def _reason(status: AxisStatus, stopped_by: str) -> str:
+    """The end of the last move in words, and what has stopped it."""
+    if status.moving:
+        return "it moves"
+    text = f"last move: {REASONS.get(status.reason, status.reason)}"
+    return f"{text} ({stopped_by})" if stopped_by else text
+
+
+class _Lamp:
+    """A dot with a word; its state is in words, too."""
+
+    def __init__(self, word: str) -> None:
+        with ui.element("span").classes("lamp-box") as self._box:
+            self._dot = ui.element("span").classes("lamp")
+            self._word = ui.label(word)
+            self._why = ui.tooltip("")
+        self._state: tuple[str, str, str] | None = None
+
+    def show(self, state: str, word: str = "", why: str = "") -> None:
+        """state: "" (off), on, warn, bad, or unknown."""
+        if (state, word, why) == self._state:
+            return
+        self._state = (state, word, why)
+        self._dot.classes(replace=f"lamp {state}")
+        self._box.classes(replace=f"lamp-box {state or 'off'}")
+        if word:
+            self._word.set_text(word)
+        self._why.set_text(why)
+        self._why.set_visibility(bool(why))
+
+
+def plot(worker: Worker) -> Refresh:
+    """The positions of the last minute."""
+    with card("Position over time"):
+        chart = ui.echart(_empty_plot(worker.state.axes)).classes("plot")
+    drawn = [0.0, 0.0]  # when, and up to which point
+
+    def refresh() -> None:
+        now = time.monotonic()
+        points = list(worker.state.positions)
+        if now - drawn[0] < _PLOT_EVERY_S or not points or points[-1][0] == drawn[1]:
+            return
+        drawn[:] = now, points[-1][0]
+        series = chart.options["series"]
+        for one, data in zip(series, curves(points, now, len(series)), strict=True):
+            one["data"] = data
+        chart.update()
+
+    return refresh
+
+
+def curves(points: list[Point], now: float, axes: int = 2) -> list[list[list[float | None]]]:
+    """Position over time for the plot, a list of (time, steps) an axis.
+
+    Thinned out; where positions were not known for a while there is a gap (None).
+    """
+    recent = [p for p in points if now - p[0] < _PLOT_S]
+    every = max(1, len(recent) // _PLOT_POINTS)
+    drawn: list[list[list[float | None]]] = [[] for _ in range(axes)]
+    before = None
+    for i, (at_s, positions) in enumerate(recent):
+        gap = before is not None and at_s - before > _GAP_S
+        before = at_s
+        t = round(at_s - now, 2)
+        for axis, line in enumerate(drawn):
+            known = positions is not None and axis < len(positions)
+            if gap:
+                line.append([t, None])
+            if gap or not known or i % every == 0 or i == len(recent) - 1:
+                line.append([t, positions[axis] if positions is not None and known else None])
+    return drawn
+
+
+def _empty_plot(axes: Sequence[str]) -> dict:
+    line = {"type": "line", "showSymbol": False, "animation": False, "data": []}
+    grey = {"lineStyle": {"color": "#88888844"}}
+    low = {"onZero": False, "lineStyle": {"color": "#88888888"}}
+    return {
+        "animation": False,
+        "grid": {"left": 44, "right": 12, "top": 28, "bottom": 34},
+        "legend": {"top": 0, "right": 8, "icon": "roundRect", "itemHeight": 3, "textStyle": {"color": _GREY}},
+        "xAxis": {
+            "type": "value",
+            "min": -_PLOT_S,
+            "max": 0,
+            "name": "s",
+            "nameGap": 4,
+            "axisLine": low,
+            "axisLabel": {"color": _GREY},
+            "splitLine": grey,
+        },
+        "yAxis": {
+            "type": "value",
+            "position": "left",
+            "axisLine": low,
+            "scale": True,
+            "minInterval": 1,
+            "name": "steps",
+            "nameTextStyle": {"color": _GREY},
+            "axisLabel": {"color": _GREY},
+            "splitLine": grey,
+        },
+        "series": [
+            {**line, "name": axis_title(name), "lineStyle": {"width": 2}, "color": colour}
+            for name, colour in zip(axes, itertools.cycle(_COLOURS), strict=False)
+        ],
+    }
+
+
+def screen(mount: int) -> None:
+    """The virtual board's screen, drawn by static/screen.js. mount: its number, as static/panel.js counts."""
+    with card("Virtual screen, 7.62 m away"):
+        ui.element("canvas").classes("screen").props("data-screen role=img aria-label='The spot on the screen'")
+        with ui.element("div").classes("line"):
+            ui.label("The spot and its trail. Turn back, and see the backlash before it follows.").classes("hint grow")
+            ui.button("Clear trail", on_click=lambda: ui.run_javascript(f"mountScreenClear({mount})")).props(
+                "no-caps flat dense"
+            )
+
+
+def news(page: Page, worker: Worker, name: str) -> Refresh:
+    """Events, newest first, with causes and remedies; refusals of this page at once, as messages under that name."""
+    with card("What happened"):
+        keep_alive = _Lamp("keep-alive")
+        rows = ui.element("div").classes("news").props("role=log aria-live=polite")
+    shown = [-1]
+
+    def refresh() -> None:
+        while page.notices:
+            text = page.notices.popleft()
+            warn(f"{name}: {text}" if name else text)
+        driver = worker.driver
+        keep_alive.show(
+            "on" if driver else "", f"keep-alive: {driver.name} drives" if driver else "keep-alive: at rest"
+        )
+        notices = list(worker.notices)
+        newest = notices[-1].number if notices else 0
+        if newest == shown[0]:
+            return
+        shown[0] = newest
+        rows.clear()
+        with rows:
+            for notice in reversed(notices[-12:]):
+                _row(notice)
+            if not notices:
+                ui.label("Nothing since the panel was started.").classes("hint")
+
+    return refresh
+
+
+def _row(notice: Notice) -> None:
+    known = remedy_of(notice.error)
+    with ui.element("div").classes("notice"):
+        ui.label(time.strftime("%H:%M:%S", time.localtime(notice.at_s))).classes("mono hint")
+        with ui.element("div").classes("grow"):
+            ui.label(notice.text)
+            if known:
+                ui.label(f"Cause: {known.cause}").classes("hint")
+                ui.label(f"Remedy: {known.remedy}").classes("hint")

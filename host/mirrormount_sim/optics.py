@@ -1,0 +1,318 @@
+"""Light: the path of the beam over mirrors, how it drifts, and what a screen or a webcam shows of the spot.
+
+The table is the plane of x and z; y is up. Each mirror folds the beam by 90 degrees, in turn to the left and to the
+right. A plane's coordinates are (right, up) as seen along the beam, from where the beam hits it with all mirrors at
+rest. Lengths in metres, coordinates in the planes in millimetres, angles in radians.
+
+A webcam's picture has 8 bits, gain, exposure, noise, hot pixels, a ghost, ambient light. Grey values are those at
+gain 1 and at EXPOSURE_S unless a name says otherwise. No number is of a certain camera: all are assumed, in the range
+of webcams of 20 to 50 dollars.
+"""
+
+import functools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+SPOT_MM = 2.0  # radius of the spot (one standard deviation); assumed
+_NOISE = 2.0  # read noise, grey levels; assumed
+_FLOOR = 10.0  # dark level
+
+
+@dataclass(frozen=True)
+class View:
+    """The part of the screen in the picture: left, right, bottom, top in mm, and the pixels' size in mm."""
+
+    left: float
+    right: float
+    bottom: float
+    top: float
+    pixel: float = 0.25
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return round((self.top - self.bottom) / self.pixel), round((self.right - self.left) / self.pixel)
+
+    def picture(self, spot_mm: tuple[float, float], noise: np.random.Generator) -> np.ndarray:
+        """A grey picture (rows x columns, float, 0 ... 255; row 0 is the top) of the spot at spot_mm."""
+        rows, columns = self.shape
+        x = self.left + (np.arange(columns) + 0.5) * self.pixel - spot_mm[0]
+        y = self.top - (np.arange(rows) + 0.5) * self.pixel - spot_mm[1]
+        light = np.exp(-(y[:, None] ** 2 + x[None, :] ** 2) / (2 * SPOT_MM**2))
+        return np.clip(np.round(_FLOOR + 220 * light + noise.normal(0, _NOISE, (rows, columns))), 0, 255)
+
+    def centroid(self, picture: np.ndarray) -> tuple[float, float] | None:
+        """Where the spot is in a picture, (right, up) in mm: first moments above half of its height.
+
+        None if nothing in the picture stands clear of the noise.
+        """
+        dark = float(np.median(picture))
+        peak = float(picture.max())
+        if peak - dark < 20 * _NOISE:
+            return None
+        weight = np.clip(picture - (dark + peak) / 2, 0, None)
+        rows, columns = np.indices(picture.shape)
+        total = weight.sum()
+        x = self.left + (float((weight * columns).sum() / total) + 0.5) * self.pixel
+        y = self.top - (float((weight * rows).sum() / total) + 0.5) * self.pixel
+        return x, y
+
+
+Vector = tuple[float, float, float]
+Spot = tuple[float, float] | None  # (right, up) in mm; None: the beam does not come there
+
+UP: Vector = (0.0, 1.0, 0.0)
+MIRROR_RADIUS_M = 0.0127  # the paper, section II: mounts of one-inch mirrors
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """Distances along the beam. All are assumed, as in the trial that the design of the holding loop stands on."""
+
+    laser_m: float = 0.5  # from the laser to the first mirror
+    between_m: float = 0.6  # from the first mirror to the second
+    cameras_m: tuple[float, ...] = (0.4, 1.6)  # from the last mirror to each camera
+
+
+DEFAULT = Geometry()
+
+
+@dataclass(frozen=True)
+class _Mirror:
+    """A mirror at rest: its centre, its normal, and the direction that is horizontal in it."""
+
+    centre: Vector
+    normal: Vector
+    across: Vector
+
+    def turned(self, yaw: float, pitch: float) -> Vector:
+        """The normal, turned about the vertical by yaw and then about the mirror's own horizontal by pitch."""
+        along = _scaled(self.across, math.sin(yaw) * math.cos(pitch))
+        out = _scaled(self.normal, math.cos(yaw) * math.cos(pitch))
+        return _sum(_sum(along, _scaled(UP, math.sin(pitch))), out)
+
+
+@dataclass(frozen=True)
+class _Plane:
+    centre: Vector
+    ahead: Vector
+    right: Vector
+
+
+class BeamPath:
+    """The way from a laser over so many mirrors to the cameras' planes."""
+
+    def __init__(self, mirrors: int, geometry: Geometry) -> None:
+        self._laser = _Plane((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), _cross(UP, (1.0, 0.0, 0.0)))
+        place, ahead = self._laser.centre, self._laser.ahead
+        self._mirrors: list[_Mirror] = []
+        for number in range(mirrors):
+            place = _sum(place, _scaled(ahead, geometry.between_m if number else geometry.laser_m))
+            folded = _cross(UP, ahead) if number % 2 else _cross(ahead, UP)
+            normal = _unit(_sum(folded, _scaled(ahead, -1)))
+            self._mirrors.append(_Mirror(place, normal, _cross(UP, normal)))
+            ahead = folded
+        right = _cross(UP, ahead)
+        self._planes = [_Plane(_sum(place, _scaled(ahead, m)), ahead, right) for m in geometry.cameras_m]
+
+    def spots(
+        self, offset_mm: tuple[float, float], angle_rad: tuple[float, float], mirrors_rad: list[tuple[float, float]]
+    ) -> list[Spot]:
+        """Where the beam hits the planes. offset_mm, angle_rad: of the laser's beam, to the right and up.
+
+        mirrors_rad: yaw and pitch of each mirror.
+        """
+        laser = self._laser
+        point = _sum(_scaled(laser.right, offset_mm[0] * 1e-3), _scaled(UP, offset_mm[1] * 1e-3))
+        sideways = _sum(_scaled(laser.right, math.tan(angle_rad[0])), _scaled(UP, math.tan(angle_rad[1])))
+        ray = _unit(_sum(laser.ahead, sideways))
+        for mirror, (yaw, pitch) in zip(self._mirrors, mirrors_rad, strict=True):
+            normal = mirror.turned(yaw, pitch)
+            hit = _hit(point, ray, mirror.centre, normal)
+            if hit is None or math.dist(hit, mirror.centre) > MIRROR_RADIUS_M:
+                return [None] * len(self._planes)
+            point, ray = hit, _sum(ray, _scaled(normal, -2 * _dot(ray, normal)))
+        return [self._on(plane, point, ray) for plane in self._planes]
+
+    @staticmethod
+    def _on(plane: _Plane, point: Vector, ray: Vector) -> Spot:
+        hit = _hit(point, ray, plane.centre, plane.ahead)
+        if hit is None:
+            return None
+        offset = _sum(hit, _scaled(plane.centre, -1))
+        return _dot(offset, plane.right) * 1e3, _dot(offset, UP) * 1e3
+
+
+def _hit(point: Vector, ray: Vector, centre: Vector, normal: Vector) -> Vector | None:
+    """Where a ray meets the plane through centre. None if that is not ahead of it."""
+    slope = _dot(ray, normal)
+    if not slope:
+        return None
+    way = _dot(_sum(centre, _scaled(point, -1)), normal) / slope
+    return _sum(point, _scaled(ray, way)) if way > 0 else None
+
+
+def _sum(a: Vector, b: Vector) -> Vector:
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+def _scaled(a: Vector, factor: float) -> Vector:
+    return a[0] * factor, a[1] * factor, a[2] * factor
+
+
+def _dot(a: Vector, b: Vector) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _cross(a: Vector, b: Vector) -> Vector:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+def _unit(a: Vector) -> Vector:
+    return _scaled(a, 1 / math.sqrt(_dot(a, a)))
+
+
+EXPOSURE_S = 0.005  # at which the grey values below are true
+_BANK = 1 << 21  # normal numbers, drawn once: a frame takes them from a random place on
+_REACH = 6.0  # of a spot, in its own standard deviations: beyond, it is below 1e-5 of a grey value
+_LAMP_PX = 180.0  # radius of the moving light, one standard deviation
+
+
+@dataclass
+class Sensor:
+    """A camera that looks at a screen, or a bare chip. All may be changed at any time, the size by resize()."""
+
+    exposure_s: float = EXPOSURE_S
+    gain: float = 1.0
+    width: int = 640
+    height: int = 480
+    pixel_mm: float = 0.05  # of the plane, for one pixel
+    rotation_deg: float = 0.0  # of the camera about the beam; positive turns the picture clockwise
+    centre_px: tuple[float, float] = (319.5, 239.5)  # where the plane's centre is, (column, row)
+    spot_sigma_mm: float = 0.6  # one standard deviation of the beam's intensity
+    peak: float = 180.0  # of the spot
+    black: float = 6.0  # without light
+    read_noise: float = 1.5
+    electrons: float = 47.0  # for one grey value: shot noise is the root of their number
+    ambient: float = 8.0
+    ambient_wave: float = 0.0  # the room's light rises and falls by so much ...
+    wave_s: float = 40.0  # ... in this time
+    lamp: float = 0.0  # a bright place that moves over the picture, at its middle
+    ghost: float = 0.0  # of the spot's light, from the second surface of a window or a beam splitter
+    ghost_px: tuple[float, float] = (70.0, -28.0)  # from the spot to its ghost
+    hot_pixels: int = 0
+    seed: int = 1
+
+    def __post_init__(self) -> None:
+        self.noise = np.random.default_rng(self.seed)
+        self._new_size()
+
+    def resize(self, width: int, height: int) -> None:
+        """Frames of another size; the middle of the picture stays."""
+        x, y = self.centre_px
+        self.centre_px = x + (width - self.width) / 2, y + (height - self.height) / 2
+        self.width, self.height = width, height
+        self._new_size()
+
+    def _new_size(self) -> None:
+        self._frame = np.empty((self.height, self.width), np.float32)
+        fixed = np.random.default_rng(self.seed)  # hot pixels are of the chip, not of the moment
+        self.hot_at = fixed.integers(0, self.width * self.height, self.hot_pixels)
+        self._hot = fixed.uniform(40, 250, self.hot_pixels).astype(np.float32)
+
+    def place(self, spot_mm: tuple[float, float]) -> tuple[float, float]:
+        """Where in the picture a point (right, up) of the plane is: x (column), y (row) in pixels."""
+        right, up = spot_mm[0] / self.pixel_mm, spot_mm[1] / self.pixel_mm
+        c, s = math.cos(math.radians(self.rotation_deg)), math.sin(math.radians(self.rotation_deg))
+        return self.centre_px[0] + right * c + up * s, self.centre_px[1] + right * s - up * c
+
+    def picture(self, spots_mm: list[tuple[float, float]], time_s: float) -> NDArray[np.uint8]:
+        """A frame (rows, columns) with these spots, each of full brightness."""
+        frame = self._frame
+        scale = self.gain * self.exposure_s / EXPOSURE_S
+        ambient = self.ambient + self.ambient_wave * math.sin(2 * math.pi * time_s / self.wave_s)
+        dark_noise = math.hypot(self.read_noise * self.gain, self._shot(max(0.0, ambient) * scale))
+        np.multiply(self._normal(frame.size).reshape(frame.shape), np.float32(dark_noise), out=frame)
+        frame += np.float32(self.black + max(0.0, ambient) * scale + 0.5)  # 0.5: rounded, not cut, below
+        if self.lamp:
+            frame += self._lamp_light(time_s) * np.float32(self.lamp * scale)
+        for spot in spots_mm:
+            x, y = self.place(spot)
+            self._add(frame, x, y, self.peak * scale)
+            if self.ghost:
+                self._add(frame, x + self.ghost_px[0], y + self.ghost_px[1], self.ghost * self.peak * scale)
+        if self.hot_pixels:
+            frame.reshape(-1)[self.hot_at] += self._hot * np.float32(scale)
+        np.clip(frame, 0, 255, out=frame)
+        return frame.astype(np.uint8)
+
+    def _shot(self, grey: float) -> float:
+        return math.sqrt(grey * self.gain / self.electrons)
+
+    def _add(self, frame: NDArray[np.float32], x: float, y: float, peak: float) -> None:
+        """Add a spot and its shot noise."""
+        sigma = self.spot_sigma_mm / self.pixel_mm
+        reach = _REACH * sigma
+        left, right = max(0, math.ceil(x - reach)), min(self.width, math.floor(x + reach) + 1)
+        top, bottom = max(0, math.ceil(y - reach)), min(self.height, math.floor(y + reach) + 1)
+        if left >= right or top >= bottom:
+            return
+        across = np.exp(-((np.arange(left, right) - x) ** 2) / (2 * sigma**2))
+        down = peak * np.exp(-((np.arange(top, bottom) - y) ** 2) / (2 * sigma**2))
+        light = np.multiply.outer(down, across).astype(np.float32)
+        part = frame[top:bottom, left:right]
+        part += light
+        shot = np.sqrt(light * np.float32(self.gain / self.electrons))
+        part += shot * self._normal(light.size).reshape(light.shape)
+
+    def _lamp_light(self, time_s: float) -> NDArray[np.float32]:
+        """The moving light's share at each pixel."""
+        turn = 2 * math.pi * time_s / self.wave_s
+        x, y = self.width * (0.5 + 0.5 * math.sin(turn)), self.height * (0.5 + 0.5 * math.cos(0.7 * turn))
+        across = np.exp(-((np.arange(self.width, dtype=np.float32) - x) ** 2) / (2 * _LAMP_PX**2))
+        down = np.exp(-((np.arange(self.height, dtype=np.float32) - y) ** 2) / (2 * _LAMP_PX**2))
+        return np.multiply.outer(down.astype(np.float32), across.astype(np.float32))
+
+    def _normal(self, count: int) -> NDArray[np.float32]:
+        """Normal numbers, not to be written to. Drawing them afresh would take longer than all the rest."""
+        bank = _bank()
+        start = int(self.noise.integers(0, len(bank) - count))
+        return bank[start : start + count]
+
+
+@functools.cache
+def _bank() -> NDArray[np.float32]:
+    return np.random.default_rng(0).standard_normal(_BANK, dtype=np.float32)
+
+
+GRID_S = 0.01  # the walk's step; a jitter stays as long
+_MOST = 100_000  # steps drawn at once
+
+
+class Drift:
+    """Two angles (right and up, or yaw and pitch) in radians, as functions of time.
+
+    drift_urad: standard deviation of the walk after one second. jitter_urad: standard deviation about it.
+    """
+
+    def __init__(self, noise: np.random.Generator, drift_urad: float, jitter_urad: float) -> None:
+        self._noise = noise
+        self.drift_urad = drift_urad
+        self.jitter_urad = jitter_urad
+        self._steps = 0
+        self._walk = np.zeros(2)
+        self._jitter = np.zeros(2)
+
+    def at(self, time_s: float) -> tuple[float, float]:
+        """The angles at a time that is not before the last one asked for."""
+        missing = int(time_s / GRID_S) - self._steps
+        while missing > 0:
+            drawn = self._noise.standard_normal((min(missing, _MOST), 4))
+            self._walk += drawn[:, :2].sum(axis=0) * (self.drift_urad * math.sqrt(GRID_S) * 1e-6)
+            self._jitter = drawn[-1, 2:] * (self.jitter_urad * 1e-6)
+            self._steps += len(drawn)
+            missing -= len(drawn)
+        return float(self._walk[0] + self._jitter[0]), float(self._walk[1] + self._jitter[1])
