@@ -13,11 +13,16 @@ import pytest
 # what the user's environment may say to a test; all other settings of mirrormount are taken out of it
 KEPT = ("MIRRORMOUNT_CACHE", "MIRRORMOUNT_FUZZ_", "MIRRORMOUNT_IMAGES")
 ENDING = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
-SLOW = ("compat", "emulated", "fuzz", "panel")  # folders of which nothing is in the quick level
+# not in the quick level: these folders and files, and what has a board in real time
+SLOW = ("compat", "emulated", "panel", "test_micropython.py", "test_versions.py")
+REAL_TIME = {"board", "boot", "browser", "deployed", "holder", "serve", "supervisor", "timed", "worker"}
+ON_THE_HOST = ("beam", "host", "supervise", "repo")  # elsewhere, a fixture `board` is in lockstep
 
 
 def pytest_itemcollected(item):
-    if item.path.parent.name in SLOW:
+    folder = item.path.parent.name
+    in_real_time = folder in ON_THE_HOST and REAL_TIME & {*getattr(item, "fixturenames", ())}
+    if folder in SLOW or item.path.name in SLOW or in_real_time:
         item.add_marker("slow")
 
 

@@ -99,7 +99,7 @@ def test_the_backlash_is_the_gap_of_the_shaft_within_its_error(name):
         assert np.mean([e.value for e in found]) == pytest.approx(GAP_REV / turn, rel=0.035)
 
 
-@pytest.mark.exhaustive
+@pytest.mark.full
 @pytest.mark.parametrize("name", PROFILES)
 def test_the_backlashs_error_bars_are_right_in_both_directions(name):
     profile = PROFILES[name]
@@ -251,7 +251,7 @@ def test_the_drift_is_a_random_walk_of_the_size_that_the_beam_has():
     assert every[0].estimates["x.rms"].to_json()["standard_error"] is None
 
 
-@pytest.mark.exhaustive
+@pytest.mark.full
 @pytest.mark.parametrize("name", PROFILES)
 def test_the_drifts_error_bars_are_right(name):
     every = results(drift.drift, PROFILES[name], SEEDS, seconds=1200.0)

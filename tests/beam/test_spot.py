@@ -31,7 +31,7 @@ def test_each_answer_in_nasty_scenes_is_within_its_error_or_a_refusal():
     judge(range(200))
 
 
-@pytest.mark.exhaustive
+@pytest.mark.full
 def test_of_ten_thousand_nasty_scenes_none_has_a_wrong_answer():
     pulls = judge(range(10_000))
     assert 0.92 <= (np.abs(pulls) < 2).mean() <= 0.98

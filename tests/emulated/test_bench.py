@@ -10,6 +10,8 @@ from lab import USB_US, Lab
 from mirrormount.errors import EmulatorMissing
 from mirrormount_sim import emulator
 
+pytestmark = pytest.mark.full
+
 
 @pytest.fixture(autouse=True)
 def _machine():

@@ -9,6 +9,8 @@ from images import images
 from mirrormount_sim.board import Options, make_simulation
 from mirrormount_sim.clocks import Lockstep
 
+pytestmark = pytest.mark.full
+
 STEP_US = 1954  # two steps of CircuitPython's clock
 
 

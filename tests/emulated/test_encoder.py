@@ -8,8 +8,6 @@ from test_memory import SESSION
 from mirrormount_sim.mechanics import SMOOTH
 from mirrormount_sim.simulation import START_US
 
-pytestmark = pytest.mark.lockstep
-
 FAST = 2.03  # times the motors' nominal voltage: 3000 edges a second
 
 
@@ -27,6 +25,7 @@ def closed(board) -> None:
     assert board.ask(b"1XN280;2XN280;1MM1;2MM1;1DH0;2DH0;TB?\n", 1_000_000) == b"0, NO ERROR DETECTED\r\n"
 
 
+@pytest.mark.full
 def test_no_edge_is_lost_at_3000_a_second_on_both_axes_at_once(make_board):
     board = make_board(encoder="motor", profile=replace(SMOOTH, supply=FAST))
     counted, true = counts(board), truth(board)
@@ -54,6 +53,7 @@ def test_steps_of_the_closed_loop_are_their_counts_on_the_real_image(make_board)
     assert board.ask(b"XS?\n").split(b"|")[1].split(b",")[5] == b"4"
 
 
+@pytest.mark.full
 def test_a_stalled_motor_is_off_within_80_ms_on_the_real_image(make_board):
     board = make_board(encoder="motor")
     closed(board)
@@ -68,6 +68,7 @@ def test_a_stalled_motor_is_off_within_80_ms_on_the_real_image(make_board):
     assert board.ask(b"TB?;1XE?\n").startswith(b"147, AXIS 1 MOTOR STALLED; 13,")
 
 
+@pytest.mark.full
 def test_a_sensor_that_does_not_answer_holds_the_loop_up_by_no_time_out(make_board):
     board = make_board(encoder="shaft")
     assert board.ask(b"1XN97;1MM1;1DH0;TB?\n", 1_000_000) == b"0, NO ERROR DETECTED\r\n"

@@ -3,7 +3,7 @@
 import encoder_soak
 import pytest
 
-pytestmark = [pytest.mark.lockstep, pytest.mark.usefixtures("emulator_works")]
+pytestmark = [pytest.mark.full, pytest.mark.usefixtures("emulator_works")]
 
 
 def test_a_round_of_the_encoders_soak_loses_no_count(tmp_path):

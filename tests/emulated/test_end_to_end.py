@@ -86,6 +86,7 @@ def old(tmp_path):
         board.process.stdout.close()
 
 
+@pytest.mark.full
 def test_a_power_cut_in_mid_deploy_leaves_a_board_that_works_and_the_next_deploy_repairs_it(old, tmp_path):
     flash = tmp_path / "flash.bin"
     for writes in (7, 80):  # early and late; test_power_cuts.py cuts in each file, and in the commit
@@ -142,6 +143,7 @@ def test_a_step_is_seen_on_the_pins(blank):
         assert mine == [(f"{motor}_{leg}", 1), (f"{motor}_en", 65535), (f"{motor}_en", 0), (f"{motor}_{leg}", 0)]
 
 
+@pytest.mark.full
 def test_a_second_deploy_changes_nothing(blank):
     run = run_cli("deploy", "--port", str(blank.link))
     assert run.returncode == 0, run.stderr
@@ -156,6 +158,7 @@ def test_it_starts_by_itself_after_a_hard_reset(blank):
         assert mount.status().uptime_s < 60
 
 
+@pytest.mark.full
 def test_a_deploy_while_a_motor_moves_is_refused_and_the_motor_is_left_alone(blank):
     with open(blank.link, "wb", buffering=0) as raw:
         raw.write(b"\n1XM60000;1MV+\n")
@@ -167,6 +170,7 @@ def test_a_deploy_while_a_motor_moves_is_refused_and_the_motor_is_left_alone(bla
     assert not blank.driving()
 
 
+@pytest.mark.full
 def test_undeploy_leaves_the_board_as_it_was(blank):
     run = run_cli("undeploy", "--port", str(blank.link))
     assert run.returncode == 0, run.stderr
@@ -185,6 +189,7 @@ print('left', os.statvfs('/')[3])
 """
 
 
+@pytest.mark.full
 def test_a_full_flash_is_refused_and_nothing_of_the_attempt_stays(blank):
     wait_for(lambda: mpremote_or_none(blank, "exec", FILL), "the flash to be full")
     run = run_cli("deploy", "--port", str(blank.link))

@@ -31,6 +31,8 @@ def work():
 
 FLOAT = """
 from math import cos, sin, sqrt
+
+pytestmark = pytest.mark.full
 class Vector:
     def __init__(self, angle):
         self.a = a = sin(angle)

@@ -3,7 +3,7 @@
 import frames_soak
 import pytest
 
-pytestmark = [pytest.mark.lockstep, pytest.mark.usefixtures("emulator_works")]
+pytestmark = [pytest.mark.full, pytest.mark.usefixtures("emulator_works")]
 
 
 def test_every_frame_of_a_train_is_obeyed_and_the_stop_after_it_cuts(tmp_path):

@@ -7,8 +7,6 @@ from lab import on_times_us
 
 from mirrormount_sim.emulator import RawPrompt
 
-pytestmark = pytest.mark.lockstep
-
 USB_US = 10  # the emulated controller takes so long for a packet
 CUT_US = USB_US + 10
 LATE_US = 5
@@ -97,6 +95,7 @@ def test_a_stop_is_cut_within_microseconds_and_told(board):
     cut_after(board, b"!")
 
 
+@pytest.mark.full
 def test_it_leaves_before_the_prompt_and_comes_again_after_a_soft_reset(board):
     drive(board)
     board.send(b"\x03")
@@ -138,6 +137,7 @@ def test_stops_and_deadlines_hold_while_the_loop_hangs(board, prompt, capsys):
         print(f" [while the loop hangs: pulse {pulse_us}, runs {runs_us}, cut after {cut_us - USB_US} us]", end="")
 
 
+@pytest.mark.full
 def test_the_tap_and_the_parser_count_alike_however_stops_are_split(board, prompt):
     chosen = random.Random(4)
     for _ in range(60):
@@ -157,6 +157,7 @@ def test_the_tap_and_the_parser_count_alike_however_stops_are_split(board, promp
     assert not held
 
 
+@pytest.mark.full
 def test_a_stop_whose_bytes_are_lost_ends_the_moves_and_the_drives_are_released(board, prompt):
     board.send(b"2DH8\n")
     board.run(50_000)

@@ -18,6 +18,8 @@ from mirrormount.errors import MountError
 from mirrormount_sim import emulator
 from mirrormount_sim.board import Options
 
+pytestmark = pytest.mark.full
+
 IMAGES = images(circuitpython=False)
 MPY = 6
 STEP_US = 100_000

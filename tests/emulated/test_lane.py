@@ -9,8 +9,6 @@ from mirrormount_sim import emulator
 from mirrormount_sim.emulator import mpy_of
 from mirrormount_sim.machines import THIS
 
-pytestmark = pytest.mark.lockstep
-
 ENABLES = ("m1_en", "m2_en")
 LANE_US, PYTHON_US = 900, 1_200  # a frame reaches both motors before the first with the lane, after the second without
 
@@ -75,6 +73,7 @@ def test_frames_stops_and_steps_are_obeyed_told_and_counted_with_the_lane_and_wi
     assert board.off() and board.ask(b"TB?\n").startswith(b"0,")
 
 
+@pytest.mark.full
 def test_what_comes_behind_a_ctrl_c_is_the_prompts(board):
     for delay_us in range(0, 1000, 150):  # native code looks for input, and it must not read past an interrupt
         board.run(delay_us)

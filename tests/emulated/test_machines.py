@@ -55,6 +55,7 @@ def test_a_frame_and_a_stop_give_the_same_sequence(board):
     ]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("duty", [64, 200])
 def test_a_duty_shows_on_the_enable_as_that_share_of_the_time(board, duty):
     board.send(b"%04d0000" % duty)
@@ -88,6 +89,7 @@ def restart(board) -> None:
     board.boot()
 
 
+@pytest.mark.full
 def test_the_backlash_is_taken_up_before_the_first_step_back(board):
     board.send(b"1XP20000;1XB30000;1VA20;1PR2\n")
     board.run(200_000)
@@ -108,6 +110,7 @@ def test_saved_settings_and_a_rested_position_are_there_after_a_restart(board):
     assert board.ask(b"XS?\n").split(b"|")[1].endswith(b",1")  # certainty: counted
 
 
+@pytest.mark.full
 def test_a_host_that_collects_nothing_does_not_keep_a_stop_from_being_obeyed(board):
     board.simulation.collects(False)
     for _ in range(60):
@@ -129,6 +132,7 @@ def test_ctrl_c_turns_the_motors_off_and_gives_the_prompt(board):
     assert board.off()
 
 
+@pytest.mark.full
 def test_ctrl_d_at_the_prompt_starts_the_firmware_again(board):
     restart(board)
     assert board.ask(b"*IDN?\n", 3_000_000).startswith(b"mirrormount,")

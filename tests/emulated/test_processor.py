@@ -11,6 +11,7 @@ from mirrormount_sim import emulator
 STATED = 65_000  # of 65,536 first half-words; the others are breakpoints, and one in which rp2040js is wrong
 
 
+@pytest.mark.full
 def test_every_instruction_leaves_the_state_that_rp2040js_leaves_in_the_same_time():
     try:
         node, main, *_ = emulator.command()

@@ -7,8 +7,6 @@ from lab import on_times_us
 
 from mirrormount_sim.mechanics import SWITCH_REV
 
-pytestmark = pytest.mark.lockstep
-
 STEP_US = 200_000
 LATE_US = 400  # from a deadline to the pin: some calls of Python
 
@@ -46,6 +44,7 @@ def test_steps_and_jogs_last_what_they_should(board, capsys):
         print(f"\nat the emulated RP2040's prompt: steps of {steps} us, a jog of {jog} us")
 
 
+@pytest.mark.full
 def test_an_end_stop_is_told_in_words(board):
     train = board.simulation.bench.horizontal
     train.screw_rev = train.shaft_rev = SWITCH_REV - 0.06
@@ -55,6 +54,7 @@ def test_an_end_stop_is_told_in_words(board):
     assert b"Error" not in type_line(board, "m.x.step(-5)")
 
 
+@pytest.mark.full
 def test_ctrl_c_twice_at_any_moment_turns_the_motors_off_and_leaves_the_prompt(board):
     moments = random.Random(7)
     for line in ["m.y.step(2)", "m.drive(-255, 255, ms=3000)"] * 10:
@@ -70,6 +70,7 @@ def test_ctrl_c_twice_at_any_moment_turns_the_motors_off_and_leaves_the_prompt(b
     assert on_times(board, "m1_en", start_us) == pytest.approx([STEP_US], abs=LATE_US)
 
 
+@pytest.mark.full
 def test_wrong_arguments_move_nothing(board):
     for line in (
         "m.x.step('5')",
@@ -82,6 +83,7 @@ def test_wrong_arguments_move_nothing(board):
         assert board.off()
 
 
+@pytest.mark.full
 def test_ctrl_d_starts_the_firmware_again(board):
     type_line(board, "m.x.step(1)")
     board.send(b"\x04")
@@ -91,6 +93,7 @@ def test_ctrl_d_starts_the_firmware_again(board):
     assert board.ask(b"*IDN?\n", 5_000_000).startswith(b"mirrormount,")
 
 
+@pytest.mark.full
 def test_ctrl_c_at_any_moment_of_a_start_leaves_the_folder_of_the_firmware_as_it_is(board):
     listing = "import os; print(sorted(os.listdir('mountfw/ports')), os.stat('mountfw/motion/__init__.mpy')[6])"
     before = type_line(board, listing)

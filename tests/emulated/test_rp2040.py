@@ -7,8 +7,6 @@ from test_memory import SESSION
 
 from mirrormount_sim.emulator import RawPrompt
 
-pytestmark = pytest.mark.lockstep
-
 TRIALS = 200
 LEAST_FREE = 100_000  # bytes of heap on a Pico
 
@@ -25,6 +23,7 @@ def test_free_memory_of_the_running_firmware(make_board, capsys):
     assert free >= LEAST_FREE
 
 
+@pytest.mark.full
 def test_ctrl_c_twice_at_random_moments_of_a_pulse_leaves_both_motors_off(make_board):
     board = make_board()
     moments = random.Random(11)
@@ -58,6 +57,7 @@ def test_a_hard_reset_in_mid_move_turns_the_motors_off_and_starts_anew(make_boar
     assert board.ask(b"XS?\n", 2_000_000).split(b",")[0] != first
 
 
+@pytest.mark.full
 def test_a_power_cycle_starts_the_firmware_by_itself(make_board):
     board = make_board()
     board.send(b"1MV+\n")
@@ -112,6 +112,7 @@ def test_the_loop_allocates_nothing_on_the_real_image(make_board):
     assert prompt.run("print(1)") == "1\r\n"
 
 
+@pytest.mark.full
 def test_the_clock_of_the_image_wraps_as_the_firmware_thinks(make_board):
     prompt = RawPrompt(make_board())
     said = prompt.run("import time; print(time.ticks_diff(0, (1 << 30) - 1), time.ticks_add((1 << 30) - 1, 2))")
@@ -155,6 +156,7 @@ micropython.kbd_intr(3)
 """
 
 
+@pytest.mark.full
 def test_the_native_code_does_what_the_readable_code_says(make_board):
     board = make_board()
     RawPrompt(board)

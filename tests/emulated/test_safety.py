@@ -4,8 +4,6 @@ import pytest
 
 from mirrormount_sim.emulator import RawPrompt
 
-pytestmark = pytest.mark.lockstep
-
 HUNG_US = 1_000_000  # the watchdog's time (_HUNG_MS of ports/micropython.py)
 BITE_US = 50_000  # within which its reset is seen
 STARTED_US = 3_000_000
@@ -56,6 +54,7 @@ def test_a_loop_that_hangs_with_a_motor_on_is_reset_and_the_next_one_says_so(mak
     assert board.off()
 
 
+@pytest.mark.full
 def test_a_wanted_reset_and_power_up_are_told_from_the_watchdogs(make_board):
     board = make_board()
     assert reset_cause(board) == 1
@@ -68,6 +67,7 @@ def test_a_wanted_reset_and_power_up_are_told_from_the_watchdogs(make_board):
     assert state(board)[2] == b"0"
 
 
+@pytest.mark.full
 def test_the_watchdog_never_bites_at_the_prompt_nor_in_a_long_write_nor_after_a_soft_reset(make_board):
     board = make_board()
     board.send(b"\x03")
@@ -126,6 +126,7 @@ def test_the_emergency_stop_cuts_both_drives_and_latches(make_board):
     assert board.run(50_000, lambda: not board.off())
 
 
+@pytest.mark.full
 def test_an_emergency_stop_that_opens_while_a_frame_is_obeyed_cuts_at_once(make_board):
     board = with_emergency_stop(make_board)
     for opens_us in range(600, 780, 20):

@@ -13,8 +13,6 @@ from power import Board, PowerCut, compiled
 from mirrormount.errors import EmulatorMissing
 from mirrormount_sim import emulator
 
-pytestmark = pytest.mark.lockstep
-
 PATIENCE_US = 3_000_000
 RECORDED_US = 10_800_000  # after that much rest the position is on the flash
 NEVER = 1_000_000  # operations
@@ -105,6 +103,7 @@ def test_saved_settings_and_a_recorded_position_survive_a_power_cycle(board):
     assert board.ask(b"TE?\n") == b"0\r\n"
 
 
+@pytest.mark.full
 def test_a_cut_at_an_operation_of_a_save_leaves_the_old_settings_or_the_new_ones_whole(board, tell):
     places = random.Random(17)
     cuts = 0
@@ -122,6 +121,7 @@ def test_a_cut_at_an_operation_of_a_save_leaves_the_old_settings_or_the_new_ones
     tell(f"{cuts} power cuts")
 
 
+@pytest.mark.full
 def test_a_cut_while_a_record_comes_leaves_the_right_position_or_none(board, tell):
     cuts = 0
     for operation in (1, 2, 3, 1, 2, 3):
@@ -151,6 +151,7 @@ def test_a_cut_in_a_motion_after_a_record_leaves_the_position_unknown(board, tel
     tell("4 power cuts")
 
 
+@pytest.mark.full
 def test_the_first_motion_after_a_record_starts_within_150_ms(board, tell):
     late_us = []
     for i in range(16):

@@ -6,7 +6,7 @@ import soak
 from mirrormount.errors import EmulatorMissing
 from mirrormount_sim import emulator
 
-pytestmark = pytest.mark.lockstep
+pytestmark = pytest.mark.full
 
 
 def test_an_episode_is_reported(tmp_path):

@@ -79,6 +79,7 @@ def session(request, tmp_path_factory) -> Session:
     return Session(vms.command(build, HEAP_KB, [root, vms.FAKES, HERE], script, *arguments), files)
 
 
+@pytest.mark.full
 def test_main_starts_the_firmware_and_it_answers(session):
     assert session.said["*IDN?"].startswith("mirrormount,Raspberry Pi Pico,e6616408432f5a21,")
     assert session.said["TB?"] == "6, COMMAND DOES NOT EXIST\r\n"
@@ -119,6 +120,7 @@ def test_deploy_finds_each_file_with_its_hash(session):
     assert found == session.files
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("build", vms.BUILDS)
 def test_the_core_passes_its_tests_of_settings_and_backlash(build):
     command = vms.command(

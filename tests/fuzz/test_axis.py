@@ -13,7 +13,7 @@ from axis_session import Session
 from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
 
-pytestmark = pytest.mark.lockstep
+pytestmark = pytest.mark.slow
 
 EXAMPLES = int(os.environ.get("MIRRORMOUNT_FUZZ_EXAMPLES", "30"))
 SEED = os.environ.get("MIRRORMOUNT_FUZZ_SEED")  # not set: the same sessions each time

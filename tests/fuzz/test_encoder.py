@@ -15,7 +15,7 @@ from rig_encoder import encoded, finish
 from mountfw import codes
 from mountfw.motion.axis import SEARCH, SETTLE
 
-pytestmark = pytest.mark.lockstep
+pytestmark = pytest.mark.slow
 
 EXAMPLES = int(os.environ.get("MIRRORMOUNT_FUZZ_EXAMPLES", "30"))
 SEED = os.environ.get("MIRRORMOUNT_FUZZ_SEED")  # not set: the same sessions each time

@@ -11,7 +11,7 @@ import pytest
 from lane_rig import LanePort, LaneRig
 from rig import WRAP, Port, Rig
 
-pytestmark = pytest.mark.lockstep
+pytestmark = pytest.mark.slow
 
 SESSIONS = 100_000
 LUMPS = 3  # of frames, in each

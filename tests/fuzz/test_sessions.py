@@ -12,7 +12,7 @@ from rig import WRAP, Rig
 
 from mountfw.wire.receiver import HELD
 
-pytestmark = pytest.mark.lockstep
+pytestmark = pytest.mark.slow
 
 SESSIONS = 100_000
 PIECES = (

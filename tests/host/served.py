@@ -1,16 +1,23 @@
 """Boards for the tests of the host: served by `mirrormount virtual` in a process of their own."""
 
+import gc
+import io
 import json
 import os
 import signal
 import subprocess
 import sys
 import time
+import warnings
 from collections.abc import Callable
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Self
+from unittest.mock import patch
 
 import pytest
+
+from mirrormount.cli.main import main
 
 # how long a wait may last before it is a failure; never a measurement. Shorter than a run of XM60000, which tests start
 # to see it stopped: else its own limit ends it in time
@@ -111,7 +118,28 @@ def set_traps(folder: Path) -> Path:
 
 
 def run_cli(*args: str) -> subprocess.CompletedProcess:
-    """`mirrormount …` as a shell would run it."""
+    """`mirrormount …` with an empty standard input, in this process: a start of Python would take most of the time."""
+    out, err, empty = (io.TextIOWrapper(io.BytesIO(), "utf-8", write_through=True) for _ in range(3))
+    with (
+        patch.dict(os.environ),
+        patch.object(sys, "stdin", empty),
+        redirect_stdout(out),
+        redirect_stderr(err),
+        warnings.catch_warnings(),
+    ):
+        warnings.simplefilter("ignore", ResourceWarning)  # what an error leaves open ends with the process
+        os.environ.pop("MIRRORMOUNT_PORT", None)
+        try:
+            status = main([*args])
+        except SystemExit as e:
+            status = e.code
+        if status:
+            gc.collect()
+    return subprocess.CompletedProcess(args, status, *(stream.buffer.getvalue().decode() for stream in (out, err)))
+
+
+def run_process(*args: str) -> subprocess.CompletedProcess:
+    """`mirrormount …` as a shell would run it, where that it is another process is the fact."""
     environment = {k: v for k, v in os.environ.items() if k != "MIRRORMOUNT_PORT"}
     return subprocess.run(
         [sys.executable, "-m", "mirrormount", *args],

@@ -6,7 +6,7 @@ import sys
 from types import SimpleNamespace
 
 import pytest
-from served import PATIENCE_S, run_cli, wait_for
+from served import PATIENCE_S, run_cli, run_process, wait_for
 
 import mirrormount.transport.discovery
 import mirrormount.transport.ports
@@ -86,7 +86,7 @@ def test_a_command_line_can_be_sent_and_its_refusal_is_told():
 def test_errors_that_wait_are_shown_by_status_and_by_nothing_else_in_silence(board):
     with open(board.link, "wb", buffering=0) as raw:
         raw.write(b"\nAT\n")
-    step = run_cli("step", "x", "0", "--port", board.tcp)
+    step = run_process("step", "x", "0", "--port", board.tcp)  # where a warning of the log goes to stderr
     assert "the board reports 6" in step.stderr
     with open(board.link, "wb", buffering=0) as raw:
         raw.write(b"\nAT\n")
@@ -137,7 +137,7 @@ def test_a_busy_port_is_one_line(board):
 
     with Mount.open(str(board.link)) as mount:
         mount.x.jog(0.2)
-        assert "another program" in one_line(run_cli("status", "--port", str(board.link)))
+        assert "another program" in one_line(run_process("status", "--port", str(board.link)))
 
 
 def test_ctrl_c_stops_the_motion_and_is_one_line(board):

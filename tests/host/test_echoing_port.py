@@ -15,7 +15,6 @@ fcntl = pytest.importorskip("fcntl")
 from mirrormount.transport.ports import open_port  # noqa: E402
 
 # a board waits for the rest of its echo for 20 ms of its own time, which is this computer's
-pytestmark = pytest.mark.wall_clock
 
 
 class Cooked:

@@ -8,8 +8,6 @@ from served import wait_for
 
 from mirrormount.device.mount import Mount
 
-pytestmark = pytest.mark.wall_clock  # as test_served_board.py
-
 
 def write_and_leave(address: str | Path, data: bytes) -> None:
     if isinstance(address, Path):

@@ -19,7 +19,7 @@ if os.name != "posix":
 # on a busy computer a board in real time answers later than its client waits
 LONG = "m.send('1XM60000;2XM60000'); "  # runs
 
-pytestmark = [pytest.mark.wall_clock, pytest.mark.usefixtures("runtime")]
+pytestmark = pytest.mark.usefixtures("runtime")
 
 
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP])

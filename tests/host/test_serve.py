@@ -11,8 +11,6 @@ from mirrormount import errors
 from mirrormount.device.mount import Mount
 
 # a client's motion lasts while `serve` feeds the board's keep-alive of 0.5 s: on a busy computer it ends, by design
-pytestmark = pytest.mark.wall_clock
-
 FLOOD = b"1XM60000;2XM60000\n" + b"02550255\n" * 10_000 + b"00010255\n" + b"02550255\n" * 10_000
 
 

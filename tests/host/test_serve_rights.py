@@ -11,7 +11,6 @@ from mirrormount.device import session
 from mirrormount.transport.link import NOT_ALLOWED
 
 # a client's motion lasts while `serve` feeds the board's keep-alive of 0.5 s: on a busy computer it ends, by design
-pytestmark = pytest.mark.wall_clock
 
 BODY = b"\r\nHost: 127.0.0.1\r\nContent-Length: 14\r\n\r\n" + RUN
 

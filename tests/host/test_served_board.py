@@ -15,8 +15,6 @@ from served import PATIENCE_S, ServedBoard, run_cli, wait_for
 from mirrormount import errors
 from mirrormount.device.mount import Mount
 
-pytestmark = pytest.mark.wall_clock  # on a busy computer a board in real time answers later than its client waits
-
 KEEP_ALIVE_US = 500_000
 
 

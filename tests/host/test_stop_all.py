@@ -14,7 +14,7 @@ from mirrormount.cli import main, stop
 from mirrormount.device.session import Session
 
 # on a busy computer a board in real time answers later than its client waits
-pytestmark = [pytest.mark.wall_clock, pytest.mark.usefixtures("runtime")]
+pytestmark = pytest.mark.usefixtures("runtime")
 
 
 def plug_in(monkeypatch, *addresses: object) -> None:

@@ -23,7 +23,7 @@ if os.name != "posix":
     pytest.skip("Unix sockets need POSIX", allow_module_level=True)
 
 # on a busy computer a board in real time answers later than its client waits
-pytestmark = [pytest.mark.wall_clock, pytest.mark.usefixtures("runtime")]
+pytestmark = pytest.mark.usefixtures("runtime")
 
 
 @pytest.mark.parametrize("port", [True, False])

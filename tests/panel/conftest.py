@@ -25,7 +25,7 @@ AT_ONCE = """addEventListener("DOMContentLoaded", () => {
 
 def pytest_itemcollected(item: pytest.Item) -> None:
     """A page that stands still for 0.35 s is stopped by design, so a busy computer stops what these tests drive."""
-    if "panel" in getattr(item, "fixturenames", ()):
+    if "browser" in getattr(item, "fixturenames", ()):
         item.add_marker("wall_clock")
 
 

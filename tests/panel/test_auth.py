@@ -85,12 +85,14 @@ def test_the_link_opens_the_panel_once_and_leaves_the_address_bar_clean(open_pag
     assert signed_in(wide.port, again.strip().partition("#")[2])[0] == 200
 
 
+@pytest.mark.full
 def test_the_page_that_hides_the_link_from_other_users_leads_the_browser_there(open_page, wide):
     with page_to(wide.url) as address:
         page = open_page(address, **FRESH)
         page.wait_for_url(wide.url.partition("enter")[0])
 
 
+@pytest.mark.full
 def test_the_address_bar_is_clean_when_the_cookie_is_there_already_too(open_page, wide):
     page = open_page(wide.url, **FRESH)
     address = wide.url.partition("enter")[0]
@@ -103,6 +105,7 @@ def test_the_address_bar_is_clean_when_the_cookie_is_there_already_too(open_page
         assert page.evaluate("history.state") is None or "token" not in str(page.evaluate("history.state"))
 
 
+@pytest.mark.full
 def test_the_token_can_be_typed(open_page, board, tmp_path):
     (tmp_path / "token").write_text("kKq3-0d7LbX_u2mTzR9sWg\n")
     panel = Panel(str(board.link), tmp_path, "--host", "0.0.0.0", "--token-file", str(tmp_path / "token"))
@@ -228,6 +231,7 @@ def assert_hardened(port: int, path: str) -> None:
     assert headers["cross-origin-opener-policy"] == headers["cross-origin-resource-policy"] == "same-origin"
 
 
+@pytest.mark.full
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems have 127.0.0.1 only")
 def test_any_loopback_address_can_be_listened_to(open_page, board, tmp_path, panel_options):
     panel = Panel(str(board.link), tmp_path, "--host", "127.0.0.2", *panel_options)

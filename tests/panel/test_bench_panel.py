@@ -80,6 +80,7 @@ def driving(panel) -> bool:
     return any(panel.bench("duties").values())
 
 
+@pytest.mark.full
 def test_the_card_of_the_camera_can_be_read_and_touched_and_nothing_is_cut_off(page):
     expect(page.locator(".camera-says")).to_contain_text("± ")
     for viewport in (PHONE, DESK):
@@ -103,6 +104,7 @@ def test_a_click_moves_the_spot_there_and_the_picture_shows_spot_trail_and_targe
     assert min(drawn.values()) > 10, drawn
 
 
+@pytest.mark.full
 def test_stop_ends_a_move_of_the_spot(page, panel, learned):
     click_on_picture(page, 0.75, 0.7)
     wait_for(lambda: driving(panel), "the move")
@@ -113,6 +115,7 @@ def test_stop_ends_a_move_of_the_spot(page, panel, learned):
     expect(page.locator("section:has(.position)").first).to_contain_text("aborted (STOP was pressed)")
 
 
+@pytest.mark.full
 def test_a_camera_that_fails_is_one_line_and_its_picture_is_no_target(page, panel):
     expect(page.locator(".camera-says")).to_contain_text("x ")
     panel.bench("unplug")
@@ -130,6 +133,7 @@ def test_a_camera_that_fails_is_one_line_and_its_picture_is_no_target(page, pane
     expect(trouble).to_be_empty()
 
 
+@pytest.mark.full
 def test_a_position_is_typed_in_the_unit_that_a_person_thinks_in(page):
     y = page.locator("section", has_text="Y · up and down")
     unit = y.get_by_label("Unit for y")
@@ -149,6 +153,7 @@ def test_a_position_is_typed_in_the_unit_that_a_person_thinks_in(page):
     expect(y.locator(".position")).to_have_text("−1.250")
 
 
+@pytest.mark.full
 def test_what_an_encoder_measures_is_shown_and_a_stall_is_told_with_its_remedy(page, panel):
     page.get_by_text("Wiring, pulse and speed, take-up, limits").click()
     page.get_by_label("x: counts of one step").fill("280")

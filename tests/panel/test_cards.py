@@ -61,6 +61,7 @@ class HeldMessages:
             self._to_page.send(message)
 
 
+@pytest.mark.full
 def test_fields_take_nothing_before_the_boards_settings_are_shown_whole(open_page, panel):
     wire = HeldMessages("updateValue")
     page = open_page(panel.url, before=wire.before)
@@ -90,6 +91,7 @@ def test_a_pulse_that_is_set_is_the_pulse_that_is_made(page, board):
     assert on_times_us(board, "m2_en") == [pytest.approx(50_000, abs=50)]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("label", "typed", "told"),
     [
@@ -109,6 +111,7 @@ def test_a_setting_that_cannot_be_is_told_and_none_is_changed(page, panel, board
         assert mount.settings()["x"]["take_up_us"] == 0
 
 
+@pytest.mark.full
 def test_the_card_has_a_field_for_every_setting_of_both_axes(page):
     open_settings(page)
     for axis in ("x", "y"):
@@ -127,6 +130,7 @@ def change_direction(page) -> str:
     return label
 
 
+@pytest.mark.full
 def test_factory_asks_first_and_cancel_changes_nothing(page, panel, board):
     label = change_direction(page)
     page.get_by_role("button", name="Factory").click()
@@ -140,6 +144,7 @@ def test_factory_asks_first_and_cancel_changes_nothing(page, panel, board):
         assert mount.settings()["x"]["inverted"] == 1
 
 
+@pytest.mark.full
 def test_factory_can_be_undone_after_the_page_was_loaded_again(open_page, page, panel, board):
     label = change_direction(page)
     page.get_by_role("button", name="Factory").click()
@@ -174,6 +179,7 @@ def test_saved_settings_come_back_and_others_do_not(page):
     wait_for_value(page, label, "0")
 
 
+@pytest.mark.full
 def test_a_move_beyond_a_soft_limit_is_refused_with_its_reason(page, board):
     open_settings(page)
     page.get_by_label("x: positive soft limit, steps").fill("3")
@@ -199,6 +205,7 @@ def test_an_error_in_a_motion_is_listed_with_cause_and_remedy(page, board):
     page.get_by_text("last move: run limit reached").wait_for()
 
 
+@pytest.mark.full
 def test_certainty_is_unknown_first_then_counted_and_estimated_after_a_run(page):
     page.get_by_text("position unknown").nth(1).wait_for()
     press(page.get_by_role("button", name="Zero").first)
@@ -208,6 +215,7 @@ def test_certainty_is_unknown_first_then_counted_and_estimated_after_a_run(page)
     page.keyboard.up("ArrowRight")
 
 
+@pytest.mark.full
 def test_the_wire_log_shows_both_directions_without_the_polls(page):
     page.get_by_text("What goes over the wire").click()
     page.keyboard.press("ArrowUp")
@@ -233,6 +241,7 @@ def test_a_virtual_board_shows_its_spot_and_follows_it(open_page, tmp_path):
         panel.kill()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("width", [390, 1600])
 @pytest.mark.parametrize("colors", ["light", "dark"])
 def test_nothing_is_cut_off_at_the_side_and_stop_is_in_sight(open_page, panel, width, colors):
@@ -246,6 +255,7 @@ def test_nothing_is_cut_off_at_the_side_and_stop_is_in_sight(open_page, panel, w
         assert box["y"] >= 0 and box["y"] + box["height"] <= 844
 
 
+@pytest.mark.full
 def test_every_control_can_be_reached_with_the_tab_key(page):
     everything = page.locator("button:visible, input:visible").count()
     reached = set()
@@ -256,6 +266,7 @@ def test_every_control_can_be_reached_with_the_tab_key(page):
     assert {name for name in named if not any(name in html for html in reached)} == set()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("width", [390, 1600])
 def test_a_refusal_is_in_sight_and_nothing_covers_stop(open_page, panel, width):
     page = open_page(panel.url, viewport={"width": width, "height": 844})
@@ -279,7 +290,7 @@ def stop_is_on_top(page) -> bool:
     )
 
 
-@pytest.mark.wall_clock  # a page that stands still for long is loaded again, without its dialog
+@pytest.mark.full
 def test_stop_is_on_top_of_the_dialog_with_the_link(open_page, board, tmp_path):
     panel = Panel(str(board.link), tmp_path, "--host", "0.0.0.0")
     try:
@@ -292,6 +303,7 @@ def test_stop_is_on_top_of_the_dialog_with_the_link(open_page, board, tmp_path):
         panel.kill()
 
 
+@pytest.mark.full
 def test_a_setting_that_another_page_has_changed_is_not_undone(open_page, page, panel):
     other = open_page(panel.url)
     open_settings(page)

@@ -3,8 +3,6 @@
 import pytest
 from running import PANEL_AND_LOOP, Panel, press, run_until_driving, wait_for_rest
 
-pytestmark = pytest.mark.wall_clock  # a page that stands still is stopped by design, and a busy computer lets it
-
 
 @pytest.fixture
 def panel(board, tmp_path):
@@ -35,6 +33,7 @@ def test_a_page_hands_control_over_and_takes_it_back_by_a_press_without_being_cl
     assert panel.loop("jog") == "nothing was done: page 1 (127.0.0.1) has control"
 
 
+@pytest.mark.full
 def test_stop_takes_control_back_too_and_the_loop_must_ask_again(page, panel, board):
     hand_over(page, panel)
     assert panel.loop("jog") == "done"
@@ -47,6 +46,7 @@ def test_stop_takes_control_back_too_and_the_loop_must_ask_again(page, panel, bo
     hand_over(page, panel)
 
 
+@pytest.mark.full
 def test_a_page_that_keeps_control_says_so_to_the_loop(page, panel, board):
     assert panel.loop("ask") == "done"
     press(page.get_by_role("button", name="Keep"))
@@ -55,6 +55,7 @@ def test_a_page_that_keeps_control_says_so_to_the_loop(page, panel, board):
     assert board.edges() == []
 
 
+@pytest.mark.full
 def test_a_page_that_watches_is_not_asked(open_page, page, panel):
     watcher = open_page(panel.url)
     assert panel.loop("ask") == "done"

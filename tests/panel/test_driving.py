@@ -15,9 +15,6 @@ ARROWS = {"UP": "ArrowUp", "DOWN": "ArrowDown", "RIGHT": "ArrowRight", "LEFT": "
 PULSE_US = 200_000
 FRESH = {"viewport": {"width": 1600, "height": 1000}}  # a browser of its own, that remembers nothing
 
-# a motion must go on here, which is stopped by design where a busy computer lets the page stand still
-goes_on = pytest.mark.wall_clock
-
 
 @pytest.fixture
 def panel_options() -> list[str]:
@@ -50,6 +47,7 @@ def test_a_short_press_is_one_step_that_way(page, board, word):
     assert on_times_us(board, LEGS[word][:2] + "_en") == [pytest.approx(PULSE_US, abs=50)]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("word", ARROWS)
 def test_a_short_stroke_of_an_arrow_key_is_one_step_that_way(page, board, word):
     page.keyboard.press(ARROWS[word])
@@ -58,7 +56,7 @@ def test_a_short_stroke_of_an_arrow_key_is_one_step_that_way(page, board, word):
     assert on_times_us(board, LEGS[word][:2] + "_en") == [pytest.approx(PULSE_US, abs=50)]
 
 
-@goes_on
+@pytest.mark.full
 def test_shift_makes_ten_steps(page, board):
     page.keyboard.down("Shift")
     page.keyboard.press("ArrowRight")
@@ -78,7 +76,6 @@ def wait_for_run(board, enable: str = "m2_en") -> None:
     wait_for(lambda: [bool(e["duty"]) for e in board.edges() if e["pin"] == enable][:3] == [1, 0, 1], "the run")
 
 
-@goes_on
 def test_a_held_button_runs_until_it_is_let_go(page, board):
     hold(page, "RIGHT")
     wait_for_run(board)
@@ -88,7 +85,7 @@ def test_a_held_button_runs_until_it_is_let_go(page, board):
     assert legs_used(board) == {"m2_pos"}
 
 
-@goes_on
+@pytest.mark.full
 def test_a_held_key_runs_until_it_is_let_go(page, board):
     page.keyboard.down("ArrowUp")
     wait_for_run(board, "m1_en")
@@ -97,7 +94,7 @@ def test_a_held_key_runs_until_it_is_let_go(page, board):
     assert len(on_times_us(board, "m1_en")) == 2
 
 
-@goes_on
+@pytest.mark.full
 def test_a_button_in_focus_is_held_with_the_space_bar(page, board):
     page.get_by_role("button", name="LEFT", exact=True).focus()
     page.keyboard.down(" ")
@@ -111,7 +108,7 @@ def duties(board) -> list[int]:
     return [e["duty"] for e in board.edges() if e["pin"] == "m2_en"]
 
 
-@goes_on
+@pytest.mark.full
 def test_the_slider_starts_slow_and_sets_the_speed_of_the_run_and_not_of_the_step(open_page, panel, board):
     page = open_page(panel.url, **FRESH)
     assert page.get_by_role("slider", name="Speed").input_value() == str(SLOW)
@@ -125,7 +122,7 @@ def test_the_slider_starts_slow_and_sets_the_speed_of_the_run_and_not_of_the_ste
     assert duties(board) == [65535, 0, (SLOW + 5) * 257, 0]
 
 
-@goes_on
+@pytest.mark.full
 def test_the_slider_is_remembered_when_the_page_is_loaded_again(open_page, panel, board):
     page = open_page(panel.url, **FRESH)
     page.get_by_role("slider", name="Speed").fill("33")
@@ -139,7 +136,6 @@ def test_the_slider_is_remembered_when_the_page_is_loaded_again(open_page, panel
     assert duties(board) == [65535, 0, 33 * 257, 0]
 
 
-@goes_on
 def test_four_taps_in_a_row_are_four_steps(page, board):
     for _ in range(4):
         page.keyboard.press("ArrowRight")
@@ -149,7 +145,7 @@ def test_four_taps_in_a_row_are_four_steps(page, board):
     assert page.locator(".q-notification").count() == 0
 
 
-@goes_on
+@pytest.mark.full
 def test_taps_that_wait_are_shown_and_stop_drops_them(page, board):
     page.keyboard.down("Shift")
     for _ in range(4):
@@ -165,7 +161,7 @@ def test_taps_that_wait_are_shown_and_stop_drops_them(page, board):
     assert len(on_times_us(board, "m2_en")) < 10
 
 
-@goes_on
+@pytest.mark.full
 def test_more_taps_than_can_wait_are_told(page, board):
     page.keyboard.down("Shift")
     for _ in range(MOST + 2):
@@ -176,7 +172,6 @@ def test_more_taps_than_can_wait_are_told(page, board):
     wait_for_rest(board)
 
 
-@goes_on
 def test_a_diagonal_button_steps_both_axes_at_once_and_holds_run_both(page, board):
     press(page.get_by_role("button", name="UP AND LEFT"))
     wait_for_pulses(board, 2)
@@ -191,7 +186,6 @@ def test_a_diagonal_button_steps_both_axes_at_once_and_holds_run_both(page, boar
     wait_for_rest(board)
 
 
-@goes_on
 def test_sliding_off_the_button_stops(page, board):
     hold(page, "RIGHT")
     wait_for_run(board)
@@ -201,7 +195,6 @@ def test_sliding_off_the_button_stops(page, board):
     assert len(on_times_us(board, "m2_en")) == 2
 
 
-@goes_on
 def test_a_finger_on_a_phone_drives_as_a_mouse_does(open_page, panel, board):
     page = open_page(panel.url, viewport={"width": 390, "height": 844}, has_touch=True, is_mobile=True)
     box = page.get_by_role("button", name="DOWN", exact=True).bounding_box()
@@ -214,7 +207,6 @@ def test_a_finger_on_a_phone_drives_as_a_mouse_does(open_page, panel, board):
     assert legs_used(board) == {"m1_neg"}
 
 
-@goes_on
 def test_fine_steps_are_as_many_as_stated(page, board):
     page.get_by_label("Number of steps").fill("3")
     press(page.get_by_role("button", name="left", exact=False).get_by_text("◀ left"))
@@ -224,7 +216,6 @@ def test_fine_steps_are_as_many_as_stated(page, board):
     assert legs_used(board) == {"m2_neg"}
 
 
-@goes_on
 def test_typed_speeds_run_both_motors_until_stop(page, board):
     page.get_by_label("Speed of Y").fill("-100")
     page.get_by_label("Speed of X").fill("50")
@@ -235,6 +226,7 @@ def test_typed_speeds_run_both_motors_until_stop(page, board):
     wait_for_rest(board)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("typed", ["256", "-256", "1.5", "fast", "", "1e2", "٣"])
 def test_a_speed_that_cannot_be_is_told_and_drives_nothing(page, board, typed):
     page.get_by_label("Speed of Y").fill(typed)
@@ -244,7 +236,6 @@ def test_a_speed_that_cannot_be_is_told_and_drives_nothing(page, board, typed):
     assert board.edges() == []
 
 
-@goes_on
 def test_go_to_makes_the_way_that_is_left(page, board):
     for target, shown in (("4", "+4.000"), ("1", "+1.000")):
         page.get_by_label("Target of y").fill(target)
@@ -254,6 +245,7 @@ def test_go_to_makes_the_way_that_is_left(page, board):
     assert len(on_times_us(board, "m1_en")) == 7
 
 
+@pytest.mark.full
 def test_zero_makes_the_present_position_zero(page, board):
     page.keyboard.press("ArrowRight")
     page.get_by_text("+1.000").wait_for()
@@ -262,7 +254,6 @@ def test_zero_makes_the_present_position_zero(page, board):
     page.get_by_text("+1.000").wait_for(state="detached")
 
 
-@goes_on
 @pytest.mark.parametrize("how", ["button", "Escape", "Escape in a field"])
 def test_stop_ends_a_move_of_20_steps(page, board, how):
     page.get_by_label("Number of steps").fill("20")
@@ -279,6 +270,7 @@ def test_stop_ends_a_move_of_20_steps(page, board, how):
     assert pulses(board, "m2_pos") < 20
 
 
+@pytest.mark.full
 def test_an_arrow_key_in_a_field_moves_the_cursor_only(page, board):
     page.get_by_label("Number of steps").focus()
     page.keyboard.press("ArrowLeft")
@@ -287,7 +279,7 @@ def test_an_arrow_key_in_a_field_moves_the_cursor_only(page, board):
     assert legs_used(board) == {"m1_pos"}
 
 
-@goes_on
+@pytest.mark.full
 @pytest.mark.parametrize("typed", ["+3", "3"])
 def test_the_button_says_which_way_fine_steps_go(page, board, typed):
     page.get_by_label("Number of steps").fill(typed)
@@ -296,6 +288,7 @@ def test_the_button_says_which_way_fine_steps_go(page, board, typed):
     assert legs_used(board) == {"m2_neg"}
 
 
+@pytest.mark.full
 def test_a_negative_number_of_steps_is_refused(page, board):
     page.get_by_label("Number of steps").fill("-3")
     press(page.get_by_text("◀ left"))
@@ -303,7 +296,7 @@ def test_a_negative_number_of_steps_is_refused(page, board):
     assert board.edges() == []
 
 
-@goes_on
+@pytest.mark.full
 def test_a_mouse_button_that_comes_up_while_another_is_down_stops(page, board):
     hold(page, "RIGHT")
     wait_for_run(board)
@@ -313,7 +306,7 @@ def test_a_mouse_button_that_comes_up_while_another_is_down_stops(page, board):
     page.mouse.up(button="right")
 
 
-@goes_on
+@pytest.mark.full
 def test_stop_obeys_a_click_that_no_pointer_made(page, board):
     """As screen readers and voice control click."""
     page.get_by_label("Number of steps").fill("20")
@@ -323,7 +316,7 @@ def test_stop_obeys_a_click_that_no_pointer_made(page, board):
     page.get_by_text("last move: aborted").wait_for()
 
 
-@goes_on
+@pytest.mark.full
 def test_cmd_lets_go_of_an_arrow_key(page, board):
     page.keyboard.down("ArrowRight")
     wait_for_run(board)
@@ -331,7 +324,7 @@ def test_cmd_lets_go_of_an_arrow_key(page, board):
     wait_for_rest(board)
 
 
-@goes_on
+@pytest.mark.full
 @pytest.mark.parametrize("event", ["contextmenu", "dragstart"])
 def test_what_takes_the_keys_from_the_page_lets_go_of_an_arrow_key(page, board, event):
     page.keyboard.down("ArrowRight")

@@ -95,7 +95,7 @@ def page_key(panel: Panel) -> str | None:
     return html.partition('"data-page":"')[2].partition('"')[0] if answer.status == 200 else None
 
 
-@pytest.mark.wall_clock  # a stop would be right where this computer lets the page stand still
+@pytest.mark.full
 def test_pages_that_are_fetched_in_a_row_do_not_end_what_the_controlling_page_drives(page, panel, board):
     start_steps(page, board)
     keys = [page_key(panel) for _ in range(30)]
@@ -120,7 +120,7 @@ def wait_for_steps(board) -> None:
     wait_for(made, "all steps")
 
 
-@pytest.mark.wall_clock  # a stop would be right where this computer lets the page stand still
+@pytest.mark.full
 def test_a_socket_that_sends_too_much_is_closed_and_the_page_that_drives_goes_on(page, panel, board):
     with connect(f"ws://127.0.0.1:{panel.port}/drive", proxy=None, ping_interval=None) as flood:
         flood.send(json.dumps({"page": page_key(panel)}))
@@ -137,7 +137,7 @@ def send_many(socket) -> None:
     socket.recv()
 
 
-@pytest.mark.wall_clock  # a stop would be right where this computer lets the page stand still
+@pytest.mark.full
 def test_whoever_watches_by_a_bare_socket_can_stop(page, panel, board):
     with connect(f"ws://127.0.0.1:{panel.port}/drive", proxy=None, ping_interval=None) as watcher:
         watcher.send(json.dumps({"page": page_key(panel)}))
@@ -146,6 +146,7 @@ def test_whoever_watches_by_a_bare_socket_can_stop(page, panel, board):
         page.get_by_text("last move: aborted").wait_for()
 
 
+@pytest.mark.full
 def test_a_page_cannot_write_to_the_panels_terminal_or_log(page, panel, tmp_path):
     for level in ("error", "warning"):
         page.evaluate(

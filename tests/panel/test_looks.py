@@ -24,6 +24,7 @@ def panel_options() -> list[str]:
     return ["--patience", "2"]  # nothing here is about a page that is out of touch
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("colors", THEMES)
 def test_everything_can_be_read(open_page, panel, board, colors):
     page = open_page(panel.url, viewport=DESK, color_scheme=colors)
@@ -41,6 +42,7 @@ def test_everything_can_be_read(open_page, panel, board, colors):
     assert_readable(page, "Put them back")
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("colors", THEMES)
 def test_everything_can_be_read_when_the_board_has_gone_and_when_the_panel_has(open_page, panel, board, colors):
     page = open_page(panel.url, viewport=DESK, color_scheme=colors)
@@ -54,6 +56,7 @@ def test_everything_can_be_read_when_the_board_has_gone_and_when_the_panel_has(o
     assert_readable(page, "No connection to the panel.")
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("viewport", [PHONE, DESK])
 def test_everything_that_can_be_touched_is_at_least_44_px(open_page, panel, viewport):
     page = open_page(panel.url, viewport=viewport)
@@ -66,6 +69,7 @@ def test_everything_that_can_be_touched_is_at_least_44_px(open_page, panel, view
     assert_touchable(page)
 
 
+@pytest.mark.full
 def test_a_window_that_is_made_narrower_has_no_card_over_another_and_nothing_beside_it(open_page, page, panel):
     for width in (1400, 1240, 1100, 1000, 844, 390):
         page.set_viewport_size({"width": width, "height": 900})
@@ -73,6 +77,7 @@ def test_a_window_that_is_made_narrower_has_no_card_over_another_and_nothing_bes
         wait_for(lambda: not page.evaluate(OVERLAPS), f"cards beside each other at {width} px")
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("viewport", [PHONE, {"width": 1600, "height": 600}])
 @pytest.mark.parametrize("key", ["Tab", "Shift+Tab"])
 def test_what_has_the_focus_is_neither_under_stop_nor_under_the_header(open_page, panel, viewport, key):
@@ -95,6 +100,7 @@ def test_what_has_the_focus_is_neither_under_stop_nor_under_the_header(open_page
         )
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("viewport", [PHONE, DESK])
 def test_no_message_covers_take_control(open_page, page, panel, viewport):
     watcher = open_page(panel.url, viewport=viewport)
@@ -105,12 +111,12 @@ def test_no_message_covers_take_control(open_page, page, panel, viewport):
     watcher.get_by_text("you control").wait_for()
 
 
+@pytest.mark.full
 def test_an_unknown_position_is_no_alarm(page):
     page.get_by_text("position unknown").first.wait_for()
     assert page.locator("section .lamp.bad").count() == 0
 
 
-@pytest.mark.wall_clock  # a stop would be right where this computer lets the page stand still
 def test_stop_is_told_in_words_and_the_target_goes(page, board):
     page.get_by_label("Target of x").fill("20")
     page.get_by_label("Target of x").press("Enter")
@@ -122,6 +128,7 @@ def test_stop_is_told_in_words_and_the_target_goes(page, board):
     page.get_by_text("on the way to").wait_for(state="detached")
 
 
+@pytest.mark.full
 def test_a_stop_while_nothing_moves_is_told_too(page):
     page.keyboard.press("Escape")
     page.locator(".news").get_by_text("stopped: STOP was pressed").wait_for()
@@ -156,6 +163,7 @@ def test_the_plot_has_a_gap_where_nobody_looked_and_none_elsewhere():
     assert [steps for _, steps in curves(points, 50.0)[0]].count(None) == 1
 
 
+@pytest.mark.full
 def test_settings_are_read_from_the_board_once_however_often_pages_ask(open_page, page, panel, board):
     """A page that watches and opens its settings again and again takes no time from the one that drives."""
     watcher = open_page(panel.url)

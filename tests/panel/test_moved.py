@@ -1,5 +1,6 @@
 """What the page moves by itself is not pressed: it stands still where it can, and is looked at where it cannot."""
 
+import pytest
 from running import wait_for_rest
 from served import wait_for
 
@@ -31,12 +32,14 @@ def step(page, board) -> None:
     page.get_by_text("last move: done").first.wait_for()
 
 
+@pytest.mark.full
 def test_once_the_page_stands_no_button_moves(open_page, panel, board):
     page = open_page(panel.url, before=lambda page: page.add_init_script(AT_FIRST))
     step(page, board)
     assert page.evaluate("window.atFirst") == page.evaluate(PLACES)
 
 
+@pytest.mark.full
 def test_a_message_that_comes_moves_no_button(page, board):
     before = page.evaluate(PLACES)
     board.process.kill()
@@ -55,6 +58,7 @@ def test_a_press_on_a_button_that_has_just_moved_is_not_carried_out(page, board)
     assert len(board.edges()) == 2 * len(before)
 
 
+@pytest.mark.full
 def test_a_click_that_has_just_moved_is_not_carried_out_either(page, board):
     place = """[data-send*='"goto"']"""
     step(page, board)
@@ -68,6 +72,7 @@ def test_a_click_that_has_just_moved_is_not_carried_out_either(page, board):
     wait_for(board.driving, "the move")
 
 
+@pytest.mark.full
 def test_stop_is_carried_out_wherever_it_has_moved_to(page, board):
     page.keyboard.down("ArrowUp")
     wait_for(board.driving, "the motor")

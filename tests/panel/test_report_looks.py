@@ -12,6 +12,7 @@ from mirrormount_beam.scale import Optics
 NOTHING_MEASURED_ON_IT = Origin(datetime(2026, 11, 23, tzinfo=UTC), "0.2.0", "a board", "a camera", {}, Optics())
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("viewport", [PHONE, DESK])
 def test_a_report_of_long_names_shows_each_figure_with_its_unit(open_page, tmp_path, viewport):
     result = Result("backlash", remarks=["a remark"])

@@ -17,14 +17,12 @@ from running import (
     wait_for_motion,
     wait_for_rest,
 )
-from served import PATIENCE_S, ServedBoard, run_cli, wait_for
+from served import PATIENCE_S, ServedBoard, run_process, wait_for
 from websockets.sync.client import connect
 
 from mirrormount.transport import stop_socket
 
 ABORTED, KEEP_ALIVE = 3, 7
-
-pytestmark = pytest.mark.wall_clock  # a page that stands still is stopped by design, and a busy computer lets it
 
 
 @pytest.fixture
@@ -114,6 +112,7 @@ def test_a_panel_that_dies_or_freezes_is_stopped_by_the_boards_keep_alive(page, 
     assert status_after(panel, board).x.reason == KEEP_ALIVE
 
 
+@pytest.mark.full
 def test_ending_the_panel_stops_what_moves_and_says_nothing_ill(page, panel, board):
     hold(page, board)
     assert panel.end() == ""
@@ -152,6 +151,7 @@ def test_whoever_takes_control_stops_what_the_other_drove_and_drives(open_page, 
     assert not any(e["pin"] == "m1_neg" for e in board.edges())
 
 
+@pytest.mark.full
 def test_a_page_that_comes_after_the_one_that_controlled_has_gone_controls(open_page, page, panel, board):
     page.close()
     other = open_page(panel.url)
@@ -175,6 +175,7 @@ def test_an_unplugged_board_is_told_and_comes_back_without_moving(page, panel, b
         run_until_driving(again)
 
 
+@pytest.mark.full
 def test_an_error_of_the_board_is_shown_with_cause_and_remedy(page, panel, board):
     page.keyboard.press("ArrowRight")
     page.get_by_text("+1.000").wait_for()
@@ -192,6 +193,7 @@ def test_a_panel_without_a_board_says_so_in_one_line(tmp_path):
     assert str(e.value) == f"mirrormount: {tmp_path}/nothing: there is no such port (see: mirrormount ports)\n"
 
 
+@pytest.mark.full
 def test_a_page_that_watches_cannot_change_settings_or_the_zero(open_page, page, panel, board):
     watcher = open_page(panel.url)
     page.keyboard.press("ArrowRight")
@@ -204,6 +206,7 @@ def test_a_page_that_watches_cannot_change_settings_or_the_zero(open_page, page,
     assert watcher.get_by_text("+1.000").count() == 1
 
 
+@pytest.mark.full
 def test_a_page_that_comes_again_does_not_keep_alive_what_it_held_before(page, panel, board):
     """As when its network has changed, and nobody has told the panel that the first connection is dead."""
     hold(page, board)
@@ -224,6 +227,7 @@ def beat_until(socket, condition) -> None:
     wait_for(beat, "the motors to rest")
 
 
+@pytest.mark.full
 def test_a_network_that_keeps_everything_back_is_told(open_page, network):
     page = open_page(network.url)
     page.evaluate("window.scrollTo(0, document.body.scrollHeight)")
@@ -234,6 +238,7 @@ def test_a_network_that_keeps_everything_back_is_told(open_page, network):
     page.get_by_text("No connection to the panel.").wait_for(state="hidden")
 
 
+@pytest.mark.full
 def test_a_terminal_that_is_closed_ends_the_panel_as_a_service_manager_does(page, panel, board):
     hold(page, board)
     panel.process.send_signal(signal.SIGHUP)
@@ -241,6 +246,7 @@ def test_a_terminal_that_is_closed_ends_the_panel_as_a_service_manager_does(page
     assert not board.driving()
 
 
+@pytest.mark.full
 def test_a_panel_that_cannot_write_its_log_drives(open_page, board):
     panel = Panel(str(board.link), Path(os.devnull), program=PANEL)
     try:
@@ -250,6 +256,7 @@ def test_a_panel_that_cannot_write_its_log_drives(open_page, board):
         panel.kill()
 
 
+@pytest.mark.full
 def test_settings_that_a_stuck_network_has_kept_back_are_not_applied(open_page, network):
     page = open_page(network.url)
     page.get_by_text("What goes over the wire").click()
@@ -267,7 +274,7 @@ def test_settings_that_a_stuck_network_has_kept_back_are_not_applied(open_page, 
 @pytest.mark.skipif(not stop_socket.supported(), reason="no Unix sockets")
 def test_mirrormount_stop_works_while_the_panel_has_the_port_and_is_told_in_words(page, panel, board):
     hold(page, board)
-    run = run_cli("stop", "--port", str(board.link))
+    run = run_process("stop", "--port", str(board.link))
     assert run.returncode == 0, run.stderr
     wait_for_rest(board)
     page.locator(".news").get_by_text("another program of this computer asked for it (mirrormount stop)").wait_for()

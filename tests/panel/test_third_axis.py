@@ -5,8 +5,6 @@ from running import press
 from served import ServedBoard, wait_for
 from three_axes import make_board_files
 
-pytestmark = pytest.mark.wall_clock  # a page that stands still is stopped by design, and a busy computer lets it
-
 
 @pytest.fixture
 def panel_options() -> list[str]:
@@ -43,6 +41,7 @@ def test_the_third_axis_steps_runs_goes_home_and_has_its_settings(page):
     page.wait_for_function("""document.querySelector('[aria-label^="axis3: length of a step"]').value === "200000" """)
 
 
+@pytest.mark.full
 def test_stop_ends_the_third_axis(page):
     page.get_by_role("button", name="AXIS 3 PLUS").hover()
     page.mouse.down()

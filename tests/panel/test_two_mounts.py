@@ -78,6 +78,7 @@ def test_stop_stops_both(page, boards, how):
         expect(part(page, name).locator(".news")).to_contain_text("stopped: STOP was pressed")
 
 
+@pytest.mark.full
 def test_one_is_unplugged_while_the_other_works_and_is_back_when_it_is_plugged_in(page, boards, tmp_path):
     expect(axis(page, "first", "X · right and left")).to_have_text("+0.000")
     unplug(boards["first"])
@@ -92,6 +93,7 @@ def test_one_is_unplugged_while_the_other_works_and_is_back_when_it_is_plugged_i
     expect(axis(page, "first", "X · right and left")).to_have_text("+1.000")
 
 
+@pytest.mark.full
 def test_both_can_be_read_and_touched_and_nothing_is_cut_off(page, boards):
     expect(axis(page, "second", "Y · up and down")).to_have_text("+0.000")
     press(part(page, "second").get_by_label("UP", exact=True))
@@ -104,12 +106,14 @@ def test_both_can_be_read_and_touched_and_nothing_is_cut_off(page, boards):
             assert_readable(page, "first", "second", "arrow keys", "STOP ALL", "Go to")
 
 
+@pytest.mark.full
 def test_the_way_to_a_mount_leads_to_it_on_a_phone(page):
     page.set_viewport_size(PHONE)
     page.get_by_role("link", name="second").click()
     expect(part(page, "second").get_by_label("UP", exact=True)).to_be_in_viewport()
 
 
+@pytest.mark.full
 def test_one_that_is_not_there_is_told_and_looked_for(boards, table, tmp_path, open_page):
     unplug(boards["first"])
     panel = Panel(f"--table={table}", tmp_path, "--patience", "2")

@@ -8,7 +8,7 @@ import pytest
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "supervise.md"
 
 
-@pytest.mark.wall_clock
+@pytest.mark.wall_clock  # the example is stopped by design where it gets no processor for its patience
 def test_the_example_of_the_page_runs_and_prints_what_it_says(capsys):
     (example,) = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
     promised = re.findall(r"print\(.*\)  # (.*)", example)

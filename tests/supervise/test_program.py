@@ -3,7 +3,7 @@
 import threading
 
 import pytest
-from served import PATIENCE_S, ServedBoard, run_cli, wait_for
+from served import PATIENCE_S, ServedBoard, run_process, wait_for
 from three_axes import make_board_files
 
 from mirrormount.errors import BadValue, BoardError, ConnectionLost, MoveEnded, NotInControl
@@ -118,7 +118,7 @@ def test_a_program_that_hangs_is_stopped_and_loses_control(loop, board, told):
     assert "out of touch" in told[0] and "--patience" in told[0] and not loop.in_control
 
 
-@pytest.mark.wall_clock
+@pytest.mark.wall_clock  # a program that gets no processor for 0.35 s is stopped by design
 @pytest.mark.parametrize("patience_s", [0.35])
 def test_a_program_that_waits_for_its_motion_is_alive(loop, board):
     assert loop.step("x", 5).wait(PATIENCE_S).steps == 5
@@ -183,7 +183,7 @@ def test_a_stop_between_two_motions_is_not_lost(supervisor, loop, board):
 def test_mirrormount_stop_ends_the_motion_of_a_program(supervisor, loop, board):
     motion = loop.jog("x", 0.5)
     drives(board)
-    run = run_cli("stop", "--port", str(board.link))
+    run = run_process("stop", "--port", str(board.link))
     assert run.returncode == 0, run.stderr
     assert not board.driving()
     with pytest.raises(MoveEnded):
