@@ -4,7 +4,7 @@ A port is the hardware's verbs; tests/firmware/port_protocol.py lists them. The 
 port's or that of look.py, which returns as soon as a byte waits. docs/architecture.md walks through it.
 """
 
-from mountfw import codes, const, led, own_reply
+from mountfw import codes, const, led
 from mountfw.wire import receiver as wire
 from mountfw.wire.ticks import diff
 
@@ -12,6 +12,7 @@ _SPIN_US = const(3_000)  # a drive that ends within this is waited for: more tha
 _SOON_US = const(7_000)  # a pass that meets a burst may take so long: with this left, it reads few bytes at once
 _FREE_US = const(10_000)  # nothing is due for so long: a pass may read more, and take twice as long as others
 _SHOW_US = const(32_000)  # between two updates of the LED
+_SILENCE_US = const(2_000_000)  # after it the port is no longer known not to return what is sent
 _READ = const(64)  # bytes read at once
 _READ_MEANWHILE = const(16)  # the same in the middle of longer work
 _FEW = const(4)  # the same while something is due soon; and bytes sent in one pass
@@ -33,7 +34,7 @@ class App:
 
     built: "App | None" = None  # the one that build.py has made: repl.py continues with it
 
-    def __init__(self, port, controller, commands, receiver, frame, replies, own, gated, lane):
+    def __init__(self, port, controller, commands, receiver, frame, replies, gated, lane):
         self.controller = controller
         self.gated = gated
         self._commands = commands
@@ -41,7 +42,7 @@ class App:
         self.port = port
         self._receiver = receiver
         self._frame = frame
-        self._replies, self._own = replies, own
+        self._replies = replies
         self._lane, self._look = lane, lane.look
         self._ticks_us = port.ticks_us
         self.queries = commands.queries
@@ -57,6 +58,7 @@ class App:
     def run(self):
         """Run the loop for ever. An internal fault stops the motors, queues an error, and the loop continues."""
         self.poll_by(self.poll_input, self._read)  # again: _leave() has taken it away
+        self._replies.silence()
         try:
             self.gated.enter()
             self._feed = self.port.start_watchdog()
@@ -106,7 +108,8 @@ class App:
             self._shown_at = now_us
             led.show(self.port, self.controller)
             self._read(0)
-            self._own.tick(now_us)
+            if diff(now_us, self._receiver.received_at) >= _SILENCE_US:
+                self._replies.silence()
             if self._feed:
                 self._feed()
             self._read(0)  # a stop does not wait for this and for what follows
@@ -201,22 +204,20 @@ class App:
             self._commands.go_on()  # many short lines: half of their time is the pass around them
 
     def _dispatch(self, message):
-        """Execute a message of WaryReceiver.next() or gap()."""
+        """Execute a message of Receiver.next() or gap()."""
         controller = self.controller
         if message == wire.FRAME:
             frame = self._frame
             controller.frame(frame.m1, frame.m2)
-            if self._receiver.unparsed < _BEHIND and not self._own.muted:
+            if self._receiver.unparsed < _BEHIND:
                 self._replies.echo(frame.packed)  # best effort: one that does not fit is dropped
         elif message == wire.LINE:
             self._commands.start()
         elif message in _STOPS:
             controller.stop_all(_STOPS[message])
-        elif message >= own_reply.SUSPECT:
-            self._receiver.obey(message, controller, self._ticks_us())
         elif message:
-            controller.malformed(codes.MALFORMED if message == wire.MALFORMED else codes.LINE_TOO_LONG)
-            self._own.doubt()
+            controller.malformed(codes.LINE_TOO_LONG if message == wire.TOO_LONG else codes.MALFORMED)
+            self._replies.doubt(message == wire.RETURNED)
         if controller.inhibited and not self._receiver.stops_ahead and self.gated.released():
             controller.inhibit(codes.NONE_YET)
 
@@ -234,7 +235,7 @@ class App:
     def _idle(self, now_us, left_us):
         """Send replies, check timeouts, record positions: no input waits. Returns the next pass's sleep in ms."""
         if self._replies.waiting:
-            self._send(now_us)
+            self._send()
         self.gated.watch(self._receiver)
         looked_us = self._ticks_us()
         if self._heard():
@@ -265,7 +266,7 @@ class App:
         if self.controller.keep_alive_ms:
             due_us = self.controller.silence(now_us, self._receiver.received_at)
         if gap_us:
-            gap_us -= self._receiver.silent_us(now_us)
+            gap_us -= diff(now_us, self._receiver.received_at)
             if gap_us <= 0:
                 self._dispatch(self._receiver.gap())
                 return 0  # it may have begun a drive
@@ -276,12 +277,10 @@ class App:
             now_us = self._ticks_us()
         return min(left_us, due_us)
 
-    def _send(self, now_us):
+    def _send(self):
         """Send some bytes of the replies, if the host reads. Output never blocks."""
         left = _FEW
         while left and self._replies.waiting and self.port.writable():
             self.port.write(self._replies.read())
             self._read(0)
             left -= 1
-        if left < _FEW:
-            self._own.sent(now_us)

@@ -8,10 +8,10 @@ from mountfw.dialect.line import Line
 from mountfw.dialect.queries import About
 from mountfw.memory import presize
 from mountfw.motion.controller import Controller
-from mountfw.own_reply import OwnReply, WaryReceiver
 from mountfw.parts import make_axis, make_emergency_stop, make_lane
 from mountfw.store import Records
 from mountfw.wire.frame import Frame
+from mountfw.wire.receiver import Receiver
 from mountfw.wire.replies import Replies
 
 
@@ -26,11 +26,10 @@ def build(port, board):
         raise ValueError(wrong)
     error_queue = ErrorQueue()
     cause = port.reset_cause()
-    own = OwnReply(port.pack)
-    replies = Replies(own)
+    replies = Replies()
     frame = Frame(port.pack)
     line = Line()
-    receiver = WaryReceiver(frame, line, port.pack, own)  # its ring needs 4 KB in one piece: before encoders are loaded
+    receiver = Receiver(frame, line, port.pack)  # its ring needs 4 KB in one piece: before encoders are loaded
     parts = port, board, error_queue, receiver
     axes = [make_axis(i + 1, pins, *parts) for i, pins in enumerate(boards.axes(board))]
     emergency_stop = make_emergency_stop(port, board)
@@ -43,8 +42,8 @@ def build(port, board):
         port.on_rise(board.EMERGENCY_STOP, controller.guard)
     commands = Commands(controller, line, replies, about)
     gated = extras.Gated(port.gate(board) if hasattr(port, "gate") else None, controller, about)
-    lane = make_lane(port, board, controller, receiver, frame, own, replies, commands)
-    app = App(port, controller, commands, receiver, frame, replies, own, gated, lane)
-    presize([receiver, frame, replies, own, controller], axes)
+    lane = make_lane(port, board, controller, receiver, frame, replies, commands)
+    app = App(port, controller, commands, receiver, frame, replies, gated, lane)
+    presize([receiver, frame, replies, controller], axes)
     App.built = app
     return app

@@ -24,11 +24,10 @@ _LONG_MS = const(100)  # ... where a run may take this or more
 
 
 class Lane:
-    """Of a controller's first two axes. own is an OwnReply; replies and commands are those of the loop."""
+    """Of a controller's first two axes. replies and commands are those of the loop."""
 
-    def __init__(self, controller, frame, own, replies, commands):
+    def __init__(self, controller, frame, replies, commands):
         self.axes = controller.axes[:2]
-        self.own = own
         self.commands = commands  # look() takes no frame while they are busy
         self.woke_at = 0
         self.which = 0  # 0 or 1: the axis whose frames are being booked, ...
@@ -50,7 +49,7 @@ class Lane:
         self._book(0, self._frame.m1)
         self._book(1, self._frame.m2)
         self.log[_WAITING] = 0
-        if not self.last and not self.own.muted:
+        if not self.last:
             self._replies.echo(packed)  # best effort: one that does not fit is dropped
 
     def linger(self):

@@ -50,9 +50,9 @@ def make_emergency_stop(port, board):
     return emergency_stop
 
 
-def make_lane(port, board, controller, receiver, frame, own, replies, commands):
+def make_lane(port, board, controller, receiver, frame, replies, commands):
     """The Lane of these, with the port's own look() or that of Look."""
-    lane = extras.Lane(controller, frame, own, replies, commands)
+    lane = extras.Lane(controller, frame, replies, commands)
     if hasattr(port, "look"):
         port.look(lane, receiver, board)
     else:

@@ -9,7 +9,6 @@ from rig import Port, Rig
 from mountfw.wire import frame
 from mountfw.wire.ticks import diff
 
-LINE_ENDS = b"\r\n^"
 WAITING, FIRST, EACH = 0, 4, 3  # places in a Lane's log
 
 
@@ -62,8 +61,7 @@ class LaneLook:
             if stop or receiver.unparsed < 8 or wait_ms < 0:
                 break
             at = receiver.write - receiver.unparsed
-            c = receiver.ring[at + 8 & receiver.mask] if receiver.unparsed > 8 else 0
-            if not self.obeyed(at, c):
+            if not self.obeyed(at):
                 break
             receiver.unparsed -= 8
             receiver.ahead = 0
@@ -72,11 +70,9 @@ class LaneLook:
             most += 8
         return stop if came else -1
 
-    def obeyed(self, at, c):
+    def obeyed(self, at):
         lane = self.lane
         receiver = self.receiver
-        if c and c in LINE_ENDS:
-            return False
         packed = frame.pack(receiver.ring, at, receiver.mask)
         log = lane.log
         n = log[WAITING]
@@ -88,7 +84,7 @@ class LaneLook:
                 return False
             if receiver.state or lane.commands.busy:
                 return False
-        if drive.emergency or lane.own.wary >> packed % 29 & 1:
+        if drive.emergency:
             return False
         place = FIRST + EACH * n
         log[place] = packed

@@ -56,7 +56,7 @@ def obey(rig: LaneRig, m1: int, m2: int) -> bool:
     for c in b"%c%03d%c%03d" % (b"0-"[m1 < 0], abs(m1), b"0-"[m2 < 0], abs(m2)):
         receiver.ring[receiver.write] = c
         receiver.write = receiver.write + 1 & receiver.mask
-    return rig.looks.obeyed(start, 0)
+    return rig.looks.obeyed(start)
 
 
 def session(seed: int) -> None:

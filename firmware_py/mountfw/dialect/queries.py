@@ -2,6 +2,7 @@
 
 from mountfw import __version__, codes
 from mountfw.motion.position import rounded
+from mountfw.settings import MAX_STEPS
 
 _VERSION = __version__.encode()
 
@@ -61,7 +62,7 @@ class Queries:
         self._replies.add(axis.position.target)
 
     def position(self, axis):
-        self._replies.add(rounded(axis.position_now()))
+        self._replies.add(max(-MAX_STEPS, min(MAX_STEPS, rounded(axis.position_now()))))  # a run may end beyond
 
     def defined(self, axis):
         self._replies.add(axis.position.defined)

@@ -120,12 +120,20 @@ class Axis(Actions):
 
     def steps(self, n):
         """Move by n steps: n pulses, each with its rest."""
+        if not -MAX_STEPS <= n <= MAX_STEPS:
+            self.error(codes.AXIS_OUT_OF_RANGE)
+            return False
+        if not self._steps(n):
+            return False
+        self.last_relative = n
+        return True
+
+    def _steps(self, n):
         if not self.handle(ASK, 0):
             return False
         target = rounded(self.position_now()) + n
         if self.out_of_reach(target, target):
             return False
-        self.last_relative = n
         self._begin_pulses(n, self.pulse_us, target)
         return True
 
@@ -149,7 +157,7 @@ class Axis(Actions):
         n = steps - self.position.millisteps // 1000
         if part > 500 or (part == 500 and n <= 0):  # halves go away from zero
             n -= 1
-        if not self.steps(n):
+        if not self._steps(n):
             return False
         self.position.target = steps
         return True

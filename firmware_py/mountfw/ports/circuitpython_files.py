@@ -83,7 +83,7 @@ def firmware_hash():
         if total and file_hash:
             total.update(name.encode())
             total.update(file_hash.digest())
-    yield binascii.hexlify(total.digest()) if total else b"crc32-%08x" % (crc & 0xFFFFFFFF)
+    yield b"sha256-" + binascii.hexlify(total.digest()) if total else b"crc32-%08x" % (crc & 0xFFFFFFFF)
 
 
 def _sha256():

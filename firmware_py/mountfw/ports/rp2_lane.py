@@ -142,7 +142,7 @@ class look:  # in lower case, for it is a verb of this port
         if getattr(board, "LANE", True) and isinstance(self._drive1.bridge, EnableBridge):
             self._most = (len(lane.log) - _FIRST) // 3
             self._words1, self._words2 = self._drive1.bridge.words, self._drive2.bridge.words
-        self._lane, self._own, self._log, self._commands = lane, lane.own, lane.log, lane.commands
+        self._lane, self._log, self._commands = lane, lane.log, lane.commands
         self._receiver, self._ring = receiver, receiver.ring
         self.interrupts = interrupts()
         self._pure = lane.sum
@@ -232,8 +232,7 @@ class look:  # in lower case, for it is a verb of this port
                 continue
             if stop or unparsed < 8 or wait_ms < 0:
                 break
-            c = ring[(at - unparsed + 8) & mask] if unparsed > 8 else 0
-            if int(self._obeyed(at - unparsed, c, mask)) == 0:
+            if int(self._obeyed(at - unparsed, mask)) == 0:
                 break
             unparsed -= 8
             receiver.ahead = 0
@@ -305,11 +304,11 @@ class look:  # in lower case, for it is a verb of this port
                 position.certainty = int(codes.ESTIMATED)
 
     @micropython.viper
-    def _obeyed(self, at: int, c: int, mask: int) -> int:
-        """Drive at the frame in the ring from place `at` on, if it may; c is behind it, or 0. Returns 1 if it did."""
+    def _obeyed(self, at: int, mask: int) -> int:
+        """Drive at the frame in the ring from place `at` on, if it may. Returns 1 if it did."""
         log = ptr32(self._log)
         n = log[_WAITING]
-        if n == int(self._most) or c == 10 or c == 13 or c == 0x5E:  # a line end: it may be the board's own reply
+        if n == int(self._most):
             return 0
         packed = int(pack(self._ring, at, mask))
         if packed < 0 or packed & 0x3FCFF == 0:
@@ -320,7 +319,7 @@ class look:  # in lower case, for it is a verb of this port
             c = int(drive1.inhibited) | int(drive1.on_flash) | int(drive1.watched) | int(drive2.watched)
             if c | int(self._receiver.state) | int(self._commands.busy):  # a message before it is not done
                 return 0
-        if int(drive1.emergency) or int(self._own.wary) >> (packed % 29) & 1:  # that is one switch for both
+        if int(drive1.emergency):  # that is one switch for both
             return 0
         n1 = packed >> 10 & 0xFF
         n2 = packed & 0xFF

@@ -12,6 +12,7 @@ from mirrormount.device import settings
 from mirrormount.device.encoder import Encoded
 from mirrormount.device.moves import Progress
 from mirrormount.device.status import Homed, Limits, table
+from mountfw.settings import MAX_STEPS
 
 _SOFT_LIMITS_CHECKED = 8  # the bit of ZH
 
@@ -35,7 +36,7 @@ class Axis(Encoded):
 
     def zero(self, steps: int = 0) -> None:
         """Define the present position as `steps`; from here on it is counted. Raises BadValue as step() does."""
-        steps = whole_number(steps, 1_000_000, "position")
+        steps = whole_number(steps, MAX_STEPS, "position")
         self._check_units(*self.ask_whole("SN?"))
         self._session.send(f"{self.number}DH{steps}")
 

@@ -8,7 +8,7 @@ from mirrormount.device import settings
 from mirrormount.device.moves import Moves
 from mountfw import codes as wire
 
-_WRAP = 1 << 30  # of the board's counts
+_WRAP = 1 << 20  # of the board's counts
 _APPROACH = 3  # steps that bring the gears to one side of their play, which an encoder behind them sees
 _STEPS = 10  # that are counted, each way
 _LEAST = 4  # counts of a step: with fewer no loop can be closed
@@ -55,7 +55,7 @@ class Encoded(Moves):
 
     @property
     def counts(self) -> int:
-        """What the encoder has counted, from an arbitrary zero; wraps at 2^29.
+        """What the encoder has counted, from an arbitrary zero; wraps at 2^19.
 
         Raises NotSupported without one, EncoderFault if it does not answer or sees no magnet.
         """

@@ -12,6 +12,7 @@ from mirrormount.device.axis_properties import AxisProperties
 from mirrormount.device.session import Session
 from mirrormount.device.status import AxisStatus, Ended
 from mountfw import codes as wire
+from mountfw.settings import MAX_STEPS
 
 Progress = Callable[[AxisStatus], None]  # called with each status during a wait
 
@@ -53,7 +54,7 @@ class Moves(AxisProperties):
         Raises BadValue, BoardError if refused, MoveEnded if an end-stop, a limit or somebody else
         ended it, ConnectionLost, NoAnswer.
         """
-        n = whole_number(n, 1_000_000, "steps")
+        n = whole_number(n, MAX_STEPS, "steps")
         self._move("PR", n, n, wait, feed, progress, by_sight=by_sight)
 
     def pulse(
@@ -87,11 +88,11 @@ class Moves(AxisProperties):
         steps = self._steps_of(position, unit)
         if not wait:
             target = whole_number(
-                steps if unit == units.STEPS else round(steps), 1_000_000, "position, without waiting,"
+                steps if unit == units.STEPS else round(steps), MAX_STEPS, "position, without waiting,"
             )
             self._move("PA", target, round(target - self.position), wait, feed, progress)
             return target
-        wanted = real_number(steps, 1_000_000, "position")
+        wanted = real_number(steps, MAX_STEPS, "position")
         stops = self._session.gate.last_stop()
         n, part_us = self.parts_to(wanted)
         with self._session.stopped_by_interrupt():
@@ -105,7 +106,7 @@ class Moves(AxisProperties):
         if units.check(unit) == units.STEPS:
             return position
         amount = real_number(position, _MOST_AMOUNT, f"a position in {unit}")
-        return real_number(amount / self.per_step(unit), 1_000_000, f"{amount:g} {unit} in steps")
+        return real_number(amount / self.per_step(unit), MAX_STEPS, f"{amount:g} {unit} in steps")
 
     def move_by(
         self, amount: float, unit: str = units.STEPS, *, wait: bool = True, progress: Progress | None = None
@@ -119,7 +120,7 @@ class Moves(AxisProperties):
         """
         amount = real_number(amount, _MOST_AMOUNT, f"an amount in {units.check(unit)}")
         if unit == units.STEPS and (not wait or isinstance(amount, int)):
-            self.step(whole_number(amount, 1_000_000, "steps"), wait=wait, progress=progress)
+            self.step(whole_number(amount, MAX_STEPS, "steps"), wait=wait, progress=progress)
             return amount
         stops = self._session.gate.last_stop()
         n, part_us, worth = self.parts_of(amount, unit, whole=not wait)
@@ -138,7 +139,7 @@ class Moves(AxisProperties):
         amount = real_number(amount, _MOST_AMOUNT, f"an amount in {units.check(unit)}")
         pulse_us, duty, inverted = self.ask_whole("XP?", "XD?", "XI?")
         per_step = 1.0 if unit == units.STEPS else self._per_step(unit, amount, (pulse_us, duty, inverted))
-        steps = real_number(amount / per_step, 1_000_000, f"{amount:g} {unit} in steps")
+        steps = real_number(amount / per_step, MAX_STEPS, f"{amount:g} {unit} in steps")
         n, part_us = (round(steps), 0) if whole else _split(steps, pulse_us)
         if not (n or part_us) and amount:
             least = per_step * (0.5 if whole else _SHORTEST_US / pulse_us)
@@ -150,7 +151,7 @@ class Moves(AxisProperties):
 
         Raises BadValue.
         """
-        steps = real_number(steps, 1_000_000, "position")
+        steps = real_number(steps, MAX_STEPS, "position")
         (pulse_us,) = self.ask_whole("XP?")
         left = round(steps * 1000) - round(self.position * 1000)  # thousandths of a step
         return _split(left / 1000, pulse_us)
