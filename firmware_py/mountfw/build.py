@@ -1,14 +1,15 @@
 """Composes the firmware: build() makes an App of a port (the hardware's verbs) and a board file. Runs once."""
 
-from mountfw import board_file, boards, codes, extras
-from mountfw.app import App
+from mountfw import board_file, boards, codes
+from mountfw.app import App, Input
 from mountfw.dialect.commands import Commands
 from mountfw.dialect.error_queue import ErrorQueue
 from mountfw.dialect.line import Line
 from mountfw.dialect.queries import About
 from mountfw.memory import presize
 from mountfw.motion.controller import Controller
-from mountfw.parts import make_axis, make_emergency_stop, make_lane
+from mountfw.motion.gate import Gated
+from mountfw.parts import make_axis, make_emergency_stop
 from mountfw.store import Records
 from mountfw.wire.frame import Frame
 from mountfw.wire.receiver import Receiver
@@ -41,9 +42,10 @@ def build(port, board):
     if emergency_stop.fitted:
         port.on_rise(board.EMERGENCY_STOP, controller.guard)
     commands = Commands(controller, line, replies, about)
-    gated = extras.Gated(port.gate(board) if hasattr(port, "gate") else None, controller, about)
-    lane = make_lane(port, board, controller, receiver, frame, replies, commands)
-    app = App(port, controller, commands, receiver, frame, replies, gated, lane)
+    gated = Gated(port.gate(board) if hasattr(port, "gate") else None, controller, about)
+    parts = controller, receiver, frame, replies, commands
+    source = port.lane(*parts, board) if hasattr(port, "lane") else Input(port, receiver)
+    app = App(port, controller, commands, receiver, frame, replies, gated, source)
     presize([receiver, frame, replies, controller], axes)
     App.built = app
     return app

@@ -1,8 +1,7 @@
-"""Makes the parts that differ from board to board: bridges, axes, emergency stop, lane. Imports whatever they are of;
+"""Makes the parts that differ from board to board: bridges, axes, emergency stop. Imports whatever they are of;
 what is not fitted is not loaded. Needed while a board starts, only.
 """
 
-from mountfw import extras
 from mountfw.board_file import BRIDGES
 from mountfw.boards import DRIVES
 from mountfw.end_stop import EndStop
@@ -48,15 +47,3 @@ def make_emergency_stop(port, board):
     emergency_stop = EndStop(port.reader(number))
     emergency_stop.fitted = number is not None
     return emergency_stop
-
-
-def make_lane(port, board, controller, receiver, frame, replies, commands):
-    """The Lane of these, with the port's own look() or that of Look."""
-    lane = extras.Lane(controller, frame, replies, commands)
-    if hasattr(port, "look"):
-        port.look(lane, receiver, board)
-    else:
-        from mountfw.look import Look  # no place in a memory that has another one
-
-        lane.look = Look(port, lane, receiver).look  # pyright: ignore[reportAttributeAccessIssue]
-    return lane

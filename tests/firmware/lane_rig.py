@@ -6,6 +6,7 @@ Runs under CPython and under MicroPython.
 from gate_rig import GatedPort
 from rig import Port, Rig
 
+from mountfw.ports.lane import Lane
 from mountfw.wire import frame
 from mountfw.wire.ticks import diff
 
@@ -17,17 +18,16 @@ def speed_of(packed, which):
     return -(n & 0xFF) if n & 0x200 else n & 0xFF
 
 
-class LaneLook:
-    """As rp2_lane.look, on a rig's port."""
+class LaneInput(Lane):
+    """As rp2_lane.lane, on a rig's port."""
 
-    def __init__(self, port, lane, receiver):
+    def __init__(self, port, *parts):
+        super().__init__(*parts)
         self.port = port
-        self.lane = lane
-        self.receiver = receiver
         self.taken = 0  # frames, ever
 
-    def look(self, most, wait_ms):
-        lane = self.lane
+    def read(self, most, wait_ms):
+        lane = self
         port = self.port
         receiver = self.receiver
         came = waits = port.any(max(0, wait_ms))
@@ -71,7 +71,7 @@ class LaneLook:
         return stop if came else -1
 
     def obeyed(self, at):
-        lane = self.lane
+        lane = self
         receiver = self.receiver
         packed = frame.pack(receiver.ring, at, receiver.mask)
         log = lane.log
@@ -108,13 +108,13 @@ class LaneLook:
 
 
 class LanePort(Port):
-    def look(self, lane, receiver, board):
-        self.looks = LaneLook(self, lane, receiver)
-        lane.look = self.looks.look
+    def lane(self, controller, receiver, frame, replies, commands, board):
+        self.looks = LaneInput(self, controller, receiver, frame, replies, commands)
+        return self.looks
 
 
 class LaneAndGatePort(GatedPort):
-    look = LanePort.look
+    lane = LanePort.lane
 
 
 class LaneRig(Rig):

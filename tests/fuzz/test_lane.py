@@ -100,11 +100,11 @@ def session(seed: int) -> None:
             core.controller.frame(*speeds)
             assert obey(lane, *speeds), seed
             assert lane.drives() == core.drives(), seed
-        if not lane.app._lane.log[0]:
+        if not lane.app._input.log[0]:
             continue
         for rig in rigs:
             rig.port.still_us = now + 500
-        lane.app._lane.book()
+        lane.app._input.book()
         a, b = told(core), told(lane)
         assert a == b, f"seed {seed}:\n core {a}\n lane {b}"
         assert not core.controller.errors.waiting and not lane.controller.errors.waiting

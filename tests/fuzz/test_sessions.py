@@ -33,7 +33,7 @@ def session(random_: random.Random) -> list[tuple[int, int]]:
 
 def note_events(rig: Rig, events: list[tuple]) -> None:
     """Write down what the app hands to the controller, and what the lane has obeyed."""
-    controller, dispatch, book = rig.controller, rig.app._dispatch, rig.app._lane.book
+    controller, dispatch, book = rig.controller, rig.app._dispatch, rig.app._input.book
     words = {1: "stop", 2: "zeros", 5: "bad", 6: "long", 7: "returned"}
 
     def noted(message: int) -> None:
@@ -47,15 +47,15 @@ def note_events(rig: Rig, events: list[tuple]) -> None:
         if not rig.app._receiver.stops_ahead:
             assert not controller.axes[0].drive.inhibited
 
-    def booked() -> None:
-        log = rig.app._lane.log
+    def booked() -> bool:
+        log = getattr(rig.app._input, "log", [0])
         for i in range(log[WAITING]):
             rig.app._frame.unpack(log[FIRST + EACH * i])
             events.append(("frame", rig.app._frame.m1, rig.app._frame.m2))
-        book()
+        return book()
 
     rig.app._dispatch = noted
-    rig.app._lane.book = booked
+    rig.app._input.book = booked
 
 
 def play(rig: Rig, data: list[tuple[int, int]]) -> None:

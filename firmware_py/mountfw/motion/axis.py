@@ -113,7 +113,6 @@ class Axis(Actions):
         if self.state < RUN:
             return self.position.millisteps
         self.count(False)
-        self.poll_input()
         return self.position.now(self.drive.direction)
 
     # ---- moves; False: refused, and an error says why
@@ -284,8 +283,6 @@ class Axis(Actions):
                 self.resting = diff(self.next_at, now_us) > 0
             return NEVER_US
         drive = self.drive
-        if drive.was_cut:
-            self.poll_input()  # it may just have ended
         if drive.emergency:
             self.handle(END, codes.EMERGENCY_STOP)
         elif state <= REST:

@@ -42,7 +42,7 @@ rp2_gate = None
 if getattr(sys, "platform", "") == "rp2" and getattr(sys.implementation, "_machine", "").endswith("RP2040"):
     from mountfw.ports import rp2_gate
     from mountfw.ports.rp2_gate import DutyPin
-    from mountfw.ports.rp2_lane import EnableBridge, look  # noqa: F401 (verbs, too)
+    from mountfw.ports.rp2_lane import EnableBridge, lane  # noqa: F401 (verbs, too)
 else:
     from mountfw.ports.micropython_drain import any, drain  # noqa: F401 (verbs, too)
     from mountfw.ports.micropython_pin import DutyPin
