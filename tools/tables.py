@@ -17,6 +17,7 @@ from mirrormount.device.settings import ENCODER, SETTINGS
 from mirrormount.errors import doc_texts, one_line
 from mountfw import codes
 from mountfw.board_file import FILE_OF
+from mountfw.wire.frame import PROBE
 
 ROOT = Path(__file__).resolve().parent.parent
 FIRMWARE = ROOT / "firmware_py" / "mountfw"
@@ -99,7 +100,9 @@ def _kind(c: int) -> int:
     if 0x41 <= c & 0xDF <= 0x5A:
         return 1
     kind = {0x0D: "\n", 0x2D: "+"}.get(c, chr(c))
-    return _KINDS.find(kind if kind in _KINDS else ",") if kind in _KINDS or 0x22 <= c < 0x7F else _OTHER
+    return (
+        _KINDS.find(kind if kind in _KINDS else ",") if kind in _KINDS or (0x22 <= c < 0x7F and c != PROBE) else _OTHER
+    )
 
 
 def _bytes(data: Iterable[int]) -> Iterator[str]:

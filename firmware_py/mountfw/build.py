@@ -1,16 +1,17 @@
 """Composes the firmware: build() makes an App of a port (the hardware's verbs) and a board file. Runs once."""
 
-from mountfw import board_file, boards, codes, extras
-from mountfw.app import App
+from mountfw import board_file, boards, codes
+from mountfw.app import App, Input
 from mountfw.dialect.commands import Commands
 from mountfw.dialect.error_queue import ErrorQueue
 from mountfw.dialect.line import Line
 from mountfw.dialect.queries import About
 from mountfw.motion.controller import Controller
-from mountfw.own_reply import OwnReply, WaryReceiver
-from mountfw.parts import make_axis, make_emergency_stop, make_lane
+from mountfw.motion.gate import Gated
+from mountfw.parts import make_axis, make_emergency_stop
 from mountfw.store import Records
 from mountfw.wire.frame import Frame
+from mountfw.wire.receiver import Receiver
 from mountfw.wire.replies import Replies
 
 
@@ -25,11 +26,10 @@ def build(port, board):
         raise ValueError(wrong)
     error_queue = ErrorQueue()
     cause = port.reset_cause()
-    own = OwnReply(port.pack)
-    replies = Replies(own)
+    replies = Replies()
     frame = Frame(port.pack)
     line = Line()
-    receiver = WaryReceiver(frame, line, port.pack, own)
+    receiver = Receiver(frame, line, port.pack)  # its ring needs 4 KB in one piece: before encoders are loaded
     parts = port, board, error_queue, receiver
     axes = [make_axis(i + 1, pins, *parts) for i, pins in enumerate(boards.axes(board))]
     emergency_stop = make_emergency_stop(port, board)
@@ -41,8 +41,9 @@ def build(port, board):
     if emergency_stop.fitted:
         port.on_rise(board.EMERGENCY_STOP, controller.guard)
     commands = Commands(controller, line, replies, about)
-    gated = extras.Gated(port.gate(board) if hasattr(port, "gate") else None, controller, about)
-    lane = make_lane(port, board, controller, receiver, frame, own, replies, commands)
-    app = App(port, controller, commands, receiver, frame, replies, own, gated, lane)
+    gated = Gated(port.gate(board) if hasattr(port, "gate") else None, controller, about)
+    parts = controller, receiver, frame, replies, commands
+    source = port.lane(*parts, board) if hasattr(port, "lane") else Input(port, receiver)
+    app = App(port, controller, commands, receiver, frame, replies, gated, source)
     App.built = app
     return app

@@ -75,7 +75,8 @@ MALFORMED = _error(60, b"MALFORMED INPUT: MOTORS STOPPED")
 line. It may have been a damaged stop, so both motors were stopped.
 
 Remedy: If it repeats: cable, baud rate, two programs on one port, a frame that is not padded to `sddd sddd`. End
-every frame with a line feed.
+every frame with a line feed. A port in a terminal's default mode returns what the board sends, which stops it, too:
+`stty -F PORT raw -echo`, before anything is written to the port.
 """
 
 LINE_TOO_LONG = _error(61, b"LINE TOO LONG: MOTORS STOPPED")
@@ -126,14 +127,6 @@ non-volatile memory refuses, or has no room.
 Remedy: Free some space on the board (`mpremote fs ls`), or redeploy; then again.
 """
 
-OWN_REPLY = _error(68, b"OWN REPLY RECEIVED: MOTORS STOPPED")
-"""What the board had just sent came back to it: the port is in a terminal's default mode and echoes. The reply to a
-frame is that frame, so it would have driven again; both motors were stopped, and frames get no reply for a second.
-
-Remedy: `stty -F PORT raw -echo` before anything is written to the port, or use a program that opens it raw
-(`mirrormount` does). On a port that does not echo: a frame was followed by its own first number alone on a line.
-"""
-
 SETTINGS_LEFT_OUT = _error(69, b"SETTINGS WITHOUT AN AXIS LEFT OUT")
 """The flash has settings that no axis has: of a newer firmware, an encoder or an axis. All others are in use.
 
@@ -143,7 +136,7 @@ Remedy: Put that firmware or board file back, or save what is left (`SM`).
 # ---- errors of one axis
 
 AXIS_OUT_OF_RANGE = _axis_error(1, b"OUT OF RANGE")
-"""A target beyond ±1 000 000 steps (in counts ±9 999 998, or 250 s of one drive), or a run to the edge of counting.
+"""A target beyond ±999 999 steps (in counts ±9 999 998, or 250 s of one drive), a move by more, or a run to that edge.
 
 Remedy: Check the number; define a nearer zero with `DH`; go a long way in counts by several moves.
 """

@@ -1,12 +1,11 @@
-"""Makes the parts that differ from board to board: bridges, axes, emergency stop, lane."""
+"""Makes the parts that differ from board to board: bridges, axes, emergency stop."""
 
-from mountfw import bridges, extras
+from mountfw import bridges
 from mountfw.board_file import BRIDGES
 from mountfw.boards import DRIVES
 from mountfw.encoder.axis import EncodedAxis
 from mountfw.end_stop import EndStop
 from mountfw.homing import Homing
-from mountfw.look import Look
 from mountfw.motion.axis import Axis
 
 
@@ -40,13 +39,3 @@ def make_emergency_stop(port, board):
     emergency_stop = EndStop(port.reader(number))
     emergency_stop.fitted = number is not None
     return emergency_stop
-
-
-def make_lane(port, board, controller, receiver, frame, own, replies, commands):
-    """The Lane of these, with the port's own look() or that of Look."""
-    lane = extras.Lane(controller, frame, own, replies, commands)
-    if hasattr(port, "look"):
-        port.look(lane, receiver, board)
-    else:
-        lane.look = Look(port, lane, receiver).look  # pyright: ignore[reportAttributeAccessIssue]
-    return lane

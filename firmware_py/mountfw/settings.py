@@ -12,7 +12,7 @@ A compiler drops such a text, so it takes no memory of a board; the host reads i
 # a Settings is a part of an axis
 # pyright: reportAttributeAccessIssue=false
 
-MAX_STEPS = 1_000_000  # either way; millisteps then still fit a small integer
+MAX_STEPS = 999_999  # either way: `-1000000` would be a frame if it came back (wire/replies.py)
 _REST_US = 1_000  # least rest after a pulse
 
 # flags of a setting

@@ -11,7 +11,7 @@ the position is unknown. That bounds the flash's wear, too: not more than one re
 from binascii import crc32
 
 from mountfw import codes, const
-from mountfw.settings import allowed, entries_of, named
+from mountfw.settings import MAX_STEPS, allowed, entries_of, named
 from mountfw.wire.ticks import diff
 
 _RENAMED = {"move_limit_ms": "search_limit_ms"}  # what an older firmware has saved
@@ -66,6 +66,8 @@ def restore_position(axis, numbers):
     for n in numbers:
         if not -(1 << 30) <= n < 1 << 30:
             raise ValueError
+    if not (-MAX_STEPS <= target <= MAX_STEPS and -MAX_STEPS <= defined <= MAX_STEPS):
+        raise ValueError
     p = axis.position
     if step != p.step or inverted != axis.inverted:
         return
@@ -159,6 +161,8 @@ class Records:
             entry = axis and named(name, entries_of(axis))
             if axis is None or entry is None:
                 continue
+            if name.startswith("soft_"):  # an older firmware allowed a step more
+                value = max(-MAX_STEPS, min(MAX_STEPS, value))
             if not allowed(entry, value) or (name == "switches" and not axis.can_fit(value)):
                 return None
             values.append((number, name, value))

@@ -6,10 +6,10 @@ Runs under CPython and under MicroPython.
 from gate_rig import GatedPort
 from rig import Port, Rig
 
+from mountfw.ports.lane import Lane
 from mountfw.wire import frame
 from mountfw.wire.ticks import diff
 
-LINE_ENDS = b"\r\n^"
 WAITING, FIRST, EACH = 0, 4, 3  # places in a Lane's log
 
 
@@ -18,17 +18,16 @@ def speed_of(packed, which):
     return -(n & 0xFF) if n & 0x200 else n & 0xFF
 
 
-class LaneLook:
-    """As rp2_lane.look, on a rig's port."""
+class LaneInput(Lane):
+    """As rp2_lane.lane, on a rig's port."""
 
-    def __init__(self, port, lane, receiver):
+    def __init__(self, port, *parts):
+        super().__init__(*parts)
         self.port = port
-        self.lane = lane
-        self.receiver = receiver
         self.taken = 0  # frames, ever
 
-    def look(self, most, wait_ms):
-        lane = self.lane
+    def read(self, most, wait_ms):
+        lane = self
         port = self.port
         receiver = self.receiver
         came = waits = port.any(max(0, wait_ms))
@@ -62,8 +61,7 @@ class LaneLook:
             if stop or receiver.unparsed < 8 or wait_ms < 0:
                 break
             at = receiver.write - receiver.unparsed
-            c = receiver.ring[at + 8 & receiver.mask] if receiver.unparsed > 8 else 0
-            if not self.obeyed(at, c):
+            if not self.obeyed(at):
                 break
             receiver.unparsed -= 8
             receiver.ahead = 0
@@ -72,11 +70,9 @@ class LaneLook:
             most += 8
         return stop if came else -1
 
-    def obeyed(self, at, c):
-        lane = self.lane
+    def obeyed(self, at):
+        lane = self
         receiver = self.receiver
-        if c and c in LINE_ENDS:
-            return False
         packed = frame.pack(receiver.ring, at, receiver.mask)
         log = lane.log
         n = log[WAITING]
@@ -88,7 +84,7 @@ class LaneLook:
                 return False
             if receiver.state or lane.commands.busy:
                 return False
-        if drive.emergency or lane.own.wary >> packed % 29 & 1:
+        if drive.emergency:
             return False
         place = FIRST + EACH * n
         log[place] = packed
@@ -112,13 +108,13 @@ class LaneLook:
 
 
 class LanePort(Port):
-    def look(self, lane, receiver, board):
-        self.looks = LaneLook(self, lane, receiver)
-        lane.look = self.looks.look
+    def lane(self, controller, receiver, frame, replies, commands, board):
+        self.looks = LaneInput(self, controller, receiver, frame, replies, commands)
+        return self.looks
 
 
 class LaneAndGatePort(GatedPort):
-    look = LanePort.look
+    lane = LanePort.lane
 
 
 class LaneRig(Rig):

@@ -35,7 +35,7 @@ class Port(Protocol):
     def drain(self, receiver: Any, most: int) -> int:
         """Hand at most `most` bytes that wait to the receiver, no further than to a stop. Returns that stop, or 0.
 
-        A board with a look() needs none.
+        A board with an input of its own needs none.
         """
         ...
 
@@ -119,8 +119,8 @@ class OptionalVerbs(Protocol):
         It has enter(), leave(), release(), differs(), recount() and axes, each with end_at(), clock() and ended().
         """
 
-    def look(self, lane: Any, receiver: Any, board: Any) -> None:
-        """Set a Lane's look(), and maybe sum(), to faster code that does the same (docs/lane.md)."""
+    def lane(self, controller: Any, receiver: Any, frame: Any, replies: Any, commands: Any, board: Any) -> Any:
+        """An input of the port's own, which may drive at frames (docs/lane.md), instead of app.Input."""
 
 
 class EntryPort(Port, Protocol):

@@ -12,7 +12,7 @@ import sys
 TESTS = (
     "test_wire",
     "test_health",
-    "test_own_reply",
+    "test_returned",
     "test_dialect",
     "test_board_file",
     "test_stops",

@@ -45,7 +45,7 @@ def stopped(rig):
 
 def leave_at(rig, number) -> bool:
     """Ctrl-C at look `number`, counted from now. False if the next 40 ms have fewer."""
-    look, looks = rig.app._look, 0
+    look, looks = rig.app._input.read, 0
 
     def interrupted(most, wait_ms):
         nonlocal looks
@@ -54,11 +54,11 @@ def leave_at(rig, number) -> bool:
             raise KeyboardInterrupt
         return look(most, wait_ms)
 
-    rig.app._look = interrupted
+    rig.app._input.read = interrupted
     try:
         rig.run(40_000)
     except KeyboardInterrupt:
-        rig.app._look = look
+        rig.app._input.read = look
         rig.app._leave(codes.ABORTED)
         return True
     return False

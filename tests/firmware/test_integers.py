@@ -71,11 +71,11 @@ def test_integers_stay_small_in_a_session_of_everything_over_a_wrap_of_the_clock
 def test_integers_stay_small_at_the_extremes_of_every_setting():
     extremes = (
         b"1XP2000000;1XD255;1XV255;1XM400000;1XT400000;1DH999999.5;XK60000\n",
-        b"1XP200;1XD1;1XV255;1XM400000;1XT400000;1DH-1000000;XK60000\n",
+        b"1XP200;1XD1;1XV255;1XM400000;1XT400000;1DH-999999;XK60000\n",
         b"1XP2000000;1XD255;1XV1;1VA0.01;1DH0\n",
     )
     for settings in extremes:
-        for motion in (b"1MV+\n", b"1MV-\n", b"1PR1\n", b"1PA1000000\n", b"02550255"):
+        for motion in (b"1MV+\n", b"1MV-\n", b"1PR1\n", b"1PA999999\n", b"02550255"):
             rig = Rig()
             rig.ask(settings)
 
@@ -110,9 +110,9 @@ def test_the_pure_clock_arithmetic_is_right_across_the_wrap_and_stays_small():
 def test_integers_stay_small_with_an_encoder_at_the_extremes_of_its_settings():
     extremes = (
         b"1XN10000;1MM1;1XP2000000;1XB2000000;1XT400000;1FE10000;1DH999999\n",
-        b"1XN-10000;1MM1;1XP200;1XB2000000;1DB10000;1CL10;1DH-1000000\n",
+        b"1XN-10000;1MM1;1XP200;1XB2000000;1DB10000;1CL10;1DH-999999\n",
         b"1XN1;1MM1;1XP2000000;1XD1;1XB2000000;1CL0;1XG1000;1DH0\n",
-        b"1XN280;1MM1;1XA255;1DH1000000\n",
+        b"1XN280;1MM1;1XA255;1DH999999\n",
     )
     for settings in extremes:
         for motion in (b"1MV+\n", b"1PR-1\n", b"1PA5\n", b"1XU-2000000\n", b"02550255", b"1OR\n"):

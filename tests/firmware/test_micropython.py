@@ -49,7 +49,6 @@ WORDS_OF_A_TRY = 3  # mp_exc_stack_t
         "app",
         "codes",
         "backlash",
-        "echo",
         "end_stop",
         "extras",
         "led",
@@ -65,7 +64,6 @@ WORDS_OF_A_TRY = 3  # mp_exc_stack_t
         "wire/receiver",
         "wire/replies",
         "dialect/error_queue",
-        "own_reply",
         "homing",
     ]
     + [

@@ -188,16 +188,16 @@ ZERO = b"00000000"
 
 def test_a_target_beyond_what_can_be_counted_is_refused():
     rig = Rig()
-    rig.ask(b"1PR1000001;1PR-1000001;1PA1000001;1DH1000001\n")
+    rig.ask(b"1PR1000000;1PR-1000000;1PA1000000;1DH1000000\n")
     assert rig.errors() == [101] * 4
-    rig.ask(b"1DH1000000;1PR1\n")
+    rig.ask(b"1DH999999;1PR1\n")
     assert rig.errors() == [101]
     assert rig.drives() == (0, 0)
 
 
 def test_a_move_over_the_whole_travel_is_accepted_whatever_time_it_takes():
     for settings in (b"\n", b"1XP2000000;1XT1;1XM1\n"):
-        for here, there in ((1_000_000, -1_000_000), (-1_000_000, 1_000_000)):
+        for here, there in ((999_999, -999_999), (-999_999, 999_999)):
             rig = Rig()
             rig.ask(settings)
             rig.ask(b"1DH%d;1PA%d\n" % (here, there))
@@ -223,10 +223,10 @@ def test_a_run_ends_at_the_edge_of_what_can_be_counted():
 
 def test_the_way_back_from_the_edge_is_open():
     rig = Rig()
-    rig.ask(b"1DH1000000;1MV-\n")
+    rig.ask(b"1DH999999;1MV-\n")
     rig.run(100_000)
     assert rig.drives() == (-255, 0)
-    rig.ask(b"!1DH-1000000;1MV+\n")
+    rig.ask(b"!1DH-999999;1MV+\n")
     rig.run(100_000)
     assert rig.drives() == (255, 0)
     assert rig.errors() == []

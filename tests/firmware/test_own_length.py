@@ -104,7 +104,7 @@ def test_it_stays_within_the_soft_limits_to_a_thousandth_of_a_step():
     assert rig.errors() == []
     rig.run(400_000)
     assert rig.axis1.position.millisteps == 1000
-    rig.ask(b"1ZH0;1DH1000000;1XU5000\n")
+    rig.ask(b"1ZH0;1DH999999;1XU5000\n")
     assert rig.errors() == [101]
 
 

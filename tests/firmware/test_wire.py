@@ -8,7 +8,7 @@ LINE_GAP_US = 1_000_000
 
 def test_a_frame_drives_both_motors_and_echoes_as_the_papers_sketch_does():
     rig = Rig()
-    assert rig.ask(b"0255-100") == b"0255-100\r\n255\r\n-100\r\n255\r\n100\r\n"
+    assert rig.ask(b"0255-100") == b"#\r\n0255-100\r\n255\r\n-100\r\n255\r\n100\r\n"
     assert rig.drives() == (255, -100)
 
 
@@ -16,13 +16,13 @@ def test_every_sign_of_a_frame():
     for text, drives in ((b"+255+001", (255, 1)), (b"-255-001", (-255, -1)), (b"0000-255", (0, -255))):
         rig = Rig()
         numbers = drives + (abs(drives[0]), abs(drives[1]))
-        assert rig.ask(text).split() == [text] + [b"%d" % n for n in numbers]
+        assert rig.ask(text).split() == [b"#", text] + [b"%d" % n for n in numbers]
         assert rig.drives() == drives, text
 
 
 def test_frames_in_one_burst_are_obeyed_in_order():
     rig = Rig()
-    assert rig.ask(b"000000000255025501000000").count(b"\r\n") == 15
+    assert rig.ask(b"000000000255025501000000").count(b"\r\n") == 1 + 15
     assert rig.drives() == (100, 0)
 
 

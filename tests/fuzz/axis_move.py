@@ -82,7 +82,7 @@ def _of_steps(model: AxisModel, name: str, value: int) -> dict[int, set[int]]:
         n = value if name == "PR" else rounded(value - position)
         target = rounded(position) + n
         code = 0
-        if abs(target) > 1_000_000:
+        if abs(target) > 999_999:
             code = 101
         elif s["ZH"] & 8 and target > s["SR"]:
             code = 106
@@ -101,7 +101,7 @@ def _of_pulse(model: AxisModel, us: int) -> dict[int, set[int]]:
     for position in (model.position - slack, model.position, model.position + slack):
         target = position + us / s["XP"]
         low, high = (s["SL"], s["SR"]) if s["ZH"] & 8 else (-2e6, 2e6)
-        code = 101 if abs(target) > 1_000_000 else 106 if target > high else 107 if target < low else 0
+        code = 101 if abs(target) > 999_999 else 106 if target > high else 107 if target < low else 0
         found.setdefault(code, set()).add(0)
     return found
 

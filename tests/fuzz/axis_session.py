@@ -32,7 +32,7 @@ class Session:
         assert set(rig.errors()) <= {110}
         rig.port.edges.clear()
         ends = (ends_us[0] * 255, ends_us[1] * 255)
-        self.model = AxisModel({"XI": 0, "ZH": 0, "SL": -1_000_000, "SR": 1_000_000, **values}, ends, rig.now())
+        self.model = AxisModel({"XI": 0, "ZH": 0, "SL": -999_999, "SR": 999_999, **values}, ends, rig.now())
         rig.port.switches = Switches(rig, ends)
         self.ends: list[tuple[int, int]] = []  # (us, reason)
         self.told = 0  # of these

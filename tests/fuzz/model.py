@@ -9,7 +9,7 @@ import re
 FRAME = re.compile(r"[0+-]\d{3}[0+-]\d{3}")
 NUMBER = r"[+-]?(0\d{0,6}|[1-9]\d{0,9})(\.\d+)?"
 SHORT = rf"\*?[A-Za-z]+ *(\?|[+-]|{NUMBER})? *"
-LONG = r"\*?[A-Za-z]{6,}(\? *|[ \"-)+-:<=@[-`{-~][ \"-:<=?-~]*)?"  # a network's name, and text
+LONG = r"\*?[A-Za-z]{6,}(\? *|[ \"$-)+-:<=@[-`{-~][ \"$-:<=?-~]*)?"  # a network's name, and text
 COMMAND = rf" *(\d{{1,2}} *)?({SHORT}|{LONG})"
 LINE = re.compile(rf"(\d{{1,2}}>)?{COMMAND}(;{COMMAND})*")
 
@@ -41,28 +41,30 @@ def line_may_begin_with(text: str) -> bool:
 def parse(session: list[tuple[int, int]]) -> list[tuple]:
     """What the board must understand of a session."""
     events: list[tuple] = []
-    text, mode, zeros = "", "", 0  # mode: "" at a boundary, "frame", "line", "skip"
+    text, mode, zeros = "", "", 0  # mode: "" at a boundary, "frame", "line", "skip" to a line end, "drop" to a gap
 
     def refuse(why: str, c: int) -> tuple[str, str]:
-        events.append((why,))
-        return "", "" if c in (10, 13) else "skip"
+        events.append(("returned" if c == 0x23 else why,))
+        return "", "drop" if c == 0x23 else "" if c in (10, 13) else "skip"
 
     for c, silence_us in session:
         if mode and silence_us >= (LINE_GAP_US if mode == "line" else FRAME_GAP_US):
-            if mode != "skip":
+            if mode not in ("skip", "drop"):
                 events.append(("bad",))
             text, mode = "", ""
         zeros = zeros + 1 if c == 0x30 else 0
         eight, zeros = zeros == 8, zeros % 8
         if c in (0x21, 3):
             events.append(("stop",))
-            text, mode = "", "skip" if mode else ""
+            text, mode = "", mode if mode == "drop" else "skip" if mode else ""
         elif c in IGNORED:
             pass
-        elif mode == "skip":
+        elif mode in ("skip", "drop"):
             if eight:
                 events.append(("zeros",))
-            if c in (10, 13):
+            if c == 0x23:
+                mode = "drop"
+            elif c in (10, 13) and mode == "skip":
                 mode = ""
         elif not mode and c in BLANK:
             pass

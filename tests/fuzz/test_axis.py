@@ -44,7 +44,7 @@ def sessions(pulses: tuple, run_limits: tuple, search_limits: tuple, velocities:
     mid_move = (one("XB", *takes), one("XD", 255, 102), one("XV", 255, 77), one("VA", *velocities))
     limits = (one("XM", *run_limits), one("XT", *search_limits))
     at_rest = (one("XP", *pulses), one("XI", 0, 1), one("DH", 0, 3, -70), one("ZH", 0, 1, 8, 8))
-    soft = (one("SL", -1_000_000, -4, 0), one("SR", 1_000_000, 4, 0))
+    soft = (one("SL", -999_999, -4, 0), one("SR", 999_999, 4, 0))
     command = st.one_of(MOTION, MOTION, MOTION, STOP, st.one_of(*mid_move, *limits), st.one_of(*at_rest, *soft))
     wait = st.one_of(*[WAIT_US] * 6, RECORDED_US)
     commands = st.lists(st.tuples(command, st.sampled_from(GLUED), wait), min_size=20, max_size=40)

@@ -56,7 +56,7 @@ def obey(rig: LaneRig, m1: int, m2: int) -> bool:
     for c in b"%c%03d%c%03d" % (b"0-"[m1 < 0], abs(m1), b"0-"[m2 < 0], abs(m2)):
         receiver.ring[receiver.write] = c
         receiver.write = receiver.write + 1 & receiver.mask
-    return rig.looks.obeyed(start, 0)
+    return rig.looks.obeyed(start)
 
 
 def session(seed: int) -> None:
@@ -100,11 +100,11 @@ def session(seed: int) -> None:
             core.controller.frame(*speeds)
             assert obey(lane, *speeds), seed
             assert lane.drives() == core.drives(), seed
-        if not lane.app._lane.log[0]:
+        if not lane.app._input.log[0]:
             continue
         for rig in rigs:
             rig.port.still_us = now + 500
-        lane.app._lane.book()
+        lane.app._input.book()
         a, b = told(core), told(lane)
         assert a == b, f"seed {seed}:\n core {a}\n lane {b}"
         assert not core.controller.errors.waiting and not lane.controller.errors.waiting

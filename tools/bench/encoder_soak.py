@@ -33,6 +33,7 @@ FARTHEST = 60_000  # counts from the middle of the travel, from where it goes ba
 DROPPED, DEAD_BAND = 65, 50  # docs/errors.md; the second is an axis's
 DONE = 1  # docs/protocol.md, XE?
 MOST_OFF = 2  # counts of a move of the closed loop
+HALF_WRAP = 1 << 19  # of XC?
 QUERIES = (b"*IDN?;VE?\n", b"XS?\n", b"1TP?;2TP?;XH?\n", b"1XC?;2XC?\n", b"1XE?;2XE?\n")  # none takes an error
 REST_US = 1_000  # between two pulses, the least
 SETTLE_US, BUSY_US, PATIENCE_US = 200_000, 90_000, 30_000_000
@@ -130,7 +131,10 @@ class Soak:
 
     def _counts_apart(self) -> list[int]:
         told = self.ask(b"1XC?;2XC?").split(";")
-        return [int(count) - edges for count, edges in zip(told, self.truth(), strict=True)]
+        return [
+            (int(count) - edges + HALF_WRAP) % (2 * HALF_WRAP) - HALF_WRAP
+            for count, edges in zip(told, self.truth(), strict=True)
+        ]
 
     def _ways(self) -> list[int]:
         """A direction for each axis; back, where it has come far."""

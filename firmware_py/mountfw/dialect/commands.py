@@ -83,7 +83,6 @@ class Commands:
     def start(self):
         """Start to execute the line, which is complete and good. Its queries are answered in one line."""
         self._line.rewind()
-        self._records.poll_input()
         self._answers = 0
         self._stage = 0
         self._read = False
@@ -91,7 +90,6 @@ class Commands:
         self._elsewhere = self._line.address() > ADDRESS
         if self._elsewhere:
             self._errors.push(codes.NO_SUCH_CONTROLLER)
-        self._records.poll_input()
         self.go_on()  # only reads
 
     def go_on(self):
@@ -102,14 +100,11 @@ class Commands:
             self._read = self._execute(line) is True
         else:
             self._read = line.advance() == COMMAND
-            self._records.poll_input()
             if not self._read and line.more():
                 self._read = line.advance() == COMMAND
-                self._records.poll_input()
         if self._read or line.more():
             return
         self.busy = False
-        self._records.poll_input()
         if self._answers:
             self._replies.add(b"\r\n")
             if not self._replies.commit():
@@ -134,7 +129,6 @@ class Commands:
             if line.axis > self._connected:
                 return self._not_connected(line)
             axis = self._axes[line.axis - 1]
-        self._records.poll_input()  # a stop does not wait for all of it
         if line.kind == QUERY:
             if line.name == _XF and self.queries.hash is None:
                 return self._read_files()

@@ -9,6 +9,8 @@ from mountfw.settings import ENCODER_SETTINGS
 
 SETTINGS = {key(entry[0]): entry for entry in ENCODER_SETTINGS}
 _CLOSED_LOOP = key(b"MM")
+_HALF = const(0x80000)  # XC? wraps at 2**19: no answer may begin like a frame (wire/replies.py)
+_MASK = const(0xFFFFF)
 _UNCHECKED = const(1)  # bit of ZZ
 
 
@@ -66,7 +68,7 @@ class EncoderWords:
             self._replies.add(b"ERROR ")
             self._replies.add(axis.number * 100 + error)
         else:
-            self._replies.add(counts)
+            self._replies.add((counts + _HALF & _MASK) - _HALF)
 
     def _configure(self, axis, line):
         """Bit 0: no motor is checked when it is to move, so no drive is watched for a stall. Others mean nothing."""

@@ -24,12 +24,6 @@ class ErrorQueue:
             self._codes[self.waiting] = code
             self.waiting += 1
 
-    def retract(self, code):
-        """Remove the newest error if it is this one: a more exact one follows."""
-        if self.waiting and self._codes[self.waiting - 1] == code:
-            self.waiting -= 1
-            self._codes[self.waiting] = 0
-
     def pop(self):
         """Remove and return the oldest error's code; 0 if none waits."""
         code = self._codes[0]

@@ -35,7 +35,7 @@ _FIRST_DECIMAL = const(100_000)  # what it counts, in millionths
 # 0 stands for a digit, 00 for a zero where that is another matter, A for a letter, + for a sign, $ for LF (CR counts
 # as LF), a comma for other punctuation. A number has up to ten digits before its point, as a 32-bit controller takes
 # them, but up to seven if it begins with 0: eight of them behind letters are a frame that came after garbage.
-# Names of six letters and more (HOSTNAME, IPADDR ...) are a network's: what follows them is text.
+# Names of six letters and more (HOSTNAME, IPADDR ...) are a network's: what follows them is text, without a `#`.
 #
 # first    0 first1  A name  * star  space first
 # first1   0 first2  A name  * star  space axis_  > start
@@ -72,7 +72,7 @@ _FIRST_DECIMAL = const(100_000)  # what it counts, in millionths
 _CLASS = (  # the column of each byte below 0x80
     # classes: made by tools/tables.py
     b"\x0c\x0c\x0c\x0c\x0c\x0c\x0c\x0c\x0c\x0c\x06\x0c\x0c\x06\x0c\x0c\x0c\x0c\x0c\x0c\x0c\x0c\x0c\x0c\x0c\x0c\x0c\x0c"
-    b"\x0c\x0c\x0c\x0c\x03\x0c\x0a\x0a\x0a\x0a\x0a\x0a\x0a\x0a\x02\x07\x0a\x07\x09\x0a\x0b\x00\x00\x00\x00\x00\x00\x00"
+    b"\x0c\x0c\x0c\x0c\x03\x0c\x0a\x0c\x0a\x0a\x0a\x0a\x0a\x0a\x02\x07\x0a\x07\x09\x0a\x0b\x00\x00\x00\x00\x00\x00\x00"
     b"\x00\x00\x0a\x05\x0a\x0a\x04\x08\x0a\x01\x01\x01\x01\x01\x01\x01\x01\x01\x01\x01\x01\x01\x01\x01\x01\x01\x01\x01"
     b"\x01\x01\x01\x01\x01\x01\x01\x0a\x0a\x0a\x0a\x0a\x0a\x01\x01\x01\x01\x01\x01\x01\x01\x01\x01\x01\x01\x01\x01\x01"
     b"\x01\x01\x01\x01\x01\x01\x01\x01\x01\x01\x01\x0a\x0a\x0a\x0a\x0c"

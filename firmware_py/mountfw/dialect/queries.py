@@ -2,6 +2,7 @@
 
 from mountfw import __version__, codes
 from mountfw.motion.position import rounded
+from mountfw.settings import MAX_STEPS
 
 _VERSION = __version__.encode()
 
@@ -61,7 +62,7 @@ class Queries:
         self._replies.add(axis.position.target)
 
     def position(self, axis):
-        self._replies.add(rounded(axis.position_now()))
+        self._replies.add(max(-MAX_STEPS, min(MAX_STEPS, rounded(axis.position_now()))))  # a run may end beyond
 
     def defined(self, axis):
         self._replies.add(axis.position.defined)
@@ -110,22 +111,18 @@ class Queries:
         r = self._replies
         r.add(self.about.boot_id)
         r.field(b",", self.about.uptime_ms())
-        self._controller.records.poll_input()
         r.field(b",", self._controller.errors.waiting)
         for axis in self._controller.axes:
-            self._controller.records.poll_input()
+            axis.poll_input()
             self._status_of(axis)
 
     def _status_of(self, axis):
         """A stop that is read in the middle ends no move yet: position and `at rest` are of one moment."""
         r = self._replies
         position = axis.position_now()
-        axis.poll_input()
         r.field(b"|", position)
         r.field(b",1," if axis.moving() else b",0,", axis.direction())
-        axis.poll_input()
         r.field(b",", axis.limits())
-        axis.poll_input()
         r.field(b",", axis.reason)
         r.field(b",", axis.position.certainty)
 

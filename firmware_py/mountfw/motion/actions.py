@@ -28,8 +28,7 @@ class Actions(Settings):
         self.drive = Drive(bridge, [negative_stop, positive_stop, negative_stop], ticks_us)  # [0] stands for none
         self.switch_homing = self.homing = homing and homing(self)  # the homing of this axis, and the one under way
         self.has_moved = False  # has a move ended, or was its position defined, since store.py asked last?
-        self.poll_input = bool  # nothing: the App sets its own, by which a stop in the middle of longer work cuts ...
-        self.read = bool  # ... and this one, by which a frame drives, too: only where that work may be left
+        self.poll_input = bool  # nothing: the App sets its own, by which a stop in the middle of longer work cuts
         self.inverted = 0
         self.reset()
 
@@ -167,7 +166,6 @@ class Actions(Settings):
         self.counting = True
         drive = self.drive
         drive.off()
-        self.poll_input()
         drive.measured_us(True)
         if self.length_us == self.pulse_us:
             self.position.pulsed(drive.direction)
@@ -181,7 +179,6 @@ class Actions(Settings):
     def last_pulsed(self, _value):
         """Count the last pulse, and end the move: DONE or STOPPED, which queue no error."""
         self.pulsed(0)
-        self.poll_input()
         self._close(self.ends_as)
         return True
 
@@ -221,7 +218,6 @@ class Actions(Settings):
         """Count what the move has driven, and note how it ended."""
         self.counting = True
         self.count(True)
-        self.poll_input()
         self.ended_steps = self.position.made
         self.ended_on_us = self.drive.on_us
         self.reason = reason

@@ -113,19 +113,26 @@ class Axis(Actions):
         if self.state < RUN:
             return self.position.millisteps
         self.count(False)
-        self.poll_input()
         return self.position.now(self.drive.direction)
 
     # ---- moves; False: refused, and an error says why
 
     def steps(self, n):
         """Move by n steps: n pulses, each with its rest."""
+        if not -MAX_STEPS <= n <= MAX_STEPS:
+            self.error(codes.AXIS_OUT_OF_RANGE)
+            return False
+        if not self._steps(n):
+            return False
+        self.last_relative = n
+        return True
+
+    def _steps(self, n):
         if not self.handle(ASK, 0):
             return False
         target = rounded(self.position_now()) + n
         if self.out_of_reach(target, target):
             return False
-        self.last_relative = n
         self._begin_pulses(n, self.pulse_us, target)
         return True
 
@@ -149,7 +156,7 @@ class Axis(Actions):
         n = steps - self.position.millisteps // 1000
         if part > 500 or (part == 500 and n <= 0):  # halves go away from zero
             n -= 1
-        if not self.steps(n):
+        if not self._steps(n):
             return False
         self.position.target = steps
         return True
@@ -276,8 +283,6 @@ class Axis(Actions):
                 self.resting = diff(self.next_at, now_us) > 0
             return NEVER_US
         drive = self.drive
-        if drive.was_cut:
-            self.poll_input()  # it may just have ended
         if drive.emergency:
             self.handle(END, codes.EMERGENCY_STOP)
         elif state <= REST:

@@ -93,19 +93,15 @@ class Controller:
         self.stop_all(codes.STOPPED)
         self.errors.push(code)
 
-    def off_first(self, m1, m2):
-        """A frame that may be our own reply must wait; but what it turns off goes off now: no stop is late."""
-        if m1 == 0:
-            self._axis1.frame(0)
-        if m2 == 0:
-            self._axis2.frame(0)
-
     def frame(self, m1, m2):
         """Obey a frame: the speeds of axes 1 and 2. Two zeros are a stop, so they are for all axes."""
         if m1 == 0 and m2 == 0:
             self.stop_all(codes.STOPPED)
             return
-        self.off_first(m1, m2)  # what goes off goes first
+        if m1 == 0:  # what goes off goes first
+            self._axis1.frame(0)
+        if m2 == 0:
+            self._axis2.frame(0)
         if m1:
             self._axis1.drive.begin(m1)
         if m2:
@@ -130,7 +126,7 @@ class Controller:
                 if left_us < least_us:
                     least_us = left_us
                 if axis.next and least_us > _FAR_US:
-                    axis.read(0)  # a stop and a frame do not wait for every axis
+                    axis.poll_input()  # a stop does not wait for every axis
             axis = axis.next
         return least_us
 

@@ -1,8 +1,9 @@
 """The drive of one motor: a gate, on, cut, a deadline and the measured on-time. Imports codes, ticks.
 
 A pulse, a run and a frame are one on() with its deadline; measured_us() returns how long the motor had drive. Only
-_set(), and the lane (docs/lane.md), turn a motor on. The clock is read right before each pin write. Between any two
-lines here an interrupt may run guard(), or set `emergency`: both only cut, on() checks again, Axis.service() the rest.
+_set(), and the input of a port that has its own, turn a motor on. The clock is read right before each pin write.
+Between any two lines here an interrupt may run guard(), or set `emergency`: both only cut, on() checks again,
+Axis.service() the rest.
 """
 
 from mountfw import codes, const
@@ -44,7 +45,7 @@ class Drive:
         self.measuring = False  # is it on, or was it since measured_us()?
         self.was_cut = False  # is it off already, since cut_at?
         self.tripped = False  # did guard() cut it?
-        self.has_begun = False  # did begin(), or the port (docs/lane.md), turn it on at began_at? on() follows
+        self.has_begun = False  # did begin(), or the port's own input, turn it on at began_at? on() follows
 
     # ---- the gate
 

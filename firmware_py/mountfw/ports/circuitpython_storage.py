@@ -175,7 +175,7 @@ def firmware_hash():
         if total and file_hash:
             total.update(name.encode())
             total.update(file_hash.digest())
-    yield hexlify(total.digest()) if total else b"crc32-%08x" % (checksum & 0xFFFFFFFF)
+    yield b"sha256-" + hexlify(total.digest()) if total else b"crc32-%08x" % (checksum & 0xFFFFFFFF)
 
 
 def _sha256():

@@ -42,7 +42,7 @@ rp2_gate = None
 if getattr(sys, "platform", "") == "rp2" and getattr(sys.implementation, "_machine", "").endswith("RP2040"):
     from mountfw.ports import rp2_gate
     from mountfw.ports.rp2_gate import DutyPin
-    from mountfw.ports.rp2_lane import EnableBridge, look  # noqa: F401 (verbs, too)
+    from mountfw.ports.rp2_lane import EnableBridge, lane  # noqa: F401 (verbs, too)
 else:
     from mountfw.ports.micropython_drain import any, drain  # noqa: F401 (verbs, too)
     from mountfw.ports.micropython_pin import DutyPin
@@ -151,7 +151,7 @@ def remove(name):
 
 
 def firmware_hash():
-    """Yield None after each part of the work, and last the SHA-256, as hex (bytes), over the firmware's files.
+    """Yield None after each part of the work, and last `sha256-` and the hash in hex (bytes) of the firmware's files.
 
     These are main.py and every .py and .mpy of mountfw on this board. For each, in the order of their names from the
     root on: the name, then the SHA-256 of the file (32 bytes). Raises OSError.
@@ -169,7 +169,7 @@ def firmware_hash():
                 n = f.readinto(buffer)
         total.update(name.encode())
         total.update(digest.digest())
-    yield binascii.hexlify(total.digest())
+    yield b"sha256-" + binascii.hexlify(total.digest())
 
 
 def find_board():

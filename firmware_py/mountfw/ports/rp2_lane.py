@@ -1,7 +1,7 @@
 """The fast lane of an RP2040: native code between a byte and the pins. docs/lane.md explains it.
 
-look() waits for bytes, reads them, cuts at a stop and drives at a frame before any Python runs. mountfw/extras.py books
-what it did. Section numbers are those of the RP2040 data sheet.
+read() waits for bytes, reads them, cuts at a stop and drives at a frame before any Python runs. lane.py books what it
+did. Section numbers are those of the RP2040 data sheet.
 """
 
 # ruff: noqa: F821 (ptr8 and ptr32 are known to viper)
@@ -13,6 +13,7 @@ import micropython
 from micropython import const
 
 from mountfw import codes
+from mountfw.ports.lane import Lane
 from mountfw.ports.micropython_console import byte_in, interrupts, ipoll_in, pack, readinto
 from mountfw.wire.receiver import EIGHTH_ZERO, STOP, ZEROS
 
@@ -124,10 +125,11 @@ class EnableBridge:
         return _drive(self.words, duty)
 
 
-class look:  # in lower case, for it is a verb of this port
-    """Gives a Lane the native look() on the input of its Receiver, and more (docs/lane.md)."""
+class lane(Lane):  # in lower case, for it is a verb of this port
+    """A Lane with a native read() on the input of its Receiver, and a native sum() (docs/lane.md)."""
 
-    def __init__(self, lane, receiver, board):
+    def __init__(self, controller, receiver, frame, replies, commands, board):
+        super().__init__(controller, receiver, frame, replies, commands)
         from mountfw.board_file import gate_pins  # needed at the start only
 
         self._cuts = array("I", [0])
@@ -136,28 +138,26 @@ class look:  # in lower case, for it is a verb of this port
                 self._cuts[0] |= 1 << pin
                 self._cuts.append(_CONTROL + 8 * pin)
         self._cuts.append(0)
-        self._axis1, self._axis2 = lane.axes
+        self._axis1, self._axis2 = self.axes
         self._drive1, self._drive2 = self._axis1.drive, self._axis2.drive
         self._most = 0  # frames that the log may hold
         if getattr(board, "LANE", True) and isinstance(self._drive1.bridge, EnableBridge):
-            self._most = (len(lane.log) - _FIRST) // 3
+            self._most = (len(self.log) - _FIRST) // 3
             self._words1, self._words2 = self._drive1.bridge.words, self._drive2.bridge.words
-        self._lane, self._own, self._log, self._commands = lane, lane.own, lane.log, lane.commands
-        self._receiver, self._ring = receiver, receiver.ring
+        self._ring = receiver.ring
         self.interrupts = interrupts()
-        self._pure = lane.sum
-        lane.look, lane.sum = self.look, self.sum
+        self._pure = super().sum
 
     @micropython.viper
-    def look(self, most: int, wait_ms: int) -> int:
-        """As look.Look.look()."""
-        read = readinto  # a stop in a sleep does not wait for what is looked up before
+    def read(self, most: int, wait_ms: int) -> int:
+        """As app.Input.read()."""
+        readin = readinto  # a stop in a sleep does not wait for what is looked up before
         poll = ipoll_in
         buffer = byte_in
         byte = ptr8(buffer)
         turn = self.interrupts
         cuts = ptr32(self._cuts)
-        receiver = self._receiver
+        receiver = self.receiver
         unparsed = int(receiver.unparsed)
         clock = ptr32(_CLOCK)
         came = cut = mask = left_us = soon = stop = 0
@@ -175,7 +175,7 @@ class look:  # in lower case, for it is a verb of this port
                 self.interrupts = interrupts()
                 return -1
             if unparsed < 64:  # there is room for one more
-                read(buffer)
+                readin(buffer)
                 waits = 2
                 c = byte[0]
                 if c == 0x21 or c == 3:
@@ -195,7 +195,7 @@ class look:  # in lower case, for it is a verb of this port
                     pin = ptr32(int(pin) + 4)
             if mask == 0:  # a stop in the first byte does not wait for this
                 if wait_ms >= 0:
-                    self._lane.woke_at = since & _WRAP
+                    self.woke_at = since & _WRAP
                     if not came and unparsed < 8:
                         return -1
                 ring = ptr8(self._ring)
@@ -211,7 +211,7 @@ class look:  # in lower case, for it is a verb of this port
                     if not waits:
                         break
                 if waits == 1:
-                    read(buffer)
+                    readin(buffer)
                 waits = 0
                 c = byte[0]
                 most -= 1
@@ -232,14 +232,13 @@ class look:  # in lower case, for it is a verb of this port
                 continue
             if stop or unparsed < 8 or wait_ms < 0:
                 break
-            c = ring[(at - unparsed + 8) & mask] if unparsed > 8 else 0
-            if int(self._obeyed(at - unparsed, c, mask)) == 0:
+            if int(self._obeyed(at - unparsed, mask)) == 0:
                 break
             unparsed -= 8
             receiver.ahead = 0
             came = 1
             if left_us == 0:
-                left_us = int(self._lane.linger()) if int(self._lane.last) else 1
+                left_us = int(self.linger()) if int(self.last) else 1
             most += 8
         if at != began:
             receiver.received_at = (clock[0] - 1000 * soon) & _WRAP
@@ -260,11 +259,10 @@ class look:  # in lower case, for it is a verb of this port
         if int(position.closed) or int(position.gap):
             self._pure(axis, i)
             return
-        lane = self._lane
-        which = int(lane.which)
-        log = ptr32(self._log)
+        which = int(self.which)
+        log = ptr32(self.log)
         last = log[_WAITING] - 1
-        now_us = int(lane.until)
+        now_us = int(self.until)
         millisteps = int(position.millisteps)
         part = int(position.part)
         k = 1000 if step < 1000000 else 1  # the product must fit
@@ -305,11 +303,11 @@ class look:  # in lower case, for it is a verb of this port
                 position.certainty = int(codes.ESTIMATED)
 
     @micropython.viper
-    def _obeyed(self, at: int, c: int, mask: int) -> int:
-        """Drive at the frame in the ring from place `at` on, if it may; c is behind it, or 0. Returns 1 if it did."""
-        log = ptr32(self._log)
+    def _obeyed(self, at: int, mask: int) -> int:
+        """Drive at the frame in the ring from place `at` on, if it may. Returns 1 if it did."""
+        log = ptr32(self.log)
         n = log[_WAITING]
-        if n == int(self._most) or c == 10 or c == 13 or c == 0x5E:  # a line end: it may be the board's own reply
+        if n == int(self._most):
             return 0
         packed = int(pack(self._ring, at, mask))
         if packed < 0 or packed & 0x3FCFF == 0:
@@ -318,9 +316,9 @@ class look:  # in lower case, for it is a verb of this port
         drive2 = self._drive2
         if n == 0:  # what cannot change in one look()
             c = int(drive1.inhibited) | int(drive1.on_flash) | int(drive1.watched) | int(drive2.watched)
-            if c | int(self._receiver.state) | int(self._commands.busy):  # a message before it is not done
+            if c | int(self.receiver.state) | int(self.commands.busy):  # a message before it is not done
                 return 0
-        if int(drive1.emergency) or int(self._own.wary) >> (packed % 29) & 1:  # that is one switch for both
+        if int(drive1.emergency):  # that is one switch for both
             return 0
         n1 = packed >> 10 & 0xFF
         n2 = packed & 0xFF

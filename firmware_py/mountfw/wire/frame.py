@@ -18,6 +18,7 @@ LENGTH = const(8)
 ZERO = const(0x30)
 PLUS = const(0x2B)
 MINUS = const(0x2D)
+PROBE = const(0x23)  # `#`, a line of its own before an echo: if it comes back, so would the echo (replies.py)
 
 
 def pack(ring, at, mask):

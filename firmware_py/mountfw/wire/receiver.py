@@ -5,7 +5,7 @@ next message, or NEED_BYTES. Two stops that nothing can swallow: `!` anywhere, a
 """
 
 from mountfw import const
-from mountfw.wire.frame import LENGTH, MINUS, PLUS, ZERO
+from mountfw.wire.frame import LENGTH, MINUS, PLUS, PROBE, ZERO
 
 NEED_BYTES = const(0)  # the messages
 STOP = const(1)  # `!`
@@ -14,10 +14,10 @@ FRAME = const(3)
 LINE = const(4)
 MALFORMED = const(5)
 TOO_LONG = const(6)
+RETURNED = const(7)  # the probe: the port returns what the board sends (replies.py)
 
 FRAME_GAP_US = const(50_000)  # an unfinished frame, or a skipped tail, times out after this silence
 LINE_GAP_US = const(1_000_000)  # an unfinished line
-HELD_GAP_US = const(20_000)  # after it, in both directions, a held frame is the host's: an echo comes within 1 ms
 
 EIGHTH_ZERO = const(0xB0)  # in the ring: a `0` that completes eight; other bytes above 0x7F are stored as 0x7F
 
@@ -25,7 +25,7 @@ BOUNDARY = const(0)  # states
 _IN_FRAME = const(1)  # bad, or with a stop or a byte for mpremote in it: others are read whole
 _IN_LINE = const(2)
 SKIPPING = const(3)  # the rest of something refused or cut, up to a line end or a gap
-HELD = const(4)  # a frame, until the bytes after it decide: own_reply.py
+_TO_GAP = const(4)  # what the board itself has sent, up to a gap
 
 _STOP = const(0x21)
 _CTRL_C = const(0x03)  # arrives only on a channel that is not the console
@@ -88,8 +88,6 @@ class Receiver:
     def next(self) -> int:
         """Parse a frame or one byte, for a piece of work must be short. The message that it ends, or NEED_BYTES."""
         state = self.state
-        if state == HELD:
-            return self._decide()
         self.ahead = 0
         c = self.ring[self.write - self.unparsed & self.mask]
         if state == BOUNDARY and (c == ZERO or c == PLUS or c == MINUS) and self._begins_frame():
@@ -97,7 +95,7 @@ class Receiver:
                 self.ahead = self.unparsed
                 return NEED_BYTES
             self.unparsed -= LENGTH
-            return self._whole()
+            return FRAME
         self.unparsed -= 1
         zeros = NEED_BYTES
         if not 0x21 < c < 0x80:
@@ -118,7 +116,8 @@ class Receiver:
             return self._first_byte(c) or zeros
         if state == _IN_FRAME:
             return self._in_frame(c) or zeros
-        return (self._skip(c) if state == SKIPPING else NEED_BYTES) or zeros
+        self._skip(c)
+        return zeros
 
     def _begins_frame(self):
         """True if the bytes that are unparsed are a frame, which is unpacked, or may be the first of one."""
@@ -134,45 +133,34 @@ class Receiver:
         """The silence after which gap() is due; 0 at a message boundary: never."""
         if self.state == BOUNDARY:
             return FRAME_GAP_US if self.ahead else 0
-        if self.state == HELD:
-            return HELD_GAP_US
         return LINE_GAP_US if self.state == _IN_LINE else FRAME_GAP_US
 
     def gap(self) -> int:
         """Time out (a poll has just found no byte). MALFORMED, or NEED_BYTES where nothing was unfinished."""
-        message = NEED_BYTES if self.state == SKIPPING else MALFORMED
+        message = NEED_BYTES if self.state >= SKIPPING else MALFORMED
         self.state = BOUNDARY
         self.unparsed -= self.ahead
         self.ahead = 0
         return message
 
-    # ---- own_reply.py overrides these: it asks whether the board itself has sent what came
-
-    def _decide(self) -> int:
-        return NEED_BYTES
-
-    def _whole(self) -> int:
-        """The frame is complete."""
-        return FRAME
-
-    def _skip(self, c) -> int:
+    def _skip(self, c):
         """Skip byte c."""
-        if c == 10 or c == 13:
+        if c == PROBE:
+            self.state = _TO_GAP
+        elif self.state == SKIPPING and (c == 10 or c == 13):
             self.state = BOUNDARY
-        return NEED_BYTES
 
-    def _refuse(self, c, message, _part):
-        """This part of a message (a Frame or a Line) and c cannot be parsed."""
+    def _refuse(self, c, message):
+        """Byte c cannot continue the message."""
+        if c == PROBE:
+            self.state = _TO_GAP
+            return RETURNED
         self.state = BOUNDARY if c == 10 or c == 13 else SKIPPING
         return message
 
-    def _ended(self, _c) -> int:
-        """The line is complete with byte c."""
-        return LINE
-
     def _stopped(self):
         """A stop is parsed: the tail of the message that it has cut is never executed."""
-        if self.state != BOUNDARY:
+        if self.state != BOUNDARY and self.state != _TO_GAP:
             self.state = SKIPPING
 
     def _first_byte(self, c):
@@ -185,8 +173,7 @@ class Receiver:
             self._frame.feed(c)
             self.state = _IN_FRAME
         elif c != 10 and c != 13 and c != 0x20 and c != 0:
-            self._line.start()
-            return self._refuse(c, MALFORMED, self._line)
+            return self._refuse(c, MALFORMED)
         return NEED_BYTES
 
     def _in_frame(self, c):
@@ -199,16 +186,16 @@ class Receiver:
             return self._in_line(c, self._line.feed(c))
         result = frame.feed(c)
         if result < 0:
-            return self._refuse(c, MALFORMED, frame)
+            return self._refuse(c, MALFORMED)
         if result == 0:
             return NEED_BYTES
         self.state = BOUNDARY
-        return self._whole()
+        return FRAME
 
     def _in_line(self, c, result):
         if result > 0:
             self.state = BOUNDARY
-            return self._ended(c)
+            return LINE
         if result < 0:
-            return self._refuse(c, TOO_LONG if result == _TOO_LONG else MALFORMED, self._line)
+            return self._refuse(c, TOO_LONG if result == _TOO_LONG else MALFORMED)
         return NEED_BYTES

@@ -141,7 +141,7 @@ def firmware_hash(files: Mapping[str, str], platform: str | None = "micropython"
     total = hashlib.sha256()
     for path in _in_order(files, platform):
         total.update(path.encode() + bytes.fromhex(files[path]))
-    return total.hexdigest()
+    return f"sha256-{total.hexdigest()}"
 
 
 def firmware_checksum(files: Mapping[str, bytes], platform: str) -> str:

@@ -29,6 +29,7 @@ from mirrormount.device.status import AxisStatus, Ended, Homed, Limits, table
 from mirrormount.errors import BadValue, BoardError, EncoderFault, MoveEnded, NoAnswer, NotAMount, NotSupported
 from mirrormount.values import jog_duty, positive_numbers, real_number, whole_number, whole_numbers
 from mountfw import codes as wire
+from mountfw.settings import MAX_STEPS
 
 N = TypeVar("N", int, float)
 
@@ -152,7 +153,7 @@ class Moves(AxisProperties):
         Raises BadValue, BoardError if refused, MoveEnded if an end-stop, a limit or somebody else
         ended it, ConnectionLost, NoAnswer.
         """
-        n = whole_number(n, 1_000_000, "steps")
+        n = whole_number(n, MAX_STEPS, "steps")
         self._move("PR", n, n, wait, feed, progress, by_sight=by_sight)
 
     def pulse(
@@ -186,11 +187,11 @@ class Moves(AxisProperties):
         steps = self._steps_of(position, unit)
         if not wait:
             target = whole_number(
-                steps if unit == values.STEPS else round(steps), 1_000_000, "position, without waiting,"
+                steps if unit == values.STEPS else round(steps), MAX_STEPS, "position, without waiting,"
             )
             self._move("PA", target, round(target - self.position), wait, feed, progress)
             return target
-        wanted = real_number(steps, 1_000_000, "position")
+        wanted = real_number(steps, MAX_STEPS, "position")
         stops = self._session.gate.last_stop()
         n, part_us = self.parts_to(wanted)
         with self._session.stopped_by_interrupt():
@@ -204,7 +205,7 @@ class Moves(AxisProperties):
         if values.check(unit) == values.STEPS:
             return position
         amount = real_number(position, _MOST_AMOUNT, f"a position in {unit}")
-        return real_number(amount / self.per_step(unit), 1_000_000, f"{amount:g} {unit} in steps")
+        return real_number(amount / self.per_step(unit), MAX_STEPS, f"{amount:g} {unit} in steps")
 
     def move_by(
         self, amount: float, unit: str = values.STEPS, *, wait: bool = True, progress: Progress | None = None
@@ -218,7 +219,7 @@ class Moves(AxisProperties):
         """
         amount = real_number(amount, _MOST_AMOUNT, f"an amount in {values.check(unit)}")
         if unit == values.STEPS and (not wait or isinstance(amount, int)):
-            self.step(whole_number(amount, 1_000_000, "steps"), wait=wait, progress=progress)
+            self.step(whole_number(amount, MAX_STEPS, "steps"), wait=wait, progress=progress)
             return amount
         stops = self._session.gate.last_stop()
         n, part_us, worth = self.parts_of(amount, unit, whole=not wait)
@@ -237,7 +238,7 @@ class Moves(AxisProperties):
         amount = real_number(amount, _MOST_AMOUNT, f"an amount in {values.check(unit)}")
         pulse_us, duty, inverted = self.ask_whole("XP?", "XD?", "XI?")
         per_step = 1.0 if unit == values.STEPS else self._per_step(unit, amount, (pulse_us, duty, inverted))
-        steps = real_number(amount / per_step, 1_000_000, f"{amount:g} {unit} in steps")
+        steps = real_number(amount / per_step, MAX_STEPS, f"{amount:g} {unit} in steps")
         n, part_us = (round(steps), 0) if whole else _split(steps, pulse_us)
         if not (n or part_us) and amount:
             least = per_step * (0.5 if whole else _SHORTEST_US / pulse_us)
@@ -249,7 +250,7 @@ class Moves(AxisProperties):
 
         Raises BadValue.
         """
-        steps = real_number(steps, 1_000_000, "position")
+        steps = real_number(steps, MAX_STEPS, "position")
         (pulse_us,) = self.ask_whole("XP?")
         left = round(steps * 1000) - round(self.position * 1000)  # thousandths of a step
         return _split(left / 1000, pulse_us)
@@ -376,7 +377,7 @@ def _split(steps: float, pulse_us: int) -> tuple[int, int]:
     return sign * n, sign * part_us if part_us >= _SHORTEST_US else 0
 
 
-_WRAP = 1 << 30  # of the board's counts
+_WRAP = 1 << 20  # of the board's counts
 _APPROACH = 3  # steps that bring the gears to one side of their play, which an encoder behind them sees
 _STEPS = 10  # that are counted, each way
 _LEAST = 4  # counts of a step: with fewer no loop can be closed
@@ -423,7 +424,7 @@ class Encoded(Moves):
 
     @property
     def counts(self) -> int:
-        """What the encoder has counted, from an arbitrary zero; wraps at 2^29.
+        """What the encoder has counted, from an arbitrary zero; wraps at 2^19.
 
         Raises NotSupported without one, EncoderFault if it does not answer or sees no magnet.
         """
@@ -510,7 +511,7 @@ class Axis(Encoded):
 
     def zero(self, steps: int = 0) -> None:
         """Define the present position as `steps`; from here on it is counted. Raises BadValue as step() does."""
-        steps = whole_number(steps, 1_000_000, "position")
+        steps = whole_number(steps, MAX_STEPS, "position")
         self._session.send(f"{self.number}DH{steps}")
 
     def home(self, progress: Progress | None = None) -> Homed:

@@ -289,6 +289,7 @@ def _check_served(received: str) -> None:
 _LOCK_S = 1.0  # longest wait of another program's stop for the answers of this one
 _GATE_S = 0.05  # longest wait of another program's stop for a thread that writes a line
 _ECHO_LINES, _LONGEST_ANSWER = 5, 4096  # of a frame; characters
+_PROBE = "#"  # a line before an echo, by which a board learns whether a port returns what it sends
 _ERRORS_MOST = 20  # of a board's queue
 
 
@@ -457,6 +458,8 @@ class Session:
         with self.link.lock:
             self._log_old_errors()
             line = self._exchange(b"XK%d\n%s\nXS?\n" % (KEEP_ALIVE_MS, frame), self.gate.starting(last_stop))
+            if line == _PROBE:
+                line = self.link.read_line(ANSWER_S)
             if line == frame.decode():
                 for _ in range(_ECHO_LINES - 1):
                     self.link.read_line(ANSWER_S)

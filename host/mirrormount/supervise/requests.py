@@ -8,8 +8,9 @@ from typing import Any
 from mirrormount import values
 from mirrormount.errors import BadValue
 from mirrormount.values import real_number, whole_number
+from mountfw.settings import MAX_STEPS
 
-MOST_STEPS = 1_000_000
+MOST_STEPS = MAX_STEPS
 FINE_STEPS = 1
 COARSE_STEPS = 10
 FULL = 255

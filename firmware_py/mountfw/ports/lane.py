@@ -1,10 +1,7 @@
-"""What a port may bring besides its verbs: a gate, a fast lane. Imports axis, codes, ticks.
+"""The fast lane: an input that drives at a frame as soon as its last byte is there. docs/lane.md explains it.
 
-docs/gate.md: Gated is the loop's side of a port's gate; it enters and leaves, and agrees with the parser.
-
-docs/lane.md: a port may read its input by a look() of its own, which drives at a frame as soon as its last byte is
-there, if nothing else is under way and nothing is to be checked first. It notes what it did in the log, and Lane.book()
-counts that. Other ports have that of look.py.
+The port's read() notes in the log which frames have driven since when; book() counts that, as if the core had executed
+each at its time. A port without native code has none: app.Input, and the core executes the frames.
 """
 
 from array import array
@@ -24,12 +21,12 @@ _LONG_MS = const(100)  # ... where a run may take this or more
 
 
 class Lane:
-    """Of a controller's first two axes. own is an OwnReply; replies and commands are those of the loop."""
+    """The input of a port with native code, as an app.Input, of a controller's first two axes. The port adds read()."""
 
-    def __init__(self, controller, frame, own, replies, commands):
+    def __init__(self, controller, receiver, frame, replies, commands):
         self.axes = controller.axes[:2]
-        self.own = own
-        self.commands = commands  # look() takes no frame while they are busy
+        self.receiver = receiver
+        self.commands = commands  # no frame is taken while they are busy
         self.woke_at = 0
         self.which = 0  # 0 or 1: the axis whose frames are being booked, ...
         self.last = 0  # ... the number of the last one ...
@@ -39,22 +36,23 @@ class Lane:
         self._frame = frame
         self._replies = replies
         self.poll_input = bool  # nothing: the App sets its own
-        self.look = bool  # until there is the port's, which may bring a faster sum(), too
 
     def book(self):
-        """Count the frames of the log, as if each had been executed when it came, and echo one that came alone."""
+        """As of an Input; and echo a frame that came alone."""
+        if not self.log[_WAITING]:
+            return False
         self.last = self.log[_WAITING] - 1
         packed = self.log[_FIRST + _EACH * self.last]
         self._frame.unpack(packed)
-        self.poll_input()
         self._book(0, self._frame.m1)
         self._book(1, self._frame.m2)
         self.log[_WAITING] = 0
-        if not self.last and not self.own.muted:
+        if not self.last:
             self._replies.echo(packed)  # best effort: one that does not fit is dropped
+        return True
 
     def linger(self):
-        """In a stream, look() has taken a frame: for so many us it may wait for more before they are booked.
+        """In a stream, read() has taken a frame: for so many us it may wait for more before they are booked.
 
         Each sets the deadlines of both axes. It is a stream if two or more were booked together (`last` is not 0).
         """
@@ -78,7 +76,6 @@ class Lane:
                 return
         if first < self.last:
             self._supersede(axis, first)
-            self.poll_input()
         at = self.log[_FIRST + _EACH * self.last + 1 + which]
         if speed:
             drive.has_begun = True
@@ -96,7 +93,6 @@ class Lane:
         self.until = drive.halted_at if self._controller.halted else drive.clock()
         drive.has_begun = True
         drive.began_at = self.log[_FIRST + _EACH * first + 1 + self.which]
-        self.poll_input()
         # what was under way ended then; the frame that is the last ends it in the table, too
         if axis.state != RUN:
             axis.handle(FRAME, 1)
@@ -129,7 +125,6 @@ class Lane:
                 axis.drive.on_us = self._drove_us(_FIRST + _EACH * i + 1 + self.which)
                 self.poll_input()
                 axis.position.begin()
-                self.poll_input()
                 if not axis.position.closed:
                     axis.position.driven(1 if speed > 0 else -1, axis.drive.on_us * abs(speed), True)
             i += 1
@@ -146,47 +141,3 @@ class Lane:
                 axis.drive.has_begun = False
                 axis.position.certainty = codes.UNKNOWN
         self.log[_WAITING] = 0
-
-
-class Gated:
-    """A port's gate, or None, for a controller's drives. about gets what XH? tells of it."""
-
-    def __init__(self, gate, controller, about):
-        self._gate = gate
-        self._in_place = False
-        self._controller = controller
-        self._about = about
-        self.received = 0  # stops, ever
-
-    def enter(self):
-        """Put the gate in place, if it finds all that it needs."""
-        if self._gate:
-            self._about.gate = self._gate.enter()
-            self._in_place = self._about.gate == codes.GATE_IN_PLACE
-            if self._in_place:
-                for axis in self._controller.axes:
-                    axis.drive.gate = self._gate.axes[axis.number - 1]
-                    axis.drive.clock = axis.drive.gate.clock
-
-    def leave(self, ticks_us):
-        """Out of the way, for good or until enter(). All drives are off. ticks_us: the drives' clock from here on."""
-        if self._gate:
-            self._in_place = False
-            for axis in self._controller.axes:
-                axis.drive.gate = None
-                axis.drive.clock = ticks_us
-            self._gate.leave()
-
-    def released(self):
-        """True if nothing holds the drives low. Every stop that was received is parsed, and the drives are off."""
-        return not self._in_place or self._gate.release(self.received & 0x3FFFFFFF)
-
-    def watch(self, receiver):
-        """Nothing waits: stops that the gate has found and that were not received are lost, by a reset of the bus.
-
-        They end all moves, as if they were received now.
-        """
-        if self._in_place and not receiver.unparsed and self._gate.differs(self.received & 0x3FFFFFFF):
-            self._controller.stop_all(codes.ABORTED)
-            if self._gate.recount(self.received & 0x3FFFFFFF, receiver.zeros):
-                self._controller.inhibit(codes.NONE_YET)
