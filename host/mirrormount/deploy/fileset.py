@@ -28,7 +28,7 @@ _NATIVE = (b"@micropython.native", b"@micropython.viper")
 _ENTRY = "entry"
 _OTHERS = {  # files of other platforms
     "micropython": (f"{PACKAGE}/ports/circuitpython",),
-    "circuitpython": (f"{PACKAGE}/ports/micropython", f"{PACKAGE}/ports/rp2_"),
+    "circuitpython": (f"{PACKAGE}/ports/lane", f"{PACKAGE}/ports/micropython", f"{PACKAGE}/ports/rp2_"),
 }
 
 
