@@ -2,7 +2,7 @@
 
 from rig import Board, Port
 
-from mountfw import board_file, boards, bridges, build
+from mountfw import board_file, boards, build
 from mountfw.boards import (
     adafruit_feather_esp32s3,
     adafruit_feather_rp2040,
@@ -14,6 +14,7 @@ from mountfw.boards import (
     rp2,
     seeed_xiao_rp2040,
 )
+from mountfw.ports import bridges
 
 
 def said(**changes):

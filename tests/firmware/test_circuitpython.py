@@ -156,9 +156,9 @@ def test_settings_are_a_file_where_the_drive_is_the_boards_own(new, tmp_path):
 
 def test_a_hung_loop_is_reset_by_the_watchdog_and_the_next_start_says_so(new, tmp_path):
     code = (machines.firmware_folder() / "mountfw" / "entry" / "code.py").read_text()
-    hang = "import mountfw.led, microcontroller\nreal = mountfw.led.show\ndef show(port, controller):\n"
-    hang += "    if controller.driving(): microcontroller.delay_us(5_000_000)\n    real(port, controller)\n"
-    (tmp_path / "code.py").write_text(hang + "mountfw.led.show = show\n" + code)
+    hang = "import microcontroller\nfrom mountfw.app import App\nreal = App._show\ndef show(app, now_us):\n"
+    hang += "    if app.controller.driving(): microcontroller.delay_us(5_000_000)\n    real(app, now_us)\n"
+    (tmp_path / "code.py").write_text(hang + "App._show = show\n" + code)
     board = new()
     board.send(b"1MV+\n")
     board.run(6_000_000)

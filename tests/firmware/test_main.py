@@ -138,8 +138,8 @@ def move_at_the_prompt(port, second_at: int) -> tuple[bool, Rig]:
     count, delivered, leaving = 0, False, False
     rig = Rig()
     folder = Path(mountfw.__file__).parent
-    motion = (f"motion/{name}.py" for name in ("controller", "axis", "actions", "drive"))
-    files = {str(PORT), *(str(folder / name) for name in ("repl.py", "bridges.py", *motion))}
+    motion = (f"motion/{name}.py" for name in ("controller", "axis", "drive"))
+    files = {str(PORT), *(str(folder / name) for name in ("repl.py", "ports/bridges.py", *motion))}
     assert all(Path(file).is_file() for file in files)
 
     def pause_us(us):

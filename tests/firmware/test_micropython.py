@@ -48,12 +48,6 @@ WORDS_OF_A_TRY = 3  # mp_exc_stack_t
     [
         "app",
         "codes",
-        "backlash",
-        "end_stop",
-        "extras",
-        "led",
-        "look",
-        "bridges",
         "settings",
         "store",
         "dialect/commands",
@@ -70,14 +64,21 @@ WORDS_OF_A_TRY = 3  # mp_exc_stack_t
         f"motion/{name}"
         for name in (
             "axis",
-            "actions",
             "controller",
             "drive",
             "position",
+            "gate",
         )
     ]
     + [f"encoder/{name}" for name in ("axis", "closed_loop", "position", "stall_homing", "watch")]
-    + ["dialect/encoder", "ports/encoders", "ports/micropython_encoder", "ports/circuitpython_encoder"]
+    + [
+        "dialect/encoder",
+        "ports/bridges",
+        "ports/lane",
+        "ports/encoders",
+        "ports/micropython_encoder",
+        "ports/circuitpython_encoder",
+    ]
     + ["ports/circuitpython"],
 )
 def test_no_call_in_the_loop_needs_the_heap_for_its_state(micropython, name):

@@ -1,15 +1,18 @@
 """One axis: the table of its states and events, and the moves.
 
 A move is asked for by steps(), one_pulse(), move_to(), jog(), seek() or frame(), and carried on by service(), which
-never waits. Each of these, each stop, each deadline and each switch is an event. TABLE has, for every event in every
-state, the next state and the action; handle() does what it says, and nothing else changes the state.
+never waits. Each of these, each stop, each deadline and each switch is an event. TABLE, at the end of this file, has
+for every event in every state the next state and the action; handle() does what it says, and nothing else changes the
+state.
+
+An action takes the value of its event. It returns True if the table's next state is right; False if the state stays,
+or another event was handled meanwhile.
 """
 
 from mountfw import codes, const
-from mountfw.motion.actions import Actions
-from mountfw.motion.drive import NEVER_US
-from mountfw.motion.position import EDGE, rounded
-from mountfw.settings import MAX_STEPS
+from mountfw.motion.drive import NEVER_US, Drive
+from mountfw.motion.position import EDGE, Position, rounded
+from mountfw.settings import MAX_STEPS, Settings
 from mountfw.wire.ticks import add, diff
 
 # states: those above REST have drive; from RUN on it is counted as time goes by
@@ -37,57 +40,121 @@ OVER = const(11)  # the drive has come to its deadline
 LAST_OVER = const(12)  # so has the last pulse
 HIT = const(13)  # the end-stop ahead is open (reason)
 
-# cells: the next state and the action; where the action returns False, the state stays
-_ = (IDLE, Actions.cannot_happen)
-nothing = (IDLE, lambda axis, reason: False)  # there is no move to end
-allow = (IDLE, Actions.may_begin)
-refuse = (IDLE, Actions.refuse)
-begin = (REST, Actions.begin)
-seek = (SETTLE, Actions.begin)
-replace = (REST, Actions.supersede)
-take_up = (TAKE_UP, Actions.turn_on)
-pulse = (PULSE, Actions.turn_on)
-run = (RUN, Actions.turn_on)
-search = (SEARCH, Actions.turn_on)
-settle = (SETTLE, Actions.settle)
-rest = (REST, Actions.taken_up)
-count = (REST, Actions.pulsed)
-done = (IDLE, Actions.last_pulsed)
-limit = (IDLE, lambda axis, _: axis.finish(axis.ends_as))
-last = (PULSE, Actions.make_last)
-cut = (IDLE, Actions.cut_short)
-end = (IDLE, Actions.finish)
-h_over = (IDLE, lambda axis, _: axis.homing.over())  # these two ask homing, which makes an event of its own
-h_hit = (IDLE, lambda axis, _: axis.homing.hit())
-
-# fmt: off
-TABLE = {
-    # event       IDLE     SETTLE   REST     TAKE_UP  PULSE    RUN      SEARCH
-    ASK:         (allow,   refuse,  refuse,  refuse,  refuse,  refuse,  refuse),
-    BEGIN:       (begin,   _,       _,       _,       _,       _,       _),
-    SEEK:        (seek,    _,       _,       _,       _,       _,       _),
-    FRAME:       (begin,   replace, replace, replace, replace, replace, replace),
-    FINISH:      (nothing, end,     end,     cut,     last,    end,     end),
-    END:         (nothing, end,     end,     cut,     cut,     end,     end),
-    DUE_TAKE_UP: (_,       _,       take_up, _,       _,       _,       _),
-    DUE_PULSE:   (_,       _,       pulse,   _,       _,       _,       _),
-    DUE_RUN:     (_,       _,       run,     _,       _,       _,       _),
-    DUE_SEARCH:  (_,       search,  _,       _,       _,       _,       _),
-    DUE_SETTLE:  (_,       settle,  _,       _,       _,       _,       settle),
-    OVER:        (_,       _,       _,       rest,    count,   limit,   h_over),
-    LAST_OVER:   (_,       _,       _,       _,       done,    _,       _),
-    HIT:         (_,       h_hit,   end,     cut,     cut,     end,     h_hit),
-}
-# fmt: on
+_SHORT_US = const(1_500)  # a drive that may be over before the loop comes round is waited for where it begins
+_COUNT_US = const(1_000_000)  # a run is counted so often, so that its sums stay small, or more often: within
+_COUNT_STEPS = const(100)  # so many steps at duty 1, so that it ends where no more can be counted
 _FINISH_US = const(250_000)  # a soft stop lets a pulse end that has less than this to go
 _SHORTEST_US = const(200)  # no pulse is shorter, so less than that is not taken up
 
 
-class Axis(Actions):
+class Axis(Settings):
     """Axis number (1, 2 ...) on a bridge, with its two EndStops named for the electrical direction.
 
     homing is None, or makes what finds them (a Homing). ticks_us is the clock. error_queue takes this axis's errors.
+    Its settings are its attributes.
     """
+
+    def __init__(self, number, bridge, positive_stop, negative_stop, homing, error_queue, ticks_us, position=None):
+        self.number = number
+        self.positive_stop = positive_stop
+        self.negative_stop = negative_stop
+        self._errors = error_queue
+        self._ticks_us = ticks_us
+        self.position = position or Position()
+        self.drive = Drive(bridge, [negative_stop, positive_stop, negative_stop], ticks_us)  # [0] stands for none
+        self.switch_homing = self.homing = homing and homing(self)  # the homing of this axis, and the one under way
+        self.has_moved = False  # has a move ended, or was its position defined, since store.py asked last?
+        self.poll_input = bool  # nothing: the App sets its own, by which a stop in the middle of longer work cuts
+        self.inverted = 0
+        self.reset()
+
+    def reset(self):
+        """Off, and everything as at power-up."""
+        self.drive.reset()
+        self.state = 0
+        self.load(())
+        self.position.reset()
+        self.last_relative = 0  # steps
+
+        # how the last move ended
+        self.reason = codes.NONE_YET
+        self.ended_steps = self.ended_on_us = 0
+
+        # the move under way
+        self.ends_as = codes.DONE  # its reason if it comes to its own end
+        self.pulses_left = self.period_us = 0
+        self.length_us = 0  # of its pulses, but for the backlash's
+        self.next_at = 0  # when its rest is over
+        self.resting = False  # is the period of the last pulse still running, whether or not a move is under way?
+        self.counting = False  # is a drive that is over being counted?
+
+    # ---- settings
+
+    def apply(self):
+        """The settings have changed."""
+        self.positive_stop.fitted = self.switches & 1 != 0
+        self.negative_stop.fitted = self.switches & 2 != 0
+        self.drive.watched = self.switches & 3 != 0 and not self.checking & 1
+        self.drive.inverted = self.inverted
+        self.drive.stops[1], self.drive.stops[-1] = self.stop_towards(1), self.stop_towards(-1)
+        self.changed = self.state != 0  # then _close() measures
+        if not self.changed:
+            self._measure()
+
+    def _measure(self):
+        """Compute the amounts of drive that make a step, and the gap: at rest, for a change is the next move's."""
+        self.position.scale(self.pulse_us * self.step_duty, self.take_up_us * self.step_duty)
+        self.count_us = min(self.position.step, _COUNT_US // _COUNT_STEPS) * _COUNT_STEPS
+
+    # ---- the end-stops
+
+    def limits(self):
+        """Bit 0: positive end-stop active, bit 1: negative, bit 2: home. Switches not fitted read 0."""
+        return self.switches & 3 and self.stop_towards(1).active() | self.stop_towards(-1).active() << 1
+
+    def stop_towards(self, direction):
+        """The end-stop in the axis's own direction 1 or -1: `inverted` swaps names, not switches."""
+        return self.positive_stop if (direction > 0) != (self.inverted > 0) else self.negative_stop
+
+    # ---- errors, and what may not be
+
+    def error(self, number):
+        """Queue error `number` of this axis."""
+        self._errors.push(self.number * 100 + number)
+
+    def error_of(self, reason, direction):
+        """Queue the error of a reason in that direction, if it has one."""
+        errors = codes.REASON_ERRORS.get(reason)
+        if errors:
+            self.error(errors[0 if direction > 0 else -1])
+
+    def may_begin(self, _value):
+        """May a move begin? If not, an error says why."""
+        if self.motor_type and not self.drive.emergency:
+            return True
+        self.error(codes.AXIS_EMERGENCY_STOP if self.drive.emergency else codes.AXIS_NOT_CONNECTED)
+        return False
+
+    def out_of_reach(self, low, high):
+        """True, with its error queued, if a target between these steps is not allowed."""
+        if low < -MAX_STEPS or high > MAX_STEPS:
+            self.error(codes.AXIS_OUT_OF_RANGE)
+        elif self.checking & 8 and high > self.soft_maximum:
+            self.error_of(codes.SOFT_LIMIT, 1)
+        elif self.checking & 8 and low < self.soft_minimum:
+            self.error_of(codes.SOFT_LIMIT, -1)
+        else:
+            return False
+        return True
+
+    def refuse(self, _value):
+        """A move is under way."""
+        self.error(codes.AXIS_MOVING)
+        return False
+
+    def cannot_happen(self, _value):
+        """The loop turns this into an internal fault: all off, error 64."""
+        raise RuntimeError
 
     def handle(self, event, value):
         """Do the action of TABLE for this event. True if it was done, and the state is the next one."""
@@ -208,7 +275,7 @@ class Axis(Actions):
             self.abort(codes.EMERGENCY_STOP)
             if drive.has_begun:  # it has opened since
                 drive.has_begun = False
-                drive.off()
+                drive.release()
                 self.position.driven(1 if speed > 0 else -1, abs(speed) * diff(self._ticks_us(), drive.began_at), True)
             return False
         self.handle(FRAME, speed)
@@ -312,3 +379,169 @@ class Axis(Actions):
         if not self.state:
             return NEVER_US
         return diff(self.next_at if self.state <= REST else drive.ends_at, self._ticks_us())
+
+    # ==== the actions of the table
+
+    # ---- begin
+
+    def begin(self, speed):
+        """A move is accepted: from here on it must reach _close()."""
+        self.drive.aim(speed)
+        self.drive.on_us = 0
+        self.position.begin()
+        return True
+
+    def supersede(self, speed):
+        """The move ends, and a frame's begins. The drive stays on: the new one may go the same way."""
+        drive = self.drive
+        goes_on = drive.measuring and not drive.was_cut and speed * drive.direction > 0
+        self._close(codes.SUPERSEDED)
+        drive.measuring = goes_on
+        return self.begin(speed)
+
+    def turn_on(self, us):
+        """Drive for us at most. If the gate forbids it, the move ends."""
+        self.resting = False
+        drive = self.drive
+        reason = drive.on(us)
+        if reason:
+            self.forbidden(reason)
+        elif us < _SHORT_US:
+            drive.end_on_time(self.poll_input, 1)
+        return not reason
+
+    # ---- a drive is over
+
+    def taken_up(self, _value):
+        """Count a whole take-up. The rest after it is that between two steps: a motor still turning adds to a step."""
+        self.counting = True
+        drive = self.drive
+        drive.release()
+        drive.measured_us(True)
+        self.position.taken_up(drive.direction)
+        self.next_at = add(drive.cut_at, self.period_us - self.length_us)
+        self.counting = False
+        return True
+
+    def pulsed(self, _value):
+        """Count a whole pulse: a step, or by its time if its length is its own. Its period goes on."""
+        self.counting = True
+        drive = self.drive
+        drive.release()
+        drive.measured_us(True)
+        if self.length_us == self.pulse_us:
+            self.position.pulsed(drive.direction)
+        else:  # an estimate: half the time is not half the way
+            self.position.driven(drive.direction, self.length_us * drive.duty, True)
+        self.pulses_left -= 1
+        self.keep_period()
+        self.counting = False
+        return True
+
+    def last_pulsed(self, _value):
+        """Count the last pulse, and end the move: DONE or STOPPED, which queue no error."""
+        self.pulsed(0)
+        self._close(self.ends_as)
+        return True
+
+    def settle(self, us):
+        """Off for us, in the middle of homing."""
+        self.drive.release()
+        self.count(True)
+        self.next_at = add(self._ticks_us(), us)
+        return True
+
+    # ---- end
+
+    def make_last(self, reason):
+        """This pulse is the last one."""
+        if self.pulses_left > 1:
+            self.pulses_left = 1
+            self.ends_as = reason
+        return True
+
+    def cut_short(self, reason):
+        """Off in the middle of a pulse, which has its period all the same; and the move is over."""
+        self.drive.release()
+        self.keep_period()
+        return self.finish(reason)
+
+    def finish(self, reason):
+        """Off, and the move is over."""
+        self.drive.release()
+        self._close(reason)
+        if reason == codes.RUN_LIMIT and self.position.millisteps * self.drive.direction >= EDGE:
+            self.error(codes.AXIS_OUT_OF_RANGE)
+        else:
+            self.error_of(reason, self.drive.direction)
+        return True
+
+    def _close(self, reason):
+        """Count what the move has driven, and note how it ended."""
+        self.counting = True
+        self.count(True)
+        self.ended_steps = self.position.made
+        self.ended_on_us = self.drive.on_us
+        self.reason = reason
+        self.has_moved = True
+        self.counting = False
+        if self.changed:
+            self.changed = False
+            self._measure()
+
+    # ---- count
+
+    def count(self, over):
+        """Count the on-time since it was counted last, if there is any."""
+        drive = self.drive
+        if drive.measuring:
+            self.position.driven(drive.direction, drive.measured_us(over) * drive.duty, over)
+
+    def keep_period(self):
+        """The next pulse must wait until this one's period is over."""
+        self.next_at = add(self.drive.on_at, self.period_us)
+        self.resting = True
+
+
+# cells: the next state and the action; where the action returns False, the state stays
+_ = (IDLE, Axis.cannot_happen)
+nothing = (IDLE, lambda axis, reason: False)  # there is no move to end
+allow = (IDLE, Axis.may_begin)
+refuse = (IDLE, Axis.refuse)
+begin = (REST, Axis.begin)
+seek = (SETTLE, Axis.begin)
+replace = (REST, Axis.supersede)
+take_up = (TAKE_UP, Axis.turn_on)
+pulse = (PULSE, Axis.turn_on)
+run = (RUN, Axis.turn_on)
+search = (SEARCH, Axis.turn_on)
+settle = (SETTLE, Axis.settle)
+rest = (REST, Axis.taken_up)
+count = (REST, Axis.pulsed)
+done = (IDLE, Axis.last_pulsed)
+limit = (IDLE, lambda axis, _: axis.finish(axis.ends_as))
+last = (PULSE, Axis.make_last)
+cut = (IDLE, Axis.cut_short)
+end = (IDLE, Axis.finish)
+h_over = (IDLE, lambda axis, _: axis.homing.over())  # these two ask homing, which makes an event of its own
+h_hit = (IDLE, lambda axis, _: axis.homing.hit())
+
+# fmt: off
+TABLE = {
+    # event       IDLE     SETTLE   REST     TAKE_UP  PULSE    RUN      SEARCH
+    ASK:         (allow,   refuse,  refuse,  refuse,  refuse,  refuse,  refuse),
+    BEGIN:       (begin,   _,       _,       _,       _,       _,       _),
+    SEEK:        (seek,    _,       _,       _,       _,       _,       _),
+    FRAME:       (begin,   replace, replace, replace, replace, replace, replace),
+    FINISH:      (nothing, end,     end,     cut,     last,    end,     end),
+    END:         (nothing, end,     end,     cut,     cut,     end,     end),
+    DUE_TAKE_UP: (_,       _,       take_up, _,       _,       _,       _),
+    DUE_PULSE:   (_,       _,       pulse,   _,       _,       _,       _),
+    DUE_RUN:     (_,       _,       run,     _,       _,       _,       _),
+    DUE_SEARCH:  (_,       search,  _,       _,       _,       _,       _),
+    DUE_SETTLE:  (_,       settle,  _,       _,       _,       _,       settle),
+    OVER:        (_,       _,       _,       rest,    count,   limit,   h_over),
+    LAST_OVER:   (_,       _,       _,       _,       done,    _,       _),
+    HIT:         (_,       h_hit,   end,     cut,     cut,     end,     h_hit),
+}
+# fmt: on

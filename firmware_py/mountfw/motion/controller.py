@@ -23,7 +23,7 @@ class Controller:
         for axis, after in zip(self.axes, self.axes[1:] + (None,)):
             axis.next = after  # a `for` takes longer, and more words of a call's state than the C stack has
         self._cuts = tuple([axis.drive.bridge.cut for axis in axes])
-        self._offs = tuple([axis.drive.bridge.off for axis in axes])
+        self._releases = tuple([axis.drive.bridge.release for axis in axes])
         self._emergency_stop = emergency_stop
         self.inhibited = codes.NONE_YET  # the reason of a stop that is received but still unparsed
         self.halted = codes.NONE_YET  # the same until the axes are told: service() does
@@ -33,8 +33,8 @@ class Controller:
         """All drives off: nothing but pin writes before the last enable is low."""
         for cut in self._cuts:
             cut()
-        for off in self._offs:
-            off()
+        for release in self._releases:
+            release()
 
     def halt(self, reason):
         """A stop is received, maybe in the middle of longer work: cut all drives now; service() ends the moves."""

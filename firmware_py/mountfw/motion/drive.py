@@ -1,4 +1,4 @@
-"""The drive of one motor: a gate, on, cut, a deadline and the measured on-time. Imports codes, ticks.
+"""The drive of one motor: may it, on, cut, a deadline, the measured on-time; and its end-stops. Imports codes, ticks.
 
 A pulse, a run and a frame are one on() with its deadline; measured_us() returns how long the motor had drive. Only
 _set(), and the input of a port that has its own, turn a motor on. The clock is read right before each pin write.
@@ -13,6 +13,22 @@ NEVER_US = const(1 << 29)  # "no deadline"
 
 _CLOCK_US = const(200)  # the last stretch reads the clock only: more than polling the input takes
 _MOST_ON_US = const(1_000_000_000)  # a move's on-time is measured up to here: its sum stays a small integer
+
+
+class EndStop:
+    """A normally closed switch to ground with a pull-up: high is active, and so is a broken wire.
+
+    read returns 0 or 1, or is None where the board has no such input. A switch that is not fitted is never read.
+    """
+
+    def __init__(self, read):
+        self._read = read
+        self.has_input = read is not None
+        self.fitted = False
+
+    def active(self):
+        """True while the switch says stop. Two readings must agree: motors are noisy neighbours."""
+        return self.fitted and self._read() == 1 and self._read() == 1
 
 
 class Drive:
@@ -39,7 +55,7 @@ class Drive:
 
     def reset(self):
         """Off, and nothing forbids to drive."""
-        self.bridge.off()
+        self.bridge.release()
         self.inhibited = codes.NONE_YET  # the reason of a stop that is received but still unparsed
         self.emergency = False  # the emergency stop has opened; an interrupt may set it
         self.measuring = False  # is it on, or was it since measured_us()?
@@ -47,9 +63,9 @@ class Drive:
         self.tripped = False  # did guard() cut it?
         self.has_begun = False  # did begin(), or the port's own input, turn it on at began_at? on() follows
 
-    # ---- the gate
+    # ---- may it?
 
-    def forbidden(self):
+    def why_not(self):
         """The reason why it must not drive in its direction; 0 if it may. Drops the record of the position first."""
         if self.on_flash:
             self.drop_record()  # takes long, and polls the input: a stop may come of it
@@ -76,7 +92,7 @@ class Drive:
     def on(self, us):
         """Drive at duty in direction until cut, for us at most. Returns 0, or the reason why it must not drive.
 
-        With a reason it may have been on for some microseconds: off() follows.
+        With a reason it may have been on for some microseconds: release() follows.
         """
         if self.has_begun:
             self.has_begun = False
@@ -86,7 +102,7 @@ class Drive:
                 self.cut_at = self.halted_at
         else:
             if self.inhibited or self.emergency or self.watched or self.on_flash:
-                reason = self.forbidden()
+                reason = self.why_not()
                 if reason:
                     return reason
             self.was_cut = False
@@ -98,7 +114,7 @@ class Drive:
         if self.gate:
             self.gate.end_at(self.ends_at)
         if self.tripped or self.inhibited or self.emergency:  # meanwhile, by an interrupt or a poll of the input
-            return self.forbidden()
+            return self.why_not()
         return 0
 
     def begin(self, speed):
@@ -113,11 +129,11 @@ class Drive:
 
     # ---- off
 
-    def off(self):
+    def release(self):
         """No drive, and every output in its defined state."""
         if self.measuring and not self.was_cut:
             self.cut()
-        self.bridge.off()
+        self.bridge.release()
 
     def cut(self):
         """No drive, since cut_at. A drive that is over may not be counted yet: its time stays."""

@@ -1,10 +1,13 @@
-"""Where an axis is: its position, and what that is worth. Imports backlash, codes, settings.
+"""Where an axis is: its position, and what that is worth. Imports codes, settings.
 
 A drive is counted as microseconds times duty. `step` of it, one pulse's, is a step.
+
+A drive that has changed direction first turns through the backlash, `gap` of it, while the mirror stands still: that
+much is no part of a step. `inside` is how far the drive is from the gap's negative end, 0 ... gap. An axis without
+take-up (setting `take_up_us`) has no gap.
 """
 
 from mountfw import codes, const
-from mountfw.backlash import Backlash
 from mountfw.settings import MAX_STEPS
 
 EDGE = MAX_STEPS * 1000  # millisteps: of what can be counted, either way
@@ -16,7 +19,7 @@ def rounded(millisteps):
     return (millisteps + 500) // 1000 if millisteps >= 0 else -((500 - millisteps) // 1000)
 
 
-class Position(Backlash):
+class Position:
     """Position of one axis in millisteps, and target in steps. If it is `closed` an encoder measures it."""
 
     def __init__(self):
@@ -142,3 +145,45 @@ class Position(Backlash):
         self.target = -self.target
         self.home = -self.home
         self.mirror_gap()
+
+    # ---- the backlash: where in its gap the drive stands
+
+    def lose_gap(self):
+        """Nobody knows where in the gap the drive stands: nothing is taken up until it is found."""
+        self.gap_known = False
+        self.inside = 0
+        self._way = 0  # the direction of the last drive ...
+        self._one_way = 0  # ... and how much went that way, to find an end of the gap
+
+    def take_up(self, direction):
+        """What must be driven in this direction before the mirror moves, as far as is known."""
+        if not self.gap_known:
+            return 0
+        return self.gap - self.inside if direction > 0 else self.inside
+
+    def taken_up(self, direction):
+        """The drive has turned through the gap."""
+        self.inside = self.gap if direction > 0 else 0
+
+    def through_gap(self, direction, amount):
+        """The drive has turned by this amount. Returns what of it has moved the mirror."""
+        if self.gap_known:
+            left = self.take_up(direction)
+            if amount < left:
+                self.inside += direction * amount
+                return 0
+            self.taken_up(direction)
+            return amount - left
+        if direction != self._way:
+            self._way = direction
+            self._one_way = 0
+        self._one_way += amount
+        if self._one_way >= self.gap:
+            self.gap_known = True
+            self.taken_up(direction)
+        return amount
+
+    def mirror_gap(self):
+        """The axis's direction was swapped."""
+        self.inside = self.gap - self.inside if self.gap_known else 0
+        self._way = -self._way

@@ -197,7 +197,7 @@ class TwoPwmBridge:
         self.cut()
         return now_us
 
-    def off(self):
+    def release(self):
         """No drive, coasting."""
         self._motor.throttle = None
         self._direction = 0
@@ -206,7 +206,7 @@ class TwoPwmBridge:
         """Drive at duty, -255 ... 255 but not 0. Returns the time."""
         direction = 1 if duty > 0 else -1
         if direction != self._direction:
-            self.off()
+            self.release()
             self._direction = direction
             self._pause_us(self._dead_time_us)
         now_us = self._ticks_us()

@@ -13,7 +13,7 @@ import time
 
 import machine
 import micropython
-from machine import Pin
+from machine import PWM, Pin
 
 from mountfw import codes, const
 from mountfw.ports import micropython_encoder, shared
@@ -44,8 +44,33 @@ if getattr(sys, "platform", "") == "rp2" and getattr(sys.implementation, "_machi
     from mountfw.ports.rp2_gate import DutyPin
     from mountfw.ports.rp2_lane import EnableBridge, lane  # noqa: F401 (verbs, too)
 else:
-    from mountfw.ports.micropython_drain import any, drain  # noqa: F401 (verbs, too)
-    from mountfw.ports.micropython_pin import DutyPin
+    from mountfw.ports.micropython_console import any, drain  # noqa: F401 (verbs, too)
+
+    class DutyPin:
+        """A pin that can carry a duty.
+
+        low() and high() go through the pin's function, at once. The PWM behind the pin keeps its old
+        duty to the end of its period, and shows it only while the pin's function is PWM.
+        """
+
+        def __init__(self, number, pwm_hz):
+            pin = Pin(number, Pin.OUT, value=0)
+            self._function = pin.init
+            self._duty_u16 = PWM(pin, freq=pwm_hz, duty_u16=0).duty_u16
+            self.low()
+
+        def low(self):
+            """Pin low."""
+            self._function(Pin.OUT, value=0)
+
+        def high(self):
+            """Pin high."""
+            self._function(Pin.OUT, value=1)
+
+        def level(self, duty_u16):
+            """Pin at duty_u16, 0 ... 65535."""
+            self._duty_u16(duty_u16)
+            self._function(Pin.ALT, alt=Pin.ALT_PWM)
 
 
 def output(number, pwm_hz=0):

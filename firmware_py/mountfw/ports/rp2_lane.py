@@ -110,7 +110,7 @@ class EnableBridge:
         return int(_cut(self.words, us))
 
     @micropython.viper
-    def off(self):
+    def release(self):
         """No drive, coasting; both legs low."""
         words = ptr32(self.words)
         off = ptr32(_OUT_CLEAR)

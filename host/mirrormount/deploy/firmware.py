@@ -30,7 +30,12 @@ _NATIVE = (b"@micropython.native", b"@micropython.viper")
 _ENTRY = "entry"
 _OTHERS = {  # files of other platforms
     "micropython": (f"{PACKAGE}/ports/circuitpython",),
-    "circuitpython": (f"{PACKAGE}/ports/micropython", f"{PACKAGE}/ports/rp2_", f"{PACKAGE}/start.py"),
+    "circuitpython": (
+        f"{PACKAGE}/ports/lane",
+        f"{PACKAGE}/ports/micropython",
+        f"{PACKAGE}/ports/rp2_",
+        f"{PACKAGE}/start.py",
+    ),
 }
 
 # of a board file

@@ -1,9 +1,9 @@
 """H-bridge drivers. They take objects, not pins; the port makes those.
 
 A bridge has four verbs. cut() takes the drive away in one go and touches nothing else; cut_at(us) waits for a time that
-is near, cuts, and returns the time, or returns -1, not cut, as soon as a byte waits if it looks for one; off() cuts and
-leaves every input in its defined state; drive(duty) drives at -255 ... 255, never 0, positive meaning the `pos` leg
-high, and returns the time right before it did.
+is near, cuts, and returns the time, or returns -1, not cut, as soon as a byte waits if it looks for one; release() cuts
+and brings both legs low; drive(duty) drives at -255 ... 255, never 0, positive meaning the `pos` leg high, and returns
+the time right before it did.
 
 An output object has high(), low() and, where its duty can be set, level(duty_u16). high() and level() return the time
 right before the pin changed, or None where the port does not know it. low() and high() are pin levels, never a PWM's
@@ -47,7 +47,7 @@ class Bridge:
         self.cut()
         return now_us
 
-    def off(self):
+    def release(self):
         """No drive, coasting; both legs low."""
         self.cut()
         self._direction = 0
@@ -59,7 +59,7 @@ class Bridge:
         """Drive at duty, -255 ... 255 but not 0. Returns the time."""
         direction = 1 if duty > 0 else -1
         if direction != self._direction:
-            self.off()  # before a leg changes
+            self.release()  # before a leg changes
             leg = self._pos if direction > 0 else self._neg
             if self._enable:
                 leg.high()
