@@ -87,14 +87,14 @@ class Records:
 
     load gives bytes, none if the file cannot be read, or None if there is no such file; the others raise OSError
     if they cannot.
-    poll_input is called after what takes long: a stop must not wait for it. The loop sets it.
+    check_stop is called after what takes long: a stop must not wait for it. The loop sets it.
     """
 
     def __init__(self, port, axes, error_queue):
         self._port = port
         self._axes = axes
         self._errors = error_queue
-        self.poll_input = bool  # nothing
+        self.check_stop = bool  # nothing
         self.waiting = False  # may a record be due?
         self._tidy = False
         self._next = _NOTHING
@@ -205,7 +205,7 @@ class Records:
         self.waiting = True
         self._next = _WAIT
         self._rested_at = None
-        self.poll_input()
+        self.check_stop()
         return True
 
     def rest(self, now_us):

@@ -27,9 +27,9 @@ class AtRest:
 
     def _look(self, band):
         axis, position = self._axis, self._axis.measured
-        axis.poll_input()
+        axis.check_stop()
         position.look()
-        axis.poll_input()
+        axis.check_stop()
         motor = self._seen = position.motor
         self._band = band
         if not axis.drive.on_flash:

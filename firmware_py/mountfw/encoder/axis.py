@@ -175,7 +175,7 @@ class EncodedAxis(Axis):
         per_pulse = self._counts or position.share_of_step(us, self.pulse_us)
         self._counts = 0
         position.look()
-        self.poll_input()
+        self.check_stop()
         self._pulses = True
         n = self._loop.begin(position.place, self._start, n, per_pulse)
         self._start = None
@@ -187,9 +187,9 @@ class EncodedAxis(Axis):
             return
         position = self.measured
         position.look()
-        self.poll_input()
+        self.check_stop()
         reason = self._loop.next(position.place)
-        self.poll_input()
+        self.check_stop()
         if reason == codes.FOLLOWING:  # its counts have not come in all the time that it may take
             self._failed(reason)
         elif reason:
@@ -232,7 +232,7 @@ class EncodedAxis(Axis):
         if diff(now_us, self._looked_at) >= _LOOK_AT_REST_US >> 1:
             self._looked_at = now_us
             self.measured.look()
-            self.poll_input()
+            self.check_stop()
             if self.drive.inhibited:  # a stop: it is told first
                 return NEVER_US
         return self._go_on(now_us)
@@ -303,7 +303,7 @@ class EncodedAxis(Axis):
     def _left(self, late):
         """Read what waits, and obey a frame, unless it is too late for that. True if another drive has begun."""
         if late:
-            self.poll_input()
+            self.check_stop()
             return False
         on_at = self.drive.on_at
         return self.read(0) and (self.drive.on_at != on_at or not self.state)
