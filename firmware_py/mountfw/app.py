@@ -37,7 +37,7 @@ class Input:
         self._ticks_us = port.ticks_us
         self._receiver = receiver
         self.woke_at = 0  # when the last wait was over
-        self.poll_input = bool  # for book(), as of an Axis
+        self.check_stop = bool  # for book(), as of an Axis
 
     def read(self, most, wait_ms):
         """Wait so long for a byte, and read at most so many, no further than to a stop.
@@ -85,11 +85,11 @@ class App:
         self._meanwhile = _READ_MEANWHILE
         self._shown_at = port.ticks_us()
         self._watch = self._poll_and_watch  # bound once: nothing is allocated in the loop
-        self.poll_by(self.poll_input)
+        self.poll_by(self.check_stop)
 
     def run(self):
         """Run the loop for ever. An internal fault stops the motors, queues an error, and the loop continues."""
-        self.poll_by(self.poll_input)  # again: _leave() has taken it away
+        self.poll_by(self.check_stop)  # again: _leave() has taken it away
         self._replies.silence()
         try:
             self.gated.enter()
@@ -104,10 +104,10 @@ class App:
         finally:  # Ctrl-C: every move ends at once, so that it is counted right
             self.port.uninterrupted(self._leave, codes.ABORTED)
 
-    def poll_by(self, poll_input):
-        """What takes long calls poll_input now and then: a stop does not wait for it."""
+    def poll_by(self, check_stop):
+        """What takes long calls check_stop now and then: a stop does not wait for it."""
         for part in self.controller.axes + (self._records, self._input):
-            part.poll_input = poll_input
+            part.check_stop = check_stop
 
     def _leave(self, reason):
         self.poll_by(bool)  # does nothing: what comes now is the prompt's
@@ -135,7 +135,7 @@ class App:
         if received == _READ and self._receiver.unparsed < _MOST_STREAMED:
             pass  # more will follow at once, maybe a stop: it is read before this is parsed
         elif self.controller.halted:
-            self.poll_input()
+            self.check_stop()
         elif self._commands.busy:
             self._commands.go_on()
         elif self._receiver.waits():
@@ -181,7 +181,7 @@ class App:
             return LENGTH
         return self._receiver.write - before & self._receiver.mask
 
-    def poll_input(self, most=0):
+    def check_stop(self, most=0):
         """Read bytes that wait, in the middle of longer work: a stop among them cuts at once. True if any came."""
         stop = self._input.read(most or self._meanwhile, -1)
         if stop > 0:
@@ -190,7 +190,7 @@ class App:
 
     def _poll_and_watch(self, most):
         """The same, and look at the switches."""
-        self.poll_input(most)
+        self.check_stop(most)
         self.controller.guard_stops()
 
     def _halt(self, stop):
@@ -206,7 +206,7 @@ class App:
             message = receiver.next()
             if message or receiver.unparsed == receiver.ahead:
                 break
-        self.poll_input()
+        self.check_stop()
         if message:
             self._dispatch(message)
         if self._commands.busy and free and not (self.controller.halted or self.controller.watching()):
@@ -236,23 +236,27 @@ class App:
         axis = controller.ending(now_us, _SPIN_US)
         watching = axis and controller.watching()
         while axis:
-            axis.drive.end_on_time(self._watch if watching else axis.poll_input, _READ_SPINNING)
+            axis.drive.end_on_time(self._watch if watching else axis.check_stop, _READ_SPINNING)
             axis = controller.ending(self._ticks_us(), _SPIN_US)
-        self.poll_input()
+        self.check_stop()
         return controller.service(self._ticks_us())
+
+    def show_led(self):
+        """Switch the LED by the state of the mount and by the clock."""
+        slots = 0b00010001 if self.controller.errors.waiting else 0b11111111  # eight, the lowest bit first
+        if self.controller.driving():
+            slots = 0b01010101
+        self.port.led(slots >> (self.port.ticks_ms() // _SLOT_MS & 7) & 1)
 
     def _show(self, now_us):
         """Feed the watchdog, and update the LED: on = ready, blinking = driving, a flash each 2 s = an error waits."""
         self._shown_at = now_us
         if self._feed:
             self._feed()
-        slots = 0b00010001 if self.controller.errors.waiting else 0b11111111  # eight, the lowest bit first
-        if self.controller.driving():
-            slots = 0b01010101
-        self.port.led(slots >> (self.port.ticks_ms() // _SLOT_MS & 7) & 1)
+        self.show_led()
         if diff(now_us, self._receiver.received_at) >= _SILENCE_US:
             self._replies.silence()
-        self.poll_input()
+        self.check_stop()
 
     # ---- nothing to do
 
@@ -281,7 +285,7 @@ class App:
 
     def _heard(self):
         """Poll once more. True if there is something to do before the loop sleeps."""
-        return self.poll_input() or self._receiver.unparsed > self._receiver.ahead or self.controller.halted
+        return self.check_stop() or self._receiver.unparsed > self._receiver.ahead or self.controller.halted
 
     def _time_out(self, now_us, left_us, gap_us):
         """Apply the keep-alive, and the gap after an unfinished message. Returns the us to the next deadline of all."""
@@ -294,7 +298,7 @@ class App:
                 self._dispatch(self._receiver.gap())
                 return 0  # it may have begun a drive
             return min(left_us, due_us, gap_us)
-        while due_us < _SPIN_US and due_us < left_us and not self.poll_input():  # its end is waited for
+        while due_us < _SPIN_US and due_us < left_us and not self.check_stop():  # its end is waited for
             self.controller.guard_stops()
             due_us = self.controller.silence(now_us, self._receiver.received_at)  # up to then no byte had come
             now_us = self._ticks_us()
@@ -306,4 +310,4 @@ class App:
         while left and self._replies.waiting and self.port.writable():
             self.port.write(self._replies.read())
             left -= 1
-        self.poll_input()
+        self.check_stop()

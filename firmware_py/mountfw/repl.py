@@ -1,4 +1,4 @@
-"""The mount at the board's own prompt. Imports build, codes, led and position, and the port by the interpreter's name.
+"""The mount at the board's own prompt. Imports build and codes, and the port by the interpreter's name.
 
     >>> from mountfw.repl import m
     >>> m.x.step(5)              # right; returns when it is done
@@ -13,7 +13,7 @@ them until its move is over, listens to Ctrl-C only, and leaves the motors off.
 
 import sys
 
-from mountfw import codes, led
+from mountfw import codes
 from mountfw.app import App
 from mountfw.settings import MAX_STEPS
 
@@ -73,6 +73,7 @@ class Mount:
     def __init__(self, port, firmware):
         self._port = port
         self._controller = firmware.controller
+        self._show_led = firmware.show_led
         self.axes = tuple([Axis(self, name, axis) for name, axis in zip(_NAMES, self._controller.axes)])
         self.y, self.x = self.axes[:2]
         for a in self.axes:
@@ -80,7 +81,7 @@ class Mount:
                 a.axis.position.certainty = codes.UNKNOWN
         self.stop()
         self._controller.inhibit(codes.NONE_YET)
-        firmware.poll_by(bool, bool)  # does nothing: what is typed is the prompt's
+        firmware.poll_by(bool)  # does nothing: what is typed is the prompt's
 
     def drive(self, m1, m2, ms):
         """Drive motor 1 (y) and motor 2 (x) at -255 ... 255 for ms milliseconds. Raises ValueError, MoveEnded."""
@@ -133,7 +134,7 @@ class Mount:
             if ending:
                 ending.drive.end_on_time(bool, 0)
                 continue
-            led.show(self._port, self._controller)
+            self._show_led()
             if left_us > _SPIN_US and not self._controller.watching():
                 self._port.pause_us(min(left_us - _SPIN_US, _PAUSE_US))
 

@@ -89,14 +89,14 @@ class Records:
 
     load gives bytes, none if the file cannot be read, or None if there is no such file; the others raise OSError
     if they cannot.
-    poll_input is called after what takes long: a stop must not wait for it. The loop sets it.
+    check_stop is called after what takes long: a stop must not wait for it. The loop sets it.
     """
 
     def __init__(self, port, axes, error_queue):
         self._port = port
         self._axes = axes
         self._errors = error_queue
-        self.poll_input = bool  # nothing
+        self.check_stop = bool  # nothing
         self.waiting = False  # may a record be due?
         self._tidy = False
         self._next = _NOTHING
@@ -161,7 +161,7 @@ class Records:
             entry = axis and named(name, entries_of(axis))
             if axis is None or entry is None:
                 continue
-            if name.startswith("soft_"):  # an older firmware allowed a step more
+            if name and name.startswith("soft_"):  # an older firmware allowed a step more
                 value = max(-MAX_STEPS, min(MAX_STEPS, value))
             if not allowed(entry, value) or (name == "switches" and not axis.can_fit(value)):
                 return None
@@ -208,7 +208,7 @@ class Records:
         self.waiting = True
         self._next = _WAIT
         self._rested_at = None
-        self.poll_input()
+        self.check_stop()
         return True
 
     def rest(self, now_us):

@@ -113,7 +113,7 @@ class Queries:
         r.field(b",", self.about.uptime_ms())
         r.field(b",", self._controller.errors.waiting)
         for axis in self._controller.axes:
-            axis.poll_input()
+            axis.check_stop()
             self._status_of(axis)
 
     def _status_of(self, axis):

@@ -157,7 +157,7 @@ class EncodedAxis(Axis):
         position = self.measured
         per_pulse = position.share_of_step(us, self.pulse_us)
         position.look()
-        self.poll_input()
+        self.check_stop()
         self._pulses = True
         n = self._loop.begin(position.place, self._start, n, per_pulse)
         self._start = None
@@ -169,9 +169,9 @@ class EncodedAxis(Axis):
             return
         position = self.measured
         position.look()
-        self.poll_input()
+        self.check_stop()
         reason = self._loop.next(position.place)
-        self.poll_input()
+        self.check_stop()
         if reason == codes.FOLLOWING:  # its counts have not come in all the time that it may take
             self._failed(reason)
         elif reason:
@@ -213,7 +213,7 @@ class EncodedAxis(Axis):
         if diff(now_us, self._looked_at) >= _LOOK_AT_REST_US >> 1:
             self._looked_at = now_us
             self.measured.look()
-            self.poll_input()
+            self.check_stop()
             if self.drive.inhibited:  # a stop: it is told first
                 return NEVER_US
         return self._go_on(now_us)
@@ -282,12 +282,10 @@ class EncodedAxis(Axis):
         return 0
 
     def _left(self, late):
-        """Read what waits, and obey a frame, unless it is too late for that. True if another drive has begun."""
-        if late:
-            self.poll_input()
-            return False
+        """Check for a stop. True if one has ended the drive, whose sample is then left, unless it is too late for that."""
         on_at = self.drive.on_at
-        return self.read(0) and (self.drive.on_at != on_at or not self.state)
+        self.check_stop()
+        return not late and (self.drive.on_at != on_at or not self.state)
 
     def _ends_in(self, us, now_us):
         """The pulse's counts will be there then. Its bound and a soft stop are not put off by that."""

@@ -119,7 +119,7 @@ class MeasuredPosition(Position):
     def look(self):
         """Count what it has turned since. Returns the counts in the axis's own direction."""
         raw = self.reader.counts()
-        self._axis.poll_input()
+        self._axis.check_stop()
         if self.reader.slips != self._slips or self.reader.gone:
             self._doubt(raw)
         turned = apart(raw, self.raw) * self.way
@@ -215,7 +215,7 @@ class MeasuredPosition(Position):
     def done(self):
         """A drive is over: whole steps since the move began. What is still to coast is no missing step."""
         self.look()
-        self._axis.poll_input()
+        self._axis.check_stop()
         way = apart(self.place, self._begun)
         self.made = (abs(way) + (self.per_step >> 4)) // self.per_step * (1 if way > 0 else -1)
 

@@ -64,7 +64,7 @@ class Axis(Settings):
         self.drive = Drive(bridge, [negative_stop, positive_stop, negative_stop], ticks_us)  # [0] stands for none
         self.switch_homing = self.homing = homing and homing(self)  # the homing of this axis, and the one under way
         self.has_moved = False  # has a move ended, or was its position defined, since store.py asked last?
-        self.poll_input = bool  # nothing: the App sets its own, by which a stop in the middle of longer work cuts
+        self.check_stop = bool  # nothing: the App sets its own, by which a stop in the middle of longer work cuts
         self.inverted = 0
         self.reset()
 
@@ -158,7 +158,7 @@ class Axis(Settings):
 
     def handle(self, event, value):
         """Do the action of TABLE for this event. True if it was done, and the state is the next one."""
-        self.poll_input()  # actions take long
+        self.check_stop()  # actions take long
         cell = TABLE[event][self.state]
         if cell[1](self, value):
             self.state = cell[0]
@@ -407,7 +407,7 @@ class Axis(Settings):
         if reason:
             self.forbidden(reason)
         elif us < _SHORT_US:
-            drive.end_on_time(self.poll_input, 1)
+            drive.end_on_time(self.check_stop, 1)
         return not reason
 
     # ---- a drive is over

@@ -126,7 +126,7 @@ class Controller:
                 if left_us < least_us:
                     least_us = left_us
                 if axis.next and least_us > _FAR_US:
-                    axis.poll_input()  # a stop does not wait for every axis
+                    axis.check_stop()  # a stop does not wait for every axis
             axis = axis.next
         return least_us
 

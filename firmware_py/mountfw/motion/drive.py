@@ -152,21 +152,21 @@ class Drive:
             if self.gate:
                 self.gate.ended()
 
-    def end_on_time(self, poll_input, most):
-        """Wait for the deadline, which must be near, and cut. Up to the last stretch poll_input(most) is called."""
+    def end_on_time(self, check_stop, most):
+        """Wait for the deadline, which must be near, and cut. Up to the last stretch check_stop(most) is called."""
         at_us = -1
         while not self.was_cut and at_us < 0:
             left_us = diff(self.ends_at, self._ticks_us())
             if left_us <= _CLOCK_US:
                 at_us = self.bridge.cut_at(self.ends_at)
             if left_us > _CLOCK_US or (at_us < 0 and most > 1):  # a short drive (most is 1) must not be longer
-                poll_input(most)
+                check_stop(most)
         if not self.was_cut:  # by a stop or by guard(), meanwhile
             self.cut_at = self.clock() if self.gate else at_us
             self.was_cut = True
             if self.gate:
                 self.gate.ended()
-        poll_input(most)
+        check_stop(most)
 
     def guard(self, _pin):
         """An end-stop has opened (a hard interrupt, maybe): cut the drive that goes into it."""

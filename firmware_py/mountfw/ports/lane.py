@@ -35,7 +35,7 @@ class Lane:
         self._controller = controller
         self._frame = frame
         self._replies = replies
-        self.poll_input = bool  # nothing: the App sets its own
+        self.check_stop = bool  # nothing: the App sets its own
 
     def book(self):
         """As of an Input; and echo a frame that came alone."""
@@ -84,7 +84,7 @@ class Lane:
             drive.cut()
             drive.cut_at = at  # and not later, by a stop behind it
         axis.frame(speed)
-        self.poll_input()
+        self.check_stop()
 
     def _supersede(self, axis, first):
         """Count an axis's part from frame `first` on, but for the last: each was superseded by the next one."""
@@ -110,7 +110,7 @@ class Lane:
         drive.has_begun = drive.measuring = False
         if axis.position.closed:
             first = self.last - 1  # one look at the encoder has seen them all
-        self.poll_input()
+        self.check_stop()
         self.sum(axis, first)
 
     def _speed(self, i):
@@ -123,7 +123,7 @@ class Lane:
             speed = self._speed(i)
             if speed:
                 axis.drive.on_us = self._drove_us(_FIRST + _EACH * i + 1 + self.which)
-                self.poll_input()
+                self.check_stop()
                 axis.position.begin()
                 if not axis.position.closed:
                     axis.position.driven(1 if speed > 0 else -1, axis.drive.on_us * abs(speed), True)
