@@ -13,7 +13,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
-from typing import Callable, List, Optional, Sequence
+from typing import Callable, List, Mapping, Optional, Sequence
 
 ROOT = Path(__file__).resolve().parent.parent
 VENV = ROOT / ".venv"
@@ -50,12 +50,17 @@ def guarded(main: Callable[[List[str]], int]) -> int:
         return 1
 
 
-def call(command: Sequence[str], cwd: Optional[Path] = ROOT, stderr: Optional[int] = None, **environment: str) -> int:
+def call(
+    command: Sequence[str],
+    cwd: Optional[Path] = ROOT,
+    stderr: Optional[int] = None,
+    environment: Optional[Mapping[str, str]] = None,
+) -> int:
     """Run a command in front of the person, as if .venv were active; its exit status, 127 if there is no such program.
 
     PIP_USER would send packages to the home folder. After Ctrl-C, which reaches the command too, its end is awaited.
     """
-    env = dict(os.environ, VIRTUAL_ENV=str(VENV), PIP_USER="0", DEBIAN_FRONTEND="noninteractive", **environment)
+    env = dict(os.environ, VIRTUAL_ENV=str(VENV), PIP_USER="0", DEBIAN_FRONTEND="noninteractive", **(environment or {}))
     env["PATH"] = os.pathsep.join([str(PYTHON.parent), env.get("PATH", os.defpath)])
     try:
         child = subprocess.Popen(command, cwd=cwd, stdin=subprocess.DEVNULL, stderr=stderr, env=env)

@@ -18,7 +18,7 @@ def main(arguments: List[str]) -> int:
     """Prepare .venv, then run the demo in the caller's folder; without a screen, so that plots go to files."""
     bootstrap.prepare("demo", LOCK)
     command = [str(bootstrap.PYTHON), "-P", "-m", "mirrormount", "demo", *arguments]
-    return bootstrap.call(command, cwd=None, MPLBACKEND="Agg")
+    return bootstrap.call(command, cwd=None, environment={"MPLBACKEND": "Agg"})
 
 
 if __name__ == "__main__":

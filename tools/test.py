@@ -98,7 +98,7 @@ def check(step: str, title: str, words: List[str], environment: Dict[str, str]) 
     with tempfile.TemporaryDirectory() as folder:
         report = os.path.join(folder, "report.xml")
         more = ["--junit-xml", report] if "pytest" in words else []
-        status = bootstrap.call([str(bootstrap.PYTHON), *words, *more], **environment)
+        status = bootstrap.call([str(bootstrap.PYTHON), *words, *more], environment=environment)
         return Result(title, status, time.monotonic() - start, counted(report))
 
 

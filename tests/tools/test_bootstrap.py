@@ -143,7 +143,7 @@ def test_the_demo_passes_arguments_on_and_needs_no_screen(monkeypatch):
 def test_a_program_has_the_users_settings_and_its_status_is_told(monkeypatch):
     monkeypatch.setenv("HTTPS_PROXY", "the user's")
     code = "import os, sys; sys.exit(7 * (os.environ['HTTPS_PROXY'] == os.environ['ONE'] == \"the user's\"))"
-    assert bootstrap.call([sys.executable, "-c", code], ONE="the user's") == 7
+    assert bootstrap.call([sys.executable, "-c", code], environment={"ONE": "the user's"}) == 7
     assert bootstrap.call(["no-such-program"]) == 127
 
 

@@ -22,7 +22,6 @@ _LOOK_US = const(4_000)  # between two looks near a pulse's end, at most: the lo
 _LOOK_AT_RUN_US = const(13_000)  # else: the loop wakes 3 ms before, for a drive that might end then
 _LOOK_AT_REST_US = const(64_000)  # an AS5600 loses count if a hand turns it by half a turn between two
 _LATE_US = const(12_000)  # in a run what was received is obeyed before a look, but so long at most
-_LEFT = const(-1)  # a look that another drive has ended
 
 
 class EncodedAxis(Axis):
@@ -226,8 +225,8 @@ class EncodedAxis(Axis):
             if not drive.watched and diff(drive.ends_at, now_us) > _LATE_US:
                 return _LATE_US
         elif not drive.was_cut:
-            reason = self._look(late)
-            if reason == _LEFT or drive.inhibited:
+            reason = self._look()
+            if drive.inhibited:
                 return min(max(0, diff(drive.ends_at, now_us)), _LOOK_US)
             self._looked_at = now_us
             if reason:
@@ -250,10 +249,9 @@ class EncodedAxis(Axis):
             left_us = diff(self.next_at, self._ticks_us())
         return min(left_us, _LOOK_AT_REST_US)
 
-    def _look(self, late):
-        """Look at the encoder in a drive. Returns why it must end, or 0; _LEFT if another drive has begun."""
-        if self._left(late):
-            return _LEFT
+    def _look(self):
+        """Look at the encoder in a drive. Returns why it must end, or 0."""
+        self.check_stop()
         drive, watch = self.drive, self.watch
         now_us = self._ticks_us()  # reading may have taken long
         motor = self.measured.motor_now()
@@ -266,26 +264,19 @@ class EncodedAxis(Axis):
         if self.reader.gone or (self.reader.slips != watch.slips and watch.lost(self.reader.slips)):
             return codes.ENCODER_LOST
         reason = watch.look(motor, now_us)
-        if self._left(late):
-            return _LEFT
+        self.check_stop()
         if not (reason or drive.duty != self._full_duty or self.checking & 2 or watch.follows(now_us)):
             return codes.FOLLOWING  # which the next look would not find again
-        return reason or (self._foretell(now_us, late) if self._pulses else 0)
+        if self._pulses and not reason:
+            self._foretell(now_us)
+        return reason
 
-    def _foretell(self, now_us, late):
-        """When will the pulse's counts be there? Returns 0, or _LEFT."""
+    def _foretell(self, now_us):
+        """When will the pulse's counts be there?"""
         us = self._loop.cut_in(self.watch)
-        if self._left(late):
-            return _LEFT
+        self.check_stop()
         if us >= 0 and not self.drive.was_cut:
             self._ends_in(us, now_us)
-        return 0
-
-    def _left(self, late):
-        """Check for a stop. True if one has ended the drive, whose sample is then left, unless it is too late for that."""
-        on_at = self.drive.on_at
-        self.check_stop()
-        return not late and (self.drive.on_at != on_at or not self.state)
 
     def _ends_in(self, us, now_us):
         """The pulse's counts will be there then. Its bound and a soft stop are not put off by that."""
@@ -331,9 +322,9 @@ class EncodedAxis(Axis):
 
     def _look_at_rest(self, band):
         position, drive = self.measured, self.drive
-        self.poll_input()
+        self.check_stop()
         position.look()
-        self.poll_input()
+        self.check_stop()
         motor = self._seen_at = position.motor
         self._seen_band = band
         if not drive.on_flash:

@@ -41,7 +41,7 @@ _gate = None
 rp2_gate = None
 if getattr(sys, "platform", "") == "rp2" and getattr(sys.implementation, "_machine", "").endswith("RP2040"):
     from mountfw.ports import rp2_gate
-    from mountfw.ports.rp2_gate import DutyPin
+    from mountfw.ports.rp2_gate import DutyPin  # pyright: ignore[reportAssignmentType]  # or that below
     from mountfw.ports.rp2_lane import EnableBridge, lane  # noqa: F401 (verbs, too)
 else:
     from mountfw.ports.micropython_console import any, drain  # noqa: F401 (verbs, too)
