@@ -1,4 +1,4 @@
-"""The beam, seen by cameras: frames, the spot in them, and its scale in millimetres and milliradians.
+"""The beam, seen by cameras: images, the spot in them, and its scale in millimetres and milliradians.
 
 from mirrormount_beam import Table, find_spot
 spot = find_spot(picture)

@@ -1,13 +1,8 @@
-"""`Camera` and `Image`: what a camera gives, checks of its images, grey values.
-
-The interface of an open camera, and the frames that it returns. Imports no camera library.
+"""`Camera` and `Image`: what a camera gives, the checks of its images, and grey values. Imports no camera library.
 
 A picture is an array of grey values of shape (rows, columns). A pixel's coordinates are x (column) and y (row), from
-the centre of the top left pixel, x to the right and y down.
-
-Pictures as arrays of grey values: how a colour becomes grey, which pixels are saturated, and which are hot.
-
-Frames from raw pictures: numbered, compared with the one before, and ended in words by a faulty camera.
+the centre of the top left pixel, x to the right and y down. A camera's raw pictures become numbered images, each
+compared with the one before; a faulty camera ends them with an error that says what is wrong.
 """
 
 from collections.abc import Iterator
@@ -55,9 +50,9 @@ class Image:
 
     image: uint8, (rows, columns), not to be written to.
     time_s: middle of the exposure on the camera's clock (Camera.monotonic), as well as it is known.
-    number: counts the camera's frames from 0; a gap is frames that are known to be missing.
-    repeated: the image is byte for byte that of the frame before, so it is no new measurement.
-    late: the frame came later than two periods of the camera after the frame before.
+    number: counts the camera's images from 0; a gap is images that are known to be missing.
+    repeated: the image is byte for byte that of the image before, so it is no new measurement.
+    late: the image came later than two periods of the camera after the image before.
     """
 
     image: "NDArray[np.uint8]"
@@ -83,17 +78,19 @@ class Camera(Protocol):
     def controls(self) -> Controls: ...
 
     def frames(self) -> Iterator[Image]:
-        """Fresh frames, until a recording ends or for ever. Raises CameraError; the camera is then to be closed."""
+        """Fresh images, until a recording ends or for ever. Raises CameraError; the camera is then to be closed."""
         ...
 
     def monotonic(self) -> float:
-        """The time of the clock that Frame.time_s is of, in seconds: the age of a frame is the difference."""
+        """The time of the clock that Image.time_s is of, in seconds: the age of an image is the difference."""
         ...
 
     def close(self) -> None:
         """Release the device; again without effect."""
         ...
 
+
+# ---- grey values
 
 GREY_OF_COLOUR = "the largest of the colour channels, so that a saturated channel stays visible"
 _LEAST = 32  # pixels of a side
@@ -130,7 +127,7 @@ def to_grey(image: NDArray[Any]) -> NDArray[Any]:
 
 
 def grey(frame: "Image | NDArray[Any]") -> Grey:
-    """A frame or an array as a grey picture. Raises BadValue."""
+    """An image or an array as a grey picture. Raises BadValue."""
     array: Any = getattr(frame, "image", frame)
     image = to_grey(array)
     low, high, _, _ = cv2.minMaxLoc(image)
@@ -163,12 +160,14 @@ class Dark:
         return self.hot
 
 
-_FIRST = 10  # frames that may not all be of one grey value
+# ---- checks
+
+_FIRST = 10  # images that may not all be of one grey value
 _WINDOW = 20  # intervals, the median of which is the camera's period
 
 
 class Limits(NamedTuple):
-    """Bounds of a camera. repeats: equal pictures in a row at most. rate_hz: frames in a second at least."""
+    """Bounds of a camera. repeats: equal pictures in a row at most. rate_hz: images in a second at least."""
 
     repeats: int = 30
     rate_hz: float = 0.5
@@ -185,7 +184,7 @@ class Picture(NamedTuple):
 def checked(
     pictures: Iterator[Picture], name: str, size: Size | None, limits: Limits, *, numbers: Iterator[int] | None = None
 ) -> Iterator[Image]:
-    """Frames of raw pictures. Raises CameraBlack, CameraRepeats, CameraSizeChanged, CameraSlow."""
+    """Images of raw pictures. Raises CameraBlack, CameraRepeats, CameraSizeChanged, CameraSlow."""
     before: Image | None = None
     equal, intervals, flat = 0, [], 0
     for count, picture in enumerate(pictures):

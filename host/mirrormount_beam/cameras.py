@@ -1,13 +1,9 @@
-"""Webcams, recordings, and how an address becomes a camera.
+"""Cameras by their addresses: webcams, folders of pictures, recordings, and those of a virtual table.
 
-A webcam through OpenCV's VideoCapture, by index, device or name, and the webcams that there are.
+A webcam is opened through OpenCV's VideoCapture, by index, device or name.
 
-Pictures on the disk as a camera: a folder of pictures, or a recording; and the writer of a recording.
-
-A recording is a folder. frames.jsonl has a line of JSON for each frame: file, time_s, number, repeated, late.
+A recording is a folder. frames.jsonl has a line of JSON for each image: file, time_s, number, repeated, late.
 camera.json has the camera's name, width, height and Controls. The pictures are PNG, 8 bit, lossless.
-
-Opens a camera by its address: a webcam, a folder of pictures, a recording, or one of a virtual table.
 """
 
 import contextlib
@@ -46,10 +42,12 @@ from mirrormount_beam.camera import (
 from mirrormount_beam.errors import CameraAbsent, CameraError, CameraGone, CameraSizeChanged
 from mirrormount_beam.scale import Scale
 
+# ---- webcams
+
 SYSFS = Path("/sys/class/video4linux")
 _TRIED = 6  # indices that are tried where the system does not list cameras
 _INDEX_DIGITS = 9  # of an index: OpenCV takes a C int
-_SILENT_S = 5.0  # without a frame for so long, the camera is gone
+_SILENT_S = 5.0  # without an image for so long, the camera is gone
 
 
 class Capture(Protocol):
@@ -133,7 +131,7 @@ def _quiet() -> Iterator[None]:
 
 
 class Webcam:
-    """A Camera. A thread reads all frames and keeps the newest one, so that a frame is fresh when it is returned."""
+    """A Camera. A thread reads all images and keeps the newest one, so that an image is fresh when it is returned."""
 
     def __init__(self, capture: Capture, name: str, limits: Limits = Limits(), *, silent_s: float = _SILENT_S) -> None:  # noqa: B008
         if not capture.isOpened():
@@ -171,7 +169,7 @@ class Webcam:
         self._capture.release()
 
     def frames(self) -> Iterator[Image]:
-        """Fresh frames; numbers count all that the camera returned. Raises CameraError."""
+        """Fresh images; numbers count all that the camera returned. Raises CameraError."""
         numbers = iter(lambda: self._taken - 1, None)
         return checked(self._pictures(), self.name, self.size, self._limits, numbers=numbers)
 
@@ -229,6 +227,8 @@ def _fix_gain(capture: Capture) -> bool | None:
     return True if capture.set(cv2.CAP_PROP_GAIN, gain) and capture.get(cv2.CAP_PROP_GAIN) == gain else None
 
 
+# ---- folders and recordings
+
 _LIST, _ABOUT = "frames.jsonl", "camera.json"
 _PICTURES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm"}
 _PERIOD_S = 1 / 30  # between the pictures of a folder, which have no times
@@ -266,7 +266,7 @@ class Folder:
         return (Picture(read_picture(file), at * _PERIOD_S) for at, file in enumerate(self._files))
 
     def monotonic(self) -> float:
-        """The time of the frame that was returned last."""
+        """The time of the image that was returned last."""
         return self._now_s
 
     def close(self) -> None:
@@ -323,7 +323,7 @@ def read_picture(file: Path) -> NDArray[Any]:
 
 
 def record(camera: Camera, folder: Path, frames: Iterator[Image]) -> int:
-    """Write frames into a new folder; how many. What was written stays if the camera fails. Raises CannotWrite."""
+    """Write images into a new folder; how many. What was written stays if the camera fails. Raises CannotWrite."""
     count = 0
     try:
         folder.mkdir(parents=True)
@@ -346,6 +346,9 @@ def record(camera: Camera, folder: Path, frames: Iterator[Image]) -> int:
     except OSError as e:
         raise CannotWrite(f"{e.filename or folder}: {e.strerror}") from e
     return count
+
+
+# ---- addresses
 
 
 def open_camera(address: str, *, limits: Limits = Limits()) -> Camera:  # noqa: B008

@@ -1,4 +1,4 @@
-"""The errors of cameras and of the beam that they see; part of the tree of errors.py, in its form. Imports errors."""
+"""The errors of cameras and of the beam that they see, in the form of mirrormount/errors.py."""
 
 from mirrormount.errors import MountError
 

@@ -1,11 +1,8 @@
-"""Values with standard errors, and the results that hold them.
-
-Measured values with their standard errors: the arithmetic of `mirrormount measure`. Imports numpy.
+"""Measured values with their standard errors, and the results of experiments that hold them.
 
 A standard error here is such that the truth lies within 2 of it in 95.4 % of all measurements, also for few samples:
-the standard deviation of a mean of n samples is widened by Student's t.
-
-What an experiment returns: estimates, the readings behind them, remarks. Imports estimate.
+the standard deviation of a mean of n samples is widened by Student's t. A Result has estimates, the readings behind
+them, and remarks.
 """
 
 import math
@@ -102,6 +99,9 @@ def spread(samples: Sequence[float] | NDArray[np.float64], unit: str) -> Estimat
 Tell = Callable[[float, str], object]  # progress: the part that is done (0 … 1), and the part that comes
 
 
+# ---- results
+
+
 @dataclass
 class Series:
     """Readings for a curve: points (x, y, standard error of y), with their words and units.
@@ -119,7 +119,7 @@ class Series:
 
 @dataclass
 class Result:
-    """Of one experiment. readings: every look, as rows of numbers under the names of columns.
+    """Of one experiment. readings: every observation, as rows of numbers under the names of columns.
 
     estimates: name → value. partial: why it ended early; "" if it did not. moves: False where nothing is moved, so that
     no estimate is an angle of the mirror.

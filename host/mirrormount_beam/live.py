@@ -1,7 +1,8 @@
-"""What a camera shows now: its newest frame, and the spot in it, or why there is none.
+"""What a camera shows now: its newest image, and the spot in it, or why there is none.
 
-LiveCamera has a thread of its own that takes the frames; a loop that holds a beam shows those that it takes itself.
-Who looks never waits for the camera. One that fails is told in one line and opened again, every two seconds.
+LiveCamera has a thread of its own that takes the images; a loop that holds a beam shows those that it takes itself.
+Whoever reads the newest image never waits for the camera. A camera that fails is told in one line and opened again,
+every two seconds.
 """
 
 import contextlib
@@ -22,21 +23,21 @@ from mirrormount_beam.errors import CameraGone
 from mirrormount_beam.scale import Scale
 from mirrormount_beam.spot.find import NoSpot, Spot, find_spot
 
-RATE_HZ = 15.0  # frames in a second at most: to find a spot takes 6 ms
-_IDLE_S = 0.5  # between two frames while nobody looks; the camera stays open
-_WANTED_S = 3.0  # for so long after somebody has looked
-RETRY_S = 2.0  # between two attempts to open the camera
-_OLD_S = 2.0  # a picture of this age is not what is there now
+RATE_HZ = 15.0  # At most so many images in a second: to find a spot takes 6 ms.
+_IDLE_S = 0.5  # The time between two images while no page is open; the camera stays open.
+_WANTED_S = 3.0  # Images come at the full rate for so long after a page has asked for one.
+RETRY_S = 2.0  # The time between two attempts to open the camera.
+_OLD_S = 2.0  # A picture of this age does not show what is there now.
 _SILENT, _REPEATS = "no new picture", "nothing but one and the same picture"
-_WIDEST = 960  # pixels of a picture for a browser
-_QUALITY = 80  # of JPEG
+_WIDEST = 960  # The width of a picture for a browser, in pixels, at most.
+_QUALITY = 80  # The quality of JPEG pictures.
 
 _log = logging.getLogger("mirrormount_beam")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Seen:
-    """A frame and what was found in it. number: counts from 1. at_s: when it was exposed, by time.monotonic."""
+    """An image and what was found in it. number: counts from 1. at_s: when it was exposed, by time.monotonic."""
 
     number: int
     frame: Image
@@ -53,7 +54,7 @@ def as_jpeg(image: "NDArray[np.uint8]") -> bytes:
 
 
 class LiveView:
-    """What a camera shows now, for whoever looks on: its newest frame, and the spot in it. Any thread; nobody waits.
+    """What a camera shows now, for whoever looks on: its newest image, and the spot in it. Any thread; nobody waits.
 
     old_s: age of a picture that is not what is there now. silence: what is then told, in words.
     """
@@ -68,12 +69,12 @@ class LiveView:
 
     @property
     def last(self) -> Seen | None:
-        """The newest frame, however old; None before the first."""
+        """The newest image, however old; None before the first."""
         return self._last
 
     @property
     def trouble(self) -> str:
-        """Why the last frame does not show what is there now, in one line; "" if it does."""
+        """Why the last image does not show what is there now, in one line; "" if it does."""
         last = self._last
         if self._failure or last is None:
             return self._failure
@@ -82,7 +83,7 @@ class LiveView:
 
     @property
     def size(self) -> Size:
-        """Of the newest frame; 0 x 0 before the first."""
+        """Of the newest image; 0 x 0 before the first."""
         last = self._last
         return Size(last.frame.image.shape[1], last.frame.image.shape[0]) if last else Size(0, 0)
 
@@ -95,7 +96,7 @@ class LiveView:
         return data
 
     def show(self, frame: Image, found: Spot | NoSpot, age_s: float) -> None:
-        """This is the newest frame; it was exposed age_s ago."""
+        """This is the newest image; it was exposed age_s ago."""
         at_s = time.monotonic() - max(0.0, age_s)
         with self._changed:
             self._last = Seen(self._last.number + 1 if self._last else 1, frame, found, at_s)
@@ -103,7 +104,7 @@ class LiveView:
             self._changed.notify_all()
 
     def fail(self, why: str) -> None:
-        """The camera has failed; the newest frame stays."""
+        """The camera has failed; the newest image stays."""
         with self._changed:
             self._failure = printable(why, 300)
             self._changed.notify_all()
@@ -145,7 +146,7 @@ class LiveCamera(LiveView):
 
     @property
     def last(self) -> Seen | None:
-        """The newest frame, however old; None before the first."""
+        """The newest image, however old; None before the first."""
         self._wanted_s = time.monotonic()
         return super().last
 
@@ -159,7 +160,7 @@ class LiveCamera(LiveView):
         return time.monotonic()
 
     def frames(self) -> Iterator[Image]:
-        """Frames that come from now on. Raises CameraGone while the camera is in trouble."""
+        """Images that come from now on. Raises CameraGone while the camera is in trouble."""
         for seen in self.seen():
             frame = seen.frame
             yield Image(frame.image, seen.at_s, seen.number, frame.repeated, frame.late)
@@ -175,14 +176,14 @@ class LiveCamera(LiveView):
             yield seen
 
     def found(self, frame: Image) -> Spot | NoSpot:
-        """The spot in a frame of frames()."""
+        """The spot in an image of frames()."""
         last = self._last
         if last and last.number == frame.number:
             return last.found
         return find_spot(frame, self._dark)
 
     def after(self, number: int, timeout_s: float) -> Seen | None:
-        """Wait for a frame with a higher number; None if none comes."""
+        """Wait for an image with a higher number; None if none comes."""
         self._wanted_s = time.monotonic()
         with self._changed:
             came = self._changed.wait_for(lambda: self._is_after(number) or self._closing.is_set(), timeout_s)
@@ -215,7 +216,7 @@ class LiveCamera(LiveView):
             self._changed.notify_all()
 
     def _look(self, camera: Camera) -> None:
-        """Take its frames until it ends. Raises CameraError."""
+        """Take its images until it ends. Raises CameraError."""
         began_s = time.monotonic()
         for frame in camera.frames():
             self._silence = _REPEATS if frame.repeated else _SILENT

@@ -1,8 +1,8 @@
-"""Where the spot is: the mean place of fresh frames, or why there is none.
+"""Where the spot is: the mean position in fresh images, or why there is none.
 
-Fresh: exposed after the last motion has come to rest. A repeated frame is no measurement and is left out. SpotObserver
-has one camera, as measurements need it; Observer has all cameras of a table with their targets, as the loop needs it. A
-vector of errors has x and y (up) of each camera in turn, in um.
+An image is fresh if it was exposed after the last motion has come to rest. A repeated image is no measurement and is
+left out. SpotObserver has one camera, as measurements need it; Observer has all cameras of a table with their targets,
+as the loop needs it. A vector of errors has x and y (up) of each camera in turn, in um.
 """
 
 import math
@@ -33,7 +33,7 @@ Finder = Callable[[Image], Spot | NoSpot]
 
 @dataclass(frozen=True)
 class Patience:
-    """How many frames in a row may be of no use before an observation is given up.
+    """How many images in a row may be of no use before an observation is given up.
 
     missed: without a spot, for a reason that noise does not make. doubted: without a spot at all. repeated: the same
     picture again. stale: exposed before the last motion was over. old: older than oldest_s when they come.
@@ -48,16 +48,16 @@ class Patience:
 
 
 OF_MEASUREMENT = Patience(missed=15, doubted=15, repeated=150, stale=150)  # half a second and five of a webcam
-# The loop stops all motors after two frames without any spot, and after five whose light is not that of a clear spot,
+# The loop stops all motors after two images without any spot, and after five whose light is not that of a clear spot,
 # which noise alone may do to one.
 OF_LOOP = Patience(missed=2, doubted=5, repeated=4, stale=40, old=4, oldest_s=1.0)
 
 
 @dataclass(frozen=True, slots=True)
 class Sighting:
-    """The spot's place: mean of `frames` frames, in px; time_s: of the last one, on the camera's clock.
+    """The spot's place: mean of `frames` images, in px; time_s: of the last one, on the camera's clock.
 
-    error_x, error_y: standard errors of the means, by the scatter of the frames and by the spots' own errors, whichever
+    error_x, error_y: standard errors of the means, by the scatter of the images and by the spots' own errors, whichever
     is larger. peak: mean, in grey values above the background.
     """
 
@@ -72,7 +72,7 @@ class Sighting:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fault:
-    """Why a camera shows no place. reason: of a frame without a spot; kind: "spot", "gone", "repeats", "old"."""
+    """Why a camera shows no place. reason: of an image without a spot; kind: "spot", "gone", "repeats", "old"."""
 
     kind: str
     camera: str
@@ -98,20 +98,23 @@ class FrameSource(Protocol):
 
 
 class Misses:
-    """Counts frames in a row without a spot."""
+    """Counts images in a row without a spot."""
 
     def __init__(self, patience: Patience = OF_LOOP) -> None:
         self._patience = patience
         self._all = self._sure = 0
 
     def too_many(self, found: Spot | NoSpot | None) -> bool:
-        """Take the next frame; None: there is none. True from the last one that may miss on."""
+        """Take the next image; None: there is none. True from the last one that may miss on."""
         if found:
             self._all = self._sure = 0
             return False
         self._all += 1
         self._sure += found is None or found.reason not in BY_CHANCE
         return self._sure >= self._patience.missed or self._all >= self._patience.doubted
+
+
+# ---- one camera
 
 
 class SpotObserver:
@@ -134,11 +137,11 @@ class SpotObserver:
         self._after_s = -math.inf
 
     def moved(self) -> None:
-        """A motion has come to rest just now: frames that are exposed before the mount has settled do not count."""
+        """A motion has come to rest just now: images that are exposed before the mount has settled do not count."""
         self._after_s = self.camera.monotonic() + self.settle_s
 
     def observe(self, frames: int = FRAMES) -> Sighting:
-        """The mean place in so many frames that are exposed when the mount has settled, from now on.
+        """The mean place in so many images that are exposed when the mount has settled, from now on.
 
         Raises SpotLost with the reason, CameraError.
         """
@@ -149,7 +152,7 @@ class SpotObserver:
         return found
 
     def settled(self) -> Image:
-        """One frame that is exposed when the mount has settled, from now on. Raises CameraError."""
+        """One image that is exposed when the mount has settled, from now on. Raises CameraError."""
         self.moved()
         found = next(self._fresh())
         if isinstance(found, Fault):
@@ -157,7 +160,7 @@ class SpotObserver:
         return found
 
     def mean(self, frames: int) -> Sighting | Fault:
-        """The mean place in so many fresh frames, or why there is none."""
+        """The mean place in so many fresh images, or why there is none."""
         spots: list[Spot] = []
         misses = Misses(self._patience)
         time_s = -math.inf
@@ -179,7 +182,7 @@ class SpotObserver:
         return Sighting(float(x.mean()), float(y.mean()), *errors, time_s, len(spots), float(peak.mean()))
 
     def next_frame(self) -> Image:
-        """The camera's next frame, whatever it shows. Raises CameraError; then the camera is asked anew next time."""
+        """The camera's next image, whatever it shows. Raises CameraError; then the camera is asked anew next time."""
         if self._frames is None:
             self._frames = self.camera.frames()
         try:
@@ -192,7 +195,7 @@ class SpotObserver:
             raise
 
     def _fresh(self) -> Iterator[Image | Fault]:
-        """Fresh frames, until one of no use is one too many."""
+        """Fresh images, until one of no use is one too many."""
         name, patience = self.camera.name, self._patience
         repeated = stale = old = 0
         while True:
@@ -265,12 +268,12 @@ class Observer:
         self._turn = 0
 
     def moved(self) -> None:
-        """A motion has come to rest just now: older frames do not count any more."""
+        """A motion has come to rest just now: older images do not count any more."""
         for each in self._each:
             each.moved()
 
     def observe(self, frames: int = 1) -> Observation:
-        """The mean of so many fresh frames of each camera."""
+        """The mean of so many fresh images of each camera."""
         cameras = self.table.cameras
         errors = np.full(2 * len(cameras), np.nan)
         faults: list[Fault] = []
@@ -289,7 +292,7 @@ class Observer:
         return Observation(now_s, errors, tuple(faults))
 
     def glance(self) -> Spot | NoSpot | None:
-        """One frame of one camera, in turn, while motors run. None if the camera fails.
+        """One image of one camera, in turn, while motors run. None if the camera fails.
 
         It is not compared with the target, for the spot moves.
         """

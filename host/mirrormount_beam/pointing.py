@@ -1,6 +1,6 @@
-"""Moves the spot to a place in the picture: learns what a step of each axis does, then looks and moves.
+"""Moves the spot to a position in the picture: learns what a step of each axis does, then observes and moves.
 
-Every move is bounded, and the spot is looked at after each. Pulses are not linear in their length, and a reversal has
+Every move is bounded, and the spot is observed after each. Pulses are not linear in their length, and a reversal has
 to cross the backlash, so a move that does little is followed by a longer one: twice as long, up to a creep's length.
 """
 
@@ -14,24 +14,26 @@ import numpy as np
 from mirrormount_beam.errors import NotMeasurable
 from mirrormount_beam.observe import Sighting
 
-LEARN_STEPS = 2  # of each axis, behind those that take up the backlash
-GAP_STEPS = 6  # of each axis at most, until the spot is seen to move
-CORRECTIONS = 40  # of one move of the spot at most
-WITHIN_PX = 0.5  # of the target: there the spot has arrived
-_MOST_STEPS = 4.0  # of an axis in one correction
-_GAIN = 0.8  # part of the way that a correction goes: the response is known to some per cent
-_CREEP_STEPS, _LEAST_CREEP = 0.3, 0.05  # of a correction after one without effect: it may be too long by so much
-_OF_GAP = 0.6  # part of the backlash that is crossed at once, once it is known
-_LEAST_US, _MOST_US = 500, 2_000_000  # of a pulse; a shorter one moves no motor, a longer one is refused by the board
-_NO_EFFECT = 0.3  # part of a correction that was seen, below which it is taken for lost in the backlash
-_WORSE = 3  # corrections in a row that end farther from the target
-_ANGLE = 0.2  # sine of the angle between the two axes in the picture, at least
-_SURE = 6.0  # standard errors by which the spot has moved at least
-_LOOK = 3  # frames
+LEARN_STEPS = 2  # So many steps of each axis are measured, after those that take up the backlash.
+GAP_STEPS = 6  # The spot must be seen to move after at most so many steps of an axis.
+CORRECTIONS = 40  # One move of the spot takes at most so many corrections.
+WITHIN_PX = 0.5  # The spot has arrived if it is no farther from the target.
+_MOST_STEPS = 4.0  # One correction moves an axis by no more steps.
+_GAIN = 0.8  # A correction goes this part of the way: the response is known to some per cent.
+# A correction after one without effect is longer by the first at most and by the second at least: it may be too long
+# by so much.
+_CREEP_STEPS, _LEAST_CREEP = 0.3, 0.05
+_OF_GAP = 0.6  # This part of the backlash is crossed at once, when the backlash is known.
+_LEAST_US, _MOST_US = 500, 2_000_000  # A shorter pulse moves no motor, and the board refuses a longer one.
+_NO_EFFECT = 0.3  # If a smaller part of a correction is seen, the correction was lost in the backlash.
+_WORSE = 3  # Give up after so many corrections in a row that end farther from the target.
+_ANGLE = 0.2  # The sine of the angle between the ways of both axes in the picture, at least.
+_SURE = 6.0  # The spot has moved if it moved by so many standard errors.
+_FRAMES = 3  # Images of one observation.
 
 
 class Hands(Protocol):
-    """What moves the mount and looks at the spot. Moves return when the motors are at rest."""
+    """What moves the mount and observes the spot. Moves return when the motors are at rest."""
 
     def step(self, axis: str, n: int) -> None: ...
 
@@ -84,18 +86,18 @@ def learn(hands: Hands, axes: tuple[str, str], say: Say) -> Learned:
 
 
 def _learn_axis(hands: Hands, axis: str, say: Say) -> tuple[float, float]:
-    start = hands.observe(_LOOK)
+    start = hands.observe(_FRAMES)
     for count in range(1, GAP_STEPS + 1):
         say(f"step {count} of {axis}: until the spot moves")
         hands.step(axis, 1)
-        seen = hands.observe(_LOOK)
+        seen = hands.observe(_FRAMES)
         if _apart(start, seen) > _SURE * _error(start, seen):
             break
     else:
         raise NotMeasurable(f"{GAP_STEPS} steps of {axis} did not move the spot: is its motor connected, is it seen?")
     say(f"{LEARN_STEPS} steps of {axis}: to measure them")
     hands.step(axis, LEARN_STEPS)
-    end = hands.observe(_LOOK)
+    end = hands.observe(_FRAMES)
     if _apart(seen, end) <= _SURE * _error(seen, end):
         raise NotMeasurable(f"{LEARN_STEPS} steps of {axis} did not move the spot, and the one before did")
     return (end.x - seen.x) / LEARN_STEPS, (end.y - seen.y) / LEARN_STEPS
@@ -104,7 +106,7 @@ def _learn_axis(hands: Hands, axis: str, say: Say) -> tuple[float, float]:
 def approach(hands: Hands, learned: Learned, target: tuple[float, float], say: Say) -> Arrival:
     """Move the spot to a place in the picture (x, y), px. Raises NotMeasurable, SpotLost, CameraError."""
     drives = [_Drive(hands, axis) for axis in learned.axes]
-    seen, worse = hands.observe(_LOOK), 0
+    seen, worse = hands.observe(_FRAMES), 0
     for count in range(CORRECTIONS):
         right, down = target[0] - seen.x, target[1] - seen.y
         off_px = math.hypot(right, down)
@@ -113,7 +115,7 @@ def approach(hands: Hands, learned: Learned, target: tuple[float, float], say: S
         say(f"correction {count + 1}: {off_px:.1f} px to go")
         for drive, wanted in zip(drives, learned.steps(right, down), strict=True):
             drive.correct(wanted)
-        before, seen = seen, hands.observe(_LOOK)
+        before, seen = seen, hands.observe(_FRAMES)
         for drive, moved in zip(drives, learned.steps(seen.x - before.x, seen.y - before.y), strict=True):
             drive.see(moved)
         now_px = math.hypot(target[0] - seen.x, target[1] - seen.y)

@@ -1,10 +1,7 @@
-"""Reports of measurements and of runs, as HTML pages.
+"""Reports of measurements and of runs, as HTML pages: one file with style and curves inside, for screen and phone.
 
-Pages of reports: one file with style and curves inside, for screen and phone.
-
-The report of a measurement: a page with its pictures inside, and JSON with every number, unit and error.
-
-The report of a run, made of its log: how well the beam was held, what it would have done, what was done for it.
+The report of a measurement has its pictures, and JSON beside it has every number, unit and error. The report of a run
+is made of its log: how well the beam was held, what it would have done without the loop, and what the loop did.
 """
 
 import base64
@@ -30,6 +27,9 @@ from mirrormount_beam.spot.find import Spot
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+
+# ---- pages
 
 # On a phone the rows of a table of many columns become blocks: its name, and a line for each figure.
 # Curves are drawn dark on light; in the dark their lightness is turned round and their hues are kept.
@@ -110,6 +110,8 @@ def html_chart(title: str, draw: "Callable[[Axes], object]", height: float = 3.2
     svg = out.getvalue()
     return f'<div class="curve">{svg[svg.index("<svg") :]}</div>'
 
+
+# ---- measurements
 
 NUMBERS_BEGIN = '{\n "began": "'  # the file of write_json()
 _SYMBOLS = {"us": "µs", "urad": "µrad", "sqrt(s)": "√s"}
@@ -240,6 +242,8 @@ def _picture(image: NDArray[np.uint8], spot: Spot) -> str:
     data = cv2.imencode(".png", shown)[1].tobytes()
     return f'<img alt="the spot in the picture" src="data:image/png;base64,{base64.b64encode(data).decode()}">'
 
+
+# ---- runs
 
 _COLOURS = ("#1f5fa8", "#b5521b", "#3c7d3c", "#7d3c7d")
 _OBSERVATIONS_LEAST = 64  # for a spectrum

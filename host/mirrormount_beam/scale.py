@@ -1,14 +1,10 @@
-"""From pixels to millimetres on the screen and milliradians of the mirror.
-
-From pixels to millimetres on the screen and milliradians of beam and mirror, with standard errors.
+"""From pixels to millimetres on the screen and milliradians of beam and mirror, with standard errors.
 
 A mirror that turns by a about an axis normal to the plane of incidence turns the beam by 2 a; about an axis in that
 plane and in the mirror's surface, by 2 a cos(angle of incidence). Both follow from r = d - 2 (d·n) n with the normal n
 turned by a: the change of r is -2 ((d·dn) n + (d·n) dn).
 
 The scales of cameras are in cameras.toml in the user's folder for settings, a table for each camera's name.
-
-Estimates in pixels as lengths, angles of the beam and angles of the mirror, where a camera has a scale.
 """
 
 import math
@@ -234,6 +230,9 @@ def _relative(number: Measured) -> float:
 
 def _product(a: Measured, b: Measured) -> Measured:
     return Measured(a.value * b.value, math.hypot(a.sigma * b.value, b.sigma * a.value))
+
+
+# ---- estimates in the units of a scale
 
 
 @dataclass(frozen=True)

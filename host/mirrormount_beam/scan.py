@@ -1,11 +1,4 @@
-"""Patterns, scans, and their files.
-
-Patterns of a scan: places in whole steps of two axes, relative to the start, in the order in which they are visited.
-
-A gap of the drivetrain shifts places that are approached from different sides. A raster approaches all its places from
-one side, unless it is a serpentine; a spiral and a line approach them as they come. Imports validation.
-
-Scans: a mount visits the places of a pattern, and a signal is read at each. Imports patterns, observer, mount.
+"""Scans: a mount visits the places of a pattern, and a signal is read at each. Patterns, files, and the live picture.
 
     for sample in scan(mount, raster(9, 9), power):  # power(mount) returns a number
         print(sample.x, sample.y, sample.values)
@@ -13,15 +6,17 @@ Scans: a mount visits the places of a pattern, and a signal is read at each. Imp
 The motors are off while a signal is read, between two samples, and after any end. A stop by any thread or by
 `mirrormount stop` ends the scan.
 
-The live picture of a scan: a page in a file that a browser reloads while the scan is under way. Imports html_page.
+A pattern has its places in whole steps of two axes, relative to the start, in the order in which they are visited. A
+gap of the drivetrain shifts places that are approached from different sides. A raster approaches all its places from
+one side, unless it is a serpentine; a spiral and a line approach them as they come.
 
-A map for each value of the signal: a square a place, from the least value (dark) to the largest (bright); a place
-without a value is crossed out. No server and no drawing package: what is open in the browser is the file.
+The files are CSV, row by row, and HDF5, whole (h5py is imported for it alone). Both have the same metadata: lines
+`# name: JSON` at the head of a CSV file, attributes of the HDF5 file. A CSV file ends with the line `# ended: …`;
+without it the writing program was cut off, and all rows above are good.
 
-The files of a scan: CSV, row by row, and HDF5, whole. Imports scan, errors; h5py for HDF5 alone.
-
-Both have the same metadata: lines `# name: JSON` at the head of a CSV file, attributes of the HDF5 file. A CSV file
-ends with the line `# ended: …`; without it the writing program was cut off, and all rows above are good.
+The live picture is a page in a file that a browser reloads while the scan is under way. It has a map for each value of
+the signal: a square a place, from the least value (dark) to the largest (bright); a place without a value is crossed
+out. It needs no server and no drawing package.
 """
 
 import contextlib
@@ -52,6 +47,9 @@ from mountfw import __version__
 
 if TYPE_CHECKING:
     from mirrormount_beam.scale import Scale
+
+
+# ---- patterns
 
 FARTHEST = 2000  # steps of an axis from the start: more than ten turns of a screw
 _MOST_PLACES = 100_000
@@ -148,7 +146,9 @@ def _count(value: int, what: str, least: int = 1) -> int:
     return number
 
 
-_TRIES = 3  # frames in which a spot is looked for
+# ---- scans
+
+_TRIES = 3  # images in which a spot is looked for
 
 
 class NoValue(Exception):
@@ -191,7 +191,7 @@ class Signal:
 
 
 def spot_signal(camera: Camera) -> Signal:
-    """Place, its standard errors, and peak of the spot in a frame that is exposed when the mount has settled."""
+    """Place, its standard errors, and peak of the spot in an image that is exposed when the mount has settled."""
     observer = SpotObserver(camera, patience=replace(OF_MEASUREMENT, missed=_TRIES, doubted=_TRIES))
 
     def read(_mount: Mount) -> tuple[float, ...]:
@@ -205,7 +205,7 @@ def spot_signal(camera: Camera) -> Signal:
 
 
 def grey_signal(camera: Camera) -> Signal:
-    """The mean grey value of a frame that is exposed when the mount has settled."""
+    """The mean grey value of an image that is exposed when the mount has settled."""
     observer = SpotObserver(camera)
     return Signal({"grey": "grey"}, lambda _mount: (float(observer.settled().image.mean()),))
 
@@ -290,6 +290,8 @@ def _read(signal: Signal, mount: Mount) -> tuple[tuple[float, ...], str]:
     return values, ""
 
 
+# ---- the live picture
+
 _RELOAD_S = 2
 _EVERY_S = 1.0  # at least, between two pages; a large one that takes long to write comes less often
 _SHARE = 20.0  # of the scan's time, the page takes one part
@@ -372,6 +374,8 @@ def _colour(part: float) -> str:
     a, b, share = (_DARK, _MIDDLE, 2 * part) if part < 0.5 else (_MIDDLE, _BRIGHT, 2 * part - 1)
     return "#" + "".join(f"{round(u + (v - u) * share):02x}" for u, v in zip(a, b, strict=True))
 
+
+# ---- files
 
 _T = TypeVar("_T")
 COMPLETE = "complete"

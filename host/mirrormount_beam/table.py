@@ -30,9 +30,9 @@ from mirrormount_beam.observe import Finder
 from mirrormount_beam.spot.find import NoSpot, Spot, find_spot
 from mountfw import codes as wire
 
-_ANSWER_S = 3.0  # of a supervisor to a question
-_BEAT_S = 0.1  # between two signs of life while something moves
-_OLD_S = 3.0  # a loop that corrects looks at no frames for about a second
+_ANSWER_S = 3.0  # A supervisor answers a question within this time.
+_BEAT_S = 0.1  # The time between two signs of life while a motor runs.
+_OLD_S = 3.0  # The age of a picture that is no longer of now: a loop that corrects takes no image for about a second.
 
 
 class TargetCamera:
@@ -40,7 +40,7 @@ class TargetCamera:
 
     um_per_px: of x and y. distance_m: from the last mirror along the beam, None where it is not known. reopen: opens
     the camera again after it was unplugged; None for one that comes back by itself. view: what pages see, in which each
-    frame is shown that the loop has looked for a spot in.
+    image is shown that the loop has looked for a spot in.
     """
 
     def __init__(
@@ -66,7 +66,7 @@ class TargetCamera:
         self._failed = False
 
     def monotonic(self) -> float:
-        """The clock of Frame.time_s, in seconds."""
+        """The clock of Image.time_s, in seconds."""
         return self.camera.monotonic()
 
     def frames(self) -> Iterator[Image]:
@@ -85,7 +85,7 @@ class TargetCamera:
             raise
 
     def find(self, frame: Image) -> Spot | NoSpot:
-        """The spot in a frame, or why there is none; pages see both."""
+        """The spot in an image, or why there is none; pages see both."""
         found = self._find(frame)
         self.view.show(frame, found, self.monotonic() - frame.time_s)
         return found
@@ -103,6 +103,9 @@ def _opened_again(name: str, reopen: Callable[[], Camera]) -> Camera:
         raise
     except MountError as e:
         raise CameraGone(f"{name}: it is not opened again: {e}") from e
+
+
+# ---- a table that this program drives itself
 
 
 class LocalActuator:
@@ -196,6 +199,9 @@ class LocalTable:
 def in_order(axes: Iterable[str]) -> list[str]:
     """x before y, then further axes by their names."""
     return sorted(axes, key=lambda name: (name not in ("x", "y"), name))
+
+
+# ---- a table that is shared
 
 
 class SharedActuator:
@@ -358,6 +364,9 @@ def answer(future: "Future[Any]") -> Any:
         return future.result(_ANSWER_S)
     except TimeoutError as e:
         raise NoAnswer(f"the board did not answer within {_ANSWER_S:g} s") from e
+
+
+# ---- the table of table.toml
 
 
 class Table:

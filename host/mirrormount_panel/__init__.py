@@ -1,29 +1,18 @@
-"""The web panel: drive the mount from any browser. Needs the extra [gui]; only mirrormount_panel/cli.py imports this.
+"""The web panel: drive the mount from any browser. Needs the extra [panel].
 
-pages.py             the pages as clients of the mount: secrets, bounds     pure
-mounts.py            the mounts of a panel                                  pure
-rates.py             how often something may happen                         pure
-sign_in.py           sign-in of a browser where a token is needed           no web
-auth.py              which requests are let in; headers of every reply      ASGI
-socket.py            the socket for requests, heartbeats and stops          ASGI
-run_on_mount.py      a page's question to the mount; messages to its user   NiceGUI
-page.py              the page, made of its cards                            NiceGUI
-cards_of_motion.py   press and hold, steps, speeds                          NiceGUI
-cards_of_state.py    positions, lamps, plot, events, virtual screen         NiceGUI
-card_of_settings.py  all settings, apply, save, restore                     NiceGUI
-card_of_wire.py      the wire log                                           NiceGUI
-card_of_camera.py    the camera's picture                                   NiceGUI
-camera_view.py       what is shown of a camera, as data                     OpenCV
-camera_html.py       the elements that its script fills                     pure
-camera_route.py      its pictures, one at a time for each page              ASGI
-spot_moves.py        clicks on the picture move the spot                    OpenCV
-server.py            NiceGUI on uvicorn; the log file                       uvicorn
-light_server.py      a page without a mount, such as a camera's             uvicorn
-hold_board.py        what a loop has told, for its page                     pure
-hold_page.py         the page of a loop that holds a beam                   uvicorn
-log_file.py          tracebacks go to a file
-static/              panel.js (drives), moved.js (what was not meant), screen.js (the virtual screen), camera.js,
-                     hold.js, light.js, panel.css
+cli.py             `mirrormount panel`, and where its pages come in
+server.py          the web servers, of the panel and of other pages; the log file
+auth.py            which requests are let in: tokens, sign-in, rates
+mounts.py          the mounts of a panel, and its pages as clients of them
+socket.py          the socket for requests, heartbeats and stops
+page.py            the page, made of its cards
+cards.py           the cards: press and hold, positions, settings, wire log, camera
+board_settings.py  the board's settings for all pages
+camera.py          a camera on a page: what is told of it, and its pictures
+spot_moves.py      clicks on the picture move the spot
+hold_page.py       the page of a loop that holds the beam
+static/            panel.js (drives), moved.js (a press on what has just moved does nothing), screen.js (the virtual
+                   screen), camera.js, hold.js, light.js, panel.css
 
-The mount itself is owned by mirrormount.supervise. `mirrormount panel` is mirrormount_panel/cli.py.
+The mount itself is owned by mirrormount.supervise.
 """

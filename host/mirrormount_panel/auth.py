@@ -1,26 +1,14 @@
-"""Who may load a page and drive: sign-in, limits of rates, tokens.
-
-Rate limits: token buckets with a clock that is passed in. Pure.
-
-The secret that a client of a wider network must have: read, judged and compared. `serve` and the panel use it.
-
-token = read_token(args.token, args.token_file)   # None: there is none
-if is_short(token): ...                           # say so in one line: SHORT
-if guesses.wait_s(peer) == 0 and same(line, token): ...
-else: guesses.wrong(peer)
-
-Sign-in of a browser to a panel that needs a token: by a link with a one-time code, or by the typed token.
-
-The code is in the link's fragment (`/enter#CODE`). A browser sends no fragment to a server, so it is in no log and
-in no Referer. The page at /enter takes it out of the address bar and posts it; the reply is a cookie, by which the
-panel may be looked at, and a key, without which nothing moves. The page keeps the key in its own storage, which,
-unlike a cookie, belongs to one port of one host.
-
-Refuses requests that are not allowed, and adds security headers to every reply: an ASGI layer around all others.
+"""Who may load a page and drive: tokens, sign-in, limits of rates, and the layer around all requests.
 
 On the loopback interface any program of this computer may come in. A page of another site, open in the same browser,
 may not: browsers name it by Origin and Sec-Fetch-Site, and one that hides behind a name of its own is known by Host.
-On a wider network it takes a sign-in (sign_in.py); a cookie stands for it. No page may frame the panel.
+No page may frame the panel.
+
+On a wider network a browser signs in, by a link with a one-time code or by the typed token. The code is in the link's
+fragment (`/enter#CODE`). A browser sends no fragment to a server, so it is in no log and in no Referer. The page at
+/enter takes it out of the address bar and posts it; the reply is a cookie, by which the panel may be looked at, and a
+key, without which nothing moves. The page keeps the key in its own storage, which, unlike a cookie, belongs to one
+port of one host. Whoever guesses at tokens is slowed down.
 """
 
 import asyncio
@@ -41,6 +29,8 @@ from urllib.parse import urlsplit
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from mirrormount.errors import BadValue
+
+# ---- limits of rates
 
 
 class Rate:
@@ -80,16 +70,20 @@ class Rates:
         return rate.take()
 
 
-LONGEST = 254  # characters
-BITS = 128  # what cannot be guessed by trying, however fast
+# ---- tokens
+
+LONGEST = 254  # A token has at most so many characters.
+BITS = 128  # A token of so many random bits cannot be guessed by trying, however fast.
 SHORT = f"the token can be guessed (less than {BITS} bits): take one of `secrets.token_urlsafe()`"
 
-_FREE = 5  # wrong guesses of one address within _FORGET_S that cost no time: typing errors
+_FREE = 5  # So many wrong guesses of one address within _FORGET_S cost no time: people mistype.
 _FORGET_S = 60.0
-_PAUSE_S = 1.0  # between two guesses after those
-_ADDRESSES_MOST = 1000  # that are remembered
-_UNSEEN = 3  # bits: of 128 as 22 characters of base64 one text in a hundred has no digit, and seems to hold less
-_FEW = 8  # different characters: a token with fewer is a pattern, however long
+_PAUSE_S = 1.0  # Later guesses wait so long after the one before.
+_ADDRESSES_MOST = 1000  # Guesses of so many addresses are remembered.
+# Bits that a random token may seem to lack: of 128 bits as 22 characters of base64, one text in a hundred has no
+# digit.
+_UNSEEN = 3
+_FEW = 8  # A token with fewer different characters is a pattern, however long.
 _KINDS = ((str.islower, 26), (str.isupper, 26), (str.isdecimal, 10), (lambda c: not c.isalnum(), 33))
 
 
@@ -159,9 +153,11 @@ class Guesses:
             del self._wrong[next(iter(self._wrong))]  # the one that guessed longest ago
 
 
-_CODES = 16  # that are valid at a time, beside the terminal's
-CODE_S = 600.0  # validity of a code that a page has shown
-_ROUNDS = 200_000  # of PBKDF2: what is made from a short token does not give it away at once
+# ---- sign-in
+
+_CODES = 16  # So many codes are valid at a time, beside the terminal's.
+CODE_S = 600.0  # A code that a page has shown is valid for so long.
+_ROUNDS = 200_000  # Rounds of PBKDF2: whoever sees the cookie cannot try all short tokens at once.
 _PAGE = """<!doctype html><html lang=en><meta charset=utf-8><meta name=viewport content="width=device-width">
 <meta name=color-scheme content="light dark"><title>mirrormount</title>
 <body style="font:18px system-ui;max-width:32em;margin:12vh auto;padding:0 1em">
@@ -262,10 +258,12 @@ class SignIn:
         return Answer(200, self.key, self.key)
 
 
-FLOOD = 4429  # a close code: too many messages
-_MESSAGES = 200, 100  # of one socket: at once, a second. A page sends about 25 a second
-_PAGES = 6, 0.5  # of one client: at once, a second. To build one takes 30 ms
-_POST_MOST = 512  # bytes of a sign-in
+# ---- the layer around all requests
+
+FLOOD = 4429  # The close code of a socket that sent too many messages.
+_MESSAGES = 200, 100  # Messages of one socket: at once, and in a second. A page sends about 25 a second.
+_PAGES = 6, 0.5  # Pages of one client: at once, and in a second. To build one takes 30 ms.
+_POST_MOST = 512  # A sign-in is no longer, in bytes.
 _PATHS = re.compile(r"/(?:enter|stop|drive|camera/[1-9]|hold/state|hold/go|panel/[\w.]+|_nicegui/.*|_nicegui_ws/.*)?")
 _MESSAGE = """<!doctype html><html lang=en><meta charset=utf-8><meta name=viewport content="width=device-width">
 <meta name=color-scheme content="light dark"><title>mirrormount</title>

@@ -1,10 +1,7 @@
-"""The view of a camera on a page.
+"""A camera on a page: its elements, what is told of it, and the route of its pictures.
 
-The elements of a camera on a page, which static/camera.js fills.
-
-What a page shows of a camera, as data for static/camera.js: the spot, or why there is none, threshold, target.
-
-The route of a camera's pictures: a page asks for the next one when it has drawn the last, so none ever waits.
+static/camera.js fills the elements. It is told, as JSON, the spot, or why there is none, the threshold and the target.
+A page asks for the next picture when it has drawn the last one, so no picture ever waits in the network.
 """
 
 import asyncio
@@ -27,6 +24,8 @@ from mirrormount_beam.scale import Optics, Scale
 from mirrormount_beam.spot.find import NoSpot, Spot
 from mirrormount_panel.auth import Rates
 
+# ---- the elements
+
 _PROFILE_HTML = '<canvas class="profile" role="img" aria-label="Brightness of one row, and the threshold"></canvas>'
 
 
@@ -43,8 +42,9 @@ def camera_html(number: int, name: str, *, clicks: bool = False, profile: bool =
     )
 
 
-_PROFILE = 160  # points of a row's brightness at most
+# ---- what is told
 
+_PROFILE = 160  # The brightness of a row is told in at most so many points.
 
 Of = TypeVar("Of", bound=LiveView, covariant=True)
 
@@ -74,7 +74,7 @@ class CameraView(Generic[Of]):
         return self._looked_up()[1]
 
     def told(self, seen: Seen | None, now_s: float, *, profile: bool = False) -> dict[str, Any]:
-        """What is known now. seen: the frame that is shown with it. now_s: of time.monotonic."""
+        """What is known now. seen: the image that is shown with it. now_s: of time.monotonic."""
         trouble = self.live.trouble
         told: dict[str, Any] = {"name": self.live.name, "trouble": trouble, "doing": self.doing, "target": self.target}
         if seen is None:
@@ -180,9 +180,11 @@ def _rounded(*numbers: float) -> list[float]:
     return [round(float(number), 2) for number in numbers]
 
 
-_PICTURES = 5, 20  # of one page: at once, a second
-_WAIT_S = 1.0  # for a new picture; then only what is known is sent
-_LOOK_S = 0.02
+# ---- the pictures
+
+_PICTURES = 5, 20  # Pictures of one page: at once, and in a second.
+_WAIT_S = 1.0  # A request waits so long for a new picture; then it is answered without one.
+_CHECK_S = 0.02  # between two checks for a new picture
 
 
 def routes(views: Sequence["CameraView"], viewer: Callable[[Request], str | None]) -> APIRouter:
@@ -226,7 +228,7 @@ async def _next(view: "CameraView", after: int, profile: bool) -> Response:
         new = seen is not None and seen.number > after
         if new or time.monotonic() > until_s:
             break
-        await asyncio.sleep(_LOOK_S)
+        await asyncio.sleep(_CHECK_S)
     told = view.told(seen, time.monotonic(), profile=profile and new)
     headers = {"x-seen": json.dumps(told, separators=(",", ":")), "cache-control": "no-store"}
     if seen is None or not new:

@@ -1,14 +1,7 @@
-"""The cards of a page.
+"""The cards of a page, one function each. A function returns what refreshes its card, ten times a second.
 
-Cards that drive: press and hold, numbers of steps, typed speeds. static/panel.js sends their requests.
-
-The card of the camera: its picture with the spot and the target, and how the spot is moved. See static/camera.js.
-
-The settings of all axes: read, apply, save on the board, restore. The board checks each.
-
-The card with the wire log.
-
-Cards of the mount's state: position and lamps of an axis, its past, events, and the virtual screen.
+Buttons that drive send their requests by static/panel.js, and the camera's picture is drawn by static/camera.js. The
+settings go through NiceGUI instead: they move nothing, and a late click is refused by its tick.
 """
 
 import contextlib
@@ -32,6 +25,8 @@ from mirrormount_panel.board_settings import BoardSettings
 from mirrormount_panel.camera import CameraView, camera_html
 from mirrormount_panel.mounts import Page, confirm, run_on_mount, warn
 
+# ---- press and hold, numbers of steps, speeds
+
 _PAD = (  # place in the pad, directions of the axes, arrow, name
     ("up", "y:1", "▲", "UP"),
     ("left", "x:-1", "◀", "LEFT"),
@@ -42,11 +37,11 @@ _PAD = (  # place in the pad, directions of the axes, arrow, name
     ("down-left", "x:-1 y:-1", "◣", "DOWN AND LEFT"),
     ("down-right", "x:1 y:-1", "◢", "DOWN AND RIGHT"),
 )
-_PAD_AXES = ("x", "y")  # further axes have a row of buttons each
+_PAD_AXES = ("x", "y")  # Further axes have a row of buttons each.
 _STEP_WORDS = {"x": ("◀ left", "right ▶"), "y": ("▼ down", "up ▲")}
-SLOW = 80  # of 255, where the slider starts: a third of full speed
+SLOW = 80  # Where the slider starts: a third of full speed (255).
 
-UNITS = {  # of units.UNITS, as a person reads them
+UNITS = {  # The units of values.py, as a person reads them.
     "steps": "steps",
     "urad": "µrad of the mirror",
     "mrad": "mrad of the mirror",
@@ -61,7 +56,7 @@ _SLIDER = (
 )
 
 
-def hold(worker: Worker) -> Callable[[], None]:
+def press_card(worker: Worker) -> Callable[[], None]:
     """The pad: a short press is one step, a long one runs at the slider's speed. Shows how many presses wait."""
     with card("Press and hold"):
         with ui.element("div").classes("pad"):
@@ -77,7 +72,7 @@ def hold(worker: Worker) -> Callable[[], None]:
                     _press("plus", f"{axis}:1", "+", f"{title.upper()} PLUS")
         with ui.element("div").classes("line"):
             ui.label("Speed").classes("name")
-            # as plain HTML: Vue would put an input's first value back whenever anything on the page changes
+            # Plain HTML, because Vue would put an input's first value back whenever anything on the page changes.
             ui.html(_SLIDER, sanitize=False).classes("slider")
         ui.label(
             f"Short press: {FINE_STEPS} step. Longer than {HOLD_S:g} s: runs until you let go. Arrow keys do the same;"
@@ -104,7 +99,7 @@ def _press(place: str, press: str, arrow: str, name: str, *, shows_word: bool = 
             ui.label(name).classes("word")
 
 
-def by_numbers(worker: Worker) -> Callable[[], None]:
+def number_cards(worker: Worker) -> Callable[[], None]:
     """Two cards: amounts to move by, and speeds of x and y. Shows what a step is where a scale was measured."""
     with card("Fine steps"):
         with ui.element("div").classes("line"):
@@ -193,8 +188,14 @@ def send(word: str, request: dict, fields: str = "", *, enter: str = "") -> ui.b
     return ui.button(word).props(f"{props} data-enter='{enter}'")
 
 
+# ---- the camera
+
+
 def camera_card(view: CameraView) -> None:
-    """The card. Its picture and its lines are drawn by the browser, which asks for them (camera_route.py)."""
+    """The picture with the spot and the target, and how the spot is moved.
+
+    The browser draws the picture and the lines, and asks for them (camera.py).
+    """
     with card("Camera"):
         ui.html(camera_html(1, view.live.name, clicks=True), sanitize=False).classes("camera-box")
         with ui.element("div").classes("line"):
@@ -208,6 +209,8 @@ def camera_card(view: CameraView) -> None:
             " Learn first: it measures what a step of each axis does to the spot. STOP or any other button ends it."
         ).classes("hint")
 
+
+# ---- settings
 
 _DONE = "done"
 _SHOWN_S = 5  # as long as a page may take to show what was read
@@ -227,7 +230,7 @@ def settings_card(settings: BoardSettings, refusal: Callable[[object], str], mou
             else:
                 await action()
 
-        # with the last tick that the page has seen: NiceGUI keeps a click until the network is back
+        # A click carries the last tick that the page has seen: NiceGUI keeps a click until the network is back.
         tick = f"() => emit(window.mountTick({mount}))"
         return ui.button(word).on("click", clicked, js_handler=tick).props("no-caps")
 
@@ -313,7 +316,7 @@ class _Form:
                 self._read[axis, name] = str(settings[axis][name]) if there else ""
                 field.set_value(self._read[axis, name])
             self._of_encoders.set_visibility(any(name in ENCODER for values in settings.values() for name in values))
-            # a value comes to the page in two messages: the second undid what was typed after the first
+            # A value comes to the page in two messages: the second would undo what was typed after the first.
             with contextlib.suppress(TimeoutError):  # a page that is away gets all of them in order
                 await ui.run_javascript("0", timeout=_SHOWN_S)
             for (axis, name), field in self._fields.items():
@@ -377,6 +380,8 @@ class _Form:
             raise BadValue(f"{axis}, {SETTINGS[name].what}: a number, not {text!r}") from None
 
 
+# ---- the wire log
+
 _SHOWN = 300
 
 
@@ -412,6 +417,8 @@ def _download(worker: Worker, name: str) -> None:
     ui.download.content("\n".join(map(_text, worker.log.since(0))) + "\n", file, "text/plain")
 
 
+# ---- the mount's state: axes, plot, virtual screen, events
+
 _TITLES = {"x": "X · right and left", "y": "Y · up and down"}
 _CERTAINTY = {
     "unknown": ("position unknown", "Counted since the board started, from nowhere known. Zero it, or home it."),
@@ -424,14 +431,14 @@ _SWITCHES = ((1, "+ end-stop"), (2, "− end-stop"), (4, "home"))
 _PLOT_S = 60.0
 _PLOT_EVERY_S = 0.5
 _PLOT_POINTS = 300
-_GAP_S = 1.0  # without a position for longer: no line is drawn
+_GAP_S = 1.0  # No line is drawn where the position was not known for longer.
 _GREY = "#737b82"  # readable on the cards of both themes
 _COLOURS = ("#0b8f98", "#d9480f", "#6741d9", "#5c940d")
 
 Refresh = Callable[[], None]
 
 
-def axis(worker: Worker, name: str) -> Refresh:
+def axis_card(worker: Worker, name: str) -> Refresh:
     """Position, target, lamps and reason of one axis; go to, zero, home."""
     with card(_TITLES.get(name, axis_title(name))) as box:
         with ui.element("div").classes("line"):
@@ -515,7 +522,7 @@ class _Lamp:
         self._why.set_visibility(bool(why))
 
 
-def plot(worker: Worker) -> Refresh:
+def plot_card(worker: Worker) -> Refresh:
     """The positions of the last minute."""
     with card("Position over time"):
         chart = ui.echart(_empty_plot(worker.state.axes)).classes("plot")
@@ -593,7 +600,7 @@ def _empty_plot(axes: Sequence[str]) -> dict:
     }
 
 
-def screen(mount: int) -> None:
+def screen_card(mount: int) -> None:
     """The virtual board's screen, drawn by static/screen.js. mount: its number, as static/panel.js counts."""
     with card("Virtual screen, 7.62 m away"):
         ui.element("canvas").classes("screen").props("data-screen role=img aria-label='The spot on the screen'")
@@ -604,7 +611,7 @@ def screen(mount: int) -> None:
             )
 
 
-def news(page: Page, worker: Worker, name: str) -> Refresh:
+def news_card(page: Page, worker: Worker, name: str) -> Refresh:
     """Events, newest first, with causes and remedies; refusals of this page at once, as messages under that name."""
     with card("What happened"):
         keep_alive = _Lamp("keep-alive")

@@ -1,18 +1,11 @@
-"""`mirrormount panel`, and the pages of `hold` and `camera show`.
+"""`mirrormount panel`, and what it shares with the pages of `hold --page` and `camera show --page`.
 
-A link with a secret, as a file that leads a browser there: every user can read the arguments of a process.
+A page comes in at a listening socket (Opening): the terminal prints its addresses, and a browser is led there. A link
+with a secret goes to the browser in a file, because every user can read the arguments of a process. The panel has the
+mounts of table.toml, one named board, or virtual ones; a mount that is not there is looked for. Ctrl-C and SIGTERM
+stop the motors before the pages are closed.
 
-Where pages of this program come in: a listening socket, its addresses, the token, what the terminal shows.
-
-The mounts of `mirrormount panel`: those of table.toml, or two virtual ones. One that is not there is looked for.
-
-The camera of `mirrormount panel`: a real one beside any board, or one of a virtual table with its mount.
-
-The work of `mirrormount panel`: serves it, prints its addresses, opens the browser. Ctrl-C stops the motors.
-
-`mirrormount camera show --page`: the page of one camera, without a mount.
-
-`mirrormount panel`: the web panel, by panel_opening.py.
+NiceGUI, uvicorn and FastAPI are imported where a page is served, so that the help of the command is quick.
 """
 
 import argparse
@@ -58,12 +51,13 @@ from mirrormount_beam.camera import Limits
 from mirrormount_beam.cameras import open_camera
 from mirrormount_beam.live import LiveCamera
 from mirrormount_panel.auth import SHORT, SignIn, is_short, read_token
-from mirrormount_panel.camera import CameraView, camera_html
-from mirrormount_panel.server import light_page, log_to_file, make_light_server
 
 if TYPE_CHECKING:
     from mirrormount.supervise.connection import Address
     from mirrormount_beam.camera import Dark
+    from mirrormount_panel.camera import CameraView
+
+# ---- a link for the browser
 
 _PAGE = """<!doctype html><meta charset=utf-8><title>mirrormount</title>
 <meta http-equiv=refresh content="0; url={0}"><a href="{0}">the panel</a>
@@ -88,8 +82,10 @@ def page_to(link: str) -> Iterator[str]:
         Path(name).unlink(missing_ok=True)
 
 
+# ---- where pages come in
+
 _PORT = 8080
-_TRIED = 20  # ports after it, if no other was asked for
+_TRIED = 20  # If no port was asked for, so many ports after it are tried.
 
 
 @dataclass(frozen=True)
@@ -206,6 +202,9 @@ def _tell_used(opening: Opening, client: str) -> None:
         print(f"the link was used by {client}; for another browser: {link}", flush=True)
 
 
+# ---- the mounts of the panel
+
+
 def of_table(entries: Mapping[str, MountEntry], patience_s: float) -> dict[str, Supervisor]:
     """A supervisor for each board, not open yet, under the names of its mounts."""
     names: dict[Supervisor, list[str]] = {}
@@ -253,6 +252,9 @@ def told(workers: Mapping[str, Worker]) -> str:
     return "\n".join(lines)
 
 
+# ---- the camera of the panel
+
+
 @contextlib.contextmanager
 def opened_camera(
     args: argparse.Namespace, address: str | None
@@ -265,6 +267,8 @@ def opened_camera(
         with _on_table(args) as found:
             yield found
         return
+    from mirrormount_panel.camera import CameraView
+
     name: str = in_real_time(args.camera)
     live = LiveCamera(name, lambda: open_camera(name))
     with contextlib.closing(live):
@@ -283,7 +287,6 @@ def in_real_time(camera: str) -> str:
 @contextlib.contextmanager
 def _on_table(args: argparse.Namespace) -> "Iterator[tuple[Address, CameraView[LiveCamera] | None]]":
     """The mount of a virtual table, and one of its two cameras."""
-    from mirrormount_beam.live import LiveCamera
     from mirrormount_panel.camera import CameraView
     from mirrormount_sim.table import open_table
 
@@ -298,8 +301,11 @@ def _on_table(args: argparse.Namespace) -> "Iterator[tuple[Address, CameraView[L
             yield lambda: next(ports, None) or table.replug(0), CameraView(live)
 
 
+# ---- the panel
+
+
 def serve_panel(args: argparse.Namespace) -> None:
-    """Serve the panel until told to end. Raises MountError."""
+    """Serve the panel until a signal ends it. Raises MountError."""
     if any(importlib.util.find_spec(name) is None for name in ("nicegui", "segno")):
         raise ExtraMissing(f"the panel needs NiceGUI, which is not installed: {install_command('panel')}")
     patience_s = patience_of(args)
@@ -384,6 +390,8 @@ def _serve(
         server.run([opening.listener])
 
 
+# ---- the page of one camera
+
 _BODY = """<main class="one"><section class="card">{}</section><section class="card"><p class="hint">
 Green: the spot, and twice its size (standard deviation). Grey: what is above the threshold. Red: the trail.
 Below the picture: the grey values of the row through the spot, or through the brightest place, and what they have to
@@ -392,6 +400,9 @@ exceed. The errors are standard errors.</p></section></main>"""
 
 def serve_camera_page(args: argparse.Namespace, dark: "Dark | None") -> None:
     """Serve the page until a signal ends it. Raises MountError."""
+    from mirrormount_panel.camera import CameraView, camera_html
+    from mirrormount_panel.server import light_page, log_to_file, make_light_server
+
     name: str = in_real_time(args.camera)
     live = LiveCamera(name, lambda: open_camera(name, limits=Limits(may_be_black=True)), dark)
     with opened(args) as opening, contextlib.closing(live), contextlib.ExitStack() as kept:
@@ -405,6 +416,9 @@ def serve_camera_page(args: argparse.Namespace, dark: "Dark | None") -> None:
         if args.browser:
             opening.browser(kept)()
         server.run([opening.listener])
+
+
+# ---- the command
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -421,10 +435,6 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(args: argparse.Namespace) -> None:
-    """Serve the panel until a signal ends it. Raises MountError."""
-
-    serve_panel(args)
-
-
-COMMANDS = (Command("panel", "the web panel: drive one or more mounts from a browser, until Ctrl-C", run, arguments),)
+COMMANDS = (
+    Command("panel", "the web panel: drive one or more mounts from a browser, until Ctrl-C", serve_panel, arguments),
+)

@@ -1,12 +1,8 @@
-"""The page of a running loop.
+"""The page of a loop that holds the beam: pictures, errors, history, HOLD and STOP, alarms. Drawn by static/hold.js.
 
-What a loop that holds a beam has told, kept for its page: state, reasons, errors, history, alarms. Pure.
-
-listen() takes the loop's events (beam/events.py) in the loop's thread; told() is called by the web server's.
-
-The page of a loop that holds a beam: pictures, errors, history, HOLD and STOP, alarms. Drawn by static/hold.js.
-
-A loop belongs to nobody's page: it goes on when the page is closed. STOP needs no key and no tick, HOLD needs both.
+HoldBoard keeps what the loop has told: listen() takes events in the loop's thread, told() is called in the web
+server's. A loop belongs to nobody's page: it goes on when the page is closed. STOP needs no key and no tick, HOLD needs
+both.
 """
 
 import argparse
@@ -36,11 +32,13 @@ from mirrormount_panel.camera import CameraView, camera_html
 from mirrormount_panel.cli import opened
 from mirrormount_panel.server import light_page, log_to_file, make_light_server, may
 
+# ---- what the loop has told
+
 ALARM, WARN, CALM = "alarm", "warn", ""
-_KEPT = 1200  # looks in the history
-_EVERY_S = 0.5  # between two of them: ten minutes are kept
-_RMS_S = 60.0  # over which the scatter is told
-_LAST = 6  # corrections and interlocks in words
+_KEPT = 1200  # So many observations are kept in the history.
+_EVERY_S = 0.5  # The time between two of them: the history has ten minutes.
+_RMS_S = 60.0  # The scatter is told over this time.
+_LAST = 6  # So many corrections and interlocks are told in words.
 
 
 class HoldBoard:
@@ -55,7 +53,7 @@ class HoldBoard:
         self._state, self._why = "", "the loop has not begun"
         self._tripped: events.InterlockTripped | None = None
         self._progress: events.Progress | None = None
-        self._look: events.Observed | None = None
+        self._seen: events.Observed | None = None
         self._heard_s: float | None = None
         self._history: deque[dict[str, Any]] = deque(maxlen=_KEPT)
         self._kept_s = -math.inf
@@ -71,7 +69,7 @@ class HoldBoard:
             self._heard_s = self._clock()
             match event:
                 case events.Observed():
-                    self._looked(event)
+                    self._observed(event)
                 case events.Estimated():
                     self._estimated(event)
                 case events.Pulsed():
@@ -97,14 +95,14 @@ class HoldBoard:
                 case _:
                     pass
 
-    def _looked(self, look: events.Observed) -> None:
-        self._look = look
-        while self._recent and self._recent[0][0] < look.time_s - _RMS_S:
+    def _observed(self, seen: events.Observed) -> None:
+        self._seen = seen
+        while self._recent and self._recent[0][0] < seen.time_s - _RMS_S:
             self._recent.popleft()
-        if look.time_s - self._kept_s >= _EVERY_S:
-            self._kept_s = look.time_s
-            off = [spot.error_um if isinstance(spot, SpotSeen) else None for spot in look.spots]
-            self._history.append({"t": round(look.time_s, 2), "off": off, "free": look.free_um})
+        if seen.time_s - self._kept_s >= _EVERY_S:
+            self._kept_s = seen.time_s
+            off = [spot.error_um if isinstance(spot, SpotSeen) else None for spot in seen.spots]
+            self._history.append({"t": round(seen.time_s, 2), "off": off, "free": seen.free_um})
 
     def _estimated(self, estimate: events.Estimated) -> None:
         """The one before has counted until now, as in ErrorStatistics."""
@@ -127,7 +125,7 @@ class HoldBoard:
         """All that a page shows, as JSON. after_s: of the history only what is later, on the loop's clock."""
         with self._lock:
             now_s = self._clock()
-            seen, tripped = self._look, self._tripped
+            seen, tripped = self._seen, self._tripped
             return {
                 "state": self._state,
                 "why": self._why,
@@ -144,7 +142,7 @@ class HoldBoard:
             }
 
     def _camera(self, spot: SpotSeen | SpotMissed, at: int) -> dict[str, Any]:
-        free = self._look.free_um if self._look else ()
+        free = self._seen.free_um if self._seen else ()
         told: dict[str, Any] = {"name": spot.camera, "free": _rounded(free[at]) if at < len(free) else None}
         if isinstance(spot, SpotMissed):
             return told | {"missed": spot.reason}
@@ -175,8 +173,12 @@ def _rounded(pair: Pair) -> list[float | None]:
     return [_known(number) for number in pair]
 
 
-_LATE_MS = 2000  # an order to hold that has seen no younger state is not carried out
-_BODY_MOST = 100  # bytes of an order
+# ---- the server
+
+# An order to hold is refused if the page has seen no younger state: it was pressed that long ago, and the network was
+# stuck.
+_LATE_MS = 2000
+_BODY_MOST = 100  # An order is no longer, in bytes.
 _LATE = "nothing was done: that came late, the network or this browser was stuck; press HOLD again"
 _BODY = """<main class="hold"><section class="card state" aria-live="polite"><p class="hold-state"></p>
 <p class="hold-why"></p><div class="hold-gates" role="alert"></div><div class="line"><button class="go" type="button"
@@ -269,6 +271,9 @@ def _routes(
         return Response(status_code=204)
 
     return router
+
+
+# ---- the page of `mirrormount hold --page`
 
 
 class HoldPage:

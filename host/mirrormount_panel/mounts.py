@@ -1,12 +1,8 @@
-"""The mounts of the panel, their pages, and their work.
+"""The mounts of a panel, and its pages as their clients.
 
-A page's question to the mount, and the messages that a page shows for some seconds.
-
-The panel's pages, as clients of a mount: each with a secret, and bounds for how many there may be. Pure.
-
-Where a panel has several mounts, a page is a client of each, with a secret for each.
-
-The mounts of a panel. Each has an owner and a lease of its own, so each page has a part for each of them.
+Each mount has an owner and a lease of its own. A page is a client of each mount, with a secret for each, and there may
+be only so many pages. A page's question to the mount is awaited here, and refusals are shown on the page for some
+seconds.
 """
 
 import itertools
@@ -22,6 +18,9 @@ from mirrormount.supervise.lease import Client, Lease
 from mirrormount.supervise.worker import Worker
 
 T = TypeVar("T")
+
+
+# ---- messages on a page
 
 
 def warn(text: str) -> None:
@@ -52,8 +51,10 @@ def _show(text: str, kind: str, for_ms: int) -> None:
     ui.notify(text, position="bottom", timeout=for_ms, classes=f"toast {kind}", actions=ok, badgeColor="grey-10")
 
 
-CONNECTED = 24  # pages that may be open at a time
-WAITING, WAITING_HERE = 32, 8  # pages without a connection, of all computers and of one
+# ---- pages
+
+CONNECTED = 24  # So many pages may be open at a time.
+WAITING, WAITING_HERE = 32, 8  # Pages that have not connected yet: of all computers, and of one.
 
 
 class Page(Client):
@@ -114,6 +115,9 @@ class Pages:
         for page in list(self._pages):
             page.drop()
             self.forget(page)
+
+
+# ---- mounts
 
 
 class Orders(NamedTuple):

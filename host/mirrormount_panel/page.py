@@ -64,10 +64,10 @@ def _build(
         ui.label("mirrormount").classes("brand")
         if len(parts) == 1:
             (mount, page) = parts[0]
-            refreshes.append((page, _bar(page, mount.worker)))
+            refreshes.append((page, _status_bar(page, mount.worker)))
         else:
             for number, (mount, page) in enumerate(parts, 1):
-                refreshes.append((page, _way_to(number, mount)))
+                refreshes.append((page, _mount_link(number, mount)))
             ui.element("span").classes("spring")
         if link:
             ui.button(icon="qr_code_2", on_click=lambda: _show_link([page for _, page in parts], link)).props(
@@ -75,10 +75,10 @@ def _build(
             )
         _mode_button()
     with ui.element("div").classes("banners"):
-        _said("cut", _CUT)
-        _said("moved", _MOVED)
+        _banner("cut", _CUT)
+        _banner("moved", _MOVED)
         if len(parts) == 1:
-            refreshes += _of_mount(parts[0])
+            refreshes += _mount_banners(parts[0])
     if len(parts) == 1:
         (mount, page) = parts[0]
         with ui.element("main").classes("cards").props(f'data-page="{page.key}"'):
@@ -89,10 +89,10 @@ def _build(
                 with _section(number + 1, mount, page):
                     with ui.element("div").classes("mount-bar"):
                         ui.label(mount.name).classes("mount-name").props("role=heading aria-level=1")
-                        refreshes.append((page, _bar(page, mount.worker)))
+                        refreshes.append((page, _status_bar(page, mount.worker)))
                         ui.label("arrow keys").classes("keys").props("title='Arrow keys drive the mount touched last'")
                     with ui.element("div").classes("banners"):
-                        refreshes += _of_mount((mount, page))
+                        refreshes += _mount_banners((mount, page))
                     with ui.element("div").classes("cards"):
                         refreshes += [
                             (page, refresh) for refresh in _cards(number, mount, page, settings[number], None)
@@ -122,16 +122,16 @@ def _cards(
     worker = mount.worker
     refreshes: list[Refresh] = []
     with ui.element("div").classes("column"):
-        refreshes += [cards.hold(worker)]
-        refreshes += [cards.by_numbers(worker)]
+        refreshes += [cards.press_card(worker)]
+        refreshes += [cards.number_cards(worker)]
     with ui.element("div").classes("column"):
         if view:
             cards.camera_card(view)
-        refreshes += [cards.axis(worker, name) for name in worker.state.axes]
-        refreshes += [cards.plot(worker), cards.news(page, worker, mount.name)]
+        refreshes += [cards.axis_card(worker, name) for name in worker.state.axes]
+        refreshes += [cards.plot_card(worker), cards.news_card(page, worker, mount.name)]
     with ui.element("div").classes("column"):
         if worker.connection.spot_mm() and not view:
-            cards.screen(number)
+            cards.screen_card(number)
         refreshes += [cards.settings_card(settings, lambda tick: refusal(worker, page, tick), number)]
         refreshes += [cards.wire_card(worker, mount.name)]
     return refreshes
@@ -143,7 +143,7 @@ def _section(number: int, mount: PanelMount, page: Page) -> ui.element:
     return box.props(f'data-page="{page.key}" data-mount="{mount.name}"')
 
 
-def _way_to(number: int, mount: PanelMount) -> Refresh:
+def _mount_link(number: int, mount: PanelMount) -> Refresh:
     """A link to the mount's part of the page, with its lamp."""
     with ui.element("a").classes("way").props(f'href="#mount-{number}"'):
         lamp = ui.element("span").classes("lamp")
@@ -157,7 +157,7 @@ def _way_to(number: int, mount: PanelMount) -> Refresh:
     return refresh
 
 
-def _bar(page: Page, worker: Worker) -> Refresh:
+def _status_bar(page: Page, worker: Worker) -> Refresh:
     """Which board it is, and whether this page has control."""
     lamp = ui.element("span").classes("lamp")
     board = ui.label().classes("board")
@@ -181,13 +181,13 @@ def _bar(page: Page, worker: Worker) -> Refresh:
     return refresh
 
 
-def _said(state: str, text: str) -> None:
+def _banner(state: str, text: str) -> None:
     """A banner that the page shows itself, while its body has this class."""
     with ui.element("div").classes(f"banner {state}-banner").props("role=alert"):
         ui.label(text)
 
 
-def _of_mount(part: Part) -> list[tuple[Page, Refresh]]:
+def _mount_banners(part: Part) -> list[tuple[Page, Refresh]]:
     """The banners of a mount."""
     mount, page = part
     return [(page, _trouble(mount.worker)), (page, _question(page, mount.worker))]
@@ -231,9 +231,8 @@ def _question(page: Page, worker: Worker) -> Refresh:
 def _show_link(pages: Sequence[Page], link: Callable[[], str]) -> None:
     import segno
 
-    if not all(
-        page.connected for page in pages
-    ):  # its driving socket has shown the key; without it there is no link for others either
+    # A page whose driving socket is connected has shown the key; without the key there is no link for others either.
+    if not all(page.connected for page in pages):
         warn("nothing was done: this page has no connection of its own to the panel")
         return
     text = link()

@@ -1,10 +1,7 @@
-"""The web server of the panel, and the small one of other pages.
+"""The web servers: the panel's, and the small one of other pages. Both are behind auth.py.
 
-The log of a web server: tracebacks go to a file, one line an error to stderr.
-
-A web server of one page that drives no mount: cameras, and what a loop tells. Behind auth.py; without NiceGUI.
-
-The web server of the panel: NiceGUI on uvicorn, behind auth.py. Tracebacks go to a file.
+The panel is NiceGUI on uvicorn. A page that drives no mount (a camera's, a loop's) is plain HTML and has no NiceGUI.
+Tracebacks go to a log file; an error is one line on stderr.
 """
 
 import logging
@@ -12,7 +9,6 @@ import logging.handlers
 import socket
 from collections.abc import Callable, Mapping, Sequence
 from html import escape
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import uvicorn
@@ -36,7 +32,9 @@ if TYPE_CHECKING:
     from mirrormount_beam.live import LiveCamera
     from mirrormount_panel.camera import CameraView
 
-_LOG_MOST = 1 << 20  # bytes of the log; one older file of this size is kept
+# ---- the log
+
+_LOG_MOST = 1 << 20  # The log has at most so many bytes, and one older file of this size is kept.
 
 
 def log_to_file() -> None:
@@ -81,7 +79,7 @@ class _OneLine(logging.Formatter):
         return f"mirrormount: {printable(str(record.getMessage()).partition(chr(10))[0])} ({self._more})"
 
 
-_STATIC = Path(__file__).parent / "static"
+# ---- a page without a mount
 
 
 def light_page(title: str, body: str, *scripts: str) -> str:
@@ -97,7 +95,7 @@ def light_page(title: str, body: str, *scripts: str) -> str:
 
 
 def may(sign_in: SignIn, request: Request) -> bool:
-    """Whether a request shows the key that signing in has left in the page's own storage (sign_in.py)."""
+    """Whether a request shows the key that signing in has left in the page's own storage (auth.py)."""
     given = request.headers.get("x-key", "").encode("utf-8", "replace")
     return sign_in.key is None or same(given, sign_in.key.encode())
 
@@ -107,7 +105,7 @@ def make_light_server(
 ) -> uvicorn.Server:
     """A server of that page and of the pictures of its cameras. more: further routes, which ask may() themselves."""
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
-    app.mount("/panel", StaticFiles(directory=_STATIC))
+    app.mount("/panel", StaticFiles(directory=page.STATIC))
 
     @app.get("/")
     async def index() -> HTMLResponse:
@@ -127,7 +125,9 @@ def make_light_server(
     )
 
 
-_MESSAGE_MOST = 1 << 16  # bytes of a message of a socket
+# ---- the panel
+
+_MESSAGE_MOST = 1 << 16  # No message of a socket has more bytes.
 
 
 class Server(uvicorn.Server):

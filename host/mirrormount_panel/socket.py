@@ -22,16 +22,16 @@ from mirrormount_panel.mounts import Orders, Page, PanelMount, Part, find, stop_
 
 _STOP = "STOP was pressed"
 _LATE = "nothing was done: that came late, the network or this browser was stuck; ask again"
-_LONGEST = 400  # characters of a a message; a longer one is not a page's
-_FIRST_S = 5.0  # until the first message, which names the page
-_NO_KEY = 4401  # a close code: the page must sign in
-_UNKNOWN_PAGE = 4404  # a close code: the page is of another run of the panel: reload
+_LONGEST = 400  # No message of a page has more characters.
+_FIRST_S = 5.0  # The first message, which names the page, must come within this time.
+_NO_KEY = 4401  # The close code for a page that must sign in.
+_UNKNOWN_PAGE = 4404  # The close code for a page of an earlier run of the panel, which loads itself again.
 
 
 def routes(mounts: Sequence[PanelMount], key: str | None) -> APIRouter:
     """The routes /drive, and /stop as a second way for a stop. A socket is of the mount whose page's key it shows.
 
-    key: a secret in the storage of this panel's origin (sign_in.py), None if no sign-in is needed.
+    key: a secret in the storage of this panel's origin (auth.py), None if no sign-in is needed.
     """
     router = APIRouter()
 

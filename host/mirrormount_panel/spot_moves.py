@@ -24,9 +24,9 @@ from mirrormount_beam.observe import Sighting, SpotObserver
 from mirrormount_beam.pointing import CORRECTIONS, GAP_STEPS, LEARN_STEPS, WITHIN_PX, Learned, approach, learn
 from mirrormount_panel.camera import CameraView
 
-ANNOUNCED_S = 1.0  # before the first motor runs
-_LOOK_S = 0.05  # between two looks whether it was ended
-_MOTION_S = 30.0  # of one correction at most
+ANNOUNCED_S = 1.0  # A move is announced so long before the first motor runs.
+_CHECK_S = 0.05  # The time between two checks whether the move was ended.
+_MOTION_S = 30.0  # One correction takes at most so long.
 _ANSWER_S = 5.0
 _UNKNOWN = (
     "nothing was done: it is not known how a step moves the spot; press Learn first"
@@ -179,7 +179,7 @@ class _Move:
         until_s = time.monotonic() + for_s
         while time.monotonic() < until_s:
             self._check()
-            self._over.wait(_LOOK_S)  # a stop, or a page that is out of touch, is seen by _check()
+            self._over.wait(_CHECK_S)  # a stop, or a page that is out of touch, is seen by _check()
 
     def say(self, text: str) -> None:
         """What it does, in a line."""
@@ -223,7 +223,7 @@ class _Move:
         return sighting
 
     def _ask(self, request: Request, axis: str, wanted: int | None) -> None:
-        motion = Motion(axis, wanted, lambda: None, _LOOK_S, jog=False)
+        motion = Motion(axis, wanted, lambda: None, _CHECK_S, jog=False)
         with self._lock:
             self._check()
             self._worker.request(self._page, request, motion, stops=self._stops)

@@ -44,6 +44,9 @@ _CIRCUITPYTHON_US = 6_000_000  # until the firmware is ready on it; its LED show
 Run = Callable[[int, Callable[[], bool]], object]
 
 
+# ---- options
+
+
 @dataclass(frozen=True)
 class Options:
     """The kind of a virtual board. machine: see machines.py. files: its file system (default: a new one with the
@@ -144,6 +147,9 @@ def orders_of(text: str) -> tuple[Order, ...]:
     return tuple(orders)
 
 
+# ---- the board
+
+
 def make_simulation(options: Options | None = None, bench: Bench | None = None) -> Simulation:
     """A virtual board that has just been switched on. Raises BadAddress, EmulatorMissing, CannotOpen.
 
@@ -235,6 +241,9 @@ def _files(options: Options, board: str | None, scratch: list[tempfile.Temporary
         why = "it is not a folder" if isinstance(e, FileExistsError) else e.strerror
         raise BadAddress(f"cannot use {options.files} for the board's files: {why}") from e
     return files
+
+
+# ---- ports
 
 
 def open_virtual(url: str) -> "RealtimePort | LockstepPort":

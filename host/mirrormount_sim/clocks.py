@@ -20,6 +20,9 @@ _QUANTUM_US = 1000  # the longest interval granted at once
 _BOOT_US = 8_000_000
 
 
+# ---- lockstep
+
+
 class Lockstep:
     """Drives a Simulation: send() queues bytes, run() lets time pass, `received` collects the board's output."""
 
@@ -92,6 +95,9 @@ class Lockstep:
 _UNREAD = 512  # bytes of unread output before the board reports that the host does not read
 _HANGUP_S = 0.02  # interval between checks for an opened pty
 _LAG_US = 100_000  # virtual time that is later than this is not caught up
+
+
+# ---- real time
 
 
 def serve(simulation: Simulation, ports: Sequence[Port], stopped: Callable[[], bool]) -> None:

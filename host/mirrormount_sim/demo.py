@@ -30,6 +30,9 @@ VIEW = View(-100, 100, -100, 100, pixel=0.4)  # mm: the square fits whichever wa
 WIDE = View(-130, 130, -130, 130, VIEW.pixel)  # the same at up to 130 % of the motors' supply
 
 
+# ---- the picture
+
+
 def draw(title: str, first, second, gaps: Sequence[tuple[str, str]], output: Path) -> None:
     """Like the paper's Fig. 5: the pictures of the corners laid over each other, centroids in red.
 
@@ -116,6 +119,9 @@ _CREEP_LOOK_S = 15.0  # between two looks at a spot that may creep ...
 _CREEP_LOOKS = 10
 _STANDS_MM = 0.02  # ... which it does no more if they are so near: three times the scatter of a centroid
 _LEGS = (("x", STEPS, "right"), ("y", -STEPS, "down"), ("x", -STEPS, "left"), ("y", STEPS, "up"))
+
+
+# ---- the test
 
 
 @dataclass(frozen=True)

@@ -34,6 +34,9 @@ _VECTORS = 0x100  # behind the second stage of the boot loader: the stack's end 
 _FLASH, _FLASH_BYTES, _RAM, _RAM_BYTES = 0x10000000, 16 << 20, 0x20000000, 0x42000
 
 
+# ---- the cache
+
+
 def cache() -> Path:
     """The folder where the emulator's parts are kept."""
     folder = os.environ.get("MIRRORMOUNT_CACHE")
@@ -61,6 +64,9 @@ def held(name: str) -> Iterator[None]:
     with file:
         fcntl.flock(file, fcntl.LOCK_EX)
         yield
+
+
+# ---- the image
 
 
 def find_image(image: Path | None) -> Path:
@@ -140,6 +146,9 @@ def last_line(text: str) -> str:
 
 
 _OLDEST_NODE = 18  # that rp2040js runs on
+
+
+# ---- Node and the emulator
 
 
 def find_node() -> str:
@@ -259,6 +268,9 @@ def _constant(source: str) -> bytes:
         if isinstance(node, ast.Constant) and isinstance(node.value, bytes) and len(node.value) == _BOOTROM_BYTES:
             return node.value
     raise EmulatorMissing(f"{_BOOTROM_WHEEL} carries no boot ROM of {_BOOTROM_BYTES} bytes")
+
+
+# ---- the flash
 
 
 class RawPrompt:

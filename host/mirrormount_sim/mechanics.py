@@ -21,6 +21,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+# ---- the profile of a mount
+
 
 @dataclass(frozen=True)
 class Profile:
@@ -78,6 +80,9 @@ TRAVEL_REV = 12.0  # hard ends of the screw either way; assumed
 SWITCH_REV = 1.5  # where the optional switches sit, either way; about 64 steps
 _TOUCHES = 1e-9  # of half a gap: rounding, by which a shaft in contact may seem to be apart
 _MOST_SIGMA = 3.0  # of a pulse's scatter: a pulse of normal length never turns the shaft backwards
+
+
+# ---- the actuator
 
 
 @dataclass
@@ -263,6 +268,9 @@ _LOOK_US = 1000  # the motion is looked at so often; what happens in between is 
 _QUADRATURE = ((0, 0), (1, 0), (1, 1), (0, 1))  # A leads where the count rises
 
 Wires = tuple[int, ...]  # the levels of A and B, or the angle that the bus tells
+
+
+# ---- the encoder
 
 
 class Change(NamedTuple):

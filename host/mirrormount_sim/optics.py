@@ -102,6 +102,9 @@ class _Plane:
     right: Vector
 
 
+# ---- the path of the beam
+
+
 class BeamPath:
     """The way from a laser over so many mirrors to the cameras' planes."""
 
@@ -179,6 +182,9 @@ EXPOSURE_S = 0.005  # at which the grey values below are true
 _BANK = 1 << 21  # normal numbers, drawn once: a frame takes them from a random place on
 _REACH = 6.0  # of a spot, in its own standard deviations: beyond, it is below 1e-5 of a grey value
 _LAMP_PX = 180.0  # radius of the moving light, one standard deviation
+
+
+# ---- the sensor of a webcam
 
 
 @dataclass
@@ -290,6 +296,9 @@ def _bank() -> NDArray[np.float32]:
 
 GRID_S = 0.01  # the walk's step; a jitter stays as long
 _MOST = 100_000  # steps drawn at once
+
+
+# ---- the drift of the laser
 
 
 class Drift:

@@ -24,6 +24,9 @@ _KEPT = 4096  # bytes: a firmware may make an emulator complain for a week
 _PATIENCE_S = 1.0  # until the rest has come of a process that has ended
 
 
+# ---- what the firmware has written last
+
+
 class StderrTail:
     """Reads the stream, so that its writer never waits."""
 
@@ -46,6 +49,9 @@ class StderrTail:
 
 # records of the seam; virtual/fakes/_seam.py explains them
 _CHANGE, _ENDS = b"QN"
+
+
+# ---- the wires of encoders
 
 
 class EncoderWires:
@@ -99,6 +105,9 @@ CLOSING_US = 1_000_000  # of the truth, after the power went
 
 # Ctrl-C in a terminal is the host's, also while its child has only begun to start
 _APART: dict = {"process_group": 0} if os.name == "posix" else {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP}
+
+
+# ---- the simulation
 
 
 class BoardGone(Exception):

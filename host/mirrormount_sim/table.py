@@ -45,6 +45,9 @@ Event = Callable[[], None]
 _MOST_S = 3600.0  # of one wait of the thread
 
 
+# ---- the clocks of a table
+
+
 class Clock(Protocol):
     """The table's time in seconds, from 0 on."""
 
@@ -221,6 +224,9 @@ class Timing:
     repeated: float = 0.0
 
 
+# ---- cameras
+
+
 @dataclass(frozen=True)
 class _Exposure:
     number: int
@@ -369,6 +375,9 @@ Mount = Callable[[], list[tuple[float, float]]]
 _OFF_MM, _OFF_MRAD = 1.0, 0.8  # a laser that was put down by hand: its offset and angle, before they are scaled
 
 
+# ---- the table
+
+
 class Laser:
     """The beam's source. Set blocked to stop the beam; offset_mm and angle_urad to displace it."""
 
@@ -456,6 +465,9 @@ class Table:
 
 MOST_OFF_MM = 12.0  # half of the picture's height
 _SCHEME = "virtual-table://"
+
+
+# ---- virtual-table://
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,8 @@
 """A file with the true turns of the screws: one JSON object a line, at each end of a motion.
 
-A move of many steps rests between its pulses, and at the pins that looks as its end. So what the host sends is looked
-at, too: the drive after a rest belongs to the same motion unless an order for that motor has come since the last drive
-began. Then the line of that rest is taken back, and one comes at the end.
+A move of many steps rests between its pulses, and the pins alone cannot tell such a rest from the end of the move. So
+what the host sends is read, too: the drive after a rest belongs to the same motion unless an order for that motor has
+come since the last drive began. Then the line of that rest is taken back, and one comes at the end.
 """
 
 import contextlib

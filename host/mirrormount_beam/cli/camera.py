@@ -1,10 +1,6 @@
-"""`mirrormount camera`.
+"""`mirrormount camera list | show | record | scale`.
 
-The work of `mirrormount camera`.
-
-The work of `mirrormount camera scale`: mm per pixel, distance and incidence of a camera, in the user's file.
-
-`mirrormount camera list | show | record | scale`, by camera_work.py and camera_scale.py.
+`scale` saves the mm per pixel, the distance and the angle of incidence of a camera in the user's file of scales.
 """
 
 import argparse
@@ -38,6 +34,8 @@ from mirrormount_beam.estimates import Estimate
 from mirrormount_beam.scale import Measured, Scale
 from mirrormount_beam.spot.find import NoSpot, Spot, find_spot
 
+# ---- list, show, record
+
 
 def list_cameras(_args: argparse.Namespace) -> None:
     """Print one line a camera, and which ones are not looked for."""
@@ -53,7 +51,7 @@ def list_cameras(_args: argparse.Namespace) -> None:
 
 
 def show_spot(args: argparse.Namespace) -> None:
-    """Print one line a frame, or serve a page. Raises ExtraMissing."""
+    """Print one line an image, or serve a page. Raises ExtraMissing."""
     dark = Dark.of(read_picture(args.dark)) if args.dark else None
     if args.page:
         if args.frames is not None:
@@ -80,7 +78,7 @@ def record_images(args: argparse.Namespace) -> None:
 
 
 def line(frame: Image, found: Spot | NoSpot) -> str:
-    """What is known of a frame, in one line."""
+    """What is known of an image, in one line."""
     marks = (" repeated" if frame.repeated else "") + (" late" if frame.late else "")
     seen = f"{found.detection.threshold:.1f}" if found.detection else "none"
     if isinstance(found, NoSpot):
@@ -95,7 +93,7 @@ def line(frame: Image, found: Spot | NoSpot) -> str:
 
 @contextlib.contextmanager
 def _opened(args: argparse.Namespace) -> Iterator[tuple[Camera, Iterator[Image]]]:
-    """The camera, and as many frames as were asked for; Ctrl-C ends it in order."""
+    """The camera, and as many images as were asked for; Ctrl-C ends it in order."""
     most = whole(args.frames, "--frames") if args.frames is not None else None
     if most is not None and most < 1:
         raise BadValue(f"--frames is at least 1, not {most}")
@@ -116,7 +114,7 @@ def _tell_controls(camera: Camera) -> None:
 
 
 class _Counted(Iterator[Image]):
-    """Frames; count: those before the one that was returned last, so they are written; all of them at the end."""
+    """Images; count: those before the one that was returned last, so they are written; all of them at the end."""
 
     def __init__(self, frames: Iterator[Image], shown: StatusLine) -> None:
         self._frames, self._shown = frames, shown
@@ -130,9 +128,11 @@ class _Counted(Iterator[Image]):
         return frame
 
 
+# ---- scale
+
 _Find = Callable[[Camera], Measured]
 
-_TRIES = 30  # frames in which a checkerboard is looked for: a webcam's first ones are dark
+_TRIES = 30  # images in which a checkerboard is searched for: the first ones of a webcam are dark
 _CORNERS = (3, 30)  # inner corners along a side
 _FARTHEST_MM = 100_000.0
 
@@ -276,6 +276,9 @@ def _words(measured: Measured, unit: str) -> str:
 
 
 _SOURCES = {"ruler": _ruler, "checkerboard": _checkerboard, "pitch": _pitch, "geometry": _geometry_only}
+
+
+# ---- the command
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:

@@ -1,16 +1,14 @@
-"""`mirrormount calibrate`, `align`, `hold`, `report`.
+"""`mirrormount calibrate | align | hold | report`: measure what the mounts do to the beam, align it, hold it.
 
-The work of `mirrormount calibrate | align | hold`: table, calibration, loop, files, and what is said of them.
-
-`mirrormount calibrate`, `align`, `hold`: measure what the mounts do to the beam, align it, keep it. hold_work.py.
-
-`mirrormount report`: the page of a run, made from its log.
+The commands open the table, take the saved calibration or measure a new one, run the loop, and write its files.
+`report` makes the page of a run from its log.
 """
 
 import argparse
 import contextlib
 import json
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -52,11 +50,13 @@ class LoopPage(Protocol):
     hold: Hold | None
 
 
+# ---- a run
+
 _NUMBERS_BEGIN = '{\n "reached": '  # the file of --json
 _VIRTUAL_S = 3600.0  # of a virtual hold, unless another duration is asked for
 
 
-def run_loop(verb: str, args: argparse.Namespace) -> int:
+def run(verb: str, args: argparse.Namespace) -> int:
     """Run one of the three; the exit status: 0 only if the goal was met. Raises MountError."""
     goals = _goals(verb, args)
     _check_numbers(args.json)
@@ -66,7 +66,9 @@ def run_loop(verb: str, args: argparse.Namespace) -> int:
     with ended_in_order(), contextlib.ExitStack() as stack:
         table, halt = stack.enter_context(_virtual(args) if args.virtual else _real(args))
         check_controllable(table)
-        page = stack.enter_context(_page(args, table, halt)) if verb == "hold" and args.page else None
+        page: LoopPage | None = (
+            stack.enter_context(page_of("hold")(args, table, halt)) if verb == "hold" and args.page else None
+        )
         tell = stack.enter_context(_told(args, page.board.listen if page else None))
         if verb == "calibrate":
             response, _ = _calibrated(table, tell)
@@ -149,13 +151,6 @@ def _real(args: argparse.Namespace) -> Iterator[tuple[LoopTable, Callable[[], ob
     with Table.open(patience_of(args)) as table, table.loop("beam loop") as loop:
         loop.take_control()
         yield loop, lambda: table.stop("STOP was pressed on the loop's page")
-
-
-def _page(
-    args: argparse.Namespace, table: LoopTable, halt: Callable[[], object] | None
-) -> contextlib.AbstractContextManager["LoopPage"]:
-    """The page of --page. Raises ExtraMissing."""
-    return page_of("hold")(args, table, halt)
 
 
 # ---- calibration
@@ -256,6 +251,9 @@ def _tell_hold(summary: Summary) -> None:
     )
 
 
+# ---- the file of --json
+
+
 def _check_numbers(path: Path | None) -> None:
     """Raises CannotWrite now, and not after hours of holding; also if a file is there that is no earlier run's."""
     if path and not _is_device(path):
@@ -283,6 +281,9 @@ def _is_device(path: Path) -> bool:
     return path.exists() and not (path.is_file() or path.is_dir())
 
 
+# ---- the commands
+
+
 def _common(parser: argparse.ArgumentParser, off: str) -> None:
     table_option(parser)
     virtual_options(parser, "the virtual table, as fast as it goes; no hardware needed")
@@ -302,10 +303,6 @@ def _common(parser: argparse.ArgumentParser, off: str) -> None:
     )
 
 
-def _calibrate_arguments(parser: argparse.ArgumentParser) -> None:
-    _common(parser, "2")
-
-
 def _align_arguments(parser: argparse.ArgumentParser) -> None:
     _common(parser, "9")
     parser.add_argument("--within", metavar="UM", default="15", help="the goal on each camera (15)")
@@ -319,10 +316,6 @@ def _hold_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--page", action="store_true", help="a page with pictures, errors, alarms, HOLD and STOP")
     web_options(parser)
     parser.add_argument("--max-um", metavar="N", default="80", help="goal: the largest error on a camera (80)")
-
-
-def _run(verb: str, args: argparse.Namespace) -> int:
-    return run_loop(verb, args)
 
 
 def report_arguments(parser: argparse.ArgumentParser) -> None:
@@ -345,10 +338,10 @@ COMMANDS = (
     Command(
         "calibrate",
         "measure what the mounts do to the beam",
-        lambda args: _run("calibrate", args),
-        _calibrate_arguments,
+        partial(run, "calibrate"),
+        partial(_common, off="2"),
     ),
-    Command("align", "bring the beam to its targets", lambda args: _run("align", args), _align_arguments),
-    Command("hold", "keep the beam at its targets", lambda args: _run("hold", args), _hold_arguments),
+    Command("align", "bring the beam to its targets", partial(run, "align"), _align_arguments),
+    Command("hold", "keep the beam at its targets", partial(run, "hold"), _hold_arguments),
     Command("report", "make the page of a run that held the beam, from its log", run_report, report_arguments),
 )

@@ -1,13 +1,8 @@
-"""`mirrormount measure`.
+"""`mirrormount measure`: experiments of a mount in front of a camera, their reports, and what follows for the mount.
 
-What follows from a measurement for the mount: shown with the values before and after, saved only when asked for.
-
-The work of `mirrormount measure`: opens mount and camera, runs the experiment, writes the report, offers its use.
-
-However it ends (Ctrl-C, SIGTERM and SIGHUP, too), the motors are off, and what was measured is in the report. The
-board's settings are never changed.
-
-`mirrormount measure`: experiments of a mount in front of a camera, by measure_work.py.
+However an experiment ends (Ctrl-C, SIGTERM and SIGHUP, too), the motors are off, and what was measured is in the
+report. What follows from it (a take-up, a step, a scale) is shown with the values before and after, and is saved only
+when a person asks for it: no experiment changes the board's settings.
 """
 
 import argparse
@@ -39,7 +34,6 @@ from mirrormount.errors import BadValue, CannotWrite, MountError, NotCalibrated
 from mirrormount.terminal import StatusLine, ended_in_order
 from mirrormount.transport.link import Link
 from mirrormount.transport.ports import open_table
-from mirrormount_beam import report
 from mirrormount_beam import scale as camera_scale
 from mirrormount_beam.camera import Camera, Size
 from mirrormount_beam.cameras import open_beside_mount
@@ -47,9 +41,11 @@ from mirrormount_beam.estimates import Result, Tell
 from mirrormount_beam.experiments import backlash, drift, square, steps
 from mirrormount_beam.experiments.rig import MountRig, Rig
 from mirrormount_beam.observe import SpotObserver
-from mirrormount_beam.report import NUMBERS_BEGIN, Origin, write_json, write_page
+from mirrormount_beam.report import BEGINS, NUMBERS_BEGIN, Origin, write_json, write_page
 from mirrormount_beam.scale import OF_PX, Optics, Scale
 from mountfw import __version__
+
+# ---- what follows from a measurement
 
 OF_USE = ("steps", "backlash", "pulses")  # experiments from which something follows
 _SURE = 3.0  # standard errors by which a pulse moves the spot for certain
@@ -65,7 +61,7 @@ class Offer:
     later: str
 
 
-def use(apply: bool, mount: Mount, axes: Sequence[str], result: Result, optics: Optics) -> None:
+def apply_result(apply: bool, mount: Mount, axes: Sequence[str], result: Result, optics: Optics) -> None:
     """Offer what follows from the result: save it if `apply`, ask on a terminal, else say how. Raises MountError."""
     make = {"steps": _steps, "backlash": _take_up, "pulses": _step}.get(result.experiment)
     offer = make(mount, axes, result, optics) if make else None
@@ -198,18 +194,22 @@ def _scale(mount: Mount, axis: str, result: Result, optics: Optics) -> calibrati
     return calibration.Scale(positive, negative, step, float(f"{factor:.4g}"), optics.distance_mm)
 
 
+# ---- the experiment and its report
+
 _INCIDENCE_DEG = 45.0  # of a folding mirror
 
 
-def run_measure(args: argparse.Namespace) -> None:
-    """Run one experiment. Raises MountError."""
+def run(args: argparse.Namespace) -> None:
+    """Run one experiment and write its report. Raises MountError."""
+    with from_extra("plot", "the report of a measurement needs"):
+        import matplotlib.figure  # noqa: F401  # now, and not after hours of measuring
     work = _experiment(args)
     wanted = _wanted_series(args)
     page: Path = args.report or Path(f"measure-{args.experiment}.html")
     numbers: Path = args.json or page.parent / f"{page.stem}.json"
     if numbers == page:
         raise BadValue(f"the page and the numbers cannot both be {page}")
-    for path, begins in ((page, report.BEGINS), (numbers, NUMBERS_BEGIN)):
+    for path, begins in ((page, BEGINS), (numbers, NUMBERS_BEGIN)):
         _check_writable(path, begins)
     if args.apply and args.experiment not in OF_USE:
         raise BadValue(f"--apply is of the experiments {', '.join(OF_USE)}")
@@ -233,7 +233,7 @@ def run_measure(args: argparse.Namespace) -> None:
             _write(page, numbers, result, origin, observer)
         finally:
             _summarise(result, optics)
-        use(args.apply, mount, axes, result, optics)
+        apply_result(args.apply, mount, axes, result, optics)
 
 
 def _check_writable(path: Path, begins: str) -> None:
@@ -241,7 +241,7 @@ def _check_writable(path: Path, begins: str) -> None:
     if not path.name or not os.access(path.parent, os.W_OK) or path.is_dir() or path.is_symlink():
         raise CannotWrite(f"cannot write {path}: no such folder, no right to, or a link or folder of that name")
     files.check_replaceable(path, begins)
-    files.check_writable(path)  # /proc lets nobody
+    files.check_writable(path)  # some folders (/proc) seem writable, and take no new file
 
 
 def _experiment(args: argparse.Namespace) -> Callable[[Rig, Result, Tell], None]:
@@ -335,14 +335,7 @@ def _optics(args: argparse.Namespace, camera: Camera) -> Optics:
     incidence = number(args.incidence, "--incidence") if args.incidence is not None else _INCIDENCE_DEG
     if not 0 <= incidence < 90:
         raise BadValue(f"--incidence is 0 to less than 90 degrees, not {args.incidence}")
-    return Optics(_scale_of(camera, mm_per_px, mm_error, distance, distance_error, incidence))
-
-
-def _scale_of(
-    camera: Camera, mm: float, mm_error: float, distance: float | None, distance_error: float, incidence: float
-) -> Scale:
-    width, height = camera.size
-    return Scale(width, height, mm, mm_error, distance, distance_error, incidence)
+    return Optics(Scale(*camera.size, mm_per_px, mm_error, distance, distance_error, incidence))
 
 
 def _length(text: str, error: str | None, what: str) -> tuple[float, float]:
@@ -417,6 +410,8 @@ def _summarise(result: Result, optics: Optics) -> None:
         print(f"  {remark}")
 
 
+# ---- the command
+
 EXPERIMENTS = ("steps", "backlash", "pulses", "square", "drift", "settle")
 
 
@@ -445,13 +440,6 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--apply", action="store_true", help="save what was measured: scales, or take-up or step on the board"
     )
-
-
-def run(args: argparse.Namespace) -> None:
-    """Measure and write the report. Raises MountError."""
-    with from_extra("plot", "the report of a measurement needs"):
-        import matplotlib.figure  # noqa: F401  # now, and not after hours of measuring
-    run_measure(args)
 
 
 COMMANDS = (

@@ -1,8 +1,6 @@
-"""`mirrormount scan`.
+"""`mirrormount scan raster | spiral | line | find`: mount, camera, pattern, files.
 
-The work of `mirrormount scan`: mount, camera, pattern, files. However it ends, motors are off and rows are kept.
-
-`mirrormount scan raster | spiral | line | find`, by scan_work.py.
+However a scan ends, the motors are off and the rows that were measured are kept.
 """
 
 import argparse
@@ -49,8 +47,8 @@ from mirrormount_beam.scan import (
 _FOUND = "found"
 
 
-def run_scan(args: argparse.Namespace) -> int:
-    """Run one scan; the exit status: 1 if a search found nothing. Raises MountError."""
+def run(args: argparse.Namespace) -> int:
+    """Scan; the exit status: 1 if a search found nothing. Raises MountError."""
     pattern = _pattern(args)
     searches = args.verb == "find"
     files = [path for path in (args.csv, args.hdf5, args.page) if path]
@@ -212,6 +210,8 @@ def _tell(args: argparse.Namespace, pattern: Pattern, kept: _Kept) -> int:
     return 0
 
 
+# ---- the command
+
 SIGNALS = ("spot", "grey")
 
 
@@ -247,11 +247,6 @@ def _common(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--page", type=Path, metavar="FILE", help="a live picture: open this HTML file in a browser")
     parser.add_argument("--csv", type=Path, metavar="FILE", help="a new file, written row by row")
     parser.add_argument("--hdf5", type=Path, metavar="FILE", help="a new file, written at the end")
-
-
-def run(args: argparse.Namespace) -> int:
-    """Scan; the exit status. Raises MountError."""
-    return run_scan(args)
 
 
 COMMANDS = (Command("scan", "visit places with the mount and read a camera at each; find a lost beam", run, arguments),)

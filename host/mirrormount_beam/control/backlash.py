@@ -12,10 +12,12 @@ dozen pulses, would be taken for a contact now and then. The odds of several obs
 import math
 from dataclasses import dataclass
 
-_LEAST, _MOST = 0.01, 0.995  # chance of a contact within a pulse: gaps differ from one time to the next
-_GAIN = 0.15  # relative error of a step's way that is expected
-_ODD = 1.2  # factor of standard errors: a laser's drift is no Gaussian of known width
-_UNLIKELY = 0.002  # of an observation that fits none of the cases, against one in the middle of a case
+# The bounds of the chance of a contact within a pulse: a gap differs from one time to the next.
+_LEAST, _MOST = 0.01, 0.995
+_GAIN = 0.15  # The relative error of a step's way that is expected.
+_ODD = 1.2  # Standard errors are taken as larger by this factor: a laser's drift is no Gaussian of known width.
+# The likelihood of an observation that fits none of the cases, relative to one in the middle of a case.
+_UNLIKELY = 0.002
 
 
 @dataclass(frozen=True)
@@ -114,15 +116,16 @@ def _below(x: float, sigma: float) -> float:
     return 0.5 * math.erfc(-x / (max(sigma, 1e-9) * math.sqrt(2)))
 
 
-_LEARN = 0.12  # weight of a new sample of the gap's width
-_TAIL_SIGMAS = 2.8  # of a normal distribution, beyond which is 0.26 % of it
+_LEARN = 0.12  # The weight of a new sample of the gap's width.
+_TAIL_SIGMAS = 2.8  # Only 0.26 % of a normal distribution is beyond so many standard deviations.
 _MET, _LOST = 0.99, 0.4  # The screw counts as engaged above _MET, and as free again below _LOST (hysteresis).
-_SURE = 0.999  # chance that is not exceeded by a contact that is new: a later motion can still show that it was none
-_CERTAIN = 1 - 1e-6  # nor by one that has moved the screw ...
-_FAR_SPREADS = 3.0  # ... by so many times the gap's scatter
-_LEFT = 0.5  # of the gap's scatter, that always may be left where no contact was seen
-_MAY_FOLLOW = 0.3  # beyond, nothing is surely free
-_LEAST_SPREAD = 0.01  # of the gap's width, in parts of it: a travel is not known better
+_SURE = 0.999  # A new contact never counts as more certain: a later motion can still show that it was none.
+# A contact that has moved the screw by _FAR_SPREADS of the gap's scatter never counts as more certain.
+_CERTAIN = 1 - 1e-6
+_FAR_SPREADS = 3.0  # In standard deviations of the gap's width.
+_LEFT = 0.5  # Where no contact was seen, this part of the gap's scatter may always be left.
+_MAY_FOLLOW = 0.3  # If the screw follows with a larger chance, no part of the gap is surely free.
+_LEAST_SPREAD = 0.01  # The scatter of a gap is at least this part of its width: a travel is not known better.
 
 
 @dataclass

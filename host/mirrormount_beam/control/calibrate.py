@@ -18,20 +18,22 @@ from mirrormount_beam.errors import NotControllable, SpotLost
 from mirrormount_beam.observe import Observation, Observer
 from mirrormount_beam.spot.find import NoSpotReason
 
-FRAMES = 2  # of an observation between steps
-_QUIET = 24  # observations at rest, for the noise
+FRAMES = 2  # Images of an observation between two steps.
+_QUIET = 24  # So many observations at rest tell the noise.
 # lengths of pulses in parts of a step, and how many of each: the sum is some steps
 _CURVE = ((0.025, 10), (0.04, 8), (0.065, 6), (0.12, 5), (0.25, 3), (0.5, 2))
-RUN = 6  # steps that measure a column
-LEAD = 5  # steps after which the spot must have begun to move
-_REVERSALS = 3  # of each way, for the gaps
-_EDGE_PX = 40.0  # the spot stays so far from a picture's edge
-_ALONG_PX = 3.0  # a spot that comes nearer to an edge by less goes along it
-_MOVED = 0.15  # of a step's way: the screw follows
-_ROOM_UM = 2000.0  # errors beyond are made smaller first
-_CENTRED, _CENTRINGS = 0.8, 4  # part of an error that is corrected then, and how often: few steps were measured
-_UNITS = 0.7, 1.3  # a step here, in those that the response was measured with: at least and at most
-_GAP_SPREAD, _LEAST_SPREAD = 0.03, 0.01  # of a gap's width, relative: until reversals have shown it, and after
+RUN = 6  # So many steps measure one column of the response.
+LEAD = 5  # The spot must have begun to move after so many steps.
+_REVERSALS = 3  # So many reversals of each direction measure the gaps.
+_EDGE_PX = 40.0  # The spot stays so far from the picture's edges.
+_ALONG_PX = 3.0  # A spot that comes nearer to an edge by less than this goes along it.
+_MOVED = 0.15  # The screw follows if the spot moves by this part of a step's way.
+_ROOM_UM = 2000.0  # Larger errors are made smaller before the calibration: the spot needs room.
+# This part of such an error is corrected at a time, and at most so often: few steps were measured by then.
+_CENTRED, _CENTRINGS = 0.8, 4
+_UNITS = 0.7, 1.3  # A step may have become shorter or longer by these factors since the response was measured.
+# The scatter of a gap, relative to its width: before reversals have shown it, and the least one afterwards.
+_GAP_SPREAD, _LEAST_SPREAD = 0.03, 0.01
 
 
 class AtEdge(Exception):
@@ -128,7 +130,7 @@ class Calibration:
             raise SpotLost(str(e)) from None
 
     def _noise(self) -> Matrix:
-        """The covariance of a frame's errors, by differences of successive frames: what drifts falls out."""
+        """The covariance of an image's errors, by differences of successive images: what drifts falls out."""
         self._tell(0.0, "noise of the spots")
         places = np.array([self._seen(1).errors_um for _ in range(_QUIET)])
         d = np.diff(places, axis=0)

@@ -24,22 +24,27 @@ from mirrormount_beam.control.kalman import Tracker
 from mirrormount_beam.control.response import Matrix, Response, Vector
 from mirrormount_beam.observe import Fault, Misses, Observation, Observer
 
-_TIKHONOV = 0.03  # of the largest singular value
-_MOST_STEPS = 15.0  # of one actuator in one correction
-_LEAST_STEPS = 0.003  # a smaller wish is none
-SHORTEST_US = 5000  # of a pulse: a shorter one of a rough motor moves nothing at times
+_TIKHONOV = 0.03  # The damping of the least squares, relative to the largest singular value of the response.
+_MOST_STEPS = 15.0  # One correction moves an actuator by no more steps.
+_LEAST_STEPS = 0.003  # A correction of fewer steps is not driven.
+SHORTEST_US = 5000  # A shorter pulse does not always move a rough motor.
 _POLL_S, _SOON_S = 0.03, 0.01
-_REST_S = 0.05  # of a pulse, after it
-_LONG_US = 100_000  # the spot is watched during longer motions
-_SURE_SIGMAS = 3.0  # beyond the gap, from which on the screw certainly follows
-_GAIN = 0.9  # of a correction of a step and more: its scatter is not to change the direction
-_APART = 0.3  # cosine of the motions of two actuators that may creep at once
-_JUMP_SIGMAS = 8.0  # of the gap: a wish beyond that and beyond Creep.jump_steps is driven at once
-_PLAUSIBLE = (0.4, 2.0)  # part of an expected change that teaches something of the response
-_CREEP_PART = 0.15  # of the present error, by a pulse of a creep: what is far off need not creep softly
-_LEAST_FREE = 0.02  # steps of a gap that are driven ahead of a creep
-_UNSEEN = 0.9  # chance of a contact at most, where nothing was seen
-_STUCK_STEPS = 2.5  # driven beyond the gap without any motion: the axis does not move
+_REST_S = 0.05  # The motor rests so long after each pulse.
+_LONG_US = 100_000  # The spot is watched during motions that are longer.
+_SURE_SIGMAS = 3.0  # So many standard deviations beyond the gap the screw follows for certain.
+# Drive this part of a correction of a step or more: then the scatter of steps does not overshoot the target.
+_GAIN = 0.9
+_APART = 0.3  # Two actuators creep at once only if the cosine between their motions is smaller.
+# A correction larger than so many standard deviations of the gap, and than Creep.jump_steps, need not creep: drive it
+# in one pulse.
+_JUMP_SIGMAS = 8.0
+# A correction teaches the response only if the seen change is within these parts of the expected one.
+_PLAUSIBLE = (0.4, 2.0)
+# A pulse of a creep may move a spot by this part of its present error: a spot that is far off need not creep softly.
+_CREEP_PART = 0.15
+_LEAST_FREE = 0.02  # If fewer steps of the gap are surely free, the creep begins at once.
+_UNSEEN = 0.9  # A contact that was not seen is never taken for more probable.
+_STUCK_STEPS = 2.5  # An axis that was driven so many steps beyond its gap without any motion is stuck.
 
 
 @dataclass(frozen=True)
@@ -57,8 +62,9 @@ class Creep:
     jump_steps: float = 0.4
 
 
-SOFTLY = Creep()  # in a hold: no excursion
-QUICKLY = Creep(mean_um=12.0, most_um=100.0, least_um=20.0, largest_um=60.0, jump_steps=0.2)  # in an alignment
+SOFTLY = Creep()  # A hold makes no excursions.
+# An alignment may make excursions.
+QUICKLY = Creep(mean_um=12.0, most_um=100.0, least_um=20.0, largest_um=60.0, jump_steps=0.2)
 
 
 @dataclass(eq=False)

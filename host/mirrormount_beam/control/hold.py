@@ -40,24 +40,29 @@ from mirrormount_beam.runlog import ErrorStatistics
 if TYPE_CHECKING:
     from mirrormount_beam.table import TargetCamera
 
-WITHIN_UM = 15.0  # on every camera, along x and y
+WITHIN_UM = 15.0  # The goal of an alignment: along x and y on every camera.
 MOST_CORRECTIONS = 10
 _MOST_CREEPS = 80
-_DECIDING_FRAMES = 6  # of an observation that decides
+_DECIDING_FRAMES = 6  # Images of the observations by which an alignment decides.
 # of WITHIN_UM, at which it ends, up to so many corrections; the rest is for noise and the beam's tremble
 _AIMS = ((8, 0.6), (math.inf, 0.85))
-_HELPED = 0.5  # of the first error: what corrections by a true calibration leave at most
+_HELPED = 0.5  # Corrections by a true calibration leave at most this part of the first error.
 _ALIGN_PRICES, _AT_ANY_PRICE = Prices(pulse_um2=9.0, gap_um2=80.0), Prices(pulse_um2=0.0, gap_um2=0.0)
-PERIOD_S = 0.4  # between two observations at rest
-RMS_URAD, MOST_UM = 9.0, 80.0  # the goal: rms of the beam's angle; no error beyond, on any camera
+PERIOD_S = 0.4  # The time between two observations at rest.
+RMS_URAD, MOST_UM = 9.0, 80.0  # The goal of a hold: the rms of the beam's angle, and the largest error on any camera.
 _HOLD_PRICES = Prices(pulse_um2=50.0, gap_um2=150.0)
-_PLACE_WEIGHT = 0.5  # of the square of each camera's error ...
-_ANGLE_WEIGHT = 3.0  # ... beside that of the cameras' difference: a place that is kept costs reversals
-_MOST_STEPS = 8.0  # of an axis: what is further off is no drift and no bump
-_FIRST_FRAMES = 4  # of the first observation, and of one after an interlock
-_RETRY_S = 0.5  # between two observations while an interlock is tripped
-_BACK_UM = 300.0  # how far from where it was a spot may come back ...
-_BACK_SIGMAS = 5.0  # ... beside its drift meanwhile
+_PLACE_WEIGHT = 0.5  # The weight of the square of each camera's error.
+# The weight of the square of the cameras' difference. It is larger, because to keep the position costs more
+# reversals.
+_ANGLE_WEIGHT = 3.0
+_MOST_STEPS = 8.0  # A hold corrects no error that takes more steps of an axis: neither a drift nor a bump is so large.
+_FIRST_FRAMES = 4  # Images of the first observation, and of one after an interlock.
+_RETRY_S = 0.5  # The time between two observations while an interlock is tripped.
+_BACK_UM = 300.0  # A spot that comes back may be so far from where it was ...
+_BACK_SIGMAS = 5.0  # ... and so many standard deviations of its drift meanwhile.
+
+
+# ---- the summary of a run
 
 
 @dataclass
@@ -136,6 +141,9 @@ def _by_camera(cameras: "Sequence[TargetCamera]", errors_um: Vector) -> dict[str
     return {camera.name: {"x": round(x, 2), "y": round(y, 2)} for camera, (x, y) in zip(cameras, pairs, strict=True)}
 
 
+# ---- align
+
+
 def align(
     table: LoopTable,
     response: Response,
@@ -202,6 +210,9 @@ def align(
 def _aim(corrections: int) -> float:
     """What is near enough after so many: between two corrections the laser drifts, so more of them need not help."""
     return next(aim for most, aim in _AIMS if corrections < most)
+
+
+# ---- hold
 
 
 def angle_weight(cameras: int) -> Matrix:

@@ -101,15 +101,21 @@ CONTROL = Interlock(
 INTERLOCKS = (NO_SPOT, UNCLEAR, JUMPED, NO_HELP, STUCK, CAMERA_GONE, CAMERA_REPEATS, TOO_OLD, BOARD, CONTROL)
 
 _OF_FAULTS = {"gone": CAMERA_GONE, "repeats": CAMERA_REPEATS, "old": TOO_OLD}
-BAD = 3  # corrections in a row that did not help
-TRIES = 80  # corrections and pulses of creeps, by which an error beyond _FAR_UM must have become smaller ...
-_FAR_UM, _NEARER = 120.0, 0.7  # ... by this factor
-_HELPED = 0.2  # of what was expected, at least
-_TOLD_SIGMAS = 4.0  # of a change that is told from noise
-_GREW_PART, _WRONG_PART = 0.2, 0.3  # of the error, or of a correction that is smaller, by which the error has grown
-_THROWN_UM, _THROWN_PART = 300.0, 0.3  # by which a gap may make the error larger, and of the correction's size
-_TRIAL_UM = 500.0  # a calibration from before is trusted with so much, on any camera, until an actuator has done it ...
-_SHOWN_UM, _SHOWN_PART = 100.0, 0.25  # ... with this much at least, and this error at most
+BAD = 3  # Stop all motors after so many corrections in a row that did not help.
+# After so many corrections and pulses of creeps, an error beyond _FAR_UM must have become smaller by the factor
+# _NEARER.
+TRIES = 80
+_FAR_UM, _NEARER = 120.0, 0.7  # Only an error beyond _FAR_UM is checked in this way.
+_HELPED = 0.2  # A correction helped if the error became smaller by at least this part of what was expected.
+_TOLD_SIGMAS = 4.0  # A change of the error counts if it is larger than so many standard deviations of the noise.
+# An error has grown if it is larger by these parts of itself, or of the correction if that is smaller.
+_GREW_PART, _WRONG_PART = 0.2, 0.3
+# A gap may make the error larger by so much, and by this part of the size of the correction.
+_THROWN_UM, _THROWN_PART = 300.0, 0.3
+# A saved calibration may move a spot by so much on any camera, until an actuator has shown that it is still true.
+_TRIAL_UM = 500.0
+# An actuator has shown it with a motion of at least _SHOWN_UM whose error is at most _SHOWN_PART of the motion.
+_SHOWN_UM, _SHOWN_PART = 100.0, 0.25
 
 
 class Tripped(Exception):

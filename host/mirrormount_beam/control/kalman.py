@@ -1,5 +1,4 @@
-"""Where the spots are, from noisy observations: a Kalman filter for a random walk whose drift is
-learned.
+"""Where the spots are, from noisy observations: a Kalman filter for a random walk whose drift is learned.
 
 R. E. Kalman, J. Basic Eng. 82 (1960) 35. The covariance of the drift is estimated from the innovations at rest, as by
 R. K. Mehra, IEEE Trans. Autom. Control 15 (1970) 175: a laser that wanders moves all spots together, and once that is
@@ -12,16 +11,18 @@ from numpy.typing import NDArray
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
-_FIRST_DRIFT_UM2_S = 30.0  # of each error, until observations have shown the drift
+_FIRST_DRIFT_UM2_S = 30.0  # The drift of each error, until observations have shown it.
 _LEAST_DRIFT_UM2_S = 0.5
-_LEARN = 0.01  # weight of a new innovation in the long run
-_PRIOR = 10  # innovations that the first drift counts for
-_SPAN_S = 0.3  # of rest that teaches: between two frames of a camera there is more noise than drift
-_OUTLIER = 5.0  # standard deviations beyond which an innovation teaches nothing
+_LEARN = 0.01  # The weight of a new innovation in the long run.
+_PRIOR = 10  # The first drift counts as much as so many innovations.
+# Only a rest of at least this length teaches the drift: between two images of a camera there is more noise than
+# drift.
+_SPAN_S = 0.3
+_OUTLIER = 5.0  # An innovation of more standard deviations teaches nothing.
 
 
 class Tracker:
-    """Errors of all spots (um) and their covariance. noise: covariance of one frame's errors.
+    """Errors of all spots (um) and their covariance. noise: covariance of one image's errors.
 
     seen: there was an observation; before the first one the mean says nothing.
     """

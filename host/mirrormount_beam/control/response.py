@@ -54,7 +54,7 @@ class Response:
     """A calibration. matrices: for the ways 1 and -1, (2 · cameras, actuators), um for a step.
 
     matrix_errors: standard errors of them, alike. widths_: for each actuator and way. short: for each actuator and
-    way, what a pulse shorter than a step makes of the curve's way. noise_um: covariance of one frame's errors.
+    way, what a pulse shorter than a step makes of the curve's way. noise_um: covariance of one image's errors.
     belongs: what it is of. measured: date and time.
     """
 

@@ -1,1 +1,1 @@
-"""The experiments of `mirrormount measure`: each moves a rig, looks, and returns a Result."""
+"""The experiments of `mirrormount measure`: each moves a rig, observes the spot, and returns a Result."""

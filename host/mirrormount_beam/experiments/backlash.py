@@ -1,13 +1,13 @@
 """Backlash, and the shortest pulses.
 
-How far a pulse moves the spot, by its length: a motor that starts up covers less than in proportion.
+Pulses: how far a pulse moves the spot, by its length; a motor that starts up covers less than in proportion.
 
-How many steps a reversal loses, at several places of the travel and again and again.
-
-A leg goes so many steps one way and the same back; each step is looked at. The last steps of a leg are behind the gap.
-A screw that is not straight makes steps differ from place to place, also within a leg, so the step at a place is taken
-from both directions: where one leg is in the gap, the leg back is behind it. One fit has, for an axis, the number of
-steps N(p) to each place p as a polynomial, the ratio of the steps of both directions, and what each direction loses.
+Backlash: how many steps a reversal loses, at several positions of the travel and again and again. A leg goes so many
+steps one way and the same back, and the spot is observed after each step. The last steps of a leg are behind the gap.
+A screw that is not straight makes steps differ from position to position, also within a leg, so the step at a position
+is taken from both directions: where one leg is in the gap, the leg back is behind it. One fit has, for an axis, the
+number of steps N(p) to each position p as a polynomial, the ratio of the steps of both directions, and what each
+direction loses.
 """
 
 import math
@@ -20,6 +20,8 @@ from mirrormount_beam.errors import NotMeasurable
 from mirrormount_beam.estimates import Estimate, Result, Series, Tell, spread, student
 from mirrormount_beam.experiments.rig import Rig, Vector
 from mirrormount_beam.experiments.steps import Ended, Log, along, come_back, series
+
+# ---- pulses
 
 LENGTHS_MS = (1, 2, 3, 5, 8, 12, 20, 35, 60, 100)
 COUNT = 8  # pulses of each length
@@ -83,6 +85,8 @@ def _proportion(points: list[tuple[float, float, float]], step_px: float, step_u
     share = px / (step_px * ms * 1000 / step_us)
     return f"from {ms:g} ms on a pulse moves the spot for certain: {share:.2f} of its share of a step"
 
+
+# ---- backlash
 
 PLACES = 3
 REPEATS = 3

@@ -1,4 +1,4 @@
-"""A mount in front of a camera: moves by sight, and looks. Imports mount, observer.
+"""A mount in front of a camera: moves by sight, and observes the spot.
 
 A move by sight is one without the board's take-up; the board's settings stay as they are, so however a measurement
 ends, there is nothing to put back.

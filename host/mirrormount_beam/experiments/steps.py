@@ -1,17 +1,13 @@
 """The size of a step, and the pulse for a wanted step.
 
-Steps along a line: how far each of them moves the spot. Imports estimate, result, rig, numpy.
+Size: how far a step moves the spot, in both directions of each axis, how much it scatters, and where the axes point.
+Successive readings r_0 … r_n along a line give n displacements d_k = r_k - r_(k-1). Their mean is (r_n - r_0)/n, so a
+reading's own error counts in it twice and not 2n times, and the scatter of the d_k is that of the steps plus twice a
+reading's.
 
-Successive readings r_0 … r_n give n displacements d_k = r_k - r_(k-1). Their mean is (r_n - r_0)/n, so a reading's own
-error counts in it twice and not 2n times, and the scatter of the d_k is that of the steps plus twice a reading's.
-
-Which pulse makes a step of a wanted size: pulses of other lengths between steps, after the experiment `steps`.
-
-A pulse and the step beside it are at nearly the same place of the screw, so their ratio does not have its periodic
-error; their order changes from pair to pair. A motor that starts up covers less than in proportion, so a first length
-is tried and corrected, until the size is met.
-
-How far a step moves the spot, in both directions of each axis, how much it scatters, and where the axes point.
+Wanted step: pulses of other lengths between steps. A pulse and the step beside it are at nearly the same place of the
+screw, so their ratio does not have its periodic error; their order changes from pair to pair. A motor that starts up
+covers less than in proportion, so a first length is tried and corrected, until the size is met.
 """
 
 import math
@@ -27,19 +23,22 @@ from mirrormount_beam.estimates import Estimate, Result, Series, Tell, student
 from mirrormount_beam.experiments.rig import Rig, Vector, place
 from mirrormount_beam.observe import Sighting
 
-_LEAST_PERIOD = 12.0  # steps of a screw's turn that are looked for; the paper's screw has 40
-_TRIED = 60  # periods
-_SIGNIFICANT = 6.0  # the F of three more parameters, of which the period is chosen among many
+# ---- steps along a line
+
+_LEAST_PERIOD = 12.0  # The shortest period of a screw's turn that is searched for, in steps; the paper's screw has 40.
+_TRIED = 60  # So many periods are tried.
+# The least F of the three parameters of a period: it is large, because the best of many periods is taken.
+_SIGNIFICANT = 6.0
 LEAD = 5  # steps before a run, and at its turn: more than any backlash that setup accepts
-_TRIAL = 4  # steps for a first look at the size of a step
-_MARGIN_PX = 40.0  # of the picture's edge: a spot must be whole
-_LEAST = 8  # steps that the picture shows
-_LEAST_FITTED = 16  # steps, for a fit of four parameters
-AT_REST = 16  # looks without a move
-_REST_DEGREES = 2 * (AT_REST - 1)  # of freedom of the drift: each look has two coordinates
-_CREEP_S = 6.0  # between two looks at a mount that may creep: a part of the time constants that are usual
+_TRIAL = 4  # So many steps give a first estimate of the size of a step.
+_MARGIN_PX = 40.0  # The spot stays so far from the picture's edge, so that it is seen whole.
+_LEAST = 8  # The picture must have room for so many steps.
+_LEAST_FITTED = 16  # A fit of four parameters needs so many steps.
+AT_REST = 16  # So many observations are made without a move.
+_REST_DEGREES = 2 * (AT_REST - 1)  # Degrees of freedom of the drift: each observation has two coordinates.
+_CREEP_S = 6.0  # The time between two observations of a mount that may creep: a part of the usual time constants.
 _MOST_WAITS = 12
-_RETURNS = 4  # moves back to a place: a turn loses some of the first
+_RETURNS = 4  # A return to a position takes up to so many moves: each turn loses some of the first move.
 
 
 @dataclass(frozen=True)
@@ -92,7 +91,7 @@ class Log:
         return place(sighting)
 
     def rest(self) -> None:
-        """Observe several times without a move, to know by how much the beam drifts from look to look."""
+        """Observe several times without a move, to know how far the beam drifts between two observations."""
         places = np.array([self.observe() for _ in range(AT_REST)])
         variance = float(np.mean(np.diff(places, axis=0) ** 2))
         apart_s = self.apart_s(AT_REST - 1)
@@ -301,6 +300,8 @@ def _reach(tried: list[_Fit], best: _Fit, variance: float) -> float:
     return reach / 2
 
 
+# ---- the pulse for a wanted step
+
 PAIRS = 16  # in each direction
 LEAST_US, MOST_US = 200, 2_000_000  # of a pulse
 WAYS = ((1, "positive"), (-1, "negative"))
@@ -412,6 +413,8 @@ def _ratio(rig: Rig, log: Log, axis: str, way: int, us: int, pairs: int) -> Esti
     error = math.sqrt(float(rest @ rest) / (pairs - 1) / pairs) / float(steps.mean())
     return Estimate(ratio, error * student(pairs - 1), "", pairs)
 
+
+# ---- the size of a step
 
 STEPS = 60  # in each direction: more than a turn of a screw, so that its periodic error averages out
 

@@ -1,14 +1,9 @@
-"""`find_spot`: where the spot is in an image, or why there is none.
-
-Why there is no spot: one declaration of each reason, with the words for people.
-
-The fit of one blob, and of what disturbs it: a ghost, a fly, a second spot.
-
-find_spot: where a laser spot is in a picture, with its standard error, or why there is none.
+"""`find_spot`: where a laser spot is in an image, with its standard error, or why there is none.
 
 Order: threshold above an uneven background and its noise, largest blob, least-squares fit of an elliptical Gaussian
 with a plane of background, tests of the residual. A centroid of moments is biased by each cut of its flanks, a fit is
-not. A significant residual is fitted (a ghost), masked (a fly), or the spot is refused.
+not. A significant residual is fitted (a ghost), masked (a fly), or the spot is refused. NoSpotReason declares each
+reason for no spot once, with the words for people.
 """
 
 import math
@@ -26,6 +21,9 @@ from mirrormount_beam.spot import blobs, gaussian
 
 if TYPE_CHECKING:
     from mirrormount_beam.camera import Image
+
+
+# ---- why there is no spot
 
 
 class NoSpotReason(Enum):
@@ -67,9 +65,11 @@ class NoSpotReason(Enum):
     )
 
 
-# that the noise of a good spot looks like in one frame of some hundred: no single frame says it for sure
+# that the noise of a good spot looks like in one image of some hundred: no single image says it for sure
 BY_CHANCE = frozenset({NoSpotReason.SHAPE, NoSpotReason.SPLIT, NoSpotReason.DIM})
 
+
+# ---- the fit of one blob, and of what disturbs it
 
 WIDEST = 40.0  # standard deviation of a spot at most, px: a lamp is wider
 GHOST = 0.25  # a second spot with at least this part of the first one's light makes the place ambiguous
@@ -271,6 +271,8 @@ def _with_ghost(single: gaussian.Fit, bins: gaussian.Bins, place: tuple[float, f
             yield double
 
 
+# ---- the spot of an image
+
 _SMALLEST = 1.0  # standard deviation of a spot at least, px: a hot pixel is narrower
 _LONGISH = 3.0  # ratio of the axes at most
 _ALONE = 3.0  # peak at least, in thresholds: a second spot of 40 % would be seen, also with the noise against it
@@ -312,7 +314,7 @@ class Spot:
 
 @dataclass(frozen=True, slots=True)
 class NoSpot:
-    """No spot, and why. It is false: `if spot := find_spot(frame)`."""
+    """No spot, and why. It is false: `if spot := find_spot(image)`."""
 
     reason: NoSpotReason
     detection: blobs.Detection | None = field(default=None, repr=False, compare=False)
@@ -327,7 +329,7 @@ class NoSpot:
 def find_spot(
     frame: "Image | NDArray[np.uint8] | NDArray[np.uint16]", dark: "Dark | NDArray | None" = None
 ) -> Spot | NoSpot:
-    """The spot in a frame or array, (rows, columns) or (rows, columns, channels), 8 or 16 bit.
+    """The spot in an image or array, (rows, columns) or (rows, columns, channels), 8 or 16 bit.
 
     dark: a picture without the beam, or a Dark, whose hot pixels are not used. Raises BadValue for an array of another
     form, or a dark picture of another size.

@@ -1,17 +1,13 @@
-"""The fit of a Gaussian to a spot, its window, and speckle.
+"""Least-squares fits of one elliptical Gaussian, or two of one shape, on a plane of background; and speckle.
 
-Least-squares fits of one elliptical Gaussian, or two of one shape, on a plane of background.
-
-The data are bins: means of b x b pixels. A bin is a Gaussian that is a little wider, by b²/12 in the variance, which
-does not shift the centre. Positions are relative to the fit's window, in pixels.
-
-The part of a picture around a blob: valid pixels, bins of them, and the noise measured in it.
-
-How far speckle may have shifted a spot: its contrast, from what the fit leaves over at neighbouring bins.
+The fit has the part of the picture around a blob. Its data are bins: means of b x b valid pixels. A bin is a Gaussian
+that is a little wider, by b²/12 in the variance, which does not shift the centre. Positions are relative to the fit's
+window, in pixels.
 
 Speckle multiplies the light, and its grains are larger than a pixel. So it adds up over a grain, where noise of pixels
-averages out, and shifts a spot by about 1.4 x contrast x grain, whatever the spot's size. Groups of bins as large as
-the spot do not show it for a spot of few grains: the fit has taken their share.
+averages out, and shifts a spot by about 1.4 x contrast x grain, whatever the spot's size. Its contrast comes from what
+the fit leaves over at neighbouring bins. Groups of bins as large as the spot do not show it for a spot of few grains:
+the fit has taken their share.
 """
 
 from dataclasses import dataclass, field
@@ -25,6 +21,10 @@ from mirrormount_beam.spot.blobs import Detection
 Array = NDArray[np.float64]
 
 X, Y = 1, 2  # places of the centre among the parameters
+
+
+# ---- the fit
+
 _SHAPE = slice(3, 6)
 _ROUNDS = 25
 _DONE = 1e-4  # relative decrease of chi² below which a fit ends
@@ -255,6 +255,8 @@ def modes(found: Fit, bins: Bins) -> Modes:
     return Modes(*sizes)
 
 
+# ---- its window
+
 _BINS_OF_A_WIDTH = 2.5  # bins in one standard deviation of the spot: finer bins add time and no precision
 _OUTLIER = 7.0  # standard deviations by which a pixel differs from the median of its neighbours
 
@@ -375,6 +377,8 @@ def cut_window(
     along = float(background[:, -1].mean() - background[:, 0].mean()) / max(background.shape[1] - 1, 1)
     return Window(left, top, image[part] - background, valid[part].copy(), size, (along, down))
 
+
+# ---- speckle
 
 _GRAIN = 1.4  # standard deviation of a grain, px: a camera's lens makes grains of few pixels
 _LARGEST = 3  # side of a bin, px: over a larger one grains average out, and look like the noise that is measured
