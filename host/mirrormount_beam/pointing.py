@@ -20,8 +20,8 @@ CORRECTIONS = 40  # One move of the spot takes at most so many corrections.
 WITHIN_PX = 0.5  # The spot has arrived if it is no farther from the target.
 _MOST_STEPS = 4.0  # One correction moves an axis by no more steps.
 _GAIN = 0.8  # A correction goes this part of the way: the response is known to some per cent.
-# A correction after one without effect is longer by the first at most and by the second at least: it may be too long
-# by so much.
+# A correction after one without effect is twice as long, up to _CREEP_STEPS: it may go too far by so much. After a
+# reversal this bound is halved, down to _LEAST_CREEP.
 _CREEP_STEPS, _LEAST_CREEP = 0.3, 0.05
 _OF_GAP = 0.6  # This part of the backlash is crossed at once, when the backlash is known.
 _LEAST_US, _MOST_US = 500, 2_000_000  # A shorter pulse moves no motor, and the board refuses a longer one.

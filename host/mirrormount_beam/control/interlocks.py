@@ -108,7 +108,7 @@ TRIES = 80
 _FAR_UM, _NEARER = 120.0, 0.7  # Only an error beyond _FAR_UM is checked in this way.
 _HELPED = 0.2  # A correction helped if the error became smaller by at least this part of what was expected.
 _TOLD_SIGMAS = 4.0  # A change of the error counts if it is larger than so many standard deviations of the noise.
-# An error has grown if it is larger by these parts of itself, or of the correction if that is smaller.
+# An error has grown if it is larger by _GREW_PART of itself, or by _WRONG_PART of the correction if that is less.
 _GREW_PART, _WRONG_PART = 0.2, 0.3
 # A gap may make the error larger by so much, and by this part of the size of the correction.
 _THROWN_UM, _THROWN_PART = 300.0, 0.3
