@@ -1,4 +1,4 @@
-"""Draw the virtual table of docs/table.md, docs/images/table.png: python tools/table_picture.py
+"""Draw the virtual table of docs/virtual-board.md, docs/images/table.png: python tools/table_picture.py
 
 The frames are those of the tables' cameras, the beam's way is that of the default geometry. Needs matplotlib.
 """

@@ -11,6 +11,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
+import mirrormount_beam.errors  # noqa: F401  (with them, all errors are declared)
 from mirrormount import errors
 from mirrormount.deploy.firmware import boards, firmware
 from mirrormount.device.settings import ENCODER, SETTINGS

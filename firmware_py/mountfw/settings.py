@@ -61,7 +61,7 @@ _setting(b"VA", "velocity", 1, 200_000, 200, HUNDREDTHS)
 
 More than the pulses fit in is kept, with n10, and the axis makes as many as are possible: 1/(`XP` + 1 ms), rounded
 down to a whole number if that is not 0. `VA?` answers the possible velocity
-([why](decisions/2026-11-22-values-of-other-motors.md)).
+([why](design.md#smaller-ones-in-a-line-each)).
 """
 
 _setting(b"AC", "acceleration", 1, 200_000, 100_000)

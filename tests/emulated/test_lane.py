@@ -1,4 +1,4 @@
-"""The fast lane on a real image (docs/lane.md): a board file may leave it out, and nothing but times differs."""
+"""The fast lane on a real image (docs/gate.md): a board file may leave it out, and nothing but times differs."""
 
 import shutil
 

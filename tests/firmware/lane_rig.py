@@ -1,4 +1,4 @@
-"""A rig whose port has a fast lane (docs/lane.md): in Python, line for line what ports/rp2_lane.py does in native code.
+"""A rig whose port has a fast lane (docs/gate.md): in Python, line for line what ports/rp2_lane.py does in native code.
 
 Runs under CPython and under MicroPython.
 """

@@ -120,7 +120,7 @@ class OptionalVerbs(Protocol):
         """
 
     def lane(self, controller: Any, receiver: Any, frame: Any, replies: Any, commands: Any, board: Any) -> Any:
-        """An input of the port's own, which may drive at frames (docs/lane.md), instead of app.Input."""
+        """An input of the port's own, which may drive at frames (docs/gate.md), instead of app.Input."""
 
 
 class EntryPort(Port, Protocol):

@@ -12,7 +12,7 @@ DOCS = ROOT / "docs"
 PACKAGES = ("mirrormount", "mirrormount_beam", "mirrormount_panel", "mirrormount_sim")
 # a name is relative to one of these
 ROOMS = (ROOT / "firmware_py" / "mountfw", *(ROOT / "host" / name for name in PACKAGES), ROOT / "host", ROOT)
-HELD = ("architecture.md", "virtual-board.md")
+HELD = ("architecture.md",)
 ON_A_BOARD = {"main.py", "boot.py", "code.py"}  # at the root of its file system
 NAME = re.compile(r"`([\w./]+\.(?:py|js|mjs|sh))(?::([\w.]+))?`")
 

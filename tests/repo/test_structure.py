@@ -13,8 +13,8 @@ HOST = ROOT / "host"
 FIRMWARE = ROOT / "firmware_py" / "mountfw"
 TOOLS = ROOT / "tools"
 
-# imports by a name in a string: a scheme of addresses that a floor above opens (virtual://); the module of a command
-DYNAMIC = {"transport/ports.py": 1, "cli/main.py": 1}
+# imports by a name in a string, of the packages above: a scheme of addresses, a command, the list of cameras
+DYNAMIC = {"mirrormount/transport/ports.py": 1, "mirrormount/cli/main.py": 1, "mirrormount/cli/table.py": 1}
 
 
 def modules(*roots: Path) -> list[Path]:

@@ -1,4 +1,4 @@
-"""The fast lane: an input that drives at a frame as soon as its last byte is there. docs/lane.md explains it.
+"""The fast lane: an input that drives at a frame as soon as its last byte is there. docs/gate.md explains it.
 
 The port's read() notes in the log which frames have driven since when; book() counts that, as if the core had executed
 each at its time. A port without native code has none: app.Input, and the core executes the frames.

@@ -1,4 +1,4 @@
-"""The fast lane of an RP2040: native code between a byte and the pins. docs/lane.md explains it.
+"""The fast lane of an RP2040: native code between a byte and the pins. docs/gate.md explains it.
 
 read() waits for bytes, reads them, cuts at a stop and drives at a frame before any Python runs. lane.py books what it
 did. Section numbers are those of the RP2040 data sheet.
@@ -126,7 +126,7 @@ class EnableBridge:
 
 
 class lane(Lane):  # in lower case, for it is a verb of this port
-    """A Lane with a native read() on the input of its Receiver, and a native sum() (docs/lane.md)."""
+    """A Lane with a native read() on the input of its Receiver, and a native sum() (docs/gate.md)."""
 
     def __init__(self, controller, receiver, frame, replies, commands, board):
         super().__init__(controller, receiver, frame, replies, commands)

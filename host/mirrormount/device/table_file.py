@@ -1,10 +1,7 @@
-"""`table.toml`, and the way from a name to a port.
+"""`table.toml`, the names of an optical table, and the way from a name to a port.
 
-From a mount's name in table.toml to its port: by the unique id of its board, which is its USB serial number, too.
-
-The names of an optical table: its mounts by board id, its cameras and their targets. A file that the user may edit.
-
-The file is table.toml in the user's folder for settings, or the one that $MIRRORMOUNT_TABLE names (`--table FILE`):
+The file has the table's mounts and its cameras with their targets; the user may edit it. It is table.toml in the user's
+folder for settings, or the one that $MIRRORMOUNT_TABLE names (`--table FILE`):
 
     [mounts.first]
     board = "e6616408432f5a21"   # the board's unique id (mirrormount status); or port = "socket://…", for any address
@@ -20,7 +17,8 @@ The file is table.toml in the user's folder for settings, or the one that $MIRRO
     target_x_px = 320.0          # where the spot belongs
     target_y_px = 240.0
 
-Mounts stand in the order of the beam. A mount's name may be given wherever a port may. Imports errors, toml_file.
+Mounts stand in the order of the beam. A mount's name may be given wherever a port may: its board is found on whatever
+port it is plugged in, for a board's unique id is its USB serial number, too.
 """
 
 import contextlib
@@ -38,6 +36,9 @@ from mirrormount.transport.discovery import find, serial_number, serial_ports
 from mirrormount.values import NAME_RULE, TABLE_VARIABLE, is_name
 
 AXIS_OF_X = 2  # of a board that the table does not name
+
+
+# ---- from a name to a port
 
 
 class MountPort(NamedTuple):
@@ -98,9 +99,11 @@ def x_axis_of(place: MountPort, asked: int | None) -> int:
     return next(number for number in (asked, place.x_axis, AXIS_OF_X) if number is not None)
 
 
+# ---- the file
+
 _LONGEST_MM = 1e6
 _MOST = 8  # mounts, or cameras
-_HEADING = """mirrormount: the names of an optical table (docs/names.md).
+_HEADING = """mirrormount: the names of an optical table (docs/hold.md).
 Mounts stand in the order of the beam. board: the unique id of the board; port: an address, instead. x_axis: the
 board's axis that is x. distance_mm: along the beam, from the mirror before. target_x_px, target_y_px: where the spot
 belongs. Written by `mirrormount table`, which keeps what it knows but no remarks."""

@@ -1,0 +1,1 @@
+"""Shell commands of cameras, measurements, scans and the loop."""

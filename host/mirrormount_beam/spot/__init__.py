@@ -1,0 +1,1 @@
+"""Where the spot is in an image."""
