@@ -10,7 +10,7 @@ from mirrormount.cli.check import run_checks
 from mirrormount.cli.setup import Dialogue, run_course
 from mirrormount.cli.setup import encoder as set_up
 from mirrormount.device import settings
-from mirrormount.device.axis import Encoded
+from mirrormount.device.axis import Axis
 
 
 def test_a_setting_of_an_encoder_that_is_not_there_is_told_in_one_line(capsys):
@@ -134,7 +134,7 @@ def test_a_signal_ends_check_and_a_further_ctrl_c_leaves_the_loops_closed_too(lo
         signal.raise_signal(signal.SIGINT)
         put_back(*args)
 
-    monkeypatch.setattr(Encoded, "_counts_of", ended)
+    monkeypatch.setattr(Axis, "_counts_of", ended)
     monkeypatch.setattr(settings, "put_back", interrupted)
     monkeypatch.setattr(check, "open_mount", lambda _args: mount)
     monkeypatch.setattr(mount.session, "close", lambda: None)

@@ -1,20 +1,10 @@
-"""`Axis`: moves, homing, limits, encoder, settings of one axis.
+"""`Axis`: moves, homing, limits, encoder and settings of one axis of a mount.
 
-The settings of an axis as its properties. Imports session, settings.
+An Axis uses a Session, which keeps its motion alive and orders stops before starts. Positions are in steps. An
+interrupt (Ctrl-C, or an interrupted cell of a notebook) of a method that waits for a motion stops all motors.
 
-tools/tables.py writes their list from the declarations of mountfw/settings.py, so that editors and type checkers
-know each by its name.
-
-Moves of known length on one axis: steps, pulses, positions, angles. Imports session, status, units, validation.
-
-An interrupt (Ctrl-C, or an interrupted cell of a notebook) of a method that waits for a motion stops all motors.
-
-The encoder of an axis: is there one, what it counts, how many counts are a step. Imports moves, settings.
-
-One axis of a mount: moves, jogs, homing, limits. Imports encoder, errors, moves, settings, status.
-
-An Axis uses a Session, which keeps its motion alive and orders stops before starts. An interrupt (Ctrl-C, or an
-interrupted cell of a notebook) of a method that waits for a motion stops all motors.
+The settings of an axis are its properties. tools/tables.py writes them from the declarations of mountfw/settings.py, so
+that editors and type checkers know each by its name.
 """
 
 import html
@@ -32,6 +22,24 @@ from mountfw import codes as wire
 from mountfw.settings import MAX_STEPS
 
 N = TypeVar("N", int, float)
+Progress = Callable[[AxisStatus], None]  # called with each status during a wait
+
+_POLL_S = 0.05  # between two questions whether a move is over
+_SLACK_S = 4.0  # beyond the computed time of a move before it counts as stuck; 2 s of it for the backlash
+_SIGHT_REST_US = 50_000  # after a pulse by sight: by then the motor has come to rest
+_LEAST_REST_US = 1000  # the shortest rest that the board makes between two pulses
+_SHORTEST_US, _LONGEST_US = 200, 2_000_000  # limits of a pulse of its own length (XU)
+_MOST_AMOUNT = 1_000_000_000  # the largest amount of any unit
+_SOFT_LIMITS_CHECKED = 8  # the bit of ZH
+
+_WRAP = 1 << 20  # the board's counts wrap here
+_APPROACH = 3  # steps that bring the gears to one side of their play, which an encoder behind them sees
+_STEPS = 10  # steps whose counts are measured, each way
+_LEAST = 4  # With fewer counts a step the board cannot close a loop.
+_ALIKE = 0.4  # The counts of the two directions may differ by this part of the larger one.
+_PLAY = 0.3  # A loss of less than this part of a step's counts is only the scatter of a timed step.
+_COAST = 0.04  # The virtual bench's motor coasts by this part of a step's counts.
+_SETTLED_S = 0.2  # after a move the motor has stopped coasting by then
 
 
 class Property(Generic[N]):
@@ -46,24 +54,54 @@ class Property(Generic[N]):
     @overload
     def __get__(self, axis: None, owner: type) -> Self: ...
     @overload
-    def __get__(self, axis: "AxisProperties", owner: type) -> N: ...
-    def __get__(self, axis: "AxisProperties | None", owner: type) -> "Self | N":
+    def __get__(self, axis: "Axis", owner: type) -> N: ...
+    def __get__(self, axis: "Axis | None", owner: type) -> "Self | N":
         if axis is None:
             return self
         return cast(N, settings.read_one(axis._session, axis.name, self._name))
 
-    def __set__(self, axis: "AxisProperties", value: N) -> None:
+    def __set__(self, axis: "Axis", value: N) -> None:
         settings.write(axis._session, {axis.name: {self._name: value}})
 
 
-class AxisProperties:
-    """Base of an axis: its session, its name, its settings. They last until the board restarts, unless saved."""
+@dataclass(frozen=True)
+class Counted:
+    """Counts of one step, timed, in the motor's own positive direction: the mean of both, and each of them.
 
-    __slots__ = ("_session", "name")
+    Negative: the encoder counts down there. per_step is what the setting counts_per_step takes. lost: counts that the
+    first step after the reversal misses, the play that the encoder sees: about 0 for one on the motor.
+    """
 
-    def __init__(self, session: Session, name: str) -> None:
+    per_step: int
+    positive: float
+    negative: float
+    lost: float = 0.0
+
+    @property
+    def sees_play(self) -> bool:
+        """Is it behind the gears?"""
+        return self.lost > _PLAY * abs(self.per_step)
+
+    @property
+    def settings(self) -> dict[str, int]:
+        """What closes the loop of that axis. One that sees play cannot correct by less than its motor coasts."""
+        dead_band = max(1, round(_COAST * abs(self.per_step))) if self.sees_play else 1
+        return {"counts_per_step": self.per_step, "dead_band": dead_band, "closed_loop": 1}
+
+
+class Axis:
+    """One axis: x (right positive), y (up positive), axis3 … number: the board's.
+
+    Its settings are properties; they last until the board restarts, unless saved.
+    """
+
+    __slots__ = ("_deadline", "_session", "name", "number")  # a misspelt setting raises AttributeError
+
+    def __init__(self, session: Session, name: str, number: int) -> None:
         self._session = session
         self.name = name
+        self.number = number
+        self._deadline = 0.0  # by the link's clock: wait() takes a motion that lasts longer for stuck
 
     # properties: made by tools/tables.py
     inverted = Property[int]()
@@ -112,26 +150,19 @@ class AxisProperties:
     """Encoder: an AS5600's angle at position 0, 1 … 4096; 0: none"""
     # end
 
+    def __repr__(self) -> str:
+        """The last status; the board is not asked."""
+        last = self._session.board.last
+        shown = f"{last[1].by_name[self.name]}, {self._session.age()}" if last else "not seen yet"
+        return f"<Axis {self.name}: {shown}>"
 
-Progress = Callable[[AxisStatus], None]  # called with each status during a wait
+    def _repr_html_(self) -> str:
+        last = self._session.board.last
+        if not last:
+            return html.escape(repr(self))
+        return table({self.name: last[1].by_name[self.name]}, self._session.age())
 
-_POLL_S = 0.05
-_SLACK_S = 4.0  # beyond the computed time of a move before it counts as stuck; 2 s of it for the backlash
-_SIGHT_REST_US = 50_000  # after a pulse by sight: by then the motor has come to rest
-_LEAST_REST_US = 1000  # of the board, between two pulses
-_SHORTEST_US, _LONGEST_US = 200, 2_000_000  # a pulse of its own length (XU)
-_MOST_AMOUNT = 1_000_000_000  # of any unit
-
-
-class Moves(AxisProperties):
-    """The moves of one axis, and the wait for their end. number: the board's."""
-
-    __slots__ = ("_deadline", "number")  # assigning any other name raises AttributeError
-
-    def __init__(self, session: Session, name: str, number: int) -> None:
-        super().__init__(session, name)
-        self.number = number
-        self._deadline = 0.0
+    # ---- state and queries
 
     @property
     def position(self) -> float:
@@ -141,6 +172,19 @@ class Moves(AxisProperties):
     def status(self) -> AxisStatus:
         """The state of this axis. Raises as Mount.status()."""
         return self._session.status().by_name[self.name]
+
+    def ask(self, *queries: str) -> list[str]:
+        """The answers to queries of this axis: axis.ask("XP?", "VA?"). Raises BoardError, NotAMount."""
+        answers = self._session.send(";".join(f"{self.number}{query}" for query in queries)).split("; ")
+        if len(answers) != len(queries):
+            raise NotAMount(f"not the answers to {', '.join(queries)}: {'; '.join(answers)[:80]!r}")
+        return answers
+
+    def ask_whole(self, *queries: str) -> list[int]:
+        """The same for queries whose answers are whole numbers."""
+        return whole_numbers(",".join(self.ask(*queries)), len(queries))
+
+    # ---- moves
 
     def step(
         self, n: int, *, wait: bool = True, feed: bool = True, by_sight: bool = False, progress: Progress | None = None
@@ -201,12 +245,6 @@ class Moves(AxisProperties):
                 self._by(n, part_us, feed, progress, stops)
         return self.position
 
-    def _steps_of(self, position: float, unit: str) -> float:
-        if values.check(unit) == values.STEPS:
-            return position
-        amount = real_number(position, _MOST_AMOUNT, f"a position in {unit}")
-        return real_number(amount / self.per_step(unit), MAX_STEPS, f"{amount:g} {unit} in steps")
-
     def move_by(
         self, amount: float, unit: str = values.STEPS, *, wait: bool = True, progress: Progress | None = None
     ) -> float:
@@ -265,16 +303,30 @@ class Moves(AxisProperties):
         pulse_us, duty, inverted = self.ask_whole("XP?", "XD?", "XI?")
         return sum(self._per_step(unit, way, (pulse_us, duty, inverted)) for way in (1, -1)) / 2
 
-    def ask(self, *queries: str) -> list[str]:
-        """The answers to queries of this axis: axis.ask("XP?", "VA?"). Raises BoardError, NotAMount."""
-        answers = self._session.send(";".join(f"{self.number}{query}" for query in queries)).split("; ")
-        if len(answers) != len(queries):
-            raise NotAMount(f"not the answers to {', '.join(queries)}: {'; '.join(answers)[:80]!r}")
-        return answers
+    def jog(self, speed: float, *, feed: bool = True) -> None:
+        """Run at speed, -1 ... 1 of full duty and not 0, until stop(), a limit, or this program's end.
 
-    def ask_whole(self, *queries: str) -> list[int]:
-        """The same for queries whose answers are whole numbers."""
-        return whole_numbers(",".join(self.ask(*queries)), len(queries))
+        The duty comes in steps of 1/255; the nearest is taken. Without feed the caller keeps it alive,
+        as in Mount.drive().
+        """
+        duty = jog_duty(speed)
+        a, session = self.number, self._session
+        stops = session.gate.last_stop()
+        if self.status().moving:  # the present move is superseded
+            self.stop()
+        run_duty, limit_ms = whole_numbers(session.ask(f"{a}XV?;{a}XM?"), 2, "; ")
+        sign = "+" if duty > 0 else "-"
+        with session.stopped_by_interrupt():
+            # the stored run duty is put back in the same line
+            session.start(f"{a}XV{abs(duty)};{a}MV{sign};{a}XV{run_duty}", stops)
+            self.expect_end(limit_ms / 1000)
+            if feed:
+                session.keep_alive.start()
+
+    def stop(self) -> None:
+        """End this axis's move soon: a step that is nearly done is finished. Mount.stop() is immediate."""
+        self._session.ask(f"{self.number}ST;{self.number}MD?")
+        self.wait()
 
     def wait(self, progress: Progress | None = None) -> Ended:
         """Wait for the end of this axis's move. Returns how it ended.
@@ -301,6 +353,12 @@ class Moves(AxisProperties):
     def expect_end(self, longest_s: float) -> None:
         """A motion was started that ends within longest_s: wait() stops it if it does not, after some seconds more."""
         self._deadline = self._session.link.monotonic() + longest_s + _SLACK_S
+
+    def _steps_of(self, position: float, unit: str) -> float:
+        if values.check(unit) == values.STEPS:
+            return position
+        amount = real_number(position, _MOST_AMOUNT, f"a position in {unit}")
+        return real_number(amount / self.per_step(unit), MAX_STEPS, f"{amount:g} {unit} in steps")
 
     def _per_step(self, unit: str, amount: float, step: tuple[int, int, int]) -> float:
         """How much of a unit one step in the direction of amount is."""
@@ -355,159 +413,7 @@ class Moves(AxisProperties):
             codes = tuple(error.code for error in errors)
             raise MoveEnded(self.name, ended.reason, ended.steps, wanted, list(map(str, errors)), codes)
 
-
-def pulse_length(us: int) -> int:
-    """The signed length of a pulse in microseconds, if the board can give it. Raises BadValue."""
-    us = whole_number(us, _LONGEST_US, "a pulse in microseconds")
-    if abs(us) < _SHORTEST_US:
-        raise BadValue(f"a pulse has {_SHORTEST_US} microseconds or more, not {us}")
-    return us
-
-
-def _velocity_by_sight(pulse_us: int) -> float:
-    """Steps per second, in hundredths, with _SIGHT_REST_US behind each pulse; no more than the board can do."""
-    most = 100_000_000 // (pulse_us + _LEAST_REST_US)
-    return min(100_000_000 // (pulse_us + _SIGHT_REST_US), most // 100 * 100 or most) / 100
-
-
-def _split(steps: float, pulse_us: int) -> tuple[int, int]:
-    """Whole steps and the length of one pulse (us) for the rest, both signed; a rest below the shortest pulse is 0."""
-    sign = 1 if steps > 0 else -1
-    n, part_us = divmod(round(abs(steps) * pulse_us), pulse_us)
-    return sign * n, sign * part_us if part_us >= _SHORTEST_US else 0
-
-
-_WRAP = 1 << 20  # of the board's counts
-_APPROACH = 3  # steps that bring the gears to one side of their play, which an encoder behind them sees
-_STEPS = 10  # that are counted, each way
-_LEAST = 4  # counts of a step: with fewer no loop can be closed
-_ALIKE = 0.4  # the directions may differ by so much of the larger one
-_PLAY = 0.3  # of a step's counts: a smaller loss is the scatter of a timed step
-_COAST = 0.04  # of a step's counts: what a motor coasts, on the bench
-_SETTLED_S = 0.2  # after a move: it does not coast any more
-
-
-@dataclass(frozen=True)
-class Counted:
-    """Counts of one step, timed, in the motor's own positive direction: the mean of both, and each of them.
-
-    Negative: the encoder counts down there. per_step is what the setting counts_per_step takes. lost: counts that the
-    first step after the reversal misses, the play that the encoder sees: about 0 for one on the motor.
-    """
-
-    per_step: int
-    positive: float
-    negative: float
-    lost: float = 0.0
-
-    @property
-    def sees_play(self) -> bool:
-        """Is it behind the gears?"""
-        return self.lost > _PLAY * abs(self.per_step)
-
-    @property
-    def settings(self) -> dict[str, int]:
-        """What closes the loop of that axis. One that sees play cannot correct by less than its motor coasts."""
-        dead_band = max(1, round(_COAST * abs(self.per_step))) if self.sees_play else 1
-        return {"counts_per_step": self.per_step, "dead_band": dead_band, "closed_loop": 1}
-
-
-class Encoded(Moves):
-    """What an axis has where an encoder is fitted."""
-
-    __slots__ = ()
-
-    @property
-    def has_encoder(self) -> bool:
-        """Does the board say that one is fitted? Raises ConnectionLost, NoAnswer."""
-        return settings.has_encoder(self._session, self.number)
-
-    @property
-    def counts(self) -> int:
-        """What the encoder has counted, from an arbitrary zero; wraps at 2^19.
-
-        Raises NotSupported without one, EncoderFault if it does not answer or sees no magnet.
-        """
-        if not self.has_encoder:
-            raise NotSupported(f"{self.name} has no encoder, as far as the board's file says")
-        try:
-            answer = self._session.send(f"{self.number}XC?")
-        except BoardError as e:
-            if e.code % 100 != wire.AXIS_ENCODER_LOST:
-                raise
-            raise EncoderFault(f"{self.name}: the encoder does not answer, or sees no magnet") from e
-        return whole_number(int(answer), _WRAP, "a count")
-
-    def measure_counts(self, n: int = _STEPS) -> Counted:
-        """Find out which way the encoder counts, and how many counts a timed step has, by n steps one way and back.
-
-        Each way begins with three steps that are not counted, so the screw turns by n + 3 steps and back. The loop is
-        open meanwhile; the settings are then as they were. Raises EncoderFault if the counts cannot be this motor's,
-        and as step() does.
-        """
-        n = whole_number(n, 1000, "steps to count")
-        _ = self.counts  # there is one
-        before = settings.read(self._session)[self.name]
-        was = {"closed_loop": before["closed_loop"]} if "closed_loop" in before else {}
-        try:
-            settings.write(self._session, {self.name: dict.fromkeys(was, 0)})
-            way = -1 if before["inverted"] else 1
-            forward, _ = self._counts_of(n)
-            back, first = self._counts_of(-n)
-        finally:
-            settings.put_back(self._session, {self.name: was})
-        found = judged(self.name, way * forward / n, -way * back / n)
-        return replace(found, lost=max(0.0, abs(back / n) - abs(first)))
-
-    def _counts_of(self, n: int) -> tuple[int, int]:
-        """The counts of n steps after an approach in their direction, and of the approach's first step."""
-        one = 1 if n > 0 else -1
-        first, _, counted = [self._counts_by(steps) for steps in (one, one * (_APPROACH - 1), n)]
-        return counted, first
-
-    def _counts_by(self, n: int) -> int:
-        before = self.counts
-        self.step(n)
-        self._session.sleep(_SETTLED_S)
-        return counts_between(before, self.counts)
-
-
-def counts_between(before: int, after: int) -> int:
-    """The way from one count to a later one, across the wrap."""
-    return (after - before + _WRAP // 2) % _WRAP - _WRAP // 2
-
-
-def judged(name: str, positive: float, negative: float) -> Counted:
-    """The counts of a step either way, if they can be. Raises EncoderFault."""
-    found = f"{positive:.1f} counts a step one way, {negative:.1f} the other"
-    if abs(positive) < _LEAST and abs(negative) < _LEAST:
-        raise EncoderFault(f"{name}: the encoder counts nothing while the motor has drive ({found})")
-    if positive * negative <= 0:
-        raise EncoderFault(f"{name}: the encoder counts the same way whichever way the motor turns ({found})")
-    if abs(positive - negative) > _ALIKE * max(abs(positive), abs(negative)):
-        raise EncoderFault(f"{name}: the encoder counts much more one way than the other ({found})")
-    return Counted(round((positive + negative) / 2), positive, negative)
-
-
-_SOFT_LIMITS_CHECKED = 8  # the bit of ZH
-
-
-class Axis(Encoded):
-    """One axis: x (right positive), y (up positive), axis3 … number: the board's. Its settings are properties."""
-
-    __slots__ = ()
-
-    def __repr__(self) -> str:
-        """The last status; the board is not asked."""
-        last = self._session.board.last
-        shown = f"{last[1].by_name[self.name]}, {self._session.age()}" if last else "not seen yet"
-        return f"<Axis {self.name}: {shown}>"
-
-    def _repr_html_(self) -> str:
-        last = self._session.board.last
-        if not last:
-            return html.escape(repr(self))
-        return table({self.name: last[1].by_name[self.name]}, self._session.age())
+    # ---- homing and limits
 
     def zero(self, steps: int = 0) -> None:
         """Define the present position as `steps`; from here on it is counted. Raises BadValue as step() does."""
@@ -565,31 +471,6 @@ class Axis(Encoded):
         """How long the board lets one jog or drive run, in seconds (`XM`)."""
         return whole_numbers(self._session.ask(f"{self.number}XM?"), 1)[0] / 1000
 
-    def jog(self, speed: float, *, feed: bool = True) -> None:
-        """Run at speed, -1 ... 1 of full duty and not 0, until stop(), a limit, or this program's end.
-
-        The duty comes in steps of 1/255; the nearest is taken. Without feed the caller keeps it alive,
-        as in Mount.drive().
-        """
-        duty = jog_duty(speed)
-        a, session = self.number, self._session
-        stops = session.gate.last_stop()
-        if self.status().moving:  # the present move is superseded
-            self.stop()
-        run_duty, limit_ms = whole_numbers(session.ask(f"{a}XV?;{a}XM?"), 2, "; ")
-        sign = "+" if duty > 0 else "-"
-        with session.stopped_by_interrupt():
-            # the stored run duty is put back in the same line
-            session.start(f"{a}XV{abs(duty)};{a}MV{sign};{a}XV{run_duty}", stops)
-            self.expect_end(limit_ms / 1000)
-            if feed:
-                session.keep_alive.start()
-
-    def stop(self) -> None:
-        """End this axis's move soon: a step that is nearly done is finished. Mount.stop() is immediate."""
-        self._session.ask(f"{self.number}ST;{self.number}MD?")
-        self.wait()
-
     def _seek(self, command: str) -> None:
         """Start a search for a switch. The search limit bounds the drive time; slow pulses have rests between them."""
         session = self._session
@@ -599,3 +480,97 @@ class Axis(Encoded):
         longest_s = limit_ms / 1000 * (1 + max(slow_us, 20_000) / slow_us)
         session.start(f"{self.number}{command}", stops)
         self.expect_end(longest_s)
+
+    # ---- encoder
+
+    @property
+    def has_encoder(self) -> bool:
+        """Does the board say that one is fitted? Raises ConnectionLost, NoAnswer."""
+        return settings.has_encoder(self._session, self.number)
+
+    @property
+    def counts(self) -> int:
+        """What the encoder has counted, from an arbitrary zero; wraps at 2^19.
+
+        Raises NotSupported without one, EncoderFault if it does not answer or sees no magnet.
+        """
+        if not self.has_encoder:
+            raise NotSupported(f"{self.name} has no encoder, as far as the board's file says")
+        try:
+            answer = self._session.send(f"{self.number}XC?")
+        except BoardError as e:
+            if e.code % 100 != wire.AXIS_ENCODER_LOST:
+                raise
+            raise EncoderFault(f"{self.name}: the encoder does not answer, or sees no magnet") from e
+        return whole_number(int(answer), _WRAP, "a count")
+
+    def measure_counts(self, n: int = _STEPS) -> Counted:
+        """Find out which way the encoder counts, and how many counts a timed step has, by n steps one way and back.
+
+        Each way begins with three steps that are not counted, so the screw turns by n + 3 steps and back. The loop is
+        open meanwhile; the settings are then as they were. Raises EncoderFault if the counts cannot be this motor's,
+        and as step() does.
+        """
+        n = whole_number(n, 1000, "steps to count")
+        _ = self.counts  # there is one
+        before = settings.read(self._session)[self.name]
+        was = {"closed_loop": before["closed_loop"]} if "closed_loop" in before else {}
+        try:
+            settings.write(self._session, {self.name: dict.fromkeys(was, 0)})
+            way = -1 if before["inverted"] else 1
+            forward, _ = self._counts_of(n)
+            back, first = self._counts_of(-n)
+        finally:
+            settings.put_back(self._session, {self.name: was})
+        found = judged(self.name, way * forward / n, -way * back / n)
+        return replace(found, lost=max(0.0, abs(back / n) - abs(first)))
+
+    def _counts_of(self, n: int) -> tuple[int, int]:
+        """The counts of n steps after an approach in their direction, and of the approach's first step."""
+        one = 1 if n > 0 else -1
+        first, _, counted = [self._counts_by(steps) for steps in (one, one * (_APPROACH - 1), n)]
+        return counted, first
+
+    def _counts_by(self, n: int) -> int:
+        before = self.counts
+        self.step(n)
+        self._session.sleep(_SETTLED_S)
+        return counts_between(before, self.counts)
+
+
+def pulse_length(us: int) -> int:
+    """The signed length of a pulse in microseconds, if the board can give it. Raises BadValue."""
+    us = whole_number(us, _LONGEST_US, "a pulse in microseconds")
+    if abs(us) < _SHORTEST_US:
+        raise BadValue(f"a pulse has {_SHORTEST_US} microseconds or more, not {us}")
+    return us
+
+
+def counts_between(before: int, after: int) -> int:
+    """The way from one count to a later one, across the wrap."""
+    return (after - before + _WRAP // 2) % _WRAP - _WRAP // 2
+
+
+def judged(name: str, positive: float, negative: float) -> Counted:
+    """The counts of a step either way, if they can be. Raises EncoderFault."""
+    found = f"{positive:.1f} counts a step one way, {negative:.1f} the other"
+    if abs(positive) < _LEAST and abs(negative) < _LEAST:
+        raise EncoderFault(f"{name}: the encoder counts nothing while the motor has drive ({found})")
+    if positive * negative <= 0:
+        raise EncoderFault(f"{name}: the encoder counts the same way whichever way the motor turns ({found})")
+    if abs(positive - negative) > _ALIKE * max(abs(positive), abs(negative)):
+        raise EncoderFault(f"{name}: the encoder counts much more one way than the other ({found})")
+    return Counted(round((positive + negative) / 2), positive, negative)
+
+
+def _velocity_by_sight(pulse_us: int) -> float:
+    """Steps per second, in hundredths, with _SIGHT_REST_US behind each pulse; no more than the board can do."""
+    most = 100_000_000 // (pulse_us + _LEAST_REST_US)
+    return min(100_000_000 // (pulse_us + _SIGHT_REST_US), most // 100 * 100 or most) / 100
+
+
+def _split(steps: float, pulse_us: int) -> tuple[int, int]:
+    """Whole steps and the length of one pulse (us) for the rest, both signed; a rest below the shortest pulse is 0."""
+    sign = 1 if steps > 0 else -1
+    n, part_us = divmod(round(abs(steps) * pulse_us), pulse_us)
+    return sign * n, sign * part_us if part_us >= _SHORTEST_US else 0
