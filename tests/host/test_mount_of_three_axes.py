@@ -1,5 +1,7 @@
 """A Mount on a board with a third axis, and what its lines look like with two, three and four of them."""
 
+import argparse
+import contextlib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -67,11 +69,10 @@ def test_the_second_pair_of_axes_is_a_mount_of_its_own_and_takes_no_frames():
     mount.close()
 
 
-def test_a_drive_command_of_the_second_pair_is_refused_as_a_drive_is():
-    mount = second_pair()
+def test_a_drive_command_of_the_second_pair_is_refused_as_a_drive_is(monkeypatch):
+    monkeypatch.setattr(motion, "open_mount", lambda args: contextlib.closing(second_pair()))
     with pytest.raises(errors.NotSupported, match="motors 1 and 2"):
-        motion.drive_motors(mount, 100, 0, None)
-    mount.close()
+        motion.drive(argparse.Namespace(m1="100", m2="0", seconds=None))
 
 
 @pytest.mark.parametrize(("x_axis", "why"), [(3, "the board has 2 axes"), (5, "1 to 4"), (True, "1 to 4")])

@@ -1,11 +1,7 @@
 """`mirrormount step`, `move`, `home`, `jog`, `drive`.
 
-The work of step, move, home, jog and drive, on a mount that is open.
-
 A motion is shown on one line while it lasts, if stderr is a terminal. However it ends, the position at the
 end is printed; Ctrl-C stops both motors first.
-
-The commands that move: step, move, home, jog, drive. moving.py does the work.
 """
 
 import argparse
@@ -23,50 +19,97 @@ from mirrormount.values import HELP as UNITS_HELP
 from mirrormount.values import STEPS, UNITS
 from mountfw import codes as wire
 
-_LOOK_S = 0.05
+_LOOK_S = 0.05  # between two looks at a run's status
 
 
-def step_axis(mount: Mount, name: str, amount: float, unit: str = STEPS) -> None:
-    """Move by an amount of a unit and print the position."""
-    axis = mount.axis(name)
-    with watched(mount, [axis]) as line:
-        aim = f"on the way to {axis.position + amount:+.1f}" if unit == STEPS else f"on the way by {amount:+g} {unit}"
-        made = axis.move_by(amount, unit, progress=_shown(line, name, aim))
-    print(place(axis) + (f" (moved by ≈ {made:+.4g} {unit})" if unit != STEPS else ""))
+def step_arguments(parser: argparse.ArgumentParser) -> None:
+    """AXIS, N and UNIT."""
+    port_options(parser)
+    axis_argument(parser)
+    parser.add_argument("n", metavar="N", help="a number, such as 5 or -0.25")
+    parser.add_argument("unit", metavar="UNIT", nargs="?", default=STEPS, choices=UNITS, help=UNITS_HELP)
 
 
-def move_axis(mount: Mount, name: str, position: float, unit: str = STEPS) -> None:
-    """Move to a position of a unit, which may lie between two steps, and print it."""
-    axis = mount.axis(name)
-    with watched(mount, [axis]) as line:
-        words = f"{position:+g}" if unit == STEPS else f"{position:+g} {unit}"
-        axis.move_to(position, unit, progress=_shown(line, name, f"on the way to {words}"))
-    print(place(axis) + (f" (≈ {axis.position * axis.per_step(unit):+.4g} {unit})" if unit != STEPS else ""))
+def step(args: argparse.Namespace) -> None:
+    """Move by N of a unit and print the position. Raises MountError."""
+    n, unit = number(args.n, "N"), args.unit
+    with _opened(args) as mount:
+        axis = mount.axis(args.axis)
+        with watched(mount, [axis]) as line:
+            aim = f"on the way to {axis.position + n:+.1f}" if unit == STEPS else f"on the way by {n:+g} {unit}"
+            made = axis.move_by(n, unit, progress=_shown(line, axis, aim))
+        print(place(axis) + (f" (moved by ≈ {made:+.4g} {unit})" if unit != STEPS else ""))
 
 
-def home_axis(mount: Mount, name: str) -> None:
-    """Find the end-stop and print by how much the count was off."""
-    axis = mount.axis(name)
-    with watched(mount, [axis]) as line:
-        off = axis.home(progress=_shown(line, name, "on the way to the end-stop")).discrepancy_steps
-    print(f"{name}: at home" + ("" if off is None else f"; the count was off by {off:+.3f} steps"))
+def move_arguments(parser: argparse.ArgumentParser) -> None:
+    """AXIS, POSITION and UNIT."""
+    port_options(parser)
+    axis_argument(parser)
+    parser.add_argument("position", metavar="POSITION", help="a number, such as 5 or -0.25; 0 is where it was zeroed")
+    parser.add_argument("unit", metavar="UNIT", nargs="?", default=STEPS, choices=UNITS, help=UNITS_HELP)
 
 
-def jog_axis(mount: Mount, name: str, speed: float, seconds: float | None) -> None:
-    """Run one axis at a speed for some seconds, or until Ctrl-C or the board's run limit."""
-    axis = mount.axis(name)
-    _run(mount, [axis], seconds, lambda: axis.jog(speed))
+def move(args: argparse.Namespace) -> None:
+    """Move to a position of a unit, which may lie between two steps, and print it. Raises MountError."""
+    position, unit = number(args.position, "POSITION"), args.unit
+    with _opened(args) as mount:
+        axis = mount.axis(args.axis)
+        with watched(mount, [axis]) as line:
+            words = f"{position:+g}" if unit == STEPS else f"{position:+g} {unit}"
+            axis.move_to(position, unit, progress=_shown(line, axis, f"on the way to {words}"))
+        print(place(axis) + (f" (≈ {axis.position * axis.per_step(unit):+.4g} {unit})" if unit != STEPS else ""))
 
 
-def drive_motors(mount: Mount, m1: int, m2: int, seconds: float | None) -> None:
-    """Drive both motors for some seconds, or until Ctrl-C or the board's run limit."""
-    if m1 == 0 and m2 == 0:
-        mount.stop()
-        return
-    if mount.x.number > 2:
-        mount.drive(m1, m2)  # raises NotSupported
-    axes = [axis for axis in (mount.x, mount.y) if (m1, m2)[axis.number - 1]]
-    _run(mount, axes, seconds, lambda: mount.drive(m1, m2))
+def home_arguments(parser: argparse.ArgumentParser) -> None:
+    """AXIS."""
+    port_options(parser)
+    axis_argument(parser)
+
+
+def home(args: argparse.Namespace) -> None:
+    """Find the end-stop and print by how much the count was off. Raises MountError."""
+    with _opened(args) as mount:
+        axis = mount.axis(args.axis)
+        with watched(mount, [axis]) as line:
+            off = axis.home(progress=_shown(line, axis, "on the way to the end-stop")).discrepancy_steps
+        print(f"{axis.name}: at home" + ("" if off is None else f"; the count was off by {off:+.3f} steps"))
+
+
+def jog_arguments(parser: argparse.ArgumentParser) -> None:
+    """AXIS, SPEED, and for how long."""
+    port_options(parser)
+    axis_argument(parser)
+    parser.add_argument("speed", metavar="SPEED", help="-1 ... 1, of full speed")
+    parser.add_argument("--seconds", metavar="S", help=SECONDS_HELP)
+
+
+def jog(args: argparse.Namespace) -> None:
+    """Run one axis at a speed for some seconds, or until Ctrl-C or the board's run limit. Raises MountError."""
+    speed, seconds = number(args.speed, "SPEED"), _seconds(args)
+    with _opened(args) as mount:
+        axis = mount.axis(args.axis)
+        _run(mount, [axis], seconds, lambda: axis.jog(speed))
+
+
+def drive_arguments(parser: argparse.ArgumentParser) -> None:
+    """M1, M2, and for how long."""
+    port_options(parser)
+    parser.add_argument("m1", metavar="M1")
+    parser.add_argument("m2", metavar="M2")
+    parser.add_argument("--seconds", metavar="S", help=SECONDS_HELP)
+
+
+def drive(args: argparse.Namespace) -> None:
+    """Drive both motors for some seconds, or until Ctrl-C or the board's run limit. Raises MountError."""
+    m1, m2, seconds = whole(args.m1, "M1"), whole(args.m2, "M2"), _seconds(args)
+    with _opened(args) as mount:
+        if m1 == 0 and m2 == 0:
+            mount.stop()
+            return
+        if mount.x.number > 2:
+            mount.drive(m1, m2)  # raises NotSupported
+        axes = [axis for axis in (mount.x, mount.y) if (m1, m2)[axis.number - 1]]
+        _run(mount, axes, seconds, lambda: mount.drive(m1, m2))
 
 
 def place(axis: Axis, status: AxisStatus | None = None) -> str:
@@ -91,8 +134,15 @@ def watched(mount: Mount, axes: Sequence[Axis]) -> Iterator[StatusLine]:
         line.end()
 
 
-def _shown(line: StatusLine, name: str, where_to: str) -> Callable[[AxisStatus], None]:
-    return lambda status: line.show(f"{name}: {status.position:+.1f} steps, {where_to}; Ctrl-C stops")
+@contextlib.contextmanager
+def _opened(args: argparse.Namespace) -> Iterator[Mount]:
+    """The mount that the arguments name. A stop that comes before the motion has begun is for that motion, too."""
+    with open_mount(args) as mount, mount.unless_stopped(since_open=True):
+        yield mount
+
+
+def _shown(line: StatusLine, axis: Axis, where_to: str) -> Callable[[AxisStatus], None]:
+    return lambda status: line.show(f"{axis.name}: {status.position:+.1f} steps, {where_to}; Ctrl-C stops")
 
 
 def _run(mount: Mount, axes: Sequence[Axis], seconds: float | None, start: Callable[[], None]) -> None:
@@ -134,90 +184,6 @@ def _how_it_ended(mount: Mount, axes: Sequence[Axis], limit_s: float) -> str:
     ended = MountError(f"the motion ended early: {'; '.join([*whys, *map(str, errors)])}")
     ended.codes = tuple(error.code for error in errors)
     raise ended
-
-
-@contextlib.contextmanager
-def _opened(args: argparse.Namespace) -> "Iterator[Mount]":
-    """The mount that the arguments name. A stop that comes before the motion has begun is for that motion, too."""
-    with open_mount(args) as mount, mount.unless_stopped(since_open=True):
-        yield mount
-
-
-def step_arguments(parser: argparse.ArgumentParser) -> None:
-    """AXIS, N and UNIT."""
-    port_options(parser)
-    axis_argument(parser)
-    parser.add_argument("n", metavar="N", help="a number, such as 5 or -0.25")
-    parser.add_argument("unit", metavar="UNIT", nargs="?", default=STEPS, choices=UNITS, help=UNITS_HELP)
-
-
-def step(args: argparse.Namespace) -> None:
-    """Move by N of a unit and print the position. Raises MountError."""
-
-    n = number(args.n, "N")
-    with _opened(args) as mount:
-        step_axis(mount, args.axis, n, args.unit)
-
-
-def move_arguments(parser: argparse.ArgumentParser) -> None:
-    """AXIS, POSITION and UNIT."""
-    port_options(parser)
-    axis_argument(parser)
-    parser.add_argument("position", metavar="POSITION", help="a number, such as 5 or -0.25; 0 is where it was zeroed")
-    parser.add_argument("unit", metavar="UNIT", nargs="?", default=STEPS, choices=UNITS, help=UNITS_HELP)
-
-
-def move(args: argparse.Namespace) -> None:
-    """Move to a position and print it. Raises MountError."""
-
-    position = number(args.position, "POSITION")
-    with _opened(args) as mount:
-        move_axis(mount, args.axis, position, args.unit)
-
-
-def home_arguments(parser: argparse.ArgumentParser) -> None:
-    """AXIS."""
-    port_options(parser)
-    axis_argument(parser)
-
-
-def home(args: argparse.Namespace) -> None:
-    """Home an axis. Raises MountError."""
-
-    with _opened(args) as mount:
-        home_axis(mount, args.axis)
-
-
-def jog_arguments(parser: argparse.ArgumentParser) -> None:
-    """AXIS, SPEED, and for how long."""
-    port_options(parser)
-    axis_argument(parser)
-    parser.add_argument("speed", metavar="SPEED", help="-1 ... 1, of full speed")
-    parser.add_argument("--seconds", metavar="S", help=SECONDS_HELP)
-
-
-def jog(args: argparse.Namespace) -> None:
-    """Run one axis. Raises MountError."""
-
-    speed, seconds = number(args.speed, "SPEED"), _seconds(args)
-    with _opened(args) as mount:
-        jog_axis(mount, args.axis, speed, seconds)
-
-
-def drive_arguments(parser: argparse.ArgumentParser) -> None:
-    """M1, M2, and for how long."""
-    port_options(parser)
-    parser.add_argument("m1", metavar="M1")
-    parser.add_argument("m2", metavar="M2")
-    parser.add_argument("--seconds", metavar="S", help=SECONDS_HELP)
-
-
-def drive(args: argparse.Namespace) -> None:
-    """Drive both motors. Raises MountError."""
-
-    m1, m2, seconds = whole(args.m1, "M1"), whole(args.m2, "M2"), _seconds(args)
-    with _opened(args) as mount:
-        drive_motors(mount, m1, m2, seconds)
 
 
 def _seconds(args: argparse.Namespace) -> float | None:
