@@ -1,12 +1,7 @@
-"""Files that are written whole or not at all; small TOML and JSON files.
+"""Files that are written whole or not at all, small TOML and JSON files, a temporary folder.
 
-Files that hold the old content or the new, never a part of it. Imports errors.
-
-Small TOML files: read with a clear error, written by whole_file.py. Imports errors, whole_file.
-
-JSON from files that somebody else may have written: it is read, or a ValueError. Imports nothing of ours.
-
-A folder for files of the moment. Imports nothing of the host.
+A file that write_atomic() writes holds the old content or the new one, never a part of it. Whatever is read may have
+been written by somebody else, so a file that is too long, nested too deeply or no text is a clear error.
 """
 
 import contextlib
@@ -24,7 +19,7 @@ from typing import Any
 from mirrormount.errors import BadFile, CannotWrite
 from mirrormount.terminal import printable
 
-_TRIAL = bytes(1 << 16)  # as many bytes as a small file has: a full disk still takes an empty one
+_TRIAL = bytes(1 << 16)  # A full disk still takes an empty file, so the trial is as long as a small file.
 
 
 def write_atomic(path: Path, content: str | bytes, *, make_folder: bool = False) -> None:
@@ -46,7 +41,7 @@ def write_atomic(path: Path, content: str | bytes, *, make_folder: bool = False)
 
 
 def check_writable(path: Path, *, make_folder: bool = False) -> None:
-    """Raise CannotWrite if write() would: for work whose result must not be lost. Makes the folder as write() does."""
+    """Raise CannotWrite if write_atomic() would: call it before long work whose result must not be lost."""
     try:
         _remove(_beside(path, _TRIAL, make_folder))
     except OSError as e:
@@ -62,7 +57,7 @@ def _beside(path: Path, data: bytes, make_folder: bool) -> Path:
     if make_folder:
         path.parent.mkdir(parents=True, exist_ok=True)
     descriptor, name = tempfile.mkstemp(prefix=f".{path.name[:80]}.", dir=path.parent)
-    new = Path(name)  # made by us alone: nobody can have put a link in its place
+    new = Path(name)  # mkstemp made it, so it is no link that somebody has put there
     try:
         with os.fdopen(descriptor, "wb") as file:
             file.write(data)
@@ -80,7 +75,7 @@ def _remove(file: Path) -> None:
 
 
 def behind_link(path: Path) -> Path:
-    """The file that a user's own link leads to, for write(): the link stays."""
+    """The file that a user's own link leads to, for write_atomic(): the link stays."""
     return Path(os.path.realpath(path))
 
 
@@ -105,10 +100,12 @@ def _umask() -> int:
     return mask
 
 
-_LONGEST = 1 << 18  # bytes of a file
-_LONGEST_LINE = 1000  # characters; the parser's time grows with the square of the dots in a key
-MOST_TOML = _LONGEST + 1  # what is to be read of a file: with the byte too many
-_DEEPEST = 20  # tables in one another; a file of scales has two
+# ---- TOML
+
+_LONGEST = 1 << 18  # bytes of a TOML file
+_LONGEST_LINE = 1000  # characters: the parser's time grows with the square of the number of dots in a key
+MOST_TOML = _LONGEST + 1  # Read one byte more than a file may have, to see that it is too long.
+_DEEPEST = 20  # levels of nested tables; a file of scales has two
 _LARGEST = 1 << 63  # TOML's own limit of a whole number, which the parser does not check
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
@@ -149,7 +146,7 @@ def read_toml(path: Path) -> dict[str, Any]:
     try:
         with path.open("rb") as file:
             content = file.read(MOST_TOML)
-        if len(content) > _LONGEST:  # before its last character, perhaps cut, is looked at
+        if len(content) > _LONGEST:  # first: the last character may be cut, which is no error of its own
             raise BadFile(f"{path}: more than {_LONGEST} bytes, so no file of settings or of scales")
         return parse_toml(content.decode("utf-8"), str(path))
     except FileNotFoundError:
@@ -161,7 +158,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def toml_text_for(path: Path, tables: Mapping[str, Any], heading: str) -> str:
-    """text() of tables most of which were read from that file, which anybody may have written. Raises BadFile."""
+    """toml_text() of tables most of which were read from that file, which anybody may have written. Raises BadFile."""
     try:
         return toml_text(tables, heading)
     except BadFile as e:
@@ -200,11 +197,13 @@ def _value(value: object, key: str) -> str:
     raise BadFile(f"{printable(key, 60)} = {shown} is no number, truth value or text, as all in these files is")
 
 
-MOST_JSON = 1 << 20  # bytes of a file
+# ---- JSON
+
+MOST_JSON = 1 << 20  # bytes of a JSON file
 
 
 def read_json(path: Path) -> Any:
-    """The content of a file. Raises OSError, and ValueError if it is no JSON or more than MOST bytes."""
+    """The content of a file. Raises OSError, and ValueError if it is no JSON or more than MOST_JSON bytes."""
     with path.open("rb") as file:
         content = file.read(MOST_JSON + 1)
     if len(content) > MOST_JSON:
@@ -220,13 +219,15 @@ def parse_json(text: str | bytes) -> Any:
         raise ValueError("nested too deeply") from None
 
 
+# ---- a temporary folder
+
 with contextlib.suppress(OSError):
-    tempfile.gettempdir()  # it tries a folder by a file of its own: here, before a signal may end the program
+    tempfile.gettempdir()  # The first call tries a folder with a file: do that before a signal may end the program.
 
 
 @contextlib.contextmanager
 def scratch_folder() -> Iterator[str]:
-    """The path of a new folder of this user's. It is gone at the end, also if a signal (signals.py) comes meanwhile.
+    """The path of a new folder of this user's. It is gone at the end, also if a signal ends the program meanwhile.
 
     tempfile's own leaves the folder behind if the signal comes while it is made or removed. Raises OSError.
     """

@@ -1,14 +1,7 @@
-"""What a command prints and how it ends: progress, safe text, signals.
+"""What a command prints and how it ends: safe text, progress, signals, and other commands to start.
 
-Text from outside (a board, a drive, a file, a network), made safe to print. Imports nothing.
-
-What a long task says of itself on stderr: a bar on a terminal, else a line for each phase. Imports nothing.
-
-Signals that end a program, turned into an exception, so that what is under way is put in order. Imports nothing.
-
-How to install an optional part of mirrormount, in words. Imports nothing of ours.
-
-Command lines of child Pythons. Imports nothing of ours.
+Text from outside (a board, a drive, a file, a network) goes through printable(). A long task shows a line or a bar on
+stderr if that is a terminal. A signal that ends a program becomes an exception, so that motors are stopped on the way.
 """
 
 import contextlib
@@ -31,7 +24,9 @@ def printable(text: str, longest: int = 200) -> str:
     return "".join(c if c.isprintable() else c.encode("unicode_escape", "surrogatepass").decode("ascii") for c in kept)
 
 
-_WIDTH = 24
+# ---- progress
+
+_WIDTH = 24  # characters of a bar
 
 
 class StatusLine:
@@ -95,6 +90,8 @@ class Progress:
             self._shown = False
 
 
+# ---- signals
+
 NAMES = ("SIGTERM", "SIGHUP")
 
 
@@ -110,7 +107,7 @@ class Terminated(BaseException):
 def ended_in_order() -> Iterator[None]:
     """SIGTERM and SIGHUP raise Terminated within this, in the main thread; further ones are ignored from then on.
 
-    A signal that was ignored before (nohup) stays so. The handlers of before are there again afterwards.
+    A signal that was ignored before (nohup) stays so. The earlier handlers are restored afterwards.
     """
     numbers = [getattr(signal, name) for name in NAMES if hasattr(signal, name)]
     before = {number: signal.getsignal(number) for number in numbers}
@@ -128,6 +125,9 @@ def ended_in_order() -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+# ---- other commands
 
 
 def install_command(extra: str) -> str:

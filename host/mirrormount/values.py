@@ -1,20 +1,14 @@
 """Numbers, units and names that people type, and what is refused.
 
-The names of the axes: x, y, and for a board's further axes their numbers: axis3, axis4 … Imports nothing.
+Nothing is rounded or clamped in silence: a value that cannot be taken as it is given raises BadValue.
 
-Axes come in pairs, a mount each: 1 and 2, 3 and 4 …
+Axes come in pairs, a mount each: 1 and 2, 3 and 4 … One axis of a mount's pair is called x and the other one y; a
+board's further axes have their numbers: axis3, axis4 …
 
-The form of the names that a user gives to mounts and cameras of a table (device/table_file.py). Imports nothing.
-
-How long silence may last: of the host to its board, and of a client to the host. Imports nothing.
-
-Units in which a person gives an amount to move: steps, angles of the mirror or of the beam, mm on the screen.
-
-The mirror's angle is measured (device/calibration.py). The beam's is that times beam_per_mirror; a spot on a screen
-across the beam, at the distance L of the mirror, moves by L times the beam's angle, as long as that is small
-(tan a = a within 0.3 % up to 100 mrad). Imports errors.
-
-Numbers that a person, a program or a board gives. Nothing is rounded or clamped in silence.
+An amount to move is given in steps, in an angle of the mirror or of the beam, or in mm on the screen. The mirror's
+angle is measured (device/calibration.py). The beam's is that times beam_per_mirror; a spot on a screen across the beam,
+at the distance L of the mirror, moves by L times the beam's angle, as long as that is small (tan a = a within 0.3 % up
+to 100 mrad).
 """
 
 import operator
@@ -23,6 +17,8 @@ from collections.abc import Callable, Mapping
 from typing import Protocol, SupportsFloat, SupportsIndex
 
 from mirrormount.errors import BadValue, NotAMount, NotCalibrated
+
+# ---- axes
 
 _AXIS_NAME = re.compile(r"x|y|axis[1-9]")
 
@@ -44,6 +40,8 @@ def is_axis(name: object) -> bool:
     return isinstance(name, str) and bool(_AXIS_NAME.fullmatch(name))
 
 
+# ---- names of mounts and cameras
+
 TABLE_VARIABLE = "MIRRORMOUNT_TABLE"  # of the environment: the file of names, instead of table.toml
 NAME_RULE = "a letter, then letters, digits, - and _, at most 31 in all, and no COM port"
 _NAME = re.compile(r"(?!com[0-9]+$)[a-z][a-z0-9_-]{0,30}", re.IGNORECASE)
@@ -54,9 +52,14 @@ def is_name(text: str) -> bool:
     return bool(_NAME.fullmatch(text))
 
 
-KEEP_ALIVE_MS = 500  # without a byte for so long, the board ends its motions by itself
-PATIENCE_S = 0.35  # silence of a client of a supervised mount after which its motion is stopped, unless told otherwise
-LEAST_PATIENCE_S, MOST_PATIENCE_S = 0.1, 2.0  # that a person may choose: --patience
+# ---- how long silence may last
+
+KEEP_ALIVE_MS = 500  # The board ends its motions by itself after so long without a byte of its host.
+PATIENCE_S = 0.35  # The motion of a supervised mount's client is stopped after so much silence of the client.
+LEAST_PATIENCE_S, MOST_PATIENCE_S = 0.1, 2.0  # the limits of --patience
+
+
+# ---- units
 
 
 class Geometry(Protocol):
@@ -89,7 +92,7 @@ def _screen(geometry: Geometry, mirror_mrad: float) -> float | None:
     return beam_mrad * 1e-3 * geometry.screen_mm if beam_mrad and geometry.screen_mm else None
 
 
-# of each unit: its amount for an angle of the mirror in mrad (None: not known), and how many of it that amount has
+# For each unit: what converts an angle of the mirror in mrad (to None if the geometry is not known), and a factor.
 _OF: Mapping[str, tuple[Callable[[Geometry, float], float | None], float]] = {
     "mrad": (_mirror, 1.0),
     "urad": (_mirror, 1e3),
@@ -119,6 +122,8 @@ def per_step(geometry: Geometry, mirror_mrad: float, unit: str, name: str) -> fl
         )
     return amount * of_unit
 
+
+# ---- numbers
 
 _LARGEST = 1 << 53  # a float holds every whole number up to it
 
@@ -160,7 +165,7 @@ def _within(number: int | float, most: int, what: str) -> int | float:
 
 def _number(value: object) -> int | float | None:
     """The number that value is, an int if it is whole; None if it is none."""
-    if type(value).__name__ in ("bool", "bool_") or hasattr(value, "__len__"):  # the truth values, NumPy's too; texts
+    if type(value).__name__ in ("bool", "bool_") or hasattr(value, "__len__"):  # truth values (NumPy's, too) and texts
         return None
     if isinstance(value, SupportsIndex):
         return operator.index(value)

@@ -1,20 +1,8 @@
-"""`mirrormount deploy`, `undeploy`, `repl`, `send`.
+"""`mirrormount deploy`, `undeploy`, `repl`, `send`: the firmware on a board, its Python prompt, one command line.
 
-The board's own Python prompt in mpremote's terminal, with the mount at it.
-
-What `m` is there is mountfw/repl.py. The firmware is interrupted meanwhile and started again after.
-
-The work of `mirrormount send`: one command line, its answers, the board's errors, and the end of what it starts.
-
-Answers go to stdout; how a motion ended goes to stderr.
-
-`mirrormount deploy`: the firmware onto a board.
-
-`mirrormount undeploy`: the firmware off a board.
-
-`mirrormount repl`: the board's own Python prompt, by board_prompt.py.
-
-`mirrormount send`: one command line to the board, by command_line.py.
+The prompt is the board's own, in mpremote's terminal, with the mount as m (mountfw/repl.py); the firmware is
+interrupted meanwhile and started again after it. What `send` prints on stdout are the board's answers; how a motion
+ended goes to stderr.
 """
 
 import argparse
@@ -57,6 +45,9 @@ _HELP = """\
 m is the mount: m.x.step(5)  m.x.move_to(0)  m.y.jog(-0.3, ms=800)  m.drive(0, 255, ms=500)  m.status()  m.stop()
 Ctrl-C stops a move. Ctrl-] (or Ctrl-x) leaves, and the firmware starts again."""
 _START_S = 10.0  # the longest time until the firmware runs, after a soft reset
+
+
+# ---- repl
 
 
 def open_prompt(address: str | None) -> None:
@@ -142,6 +133,8 @@ def _start(link: Link) -> str:
             if time.monotonic() > end:
                 raise
 
+
+# ---- send
 
 _POLL_S = 0.05
 
@@ -236,6 +229,9 @@ def _bounds(mount: Mount, keep_alives: list[int]) -> str:
         f" mirrormount serve without --on-leave finish: a run for {run_s:g} s at most, a search for a switch for"
         f" {search_s:g} s under drive at most, a move until its steps are made; mirrormount stop ends it"
     )
+
+
+# ---- the commands
 
 
 def board_options(parser: argparse.ArgumentParser) -> None:

@@ -1,17 +1,8 @@
-"""`mirrormount check`: the self-test.
+"""`mirrormount check`: the self-test, one line a check. Nothing moves unless that is asked for.
 
-What a check of the self-test can say instead of "ok". They never leave `mirrormount check`.
-
-The part of `mirrormount check` about an encoder: it answers, it counts, the right way, and loses nothing.
-
-The part of `mirrormount check` that moves the mirror: by a few steps, and about the same back.
-
-`mirrormount check`: the self-test, one line a check. Nothing moves unless that is asked for.
-
-A check is a function of the mount that returns what it found, or raises Wrong with what is wrong
-and what to do, or NotTested with the reason. Other checks still run after one that failed.
-
-`mirrormount check`: the self-test of self_test.py.
+A check is a function that returns what it found, or raises Wrong with what is wrong and what to do, or NotTested with
+the reason. Other checks still run after one that failed. With --move the mirror moves by a few steps, and about the
+same back.
 """
 
 import argparse
@@ -41,6 +32,9 @@ _STEPS = 4  # counted each way, after three that take up the play
 _LOOKS = 3  # without an answer a board calls the encoder lost
 _MEASURED = "measured"  # what a board calls a position that no lost count has made an estimate
 _DIFFERENT = 0.35  # of the counts of a step, when a step is timed: supply and load change that much
+
+
+# ---- encoder
 
 
 def encoder_at_rest(axis: Axis) -> str:
@@ -110,6 +104,9 @@ _SILENCE_S = 0.8 * KEEP_ALIVE_MS / 1000
 _LATE_US = 1000  # what a pulse may be wrong by
 _BY_ENCODER = (wire.CLOSED_LOOP_FAILED, wire.STALLED, wire.WRONG_WAY, wire.FOLLOWING, wire.ENCODER_LOST)
 _WHY = "what its encoder counts has ended it, see there; docs/errors.md has the causes"
+
+
+# ---- checks that move the mirror
 
 
 def motion_checks(mount: Mount, axis: Axis) -> Iterator[tuple[str, Callable[[], str]]]:
@@ -182,6 +179,9 @@ def _must_be(ended: Ended, reason: int) -> None:
         raise Wrong("the move ended before the motor had drive, so nothing was tested: run it again")
 
 
+# ---- all checks
+
+
 def run_checks(open_mount: Callable[[], Mount], *, move: bool) -> None:
     """Run all checks and print a line for each. Raises CheckFailed if one failed."""
     failed = 0
@@ -243,6 +243,9 @@ def _checks(mount: Mount, move: bool) -> Iterator[tuple[str, Callable[[], str]]]
 
 def _without_moving() -> str:
     raise NotTested("this one moves the mirror: say --move")
+
+
+# ---- checks at rest
 
 
 def identity(mount: Mount) -> str:
@@ -327,6 +330,9 @@ def stop_at_rest(mount: Mount) -> str:
     """The stop is answered. That it ends a motion takes --move."""
     mount.stop()
     return "answered, and nothing moves"
+
+
+# ---- the command
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:

@@ -1,9 +1,4 @@
-"""`mirrormount config`: the settings of a board.
-
-The verbs of `mirrormount config`: settings of all axes, shown, changed, saved on the board, kept in a file.
-
-`mirrormount config`: its verbs, which config_verbs.py carries out.
-"""
+"""`mirrormount config`: the settings of a board, shown, changed, saved on the board, kept in a file."""
 
 import argparse
 import re
@@ -23,6 +18,9 @@ _LASTS = "until the board restarts; to keep it: mirrormount config save"
 _SAVED = "saved on the board"
 _GONE = "; it is a virtual board that ends with this command: virtual://?files=FOLDER keeps what it saves"
 _KEEPS = re.compile(r"[?&](files|flash)=")  # in the address of a virtual board
+
+
+# ---- the verbs
 
 
 def carry_out(mount: Mount, args: argparse.Namespace) -> None:
@@ -153,6 +151,8 @@ def number(name: str, text: str) -> int | float:
         kind = "a whole number, such as 1000" if whole else "a number, such as 1.5"
         raise BadValue(f"{name} is {kind}, without an exponent, not {text!r}") from None
 
+
+# ---- the command
 
 _SAVE_HELP = "keep it, and all other present settings, on the board"
 

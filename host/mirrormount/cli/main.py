@@ -1,13 +1,9 @@
-"""
-
-The parser of the command line and of each command: no abbreviations, and each fault with its own command's usage.
-
-The shell command `mirrormount`: the table of commands, the parser made of it, and the exit status.
+"""The shell command `mirrormount`: the table of commands, the parser made of it, and the exit status.
 
 An error is one line on stderr, with two more for cause and remedy if the board has numbered it, and exit status 1;
 wrong usage is 2, and so is no command at all, which prints the list of them; Ctrl-C stops the motors and is 130;
 SIGTERM or SIGHUP, where a command ends in order on it, 128 + its number. Only the module of the command that is typed
-is imported, and it imports the modules of its work when it runs: a stop must not wait for the others.
+is imported, so that a stop does not wait for the others.
 """
 
 import argparse
@@ -24,6 +20,8 @@ from mirrormount.errors import BadValue, ExtraMissing, MountError
 from mirrormount.terminal import Terminated, printable
 from mirrormount.values import TABLE_VARIABLE
 from mountfw import __version__
+
+# ---- the parser
 
 
 class Parser(argparse.ArgumentParser):
@@ -66,6 +64,8 @@ class WholeParser(Parser):
         return super().add_subparsers(parser_class=Parser, **options)
 
 
+# ---- the table of commands
+
 # The modules of the thin host's commands, by the commands' names, in the order of the help. The commands of the other
 # packages are entry points of the group GROUP (pyproject.toml), with the extras that they need. Each module lists its
 # commands in COMMANDS.
@@ -81,6 +81,8 @@ MODULES = {
     **dict.fromkeys(("deploy", "undeploy", "repl", "send"), "mirrormount.cli.board"),
 }
 GROUP = "mirrormount.commands"
+
+# ---- the exit status
 
 _LONGEST_MESSAGE = 2000  # characters
 

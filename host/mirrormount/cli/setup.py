@@ -1,22 +1,8 @@
 """`mirrormount setup`: the guided set-up of a new mount.
 
-Questions to a person at a terminal. What cannot be understood is asked again. Imports errors.
-
-The steps of `mirrormount setup` for one axis: direction, end-stop switches, scale and backlash.
-
-Each function changes settings on the board and saves nothing. setup_course.py saves them at the end, or restores
-the old ones.
-
-The step of `mirrormount setup` for an axis with an encoder: which way it counts, and how many counts a step has.
-
-Changes settings on the board and saves nothing, as the other steps.
-
-The course of `mirrormount setup`: questions at the terminal, moves between them, and the results saved.
-
-All or nothing: until the last question is answered with yes, nothing is saved. However setup ends before that, the
-motors are off and the old settings are on the board.
-
-`mirrormount setup`: the course of questions of setup_course.py.
+Questions at the terminal, moves between them, and the results saved. The steps for one axis (direction, switches,
+encoder, scale and backlash) change settings on the board and save nothing. Until the last question is answered with
+yes, nothing is saved: however setup ends before that, the motors are off and the old settings are on the board.
 """
 
 import argparse
@@ -37,6 +23,9 @@ from mirrormount.values import typed_number
 
 T = TypeVar("T")
 _THOUSANDS = re.compile(r"[+-]?[0-9]{1,3}(,[0-9]{3})+(\.[0-9]*)?")
+
+
+# ---- questions
 
 
 class Dialogue:
@@ -121,6 +110,8 @@ class Dialogue:
 
         return self.until(f"{question} [Enter, or {way_out}]", parse)
 
+
+# ---- steps for one axis
 
 _TRIES = (5, 10, 20)  # steps: the first few may vanish in the backlash
 _USUAL_MRAD = (0.01, 2.0)  # of the mirror a step; the paper's mount: 0.2
@@ -309,6 +300,9 @@ def _plausible(found: Measured, axis: Axis, way: Ways, talk: Dialogue, distance_
     return talk.yes("That is unusual; was a mark misread? Take it nevertheless?")
 
 
+# ---- encoder
+
+
 def open_loops(mount: Mount) -> None:
     """Steps are timed until the encoders are measured: one whose wires have changed would end them."""
     mount.apply({axis.name: {"closed_loop": 0} for axis in mount.axes if axis.has_encoder})
@@ -348,6 +342,8 @@ def measured(axis: Axis) -> list[str]:
     counts = f"{per_step} counts a step" if per_step else "not measured"
     return [f"{axis.name}: encoder, {counts}, {'closed' if closed else 'open'} loop"]
 
+
+# ---- the course
 
 _NOTHING = "nothing was saved, and the settings are as they were"
 _WELCOME = """Setup of {identity}

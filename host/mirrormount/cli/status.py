@@ -1,9 +1,4 @@
-"""`mirrormount ports` and `mirrormount status`.
-
-`mirrormount ports`: the ports of boards with known USB ids.
-
-`mirrormount status`: identity, one line an axis, and the errors that wait in the board.
-"""
+"""`mirrormount ports` and `mirrormount status`: which boards are there, and what one of them reports."""
 
 import argparse
 from typing import TYPE_CHECKING

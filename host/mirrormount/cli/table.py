@@ -1,9 +1,4 @@
-"""`mirrormount table`: names of mounts and cameras.
-
-The work of `mirrormount table`. No port is opened, and no camera.
-
-`mirrormount table`: the names of mounts and cameras, by table_work.py.
-"""
+"""`mirrormount table`: names of mounts and cameras. No port is opened, and no camera."""
 
 import argparse
 import dataclasses

@@ -1,6 +1,4 @@
-"""mrad a step: the file, and the arithmetic.
-
-How far the mirror turns with a step: a file of scales, one for each axis and direction. Never guessed.
+"""How far the mirror turns with a step: the file of scales, and the arithmetic that makes them. Never guessed.
 
 The file is calibration.toml in the user's folder for settings (or in $MIRRORMOUNT_CONFIG), with a
 table for each axis of each board, under the board's unique id:
@@ -13,10 +11,6 @@ table for each axis of each board, under the board's unique id:
     inverted = 0
     beam_per_mirror = 2.0  # by how much the beam turns when the mirror turns by 1; for angles of the beam
     screen_mm = 1500.0     # from the mirror to the screen; for mm on the screen
-
-Imports errors, toml_file, whole_file.
-
-From marks on a screen to a scale and a backlash: the arithmetic of `mirrormount setup`.
 
 Angles are the mirror's. A beam that a mirror reflects turns by twice the mirror's angle when the mirror
 turns about an axis that is perpendicular to the plane of the beam, and by 2 cos(incidence) when it tips
@@ -164,6 +158,9 @@ def _whole(entry: Mapping[str, Any], key: str, where: str) -> int:
     if isinstance(value, bool) or not isinstance(value, int) or value < 0:
         raise BadFile(f"{where}: {key} is a whole number, not {printable(repr(value), 60)}")
     return value
+
+
+# ---- from marks on a screen to a scale and a backlash
 
 
 def beam_per_mirror(name: str, incidence_deg: float) -> float:

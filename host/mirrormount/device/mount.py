@@ -1,8 +1,4 @@
-"""`Mount`: a board with its axes.
-
-The frame that drives both motors: mountfw/wire/frame.py has its grammar, and parses it.
-
-Mount: the public face of a mirror mount.
+"""`Mount`: the public face of a mirror mount, a board with its axes.
 
     with Mount.open() as mount:      # stops at the end of the block, whatever happens
         mount.x.step(5)              # five steps to the right; returns when they are done

@@ -1,18 +1,14 @@
-"""One open board: exchanges, stop, keep-alive, handshake.
+"""One open board: handshake, exchanges, stop, keep-alive.
 
-Command lines before they are sent: what they may be, which start a motion. The grammar: docs/protocol.md.
+A Mount, the worker of a panel, a loop with a camera and a server on the network all use a Session. Any thread may call
+any method of it. Three rules hold:
 
-Orders stops and starts of all threads: no motion starts after a stop that came later than its request.
+- A stop waits for no other thread's exchange.
+- No motion starts after a stop that came later than the motion's request (StopCounter).
+- Every line that starts a motion sets the board's keep-alive, and a thread feeds it with status queries (KeepAlive). A
+  program that dies feeds it no more, so the board stops by itself.
 
-Keeps a motion alive from a thread: each status query restarts the board's keep-alive. Imports errors.
-
-The first exchange with a board: is it a mount?
-
-A session with a board: the link, the stop, the keep-alive, and one exchange at a time.
-
-A Mount, a worker of a panel, a loop with a camera and a server on the network stand on it. Every line that starts a
-motion sets the board's keep-alive, so that a program that dies stops the mount. Any thread may call any method; a
-stop waits for no other thread's exchange.
+docs/protocol.md has the grammar of the lines.
 """
 
 import contextlib
@@ -47,9 +43,11 @@ from mirrormount.transport.stop_socket import SENT, STOPPED, StopListener
 from mirrormount.values import KEEP_ALIVE_MS
 from mountfw import codes as wire
 
+# ---- command lines
+
 LONGEST = 128 - len(f"XK{KEEP_ALIVE_MS};;TB?")  # a line of the board has 128 characters
 
-_COMMAND_LINE = re.compile(r" *([A-Za-z*1-9]|0[0-9]*>)")  # the table of first bytes in docs/protocol.md
+_COMMAND_LINE = re.compile(r" *([A-Za-z*1-9]|0[0-9]*>)")  # by the table of first bytes in docs/protocol.md
 _ADDRESS = re.compile(r" *[0-9]+ *>")
 _STARTS_MOTION = re.compile(r"[ 0-9]*(PR|PA|XU|MV|MT|OR)(?!.*\?)", re.IGNORECASE)
 _KEEP_ALIVE = re.compile(r"XK *([0-9]+)", re.IGNORECASE)
@@ -101,8 +99,11 @@ def _begin(line: str) -> int:
     return address.end() if address else 0
 
 
+# ---- the order of stops and starts
+
+
 def not_begun() -> MoveEnded:
-    """Of a motion that a stop has kept from starting."""
+    """The error for a motion that a stop has kept from starting."""
     return MoveEnded("mount", wire.ABORTED, 0, None, ["stopped before it began"])
 
 
@@ -155,11 +156,15 @@ class StopCounter:
             self._blocks.since = before
 
 
-FEED_S = 0.1  # between two queries
+# ---- keep-alive
+
+FEED_S = 0.1  # between two status queries that feed the keep-alive
 
 
 class KeepAlive:
-    """is_moving: asks the board whether anything moves; called in the thread. threaded: False in lockstep.
+    """Feeds the board's keep-alive while something moves.
+
+    is_moving: asks the board whether anything moves; called in the thread. threaded: False in lockstep.
 
     Without a thread only `active` is kept, and the caller queries the board while it is set.
     """
@@ -219,10 +224,12 @@ class KeepAlive:
             time.sleep(FEED_S)
 
 
-ANSWER_S = 2.0  # a board answers in milliseconds, but one that was just plugged in, or is virtual, may be starting
-_SERVED_ANSWER_S = 5.0  # after a greeting: `serve` stops the board first, which takes longer on a busy computer
+# ---- handshake
 
-_STATUS_END = re.compile(r"[0-9,|-]+")  # of an answer to a poll, which a busy computer brings late
+ANSWER_S = 2.0  # A board answers in milliseconds, but takes longer while it starts, as a virtual one does.
+_SERVED_ANSWER_S = 5.0  # `serve` stops the board before it passes anything on, which may take long on a busy computer.
+
+_STATUS_END = re.compile(r"[0-9,|-]+")  # the rest of an answer to another client's poll, which arrives late
 
 
 def identify(link: Link) -> str:
@@ -269,7 +276,7 @@ def _fails_to_import(link: Link, module: bytes) -> bool:
     """Whether a prompt cannot import it. No answer within ANSWER_S: False. Raises ConnectionLost."""
     link.write(b"import " + module + b"\r")
     said, end = b"", link.monotonic() + ANSWER_S
-    while b">>> " not in said.partition(module)[2] and link.monotonic() < end:  # behind the echo of what was sent
+    while b">>> " not in said.partition(module)[2] and link.monotonic() < end:  # after the echo
         said += link.drain(0.05)
     return b"ImportError" in said
 
@@ -286,11 +293,14 @@ def _check_served(received: str) -> None:
         raise AllowNeeded("this computer may not drive that board: serve it with --allow, or go through ssh -L")
 
 
+# ---- session
+
 _LOCK_S = 1.0  # longest wait of another program's stop for the answers of this one
 _GATE_S = 0.05  # longest wait of another program's stop for a thread that writes a line
-_ECHO_LINES, _LONGEST_ANSWER = 5, 4096  # of a frame; characters
+_ECHO_LINES = 5  # lines that a board sends back for a frame
+_LONGEST_ANSWER = 4096  # characters
 _PROBE = "#"  # a line before an echo, by which a board learns whether a port returns what it sends
-_ERRORS_MOST = 20  # of a board's queue
+_ERRORS_MOST = 20  # A board's queue of errors is shorter than this.
 
 
 class Session:
@@ -306,7 +316,7 @@ class Session:
         self.board = Board(identify(link), x_axis)
         self.gate = StopCounter()
         self._closed = False
-        this = weakref.ref(self)  # threads must not keep it
+        this = weakref.ref(self)  # A thread that held the session would keep its motion alive.
         self.keep_alive = KeepAlive(lambda: (own := this()) is not None and own.status().moving, not link.lockstep)
         self.stop_listener: StopListener | None = None  # takes other programs' stops
         self.stops_by_others = 0  # how many stops other programs have asked for
@@ -358,7 +368,7 @@ class Session:
         """
         self.halt()
         with self.link.lock:
-            self.link.write(b"!\n")  # again: another thread may have been in the middle of starting
+            self.link.write(b"!\n")  # again, for another thread may have been starting a motion
             self.link.drain(0.02)
             if self.status().moving:
                 raise NoAnswer("the board still moves after a stop: cut the motors' supply")
@@ -431,7 +441,7 @@ class Session:
         A motion that it starts is kept alive, unless the line sets a keep-alive itself (`XK`), which the caller then
         feeds, or keep_alive is False: then it outlives this program.
         Raises BoardError for the first command that is refused (errors from before are logged), BadValue if the line is
-        no command line (command_lines.py:check_line); MoveEnded as start(); NoAnswer.
+        no command line (check_line()); MoveEnded as start(); NoAnswer.
         """
         check_line(line)
         gate = self.gate.starting(self.gate.last_stop()) if starts_motion(line) else None
@@ -527,7 +537,7 @@ class Session:
     def _log_old_errors(self) -> None:
         """Empty the error queue, so that an old error is not taken for a refusal of the next line."""
         if self.status().errors_waiting:
-            import logging  # takes 5 ms, for which a stop would wait
+            import logging  # imported here, because the import takes 5 ms, for which `mirrormount stop` would wait
 
             for error in self.errors():
                 logging.getLogger("mirrormount").warning("the board reports %s", error)

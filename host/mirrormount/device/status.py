@@ -1,8 +1,7 @@
-"""What a board reports of itself.
+"""What a board reports of itself and of its axes, as plain data.
 
-What a board reports of itself and of its axes, as plain data. Imports axis_names, errors, printable, validation.
-
-State that a board has reported: identity, axes, last status. No I/O. Imports errors, status.
+AxisStatus, Status and their neighbours are single answers. Board is what a session knows of its board so far: identity,
+axes, last status. Nothing here reads or writes a port.
 """
 
 import html
@@ -166,6 +165,9 @@ def check_x_axis(x_axis: object) -> None:
 
 
 AXES_MOST = 4
+
+
+# ---- what a session knows of its board
 
 
 class Board:

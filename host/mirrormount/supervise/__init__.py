@@ -4,23 +4,13 @@
         loop.take_control()
         loop.step("x", 3).wait()
 
-supervisor.py      opens a mount for programs of this process: start here
-of_table.py        the supervisors of a table's mounts
-program.py         a program as a client: control, beats, requests
-motions.py         requests on the mount, and their outcomes
-lease.py           which client has control, and which are alive          pure
-requests.py        requests as data; those that arrive as JSON            pure
-presses.py         direction buttons: down, up, waiting                   pure
-pad.py             their steps and runs on the mount
-worker.py          the one thread that uses the mount
-tasks.py           its queue; questions to the mount
-brake.py           the thread that stops it
-reconnect.py       the board as it comes and goes
-state.py           the last known state, for display
-notices.py         the last events in words
-wire_log.py        the last lines on the wire
-scales.py          mrad a step
-board_settings.py  the board's settings, cached for all clients (asyncio)
+supervisor.py  opens a mount for programs of this process, and what such a program can ask: start here
+lease.py       which client has control, and which are alive; pure
+requests.py    requests as data, and those that arrive as JSON; pure
+motions.py     requests on the mount, and their outcomes
+worker.py      the one thread that uses the mount, the thread that stops it, and the direction buttons
+connection.py  the board as it comes and goes, and its last known state with its scales
+log.py         the last events in words, and the last lines on the wire
 """
 
 from mirrormount.supervise.motions import Motion

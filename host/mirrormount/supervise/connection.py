@@ -1,10 +1,8 @@
-"""The board as it comes and goes, and its last state.
+"""The board as it comes and goes, and its last known state.
 
-The scales of a mount's axes, for angles and lengths beside steps.
-
-The last known state of the mount, for display. One thread writes it, any thread reads it.
-
-The board at one address as it comes and goes: opened, lost, opened again. For the worker's thread.
+Connection opens the port at one address, loses the board and opens it again; only the worker's thread uses it. State is
+for display: the worker's thread writes it, any thread reads it. It has the scale of each axis, too, so that angles and
+lengths can be shown beside steps.
 """
 
 import contextlib
@@ -24,6 +22,8 @@ from mirrormount.transport.discovery import find_one
 from mirrormount.transport.link import Link
 from mirrormount.transport.ports import Port, TappedPort, open_port
 from mountfw import codes as wire
+
+# ---- scales
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,9 +67,11 @@ def _converted(scale: calibration.Scale, mirror_mrad: float, unit: str, name: st
         return None
 
 
+# ---- the last known state
+
 POLL_S = 0.05  # period of the status polls
-_KNOWN_S = 0.6  # an older status is not the present one
-_KEPT_S = 120.0  # of the positions, for the plot
+_KNOWN_S = 0.6  # An older status is not shown as the present one.
+_KEPT_S = 120.0  # positions of so long are kept for the plot
 
 Point = tuple[float, tuple[float, ...] | None]  # when; the position of each axis, None where not known
 
@@ -158,8 +160,10 @@ def _step_text(name: str, scale: AxisScale | None) -> str:
     return f"{name}: a step is about {', '.join(parts)}."
 
 
+# ---- the board as it comes and goes
+
 Address = str | Callable[[], Port] | None
-_OF_TABLE = "virtual-table://"  # for `mirrormount stop`
+_OF_TABLE = "virtual-table://"  # the name under which `mirrormount stop` finds the boards of a virtual table
 
 
 class Connection:
@@ -198,7 +202,7 @@ class Connection:
             raise
         mount.accept_stops(place.address, also=self._on_stop)
         self.port, self.mount, self.trouble = port, mount, ""
-        if self._closed:  # meanwhile: nobody else closes what was opened since
+        if self._closed:  # close() was called meanwhile, and nobody else closes what was opened since
             self.close()
             raise ConnectionLost("the port was closed again: it opened only after close()")
         return mount

@@ -1,9 +1,4 @@
-"""The last events, and the last lines on the wire.
-
-The last events in words, for all clients. Any thread may add and read.
-
-The last lines of both directions of the wire, for people to read. Imports nothing of ours.
-"""
+"""The last events in words, and the last lines on the wire, for all clients to show. Any thread may add and read."""
 
 import itertools
 import logging
@@ -13,8 +8,10 @@ from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-_KEPT = 50
-_SAME_S = 1.0  # the same text within this time is one event: a STOP arrives by two ways
+# ---- events
+
+_KEPT = 50  # notices
+_SAME_S = 1.0  # The same text within this time is one event, for a STOP arrives by two ways.
 
 
 @dataclass(frozen=True)
@@ -58,8 +55,10 @@ class ToNotices(logging.Handler):
         self._notices.add(record.getMessage())
 
 
-_KEPT_LINES = 2000  # lines
-_LONGEST = 400  # bytes of one line
+# ---- lines on the wire
+
+_KEPT_LINES = 2000
+_LONGEST = 400  # bytes of a line; the rest of a longer one is the next line
 
 
 @dataclass(frozen=True)
@@ -70,7 +69,7 @@ class Entry:
     at_s: float
     to_board: bool
     text: str
-    poll: bool  # it asks for the state, or tells it: what the panel does many times a second
+    poll: bool  # a question for the status or its answer, of which there are many every second
 
 
 class WireLog:

@@ -1,10 +1,7 @@
 """`Supervisor` and `Program`: one owner of a mount, many clients.
 
-A program as a client of a supervised mount: a camera loop, a scan, a record of a control system.
-
-The owner of one mount for several programs of a process, with or without a panel.
-
-The mounts that table.toml names, each with a supervisor; two mounts on one board share one.
+A Supervisor owns one mount for several programs of a process, with or without a panel. A Program is one of them: a
+camera loop, a scan, a record of a control system. supervised() makes a Supervisor for each board of table.toml.
 """
 
 from collections.abc import Callable, Mapping
@@ -212,6 +209,8 @@ class Supervisor:
         """Run question(mount), which must neither wait nor move, between two polls. The future raises MountError."""
         return self.worker.call(question)
 
+
+# ---- the mounts of table.toml
 
 Supervised = tuple[Supervisor, tuple[str, str]]  # the names that its axes x and y have there
 

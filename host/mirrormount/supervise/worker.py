@@ -1,22 +1,15 @@
-"""The one thread that uses the mount, its stop thread, and the buttons.
+"""The one thread that uses the mount, the brake beside it, and the direction buttons.
 
-A queue of what the worker's thread is to do with the mount, and questions to the mount as futures.
+Clients of the lease ask from any thread; their requests wait in a queue (Tasks) for the worker's thread. It polls the
+board's status twenty times a second, and each poll feeds the board's keep-alive. It polls on only while the client that
+asked for the motion is alive; if that client has gone, hangs or is cut off, it stops the mount. If this thread or its
+whole program hangs, the board stops by its own keep-alive.
 
-A thread that sends stops and nothing else: a stop waits for no other use of the mount.
+A stop has a thread of its own (Brake) and waits for no other use of the mount. No request from before a stop is begun
+after it, waiting presses included.
 
-Direction buttons that go down and come up: one steps or runs, others wait for their turn. Pure.
-
-How they move the mount: pad.py.
-
-Direction buttons on the mount: a press is a step, a button that is held longer runs until it is released.
-
-The one thread that uses the mount, with the brake beside it. Carries out the requests of the lease's clients.
-
-The thread polls the board's status twenty times a second, and each poll feeds the board's keep-alive. It polls on
-only while the client that asked for the motion is alive; if that client has gone, hangs or is cut off, it stops the
-mount. If this thread or its whole program hangs, the board stops by its own keep-alive.
-
-A stop has a thread of its own (brake.py). No request from before a stop is begun after it, waiting presses included.
+A press of a direction button is a step; a button that is held longer runs until it is released. Presses has the buttons
+that are down or wait for their turn, and knows no mount; Pad moves the mount by them.
 """
 
 import contextlib
@@ -51,6 +44,9 @@ T = TypeVar("T")
 
 def _ignore(_why: MountError) -> None:
     """The outcome is not awaited."""
+
+
+# ---- the queue
 
 
 class Tasks:
@@ -104,7 +100,7 @@ class Tasks:
 
     def close(self, why: MountError) -> None:
         """Run no more: those that wait, and all that are added later, fail."""
-        self._closed = why  # before the queue is emptied: what is added meanwhile finds it
+        self._closed = why  # set before the queue is emptied, so that add() sees it and empties the queue again
         with contextlib.suppress(queue.Empty):
             while True:
                 self._waiting.get_nowait()[1](why)
@@ -113,12 +109,16 @@ class Tasks:
 _log = logging.getLogger("mirrormount.supervise")
 
 
+# ---- stops
+
+
 class Brake:
     """Stops the mount that mount() returns; None: there is none."""
 
     def __init__(self, mount: Callable[[], Mount | None]) -> None:
         self._mount = mount
-        self._asked: queue.SimpleQueue[None] = queue.SimpleQueue()  # reentrant, unlike Event.set(): for signal handlers
+        # A signal handler may put into this queue, for it is reentrant, unlike Event.set().
+        self._asked: queue.SimpleQueue[None] = queue.SimpleQueue()
         self._closing = False
         self._thread = threading.Thread(target=self._send_stops, name="brake", daemon=True)
 
@@ -140,7 +140,7 @@ class Brake:
     def _send_stops(self) -> None:
         while not self._closing:
             self._asked.get()
-            with contextlib.suppress(queue.Empty):  # one halt serves all stops that were asked for before it
+            with contextlib.suppress(queue.Empty):  # One halt serves all stops that were asked for before it.
                 while True:
                     self._asked.get_nowait()
             mount = self._mount()
@@ -151,8 +151,10 @@ class Brake:
                     _log.warning("a stop could not be sent", exc_info=True)
 
 
-HOLD_S = 0.7  # a button that is held longer runs; released before, it made a step
-MOST = 10  # presses that wait: 2 s of steps
+# ---- direction buttons
+
+HOLD_S = 0.7  # A button that is held longer than this runs; one that is released before makes only its step.
+MOST = 10  # presses that may wait, which is 2 s of steps
 
 
 @dataclass(eq=False)
@@ -161,9 +163,9 @@ class Hold:
 
     client: Client
     press: Press
-    stops: int  # stops requested before it: after one more it is not begun
-    ready_s: float  # when it could have begun: when it went down, or when those before it were done
-    begun_s: float | None = None  # when its step was begun, and not refused
+    stops: int  # how many stops were requested before it; after one more the press is not begun
+    ready_s: float  # when it could have begun: when it went down, or when the presses before it were done
+    begun_s: float | None = None  # when its step began; None while it waits, or if it was refused
     running: bool = False
     released: bool = False
 
@@ -201,7 +203,7 @@ class Presses:
         self._waiting.append(hold)
 
     def postpone(self, now_s: float) -> None:
-        """Mark those that wait as not late: a step before them is under way."""
+        """Restart the time-out of presses that wait, while a step is running."""
         for hold in list(self._waiting):
             hold.ready_s = now_s
 
@@ -210,9 +212,10 @@ class Presses:
         if not self._waiting:
             return None
         try:
-            self.current = hold = self._waiting[0]  # before it leaves the queue: a release must find it at any moment
+            # It becomes the current one before it leaves the queue, for release() must find it at any moment.
+            self.current = hold = self._waiting[0]
             self._waiting.popleft()
-        except IndexError:  # another thread has dropped them meanwhile
+        except IndexError:  # another thread has dropped all presses meanwhile
             self.drop()
             return None
         return hold
@@ -297,7 +300,7 @@ class Pad:
         hold = self.held
         if not hold or hold.running or not hold.is_run(self._clock()):
             return None
-        hold.running = True  # before it does: a release from here on stops it
+        hold.running = True  # set before it runs: a release from here on stops it
         return hold
 
     def run(self, mount: Mount, hold: Hold) -> None:
@@ -323,8 +326,10 @@ class Pad:
         self._stepping = False
 
 
+# ---- the worker
+
 _SOON_S = 0.01  # instead of POLL_S while a press waits for a step to end
-LATE_S = 0.5  # a request that could not be begun for so long is not begun
+LATE_S = 0.5  # A request that could not be begun within this time is refused.
 _RETRY_S = 1.0  # between two attempts to open the port
 
 
@@ -374,7 +379,7 @@ class Worker:
         self._brake.start()
 
     def close(self) -> None:
-        """Motors off, port closed. Raises MountError if they did not stop."""
+        """Motors off, port closed. Raises MountError if the motors did not stop."""
         self._closing = True
         if self._thread.is_alive():
             self._thread.join(5)

@@ -1,16 +1,9 @@
-"""Which boards are plugged in, and the drives of CircuitPython boards.
+"""Which boards are plugged in, and the drives of CircuitPython boards. No port is opened.
 
-Mounted volumes and their free space, on each system. Knows nothing of boards; imports nothing of ours.
-
-Drives of CircuitPython boards, found by the boot_out.txt that CircuitPython writes at start-up.
-
-The serial ports of each CircuitPython board, from the system's lists. Opens none.
-
-A board has a console, and a second port, the data channel, if its boot.py enables it. The USB serial number of both is
-the board's UID, as in its boot_out.txt. (CircuitPython makes these names and numbers in
+A MicroPython board is known by its USB ids. A CircuitPython board is known by its drive, on which CircuitPython writes
+boot_out.txt at start-up. It has a console, and a second port, the data channel, if its boot.py enables it. The USB
+serial number of both is the board's UID, as in its boot_out.txt. (CircuitPython makes these names and numbers in
 shared-module/usb_cdc/__init__.c and supervisor/shared/usb/usb_desc.c.)
-
-Which serial ports lead to a mount, by USB ids and drives. Opens none. Imports circuitpy_drives, circuitpy_ports.
 """
 
 import os
@@ -27,7 +20,10 @@ from mirrormount.errors import NoBoardFound, SeveralBoardsFound, WrongDrive
 from mirrormount.supported import CIRCUITPYTHON, text
 from mirrormount.terminal import printable
 
-_FAT = {"vfat", "msdos", "exfat", "fuseblk"}  # no board has another one, and a network's may hang
+# ---- mounted volumes
+
+# A board's drive is FAT. Other volumes are not asked, for one on a network may hang.
+_FAT = {"vfat", "msdos", "exfat", "fuseblk"}
 _WINDOWS_REMOVABLE = 2  # GetDriveTypeW of a USB drive
 _WINDOWS_READ_ONLY = 0x80000  # FILE_READ_ONLY_VOLUME of GetVolumeInformationW
 
@@ -103,9 +99,11 @@ def _room_of_letter(path: Path) -> Room:
     return Room(numbers[2].value, numbers[0].value * numbers[1].value, bool(flags.value & _WINDOWS_READ_ONLY))
 
 
+# ---- CircuitPython drives
+
 _FIRST_LINE = re.compile(r"Adafruit CircuitPython (\S+) on [^;]*; *(.*)")
 _NUMBER = re.compile(r"(\d{1,4})\.(\d{1,4})")
-_LONGEST = 4096  # the needed lines come first, the output of boot.py after them
+_LONGEST = 4096  # bytes of boot_out.txt: the lines that are needed come before the output of boot.py
 GET_IT = (
     "the .uf2 for the board is at circuitpython.org/downloads: double-press reset, or hold BOOTSEL while plugging in,"
     " and drop it on the drive that appears"
@@ -194,6 +192,8 @@ def find_bootloaders() -> list[Path]:
     return [path for path in mounted() if is_bootloader(path)]
 
 
+# ---- serial ports of CircuitPython boards
+
 _DATA = " CDC2 "  # in the interface's name, for instance "CircuitPython CDC2 control"; the console's has " CDC "
 
 
@@ -241,7 +241,7 @@ def mounts(drives: Sequence[Drive], ports: Sequence[Any]) -> list[tuple[str, str
 
 
 def unknown_data_channels(ports: Iterable[Any]) -> list[str]:
-    """Data channels by their interface name (Linux only). Which program runs there is unknown."""
+    """Data channels by their interface name (Linux only). It is not known which program runs there."""
     return [port.device for port in ports if _DATA in (getattr(port, "interface", None) or "")]
 
 
@@ -251,6 +251,8 @@ def _place(port: Any) -> tuple[int, list[int], str]:
     in_name = [int(digits) for digits in re.findall(r"\d+", port.device)]
     return (int(number[1]) if number else 0, in_name, port.device)
 
+
+# ---- all boards
 
 # USB ids (vendor, product) that are certainly a MicroPython board. CircuitPython boards have hundreds: they are
 # known by their drives. An Adafruit Feather RP2040 has the same id (239a:80f2) with either, so it is not here. Nothing

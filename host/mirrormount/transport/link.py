@@ -1,4 +1,7 @@
-"""Lines over a port, with time-outs; and what a program that serves a board says itself. Knows no commands."""
+"""Lines over a port, with time-outs; and the lines by which a program that serves a board refuses a client.
+
+A link knows no commands. Only one thread at a time exchanges lines; a stop is written to the port beside it.
+"""
 
 import threading
 import time
@@ -8,11 +11,11 @@ from typing import cast
 from mirrormount.errors import ConnectionLost, NoAnswer, NotAMount
 from mirrormount.transport.ports import ClockedPort, Port
 
-GREETING = bytes(
-    (0xFF, 0xFB, 0x01, 0xFF, 0xFB, 0x03)
-)  # of a New Focus controller on Ethernet: some drivers wait for it
+# A New Focus controller on Ethernet begins with these bytes, and some drivers wait for them.
+GREETING = bytes((0xFF, 0xFB, 0x01, 0xFF, 0xFB, 0x03))
 
-TAKEN = "mirrormount: this board has a client already"  # these lines refuse a client
+# These lines refuse a client.
+TAKEN = "mirrormount: this board has a client already"
 NO_BOARD = "mirrormount: the board is not there"
 AT_PROMPT = "mirrormount: the board is at its Python prompt, which is not served on TCP"
 NOT_ALLOWED = "mirrormount: this computer may not drive the board (mirrormount serve --allow)"
@@ -34,7 +37,7 @@ class Link:
         self.lock = threading.RLock()
         self._clock = cast(ClockedPort, port) if port.lockstep else time
         self._buffer = bytearray()
-        self._stale = False  # an answer that no caller awaits may still arrive
+        self._stale = False  # True: an answer that no caller awaits may still arrive
 
     @property
     def lockstep(self) -> bool:
@@ -59,7 +62,7 @@ class Link:
         with self.lock:
             if self._stale:
                 self.drain(_LATE_S)
-            self._stale = True  # until the answer is complete: Ctrl-C may come before
+            self._stale = True  # until the answer is complete, for Ctrl-C may come before that
             with gate or nullcontext():
                 self.port.write(data)
             return self.read_line(timeout_s)
@@ -72,7 +75,8 @@ class Link:
             if len(self._buffer) > _LONGEST_LINE:
                 raise NotAMount(f"more than {_LONGEST_LINE} bytes without the end of a line")
             left = end - self.monotonic()
-            came = self.port.read(max(0.0, left))  # what came while this process did not run is no late answer
+            # Read even if no time is left: the answer may have come while this process did not run.
+            came = self.port.read(max(0.0, left))
             if not came and left <= 0:
                 raise NoAnswer(f"no answer within {timeout_s:g} s")
             self._buffer += came

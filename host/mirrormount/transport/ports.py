@@ -1,19 +1,8 @@
 """Ports of a board: serial, TCP, virtual; why one cannot be opened.
 
-The interface of an open port to a board: bytes in, bytes out; and of a table that has several. Imports nothing.
-
-Why a port could not be opened, as one error with cause and remedy. Imports errors, stop_socket.
-
-A serial port, opened by pyserial. Imports errors, failures, port.
-
-A connected TCP socket as a port, and one socket option. Imports errors, failures, port, printable, validation.
-
-A port around a port that passes a copy of its traffic on. Imports port.
-
-Opens an address: a serial port (/dev/ttyACM0, COM4, a pty), socket://HOST:PORT, or virtual://; a table of mounts.
-
-`virtual` stands above transport, so it is named here as text and imported when it is asked for: the one dynamic
-import of the host.
+open_port() takes an address: a serial port (/dev/ttyACM0, COM4, a pty), socket://HOST:PORT, or virtual://. The virtual
+board belongs to a package above this one, so it is named here as text and imported when somebody asks for it. A port
+that cannot be opened is one error with cause and remedy.
 """
 
 import contextlib
@@ -47,6 +36,9 @@ from mirrormount.values import host_and_port
 WRITE_S = 2.0  # longest time that a write waits
 
 
+# ---- interfaces
+
+
 class Port(Protocol):
     """An open port. lockstep: time passes only in read() and sleep(), and the port is a ClockedPort."""
 
@@ -70,7 +62,7 @@ class ClockedPort(Port, Protocol):
 class Table(Protocol):
     """Boards and cameras that share a clock, in seconds.
 
-    A mount is `Mount(Link(port))`; a camera is a mirrormount_beam.camera.Camera, which is of a floor above.
+    A mount is `Mount(Link(port))`. A camera is a mirrormount_beam.camera.Camera; this package does not import that one.
     """
 
     @property
@@ -86,6 +78,9 @@ class Table(Protocol):
         ...
 
     def close(self) -> None: ...
+
+
+# ---- why a port cannot be opened
 
 
 def explain_open_error(address: str, e: BaseException) -> CannotOpen:
@@ -129,6 +124,8 @@ def _errno(e: BaseException | None) -> int | None:
         e = e.__cause__ or e.__context__
     return None
 
+
+# ---- kinds of ports
 
 _TICK_S = 0.02  # a serial read returns at least this often
 
@@ -270,6 +267,9 @@ class TappedPort:
         self._port.close()
 
 
+# ---- opening by address
+
+
 def open_port(address: str) -> Port:
     """Open an address. Raises BadAddress, or a CannotOpen that names the cause."""
     if not address.strip():
@@ -304,7 +304,7 @@ def _in_module(module: str, function: str, extra: str) -> Callable[[str], Any]:
     return call
 
 
-# how each scheme is opened; every other address is pyserial's
+# Every address without one of these schemes is opened by pyserial.
 SCHEMES: dict[str, Callable[[str], Port]] = {
     "socket": connect_tcp,
     "virtual": _in_module("mirrormount_sim.board", "open_virtual", "sim"),

@@ -44,6 +44,9 @@ _held: dict[int, list[str]] = {}  # the open StopListeners of this process: thei
 _numbers = itertools.count(1)
 
 
+# ---- programs that have a port open
+
+
 class Owner(NamedTuple):
     """A program that has a port open. pid is 0 if the system does not show it. path: its stop socket."""
 
@@ -117,6 +120,9 @@ def why_none() -> str | None:
     except (OSError, MountError) as e:
         return str(e)
     return None
+
+
+# ---- asking for a stop
 
 
 def ask_all(asked: Sequence[Owner], timeout_s: float = ANSWER_S) -> list[str | NoAnswer]:
@@ -210,6 +216,9 @@ def _is_left(path: Path) -> bool:
         return False
     except ConnectionRefusedError:
         return True
+
+
+# ---- accepting stops
 
 
 def held_here(address: str) -> bool:
