@@ -70,7 +70,7 @@ def test_a_step_that_is_shorter_than_a_sure_pulse_is_offered_to_be_longer(sure_m
             result.estimates[f"x.{way}.pulse_50ms"] = Estimate(0.1, 0.1, "px")
             result.estimates[f"x.{way}.pulse_{sure_ms}ms"] = Estimate(5.0, 0.1, "px")
 
-    monkeypatch.setattr(measure.pulses, "run", at_once)
+    monkeypatch.setattr(measure.backlash, "run_pulses", at_once)
     assert main.main(["measure", "pulses", *SEED, "--axes", "x", "--apply"]) == 0
     assert says in capsys.readouterr().out
 
@@ -92,7 +92,7 @@ def asked_for(monkeypatch):
             result.estimates[f"x.wanted.{way}.step"] = Estimate(4.0, 0.02, "px")
 
     monkeypatch.setattr(measure.steps, "run", steps)
-    monkeypatch.setattr(measure.step_size, "run", of_size)
+    monkeypatch.setattr(measure.steps, "run_step_size", of_size)
     return seen
 
 
