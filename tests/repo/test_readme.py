@@ -18,7 +18,7 @@ from mirrormount.device.settings import SETTINGS
 ROOT = Path(__file__).parent.parent.parent
 README = (ROOT / "README.md").read_text()
 EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
-OF_EXTRAS = ("cv2", "h5py", "matplotlib", "nicegui", "segno")  # what the extras bring, as it is imported
+OF_EXTRAS = ("cv2", "h5py", "matplotlib", "nicegui", "numpy", "segno")  # what the extras bring, as it is imported
 ASKED_FOR = re.compile(r'pip install .*\[([a-z,]+)\]"')
 UNTIL_CTRL_C = ("panel", "serve")
 # what is shown in mrad says whose angle it is: the beam turns about twice as far as the mirror
