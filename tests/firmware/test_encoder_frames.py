@@ -8,7 +8,7 @@ from rig_encoder import EncoderPort, encoded, why  # isort: skip
 
 
 class LaneEncoderPort(EncoderPort):
-    look = LanePort.look
+    lane = LanePort.lane
 
 
 def driven(frame):
