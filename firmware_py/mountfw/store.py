@@ -161,8 +161,8 @@ class Records:
             entry = axis and named(name, entries_of(axis))
             if axis is None or entry is None:
                 continue
-            if name and name.startswith("soft_"):  # an older firmware allowed a step more
-                value = max(-MAX_STEPS, min(MAX_STEPS, value))
+            if name and name.startswith("soft_") and abs(value) == MAX_STEPS + 1:  # an older firmware allowed a step more
+                value = MAX_STEPS if value > 0 else -MAX_STEPS
             if not allowed(entry, value) or (name == "switches" and not axis.can_fit(value)):
                 return None
             values.append((number, name, value))

@@ -196,21 +196,27 @@ _FIRST_BOOT_US = 8_000_000  # until its first output, if it has one without a re
 
 
 def command(
-    image: Path | None = None, flash: Path | None = None, board: str | None = None, *, flash_cache: bool = True
+    image: Path | None = None,
+    flash: Path | None = None,
+    board: str | None = None,
+    *,
+    keep: bool = True,
+    flash_cache: bool = True,
 ) -> list[str]:
     """The command line of an emulated Pico that boots image (rp2040/main.mjs), with everything it needs in place.
 
-    flash: a file that keeps its flash from run to run; one that does not exist yet gets MicroPython alone, and the
+    flash: a file that keeps its flash from run to run (without keep it is only read); one that does not exist yet gets
+    MicroPython alone, and the
     firmware has to be put on it. Without a flash it is one with the firmware (and with board as the text of its board
     file), and forgotten in the end. flash_cache: misses of the flash's cache take their time.
     Raises EmulatorMissing, CannotWrite.
     """
-    keep = flash is not None
-    if flash:
+    if flash and keep:
         files_module.check_writable(flash := files_module.behind_link(flash))
     node = find_node()
     with held("emulator"):
         modules, bootrom, found = _modules(node), _bootrom(), find_image(image)
+    keep = keep and flash is not None
     flash = flash or flash_with_firmware(found, board=board)
     switches = ["keep" if keep else "forget", "cached" if flash_cache else "uncached"]
     words = [modules.parent / "main.mjs", bootrom, found, flash, START_US, *switches]

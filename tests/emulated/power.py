@@ -16,7 +16,7 @@ from mirrormount_sim import emulator
 from mirrormount_sim.clocks import Lockstep
 from mirrormount_sim.emulator import RawPrompt
 from mirrormount_sim.machines import firmware_folder
-from mirrormount_sim.simulation import START_US, Simulation
+from mirrormount_sim.simulation import Simulation
 
 STARTED_US = 300_000  # main.py runs by then, and a Ctrl-C is heard
 MPY = 6  # the format of compiled files that MicroPython 1.23 and later takes
@@ -30,7 +30,7 @@ class Board(Lockstep):
     """A board with this flash; keep: what it writes goes to the file."""
 
     def __init__(self, flash: Path, *, keep: bool = False) -> None:
-        super().__init__(Simulation(emulator.command(None, flash, START_US, keep=keep)))
+        super().__init__(Simulation(emulator.command(None, flash, keep=keep)))
         self._cut_at: int | None = None
 
     @property

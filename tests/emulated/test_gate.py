@@ -22,7 +22,7 @@ import micropython, sys, time
 from machine import mem32
 from mountfw.build import build
 from mountfw.ports import micropython as port
-from mountfw.ports.micropython_drain import any
+from mountfw.ports.micropython_console import any
 from mountfw.boards import pico
 a = build(port, pico)
 micropython.kbd_intr(-1)

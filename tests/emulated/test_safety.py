@@ -11,7 +11,7 @@ STARTED_US = 3_000_000
 HANGS = """
 from mountfw.build import build
 from mountfw.ports import micropython as port
-from mountfw.ports.micropython_drain import any
+from mountfw.ports.micropython_console import any
 a = build(port, port.find_board())
 def ended(us):
     while a.controller.driving():

@@ -8,7 +8,7 @@ from rig_encoder import EncoderPort, encoded, why  # isort: skip
 
 
 class LaneEncoderPort(EncoderPort):
-    look = LanePort.look
+    lane = LanePort.lane
 
 
 def driven(frame):
@@ -19,26 +19,6 @@ def driven(frame):
     rig.take_in()
     rig.run(300_000)
     return rig
-
-
-def test_a_frame_drives_before_the_encoder_that_is_being_looked_at_is_judged():
-    rig = driven(b"0255-255")
-    counts, judge = rig.motor1.counts, rig.axis1.watch.look
-    judged = []
-
-    def meanwhile():
-        rig.motor1.counts = counts
-        rig.send(b"0100-100")
-        return counts()
-
-    rig.motor1.counts = meanwhile
-    rig.axis1.watch.look = lambda motor, now_us: judged.append(rig.drives()) or judge(motor, now_us)
-    rig.controller.service(rig.port.ticks_us())
-    assert rig.drives() == (100, -100)
-    assert judged == [(255, -255)]  # the pass that follows judges the new drive
-    rig.app.run_once()
-    assert judged[1:] == [(100, -100)]
-    assert not rig.controller.errors.waiting
 
 
 def test_a_stop_that_comes_while_an_encoder_is_looked_at_cuts_at_once():

@@ -47,7 +47,7 @@ def port(monkeypatch):
         },
         "micropython": {"kbd_intr": lambda char: setattr(state, "interrupt_char", char)},
         "mountfw.ports.micropython_console": dict.fromkeys(("pack", "writable", "write")),
-        "mountfw.ports.micropython_drain": {"any": None, "drain": None},
+        "mountfw.ports.micropython_console": {"any": None, "drain": None},
         "mountfw.ports.micropython_encoder": {"reader": None},
         "time": {"ticks_us": None, "ticks_ms": None, "sleep_us": None},
         "sys": {"implementation": SimpleNamespace(_machine="Raspberry Pi Pico with RP2040")},

@@ -136,7 +136,7 @@ def test_an_eighth_zero_that_begins_a_frame_stops_and_lets_the_frame_be_obeyed()
 
 
 def test_how_a_stopped_move_ended_is_told():
-    for stop, reason in ((b"!\n", 3), (ZEROS, 2), (b"AB\n", 3), (b"ST\n", 2), (b"#\n", 2), (b"1ST\n", 2)):
+    for stop, reason in ((b"!\n", 3), (ZEROS, 2), (b"AB\n", 3), (b"ST\n", 2), (b"$\n", 2), (b"1ST\n", 2)):
         rig = Rig()
         rig.ask(b"1MV+\n")
         rig.ask(stop)

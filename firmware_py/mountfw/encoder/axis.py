@@ -123,6 +123,7 @@ class EncodedAxis(Axis):
         nearest = rounded(position.millisteps)
         beyond = position.counts_of(position.millisteps - nearest * 1000)
         self._start = diff(position.place, beyond)  # counts wrap as times do
+        self.note_relative(steps - nearest)
         self._begin_pulses(steps - nearest, self.pulse_us, steps)
         return True
 

@@ -189,10 +189,7 @@ class Axis(Settings):
         if not -MAX_STEPS <= n <= MAX_STEPS:
             self.error(codes.AXIS_OUT_OF_RANGE)
             return False
-        if not self._steps(n):
-            return False
-        self.last_relative = n
-        return True
+        return self._steps(n)
 
     def _steps(self, n):
         if not self.handle(ASK, 0):
@@ -200,8 +197,13 @@ class Axis(Settings):
         target = rounded(self.position_now()) + n
         if self.out_of_reach(target, target):
             return False
+        self.note_relative(n)
         self._begin_pulses(n, self.pulse_us, target)
         return True
+
+    def note_relative(self, n):
+        """A move by n steps, for PR?. move_to() may go further than an answer can say (wire/replies.py)."""
+        self.last_relative = max(-MAX_STEPS, min(MAX_STEPS, n))
 
     def one_pulse(self, us):
         """Move by one pulse of its own length: 200 ... 2 000 000 us, either way."""
