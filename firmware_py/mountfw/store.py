@@ -161,7 +161,8 @@ class Records:
             entry = axis and named(name, entries_of(axis))
             if axis is None or entry is None:
                 continue
-            if name and name.startswith("soft_") and abs(value) == MAX_STEPS + 1:  # an older firmware allowed a step more
+            # an older firmware allowed a step more
+            if name and name.startswith("soft_") and abs(value) == MAX_STEPS + 1:
                 value = MAX_STEPS if value > 0 else -MAX_STEPS
             if not allowed(entry, value) or (name == "switches" and not axis.can_fit(value)):
                 return None

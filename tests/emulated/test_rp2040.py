@@ -124,7 +124,7 @@ import micropython, random
 from mountfw.boards import pico
 from mountfw.ports import micropython_console as console
 from mountfw.wire import frame
-from mountfw.ports import micropython_drain, rp2_lane
+from mountfw.ports import rp2_lane
 from mountfw.wire import receiver
 random.seed(%d)
 for _ in range(400):
@@ -134,11 +134,12 @@ for _ in range(400):
         print('pack', ring, at)
 fast, slow = [receiver.Receiver(None, None, None, 256) for _ in range(2)]
 class Plain: pass
-lane, axis = Plain(), Plain()
-axis.drive = lane.own = lane.log = lane.sum = lane.commands = None
-lane.axes = axis, axis
+controller, axis, drive = Plain(), Plain(), Plain()
+drive.bridge = None
+axis.drive = drive
+controller.axes = axis, axis
 pico.LANE = False
-looks = rp2_lane.look(lane, fast, pico)
+lane = rp2_lane.lane(controller, fast, None, None, None, pico)
 sent = bytes(%r)
 micropython.kbd_intr(-1)
 for start in range(0, len(sent), 200):
@@ -146,8 +147,8 @@ for start in range(0, len(sent), 200):
     print('more')
     stops = []
     while fast.unparsed < min(200, len(sent) - start):
-        if micropython_drain.any(1000):
-            stops.append(looks.look(7, -1) if start else micropython_drain.drain(fast, 7))
+        if console.any(1000):
+            stops.append(lane.read(7, -1) if start else console.drain(fast, 7))
     if [s for s in stops if s] != [s for s in [slow.receive(c) for c in sent[start : start + 200]] if s]:
         print('stops', start, stops)
     if (fast.ring, fast.write, fast.zeros, fast.stops_ahead) != (slow.ring, slow.write, slow.zeros, slow.stops_ahead):
