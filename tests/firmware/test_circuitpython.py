@@ -23,7 +23,7 @@ def board(new) -> Board:
 TRANSCRIPT = (
     (b"*IDN?\n", b"mirrormount,Raspberry Pi Pico,e6616408432f5a21,0.2.0\r\n"),
     (b"VE?\n", b"MM2 Version 0.2.0 mirrormount\r\n"),
-    (b"0255-100", b"0255-100\r\n255\r\n-100\r\n255\r\n100\r\n"),
+    (b"0255-100", b"#\r\n0255-100\r\n255\r\n-100\r\n255\r\n100\r\n"),
     (b"!\n1XE?\n", b"3,"),
     (b"1XP20000;1VA20;1DH0;1PR3;1PR1;TB?\n", b"114, AXIS 1 MOTION IN PROGRESS\r\n"),
     (None, 400_000),
@@ -31,7 +31,7 @@ TRANSCRIPT = (
     (b"255-\nTE?\n", b"60\r\n"),
     (b"1SL-5;1SR5;1ZH8;1PR9;TE?\n", b"106\r\n"),
     (b"2MV+\n", b""),
-    (b"00000000", b"00000000\r\n0\r\n0\r\n0\r\n0\r\n"),
+    (b"00000000", b"#\r\n00000000\r\n0\r\n0\r\n0\r\n0\r\n"),
     (b"2XE?\n", b"2,"),
 )
 
@@ -223,7 +223,7 @@ def test_the_hash_is_over_the_files_on_the_drive(tmp_path, boards):
             if file.suffix == ".py":
                 total.update(file.relative_to(root).as_posix().encode() + hashlib.sha256(file.read_bytes()).digest())
     board = boards(make_simulation(Options(machine="circuitpython", firmware=root, files=tmp_path / "drive")))
-    assert board.ask(b"XF?\n").decode().strip() == total.hexdigest()
+    assert board.ask(b"XF?\n").decode().strip() == f"sha256-{total.hexdigest()}"
 
 
 def test_without_sha_256_in_the_build_the_firmware_runs_and_tells_a_checksum(tmp_path, boards):

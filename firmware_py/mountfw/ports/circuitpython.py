@@ -28,8 +28,8 @@ import usb_cdc
 from mountfw import board_file, codes
 from mountfw.ports import circuitpython_encoder, shared
 from mountfw.ports.circuitpython_storage import firmware_hash, load, remove, rename, store  # noqa: F401 (verbs, too)
+from mountfw.wire import ticks
 from mountfw.wire.frame import pack  # noqa: F401 (a verb of this port, too: there is no native code to be faster)
-from mountfw.wire.ticks import diff
 
 # ---- time
 
@@ -119,7 +119,7 @@ _inputs = {}
 _led = None
 
 
-def pin_of(number):
+def _pin_of(number):
     """GPIO `number`, or the pin of that name in the module `board`."""
     return getattr(pins, number) if isinstance(number, str) else getattr(_gpios, "GPIO%d" % number)
 
@@ -128,7 +128,7 @@ class _Level:
     """An output that is high or low."""
 
     def __init__(self, number):
-        self.io = digitalio.DigitalInOut(pin_of(number))
+        self.io = digitalio.DigitalInOut(_pin_of(number))
         self.io.switch_to_output(False)
 
     def low(self):
@@ -144,7 +144,7 @@ class _Duty:
     """An output with a duty, which takes effect at the end of the PWM's period."""
 
     def __init__(self, number, pwm_hz):
-        self.io = pwmio.PWMOut(pin_of(number), duty_cycle=0, frequency=max(pwm_hz, _LEAST_PWM_HZ))
+        self.io = pwmio.PWMOut(_pin_of(number), duty_cycle=0, frequency=max(pwm_hz, _LEAST_PWM_HZ))
 
     def low(self):
         """Pin low."""
@@ -192,7 +192,7 @@ class TwoPwmBridge:
     def cut_at(self, us):
         """Wait for this time (ticks), which must be near, and cut. Returns the time."""
         now_us = self._ticks_us()
-        while diff(us, now_us) > 0:
+        while ticks.diff(us, now_us) > 0:
             now_us = self._ticks_us()
         self.cut()
         return now_us
@@ -219,7 +219,7 @@ def reader(number):
     if number is None:
         return None
     if number not in _inputs:
-        io = digitalio.DigitalInOut(pin_of(number))
+        io = digitalio.DigitalInOut(_pin_of(number))
         io.switch_to_input(digitalio.Pull.UP)
         _inputs[number] = io
     io = _inputs[number]
@@ -243,7 +243,7 @@ def find_board():
     number = board_file.led_of(found, pins.board_id.endswith("_w")) if found else None
     if _led is None and number is not None:
         try:
-            _led = digitalio.DigitalInOut(pin_of(number))
+            _led = digitalio.DigitalInOut(_pin_of(number))
             _led.switch_to_output(False)
         except (AttributeError, ValueError):
             pass  # no such pin, or it is in use
@@ -412,7 +412,7 @@ def stop_watchdog():
 
 def encoder(number, pins):
     """The reader (encoders.py) of an axis whose pins name an encoder; None, after a printed line."""
-    return circuitpython_encoder.reader(number, pins, pin_of)
+    return circuitpython_encoder.reader(number, pins, _pin_of)
 
 
 def collect():

@@ -1,7 +1,7 @@
-"""The form of a command, and the arguments that several commands share. Imports only facts.
+"""The form of a command, and the arguments that several commands share.
 
-A command's file is imported to build the parser, whatever command is run: it declares its arguments, and imports in
-run() the modules that do its work.
+Every command's file imports this one, `mirrormount stop` included, so that it imports at its top only what is quickly
+imported: a stop must not wait.
 """
 
 import argparse
@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from mirrormount.errors import BadValue
+from mirrormount.errors import BadValue, ExtraMissing
 from mirrormount.values import LEAST_PATIENCE_S, MOST_PATIENCE_S, PATIENCE_S, is_axis, typed_number
 
 if TYPE_CHECKING:
@@ -45,7 +45,6 @@ class Command(NamedTuple):
 @contextlib.contextmanager
 def from_extra(extra: str, what: str) -> Iterator[None]:
     """For the imports of a command that needs an optional part of mirrormount. Raises ExtraMissing."""
-    from mirrormount.errors import ExtraMissing
     from mirrormount.terminal import install_command
 
     try:
@@ -169,7 +168,7 @@ def board_port(parser: argparse.ArgumentParser) -> None:
 
 
 def port_of(args: argparse.Namespace) -> str | None:
-    """The port that board_port's arguments name, or None. Raises as named.place_of()."""
+    """The port that board_port's arguments name, or None. Raises as table_file.find_port()."""
     from mirrormount.device.table_file import find_port
 
     given = args.at or args.port
@@ -177,7 +176,7 @@ def port_of(args: argparse.Namespace) -> str | None:
 
 
 def web_options(parser: argparse.ArgumentParser) -> None:
-    """Where a page is served, and its token. See web_opening.opened."""
+    """Where a page is served, and its token. The panel's package reads them."""
     parser.add_argument(
         "--host", default="127.0.0.1", help="where to listen; 0.0.0.0: all networks of this computer, with a token"
     )

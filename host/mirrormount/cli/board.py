@@ -33,7 +33,7 @@ from mirrormount.errors import (
     NotAMount,
     PortBusy,
 )
-from mirrormount.terminal import python_module
+from mirrormount.terminal import ended_in_order, python_module
 from mirrormount.transport.discovery import find_one
 from mirrormount.transport.link import TAKEN, Link
 from mirrormount.transport.ports import open_port
@@ -45,12 +45,63 @@ _HELP = """\
 m is the mount: m.x.step(5)  m.x.move_to(0)  m.y.jog(-0.3, ms=800)  m.drive(0, 255, ms=500)  m.status()  m.stop()
 Ctrl-C stops a move. Ctrl-] (or Ctrl-x) leaves, and the firmware starts again."""
 _START_S = 10.0  # the longest time until the firmware runs, after a soft reset
+_POLL_S = 0.05  # between two questions whether a motion is over
+
+
+# ---- deploy, undeploy
+
+
+def board_options(parser: argparse.ArgumentParser) -> None:
+    """Which board, and whether its motors may be stopped: for deploy and undeploy."""
+    board_port(parser)
+    parser.add_argument(
+        "--drive", type=Path, metavar="PATH", help="a CircuitPython board's drive (default: the one there is)"
+    )
+    parser.add_argument("--stop", action="store_true", help="stop the motors first if they move")
+
+
+def deploy_arguments(parser: argparse.ArgumentParser) -> None:
+    """Which board, which firmware, and whether another program on the board may be replaced."""
+    board_options(parser)
+    parser.add_argument("--source", action="store_true", help="plain .py files instead of compiled ones")
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument("--board", metavar="NAME", help="use mountfw/boards/NAME.py instead of the board's own")
+    which.add_argument("--pins", type=Path, metavar="FILE", help="use this board file (see mountfw/boards/pico.py)")
+    parser.add_argument(
+        "--replace-main", action="store_true", help="replace somebody else's main.py or code.py (a copy stays)"
+    )
+
+
+def run_deploy(args: argparse.Namespace) -> None:
+    """Deploy, and print the outcome in one line. Raises MountError; the board then has the firmware that it had."""
+    from mirrormount.deploy.micropython import deploy
+    from mirrormount.deploy.prompt import Options
+
+    options = Options(port_of(args), args.stop, args.source, args.board, args.pins, args.replace_main, args.drive)
+    with ended_in_order():
+        print(deploy(options))
+
+
+def run_undeploy(args: argparse.Namespace) -> None:
+    """Remove the files that deploy has put there, and print the outcome in one line. Raises MountError."""
+    from mirrormount.deploy.micropython import undeploy
+    from mirrormount.deploy.prompt import Options
+
+    with ended_in_order():
+        print(undeploy(Options(port_of(args), args.stop, drive=args.drive)))
 
 
 # ---- repl
 
 
-def open_prompt(address: str | None) -> None:
+def run_repl(args: argparse.Namespace) -> None:
+    """Open the prompt in this terminal; the firmware starts again after it. Raises MountError."""
+
+    with ended_in_order():
+        _open_prompt(port_of(args))
+
+
+def _open_prompt(address: str | None) -> None:
     """Interrupt the firmware, open the prompt, start the firmware again. Raises MountError."""
     port = find_one() if address is None else address
     if "://" in port:
@@ -136,10 +187,28 @@ def _start(link: Link) -> str:
 
 # ---- send
 
-_POLL_S = 0.05
+
+def send_arguments(parser: argparse.ArgumentParser) -> None:
+    """LINE, and whether the motion that it starts is awaited."""
+    port_options(parser)
+    parser.add_argument("line", metavar="LINE")
+    parser.add_argument(
+        "--no-wait",
+        dest="wait",
+        action="store_false",
+        help="do not wait for its motion: it goes on without this program",
+    )
 
 
-def send_line(mount: Mount, line: str) -> None:
+def run_send(args: argparse.Namespace) -> None:
+    """Send the line, print its answers, and wait for the motion that it starts. Raises MountError."""
+    mount = open_mount(args)
+    # a stop that comes before the line is for its motion, too
+    with mount if args.wait else contextlib.closing(mount), mount.unless_stopped(since_open=True):
+        (_send_line if args.wait else _start_line)(mount, args.line)
+
+
+def _send_line(mount: Mount, line: str) -> None:
     """Send the line, print what it answers, and wait until nothing that it started moves any more.
 
     Raises BoardError for the first command of it that cannot be done, MountError if something moved then, or if a
@@ -170,7 +239,7 @@ def send_line(mount: Mount, line: str) -> None:
         print("done; " + ", ".join(place(axis, status.by_name[axis.name]) for axis in moved), file=sys.stderr)
 
 
-def start_line(mount: Mount, line: str) -> None:
+def _start_line(mount: Mount, line: str) -> None:
     """Send the line and print what it answers; what it starts goes on without this program, and that is said.
 
     Its only bounds are the board's limits, and a keep-alive that the line sets. Raises as send() does; then, and
@@ -229,80 +298,6 @@ def _bounds(mount: Mount, keep_alives: list[int]) -> str:
         f" mirrormount serve without --on-leave finish: a run for {run_s:g} s at most, a search for a switch for"
         f" {search_s:g} s under drive at most, a move until its steps are made; mirrormount stop ends it"
     )
-
-
-# ---- the commands
-
-
-def board_options(parser: argparse.ArgumentParser) -> None:
-    """Which board, and whether its motors may be stopped: for deploy and undeploy."""
-    board_port(parser)
-    parser.add_argument(
-        "--drive", type=Path, metavar="PATH", help="a CircuitPython board's drive (default: the one there is)"
-    )
-    parser.add_argument("--stop", action="store_true", help="stop the motors first if they move")
-
-
-def deploy_arguments(parser: argparse.ArgumentParser) -> None:
-    """Which board, which firmware, and whether another program on the board may be replaced."""
-    board_options(parser)
-    parser.add_argument("--source", action="store_true", help="plain .py files instead of compiled ones")
-    which = parser.add_mutually_exclusive_group()
-    which.add_argument("--board", metavar="NAME", help="use mountfw/boards/NAME.py instead of the board's own")
-    which.add_argument("--pins", type=Path, metavar="FILE", help="use this board file (see mountfw/boards/pico.py)")
-    parser.add_argument(
-        "--replace-main", action="store_true", help="replace somebody else's main.py or code.py (a copy stays)"
-    )
-
-
-def run_deploy(args: argparse.Namespace) -> None:
-    """Deploy, and print the outcome in one line. Raises MountError; the board then has the firmware that it had."""
-    from mirrormount.deploy.micropython import deploy
-    from mirrormount.deploy.prompt import Options
-    from mirrormount.terminal import ended_in_order
-
-    options = Options(port_of(args), args.stop, args.source, args.board, args.pins, args.replace_main, args.drive)
-    with ended_in_order():
-        print(deploy(options))
-
-
-def run_undeploy(args: argparse.Namespace) -> None:
-    """Remove the files that deploy has put there, and print the outcome in one line. Raises MountError."""
-    from mirrormount.deploy.micropython import undeploy
-    from mirrormount.deploy.prompt import Options
-    from mirrormount.terminal import ended_in_order
-
-    with ended_in_order():
-        print(undeploy(Options(port_of(args), args.stop, drive=args.drive)))
-
-
-def run_repl(args: argparse.Namespace) -> None:
-    """Open the prompt in this terminal; the firmware starts again after it. Raises MountError."""
-    from mirrormount.terminal import ended_in_order
-
-    with ended_in_order():
-        open_prompt(port_of(args))
-
-
-def send_arguments(parser: argparse.ArgumentParser) -> None:
-    """LINE, and whether the motion that it starts is awaited."""
-    port_options(parser)
-    parser.add_argument("line", metavar="LINE")
-    parser.add_argument(
-        "--no-wait",
-        dest="wait",
-        action="store_false",
-        help="do not wait for its motion: it goes on without this program",
-    )
-
-
-def run_send(args: argparse.Namespace) -> None:
-    """Send the line, print its answers, and wait for the motion that it starts. Raises MountError."""
-
-    mount = open_mount(args)
-    # a stop that comes before the line is for its motion, too
-    with mount if args.wait else contextlib.closing(mount), mount.unless_stopped(since_open=True):
-        (send_line if args.wait else start_line)(mount, args.line)
 
 
 COMMANDS = (

@@ -14,10 +14,37 @@ from mirrormount.device.axis import Axis, counts_between
 from mirrormount.device.mount import Mount
 from mirrormount.device.status import RESET_CAUSES, Ended
 from mirrormount.errors import REASONS, BoardError, CheckFailed, ConnectionLost, EncoderFault, MountError, MoveEnded
-from mirrormount.terminal import printable
+from mirrormount.terminal import ended_in_order, printable
 from mirrormount.values import KEEP_ALIVE_MS, whole_numbers
 from mountfw import __version__
 from mountfw import codes as wire
+
+_STEPS = 4  # steps whose counts are measured each way, after three that take up the play
+_LOOKS = 3  # A board calls an encoder lost after so many readings without an answer.
+_MEASURED = "measured"  # the certainty of a position as long as no count was lost
+_DIFFERENT = 0.35  # Supply and load change the counts of a timed step by this part at most.
+_KEEP_ALIVE_MS = 50  # the keep-alive that the test sets
+# The silence is shorter than the host's own keep-alive, which must not be the one that ends the move. It is much longer
+# than the test's, for on a busy computer a virtual board runs slower than the clock of its host.
+_SILENCE_S = 0.8 * KEEP_ALIVE_MS / 1000
+_LATE_US = 1000  # by so much a pulse may be wrong
+_BY_ENCODER = (wire.CLOSED_LOOP_FAILED, wire.STALLED, wire.WRONG_WAY, wire.FOLLOWING, wire.ENCODER_LOST)
+_WHY = "what its encoder counts has ended it, see there; docs/errors.md has the causes"
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """--move, and the port."""
+    port_options(parser)
+    parser.add_argument("--move", action="store_true", help="also make a few steps on each axis")
+
+
+def run(args: argparse.Namespace) -> None:
+    """Print one line a check. Raises CheckFailed if one failed."""
+    with ended_in_order():
+        run_checks(lambda: open_mount(args), move=args.move)
+
+
+# ---- all checks
 
 
 class NotTested(Exception):
@@ -26,160 +53,6 @@ class NotTested(Exception):
 
 class Wrong(Exception):
     """A check failed; the message says what is wrong and what to do."""
-
-
-_STEPS = 4  # counted each way, after three that take up the play
-_LOOKS = 3  # without an answer a board calls the encoder lost
-_MEASURED = "measured"  # what a board calls a position that no lost count has made an estimate
-_DIFFERENT = 0.35  # of the counts of a step, when a step is timed: supply and load change that much
-
-
-# ---- encoder
-
-
-def encoder_at_rest(axis: Axis) -> str:
-    """The encoder answers."""
-    per_step, closed = axis.ask_whole("XN?", "MM?")
-    try:
-        counts = [axis.counts for _ in range(_LOOKS)][-1]
-    except EncoderFault as e:
-        raise Wrong(
-            f"{e}: its plug, its supply, SDA and SCL, the distance of the magnet;"
-            f" 'mirrormount config set {axis.name}.closed_loop 0' goes on without it"
-        ) from e
-    what = f"stands at {counts} counts"
-    if not per_step:
-        raise NotTested(f"{what}; how many a step has is not known (mirrormount setup measures it)")
-    return f"{what}, {abs(per_step)} a step, {'closed' if closed else 'open'} loop"
-
-
-def encoder_in_a_move(axis: Axis) -> str:
-    """It turns with the motor, in the direction and by the counts that setup has found, and none gets lost."""
-    lost, ended = "", None
-    try:
-        lost = _none_lost(axis)  # at first: timed steps are no measured ones
-    except MoveEnded as e:
-        ended = e  # what the encoder counts says more
-    try:
-        found = axis.measure_counts(_STEPS)
-    except EncoderFault as e:
-        raise Wrong(f"{e}: does the motor turn? If so, its plug, supply and wires, then mirrormount setup") from e
-    per_step = axis.counts_per_step
-    counted = f"{found.positive:.0f} counts a step, {found.negative:.0f} back"
-    if not per_step:
-        raise NotTested(f"{counted}; they are not set (mirrormount setup measures them)")
-    if per_step * found.per_step < 0:
-        raise Wrong(f"{counted}, the other way than counts_per_step ({per_step}): A and B, or the motor's leads")
-    if abs(found.per_step - per_step) > _DIFFERENT * abs(per_step):
-        raise Wrong(f"{counted} where counts_per_step is {per_step}: supply, a slipping disc, or mirrormount setup")
-    if ended:
-        raise Wrong(f"{counted}, but in the closed loop: {ended}; docs/errors.md has the causes") from ended
-    return _kept(axis, counted + lost)
-
-
-def _none_lost(axis: Axis) -> str:
-    """A board says that counts were lost by taking back what a measured position is worth; any other it does not."""
-    if axis.status().certainty != _MEASURED:
-        return f", lost counts not looked for (that needs the closed loop and a measured position: {axis.number}DH0)"
-    axis.step(_STEPS)
-    axis.step(-_STEPS)
-    if axis.status().certainty != _MEASURED:
-        raise Wrong("counts were lost on the way: motor wires beside those of the encoder, or a bad plug")
-    return ", none lost"
-
-
-def _kept(axis: Axis, counted: str) -> str:
-    """At rest nothing is counted."""
-    before = axis.counts
-    for _ in range(20):
-        if abs(counts_between(before, axis.counts)) > 2:
-            raise Wrong(f"{counted}, but it goes on counting at rest: noise on its wires")
-    return f"{counted}, and none at rest"
-
-
-_KEEP_ALIVE_MS = 50
-# less than the host's own keep-alive, which must not be the one that acts; and much more than this one, for on a busy
-# computer a virtual board runs slower than the clock of its host
-_SILENCE_S = 0.8 * KEEP_ALIVE_MS / 1000
-_LATE_US = 1000  # what a pulse may be wrong by
-_BY_ENCODER = (wire.CLOSED_LOOP_FAILED, wire.STALLED, wire.WRONG_WAY, wire.FOLLOWING, wire.ENCODER_LOST)
-_WHY = "what its encoder counts has ended it, see there; docs/errors.md has the causes"
-
-
-# ---- checks that move the mirror
-
-
-def motion_checks(mount: Mount, axis: Axis) -> Iterator[tuple[str, Callable[[], str]]]:
-    """The checks of one axis: (what, check)."""
-    if axis.has_encoder:
-        yield "encoder in a move", lambda: encoder_in_a_move(axis)
-    yield "one step forward", lambda: one_step(axis, 1)
-    yield "one step back", lambda: one_step(axis, -1)
-    yield "stop in a move", lambda: stop_in_motion(mount, axis)
-    yield "keep-alive", lambda: keep_alive_ends_motion(mount, axis)
-
-
-def one_step(axis: Axis, n: int) -> str:
-    """A step is done, and its time under drive is the pulse's; a take-up of the backlash may come on top."""
-    pulse_us, take_up_us = axis.ask_whole("XP?", "XB?")
-    try:
-        axis.step(n)
-    except MoveEnded as e:
-        if e.reason in _BY_ENCODER:
-            raise Wrong(f"{e}: {_WHY}") from e
-        raise
-    if axis.has_encoder and axis.closed_loop:
-        return f"done, {axis.last_move().on_time_s * 1e6:.0f} us under drive until its counts were there"
-    on_us = round(axis.last_move().on_time_s * 1e6)
-    if not pulse_us - _LATE_US <= on_us <= pulse_us + take_up_us + _LATE_US:
-        raise Wrong(f"the motor had drive for {on_us} us, not {pulse_us} us: report it")
-    return f"done, {on_us} us under drive for a pulse of {pulse_us} us"
-
-
-def stop_in_motion(mount: Mount, axis: Axis) -> str:
-    """A stop ends a move that is under way."""
-    _rest(mount, axis)
-    axis.step(-_long_move(axis), wait=False)
-    mount.link.sleep(0.05)
-    mount.stop()
-    _must_be(axis.wait(), wire.ABORTED)
-    return "the move ended at once"
-
-
-def keep_alive_ends_motion(mount: Mount, axis: Axis) -> str:
-    """A move ends when its host falls silent, and the board says so."""
-    _rest(mount, axis)
-    mount.send(f"XK{_KEEP_ALIVE_MS};{axis.number}PR{_long_move(axis)}")
-    mount.link.sleep(_SILENCE_S)
-    _must_be(axis.wait(), wire.KEEP_ALIVE)
-    codes = [error.code for error in mount.errors()]
-    if wire.KEEP_ALIVE_LOST not in codes:
-        raise Wrong(f"the move ended, but error {wire.KEEP_ALIVE_LOST} was not told: report it")
-    return f"the move ended after {_KEEP_ALIVE_MS} ms of silence, and the board says {wire.KEEP_ALIVE_LOST}"
-
-
-def _long_move(axis: Axis) -> int:
-    """So many steps that the move lasts for a second at least, were it not ended."""
-    pulse_us, velocity = axis.ask("XP?", "VA?")
-    return math.ceil(1 / max(1 / float(velocity), int(pulse_us) * 1e-6)) + 1
-
-
-def _rest(mount: Mount, axis: Axis) -> None:
-    """Wait for the end of the last step's rest: a move that begins in it is ended before the motor has drive."""
-    pulse_us, velocity = axis.ask("XP?", "VA?")
-    mount.link.sleep(max(1 / float(velocity), int(pulse_us) * 1e-6) + 0.01)
-
-
-def _must_be(ended: Ended, reason: int) -> None:
-    if ended.reason in _BY_ENCODER:
-        raise Wrong(f"the move ended as {REASONS[ended.reason]!r}: {_WHY}")
-    if ended.reason != reason:
-        raise Wrong(f"the move ended as {REASONS[ended.reason]!r}, not as {REASONS[reason]!r}: report it")
-    if not ended.on_time_s:
-        raise Wrong("the move ended before the motor had drive, so nothing was tested: run it again")
-
-
-# ---- all checks
 
 
 def run_checks(open_mount: Callable[[], Mount], *, move: bool) -> None:
@@ -332,21 +205,140 @@ def stop_at_rest(mount: Mount) -> str:
     return "answered, and nothing moves"
 
 
-# ---- the command
+# ---- checks that move the mirror
 
 
-def arguments(parser: argparse.ArgumentParser) -> None:
-    """--move, and the port."""
-    port_options(parser)
-    parser.add_argument("--move", action="store_true", help="also make a few steps on each axis")
+def motion_checks(mount: Mount, axis: Axis) -> Iterator[tuple[str, Callable[[], str]]]:
+    """The checks of one axis: (what, check)."""
+    if axis.has_encoder:
+        yield "encoder in a move", lambda: encoder_in_a_move(axis)
+    yield "one step forward", lambda: one_step(axis, 1)
+    yield "one step back", lambda: one_step(axis, -1)
+    yield "stop in a move", lambda: stop_in_motion(mount, axis)
+    yield "keep-alive", lambda: keep_alive_ends_motion(mount, axis)
 
 
-def run(args: argparse.Namespace) -> None:
-    """Print one line a check. Raises CheckFailed if one failed."""
-    from mirrormount.terminal import ended_in_order
+def one_step(axis: Axis, n: int) -> str:
+    """A step is done, and its time under drive is the pulse's; a take-up of the backlash may come on top."""
+    pulse_us, take_up_us = axis.ask_whole("XP?", "XB?")
+    try:
+        axis.step(n)
+    except MoveEnded as e:
+        if e.reason in _BY_ENCODER:
+            raise Wrong(f"{e}: {_WHY}") from e
+        raise
+    if axis.has_encoder and axis.closed_loop:
+        return f"done, {axis.last_move().on_time_s * 1e6:.0f} us under drive until its counts were there"
+    on_us = round(axis.last_move().on_time_s * 1e6)
+    if not pulse_us - _LATE_US <= on_us <= pulse_us + take_up_us + _LATE_US:
+        raise Wrong(f"the motor had drive for {on_us} us, not {pulse_us} us: report it")
+    return f"done, {on_us} us under drive for a pulse of {pulse_us} us"
 
-    with ended_in_order():
-        run_checks(lambda: open_mount(args), move=args.move)
+
+def stop_in_motion(mount: Mount, axis: Axis) -> str:
+    """A stop ends a move that is under way."""
+    _rest(mount, axis)
+    axis.step(-_long_move(axis), wait=False)
+    mount.link.sleep(0.05)
+    mount.stop()
+    _must_be(axis.wait(), wire.ABORTED)
+    return "the move ended at once"
+
+
+def keep_alive_ends_motion(mount: Mount, axis: Axis) -> str:
+    """A move ends when its host falls silent, and the board says so."""
+    _rest(mount, axis)
+    mount.send(f"XK{_KEEP_ALIVE_MS};{axis.number}PR{_long_move(axis)}")
+    mount.link.sleep(_SILENCE_S)
+    _must_be(axis.wait(), wire.KEEP_ALIVE)
+    codes = [error.code for error in mount.errors()]
+    if wire.KEEP_ALIVE_LOST not in codes:
+        raise Wrong(f"the move ended, but error {wire.KEEP_ALIVE_LOST} was not told: report it")
+    return f"the move ended after {_KEEP_ALIVE_MS} ms of silence, and the board says {wire.KEEP_ALIVE_LOST}"
+
+
+def _long_move(axis: Axis) -> int:
+    """So many steps that the move lasts for a second at least, were it not ended."""
+    pulse_us, velocity = axis.ask("XP?", "VA?")
+    return math.ceil(1 / max(1 / float(velocity), int(pulse_us) * 1e-6)) + 1
+
+
+def _rest(mount: Mount, axis: Axis) -> None:
+    """Wait for the end of the last step's rest: a move that begins in it is ended before the motor has drive."""
+    pulse_us, velocity = axis.ask("XP?", "VA?")
+    mount.link.sleep(max(1 / float(velocity), int(pulse_us) * 1e-6) + 0.01)
+
+
+def _must_be(ended: Ended, reason: int) -> None:
+    if ended.reason in _BY_ENCODER:
+        raise Wrong(f"the move ended as {REASONS[ended.reason]!r}: {_WHY}")
+    if ended.reason != reason:
+        raise Wrong(f"the move ended as {REASONS[ended.reason]!r}, not as {REASONS[reason]!r}: report it")
+    if not ended.on_time_s:
+        raise Wrong("the move ended before the motor had drive, so nothing was tested: run it again")
+
+
+# ---- encoder
+
+
+def encoder_at_rest(axis: Axis) -> str:
+    """The encoder answers."""
+    per_step, closed = axis.ask_whole("XN?", "MM?")
+    try:
+        counts = [axis.counts for _ in range(_LOOKS)][-1]
+    except EncoderFault as e:
+        raise Wrong(
+            f"{e}: its plug, its supply, SDA and SCL, the distance of the magnet;"
+            f" 'mirrormount config set {axis.name}.closed_loop 0' goes on without it"
+        ) from e
+    what = f"stands at {counts} counts"
+    if not per_step:
+        raise NotTested(f"{what}; how many a step has is not known (mirrormount setup measures it)")
+    return f"{what}, {abs(per_step)} a step, {'closed' if closed else 'open'} loop"
+
+
+def encoder_in_a_move(axis: Axis) -> str:
+    """It turns with the motor, in the direction and by the counts that setup has found, and none gets lost."""
+    lost, ended = "", None
+    try:
+        lost = _none_lost(axis)  # at first: timed steps are no measured ones
+    except MoveEnded as e:
+        ended = e  # what the encoder counts says more
+    try:
+        found = axis.measure_counts(_STEPS)
+    except EncoderFault as e:
+        raise Wrong(f"{e}: does the motor turn? If so, its plug, supply and wires, then mirrormount setup") from e
+    per_step = axis.counts_per_step
+    counted = f"{found.positive:.0f} counts a step, {found.negative:.0f} back"
+    if not per_step:
+        raise NotTested(f"{counted}; they are not set (mirrormount setup measures them)")
+    if per_step * found.per_step < 0:
+        raise Wrong(f"{counted}, the other way than counts_per_step ({per_step}): A and B, or the motor's leads")
+    if abs(found.per_step - per_step) > _DIFFERENT * abs(per_step):
+        raise Wrong(f"{counted} where counts_per_step is {per_step}: supply, a slipping disc, or mirrormount setup")
+    if ended:
+        raise Wrong(f"{counted}, but in the closed loop: {ended}; docs/errors.md has the causes") from ended
+    return _kept(axis, counted + lost)
+
+
+def _none_lost(axis: Axis) -> str:
+    """A board says that counts were lost by taking back what a measured position is worth; any other it does not."""
+    if axis.status().certainty != _MEASURED:
+        return f", lost counts not looked for (that needs the closed loop and a measured position: {axis.number}DH0)"
+    axis.step(_STEPS)
+    axis.step(-_STEPS)
+    if axis.status().certainty != _MEASURED:
+        raise Wrong("counts were lost on the way: motor wires beside those of the encoder, or a bad plug")
+    return ", none lost"
+
+
+def _kept(axis: Axis, counted: str) -> str:
+    """At rest nothing is counted."""
+    before = axis.counts
+    for _ in range(20):
+        if abs(counts_between(before, axis.counts)) > 2:
+            raise Wrong(f"{counted}, but it goes on counting at rest: noise on its wires")
+    return f"{counted}, and none at rest"
 
 
 COMMANDS = (Command("check", "test the mount step by step; nothing moves without --move", run, arguments),)

@@ -12,12 +12,44 @@ from mirrormount.device.mount import Mount
 from mirrormount.device.settings import ENCODER, SETTINGS, Setting, check, setting
 from mirrormount.device.table_file import find_port
 from mirrormount.errors import BadFile, BadValue, NotSupported
+from mirrormount.terminal import ended_in_order
 from mirrormount.values import typed_number
 
 _LASTS = "until the board restarts; to keep it: mirrormount config save"
 _SAVED = "saved on the board"
 _GONE = "; it is a virtual board that ends with this command: virtual://?files=FOLDER keeps what it saves"
 _KEEPS = re.compile(r"[?&](files|flash)=")  # in the address of a virtual board
+_SAVE_HELP = "keep it, and all other present settings, on the board"
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """The verbs, each with the port."""
+    verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB")
+
+    def add(name: str, what: str) -> argparse.ArgumentParser:
+        verb = verbs.add_parser(name, help=what, description=what)
+        port_options(verb)
+        return verb
+
+    add("get", "show all settings, or one").add_argument("name", nargs="?", metavar="NAME", help="such as x.pulse_us")
+    sub = add("set", "change one setting until the board restarts, or for good")
+    sub.add_argument("name", metavar="NAME", help="such as x.pulse_us")
+    sub.add_argument("value", metavar="VALUE")
+    sub.add_argument("--save", action="store_true", help=_SAVE_HELP)
+    add("save", "keep the present settings on the board")
+    sub = add("restore", "go back to the saved settings")
+    sub.add_argument("--factory", action="store_true", help="to those of a new board instead; saved ones stay saved")
+    add("export", "write all settings to a TOML file").add_argument("file", metavar="FILE", help="- is standard output")
+    sub = add("import", "take settings from a TOML file: all of them, or none")
+    sub.add_argument("file", metavar="FILE", help="- is standard input")
+    sub.add_argument("--save", action="store_true", help=_SAVE_HELP)
+
+
+def run(args: argparse.Namespace) -> None:
+    """Carry out the verb. Raises MountError; BadValue and BadFile before a port is opened."""
+    check_arguments(args)
+    with ended_in_order(), open_mount(args) as mount:
+        carry_out(mount, args)
 
 
 # ---- the verbs
@@ -42,39 +74,6 @@ def carry_out(mount: Mount, args: argparse.Namespace) -> None:
         export(mount, args.file)
     else:
         import_(mount, args.wanted, save=args.save, saved=saved)
-
-
-def _kept(mount: Mount, save: bool, saved: str) -> str:
-    """Save if that is wanted. Returns for how long the settings last. Ctrl-C says that the board has taken them."""
-    if save:
-        try:
-            mount.save()
-        except KeyboardInterrupt:
-            raise KeyboardInterrupt("stopped; the board uses the settings, and may not have saved them") from None
-    return saved if save else _LASTS
-
-
-def _saved(mount: Mount, address: str | None) -> str:
-    """What a save is called: on a virtual board that this command has started it may not last."""
-    if address is None or not hasattr(mount.link.port, "simulation") or _KEEPS.search(find_port(address).address):
-        return _SAVED
-    return _SAVED + _GONE
-
-
-def check_arguments(args: argparse.Namespace) -> None:
-    """Find out before a port is opened that something cannot be. Raises BadValue, BadFile.
-
-    The settings to import are args.wanted from then on: a pipe can be read only once.
-    """
-    if getattr(args, "file", None) == "":
-        raise BadValue("FILE is an empty text: name a file, or - for standard input and output")
-    name = getattr(args, "name", None)
-    if name is not None:
-        known = _setting(name)
-        if args.verb == "set":
-            known.check(name, number(name, args.value))
-    elif args.verb == "import":
-        args.wanted = load(args.file)
 
 
 def get(mount: Mount, name: str | None) -> None:
@@ -131,12 +130,20 @@ def load(name: str) -> dict[str, Any]:
     return tables
 
 
-def _setting(name: str) -> Setting:
-    """The setting called "x.pulse_us". Raises BadValue with the names of all, and which of them are an encoder's."""
-    try:
-        return setting(name)
-    except BadValue as e:
-        raise BadValue(f"{e} (from {next(iter(ENCODER))} on: of an axis with an encoder)") from None
+def check_arguments(args: argparse.Namespace) -> None:
+    """Find out before a port is opened that something cannot be. Raises BadValue, BadFile.
+
+    The settings to import are args.wanted from then on: a pipe can be read only once.
+    """
+    if getattr(args, "file", None) == "":
+        raise BadValue("FILE is an empty text: name a file, or - for standard input and output")
+    name = getattr(args, "name", None)
+    if name is not None:
+        known = _setting(name)
+        if args.verb == "set":
+            known.check(name, number(name, args.value))
+    elif args.verb == "import":
+        args.wanted = load(args.file)
 
 
 def number(name: str, text: str) -> int | float:
@@ -152,41 +159,29 @@ def number(name: str, text: str) -> int | float:
         raise BadValue(f"{name} is {kind}, without an exponent, not {text!r}") from None
 
 
-# ---- the command
-
-_SAVE_HELP = "keep it, and all other present settings, on the board"
-
-
-def arguments(parser: argparse.ArgumentParser) -> None:
-    """The verbs, each with the port."""
-    verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB")
-
-    def add(name: str, what: str) -> argparse.ArgumentParser:
-        verb = verbs.add_parser(name, help=what, description=what)
-        port_options(verb)
-        return verb
-
-    add("get", "show all settings, or one").add_argument("name", nargs="?", metavar="NAME", help="such as x.pulse_us")
-    sub = add("set", "change one setting until the board restarts, or for good")
-    sub.add_argument("name", metavar="NAME", help="such as x.pulse_us")
-    sub.add_argument("value", metavar="VALUE")
-    sub.add_argument("--save", action="store_true", help=_SAVE_HELP)
-    add("save", "keep the present settings on the board")
-    sub = add("restore", "go back to the saved settings")
-    sub.add_argument("--factory", action="store_true", help="to those of a new board instead; saved ones stay saved")
-    add("export", "write all settings to a TOML file").add_argument("file", metavar="FILE", help="- is standard output")
-    sub = add("import", "take settings from a TOML file: all of them, or none")
-    sub.add_argument("file", metavar="FILE", help="- is standard input")
-    sub.add_argument("--save", action="store_true", help=_SAVE_HELP)
+def _kept(mount: Mount, save: bool, saved: str) -> str:
+    """Save if that is wanted. Returns for how long the settings last. Ctrl-C says that the board has taken them."""
+    if save:
+        try:
+            mount.save()
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt("stopped; the board uses the settings, and may not have saved them") from None
+    return saved if save else _LASTS
 
 
-def run(args: argparse.Namespace) -> None:
-    """Carry out the verb. Raises MountError; BadValue and BadFile before a port is opened."""
-    from mirrormount.terminal import ended_in_order
+def _saved(mount: Mount, address: str | None) -> str:
+    """What a save is called: on a virtual board that this command has started it may not last."""
+    if address is None or not hasattr(mount.link.port, "simulation") or _KEEPS.search(find_port(address).address):
+        return _SAVED
+    return _SAVED + _GONE
 
-    check_arguments(args)
-    with ended_in_order(), open_mount(args) as mount:
-        carry_out(mount, args)
+
+def _setting(name: str) -> Setting:
+    """The setting called "x.pulse_us". Raises BadValue with the names of all, and which of them are an encoder's."""
+    try:
+        return setting(name)
+    except BadValue as e:
+        raise BadValue(f"{e} (from {next(iter(ENCODER))} on: of an axis with an encoder)") from None
 
 
 COMMANDS = (Command("config", "show, change, save, export and import settings", run, arguments),)

@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from mirrormount.cli.arguments import Command, from_extra, no_arguments, no_work, table_option, whence
-from mirrormount.errors import BadValue, ExtraMissing, MountError
+from mirrormount.errors import BadValue, ExtraMissing, MountError, explain
 from mirrormount.terminal import Terminated, printable
 from mirrormount.values import TABLE_VARIABLE
 from mountfw import __version__
@@ -139,8 +139,6 @@ def main(argv: list[str] | None = None) -> int:
 def _explained(e: MountError) -> list[str]:
     if not e.codes:
         return []
-    from mirrormount.errors import explain
-
     return explain(e.codes)
 
 

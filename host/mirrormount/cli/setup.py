@@ -18,7 +18,7 @@ from mirrormount.device.axis import Axis
 from mirrormount.device.calibration import Marks, Measured, Scale, Step, beam_per_mirror, measure_scale, take_up
 from mirrormount.device.mount import Mount
 from mirrormount.errors import BadValue, EncoderFault, MountError, SettingRefused, SetupEnded
-from mirrormount.terminal import Terminated
+from mirrormount.terminal import Terminated, ended_in_order
 from mirrormount.values import typed_number
 
 T = TypeVar("T")
@@ -114,8 +114,8 @@ class Dialogue:
 # ---- steps for one axis
 
 _TRIES = (5, 10, 20)  # steps: the first few may vanish in the backlash
-_USUAL_MRAD = (0.01, 2.0)  # of the mirror a step; the paper's mount: 0.2
-_ALIKE = 0.25  # relative difference of the two directions that needs no question
+_USUAL_MRAD = (0.01, 2.0)  # usual angles of the mirror a step; the paper's mount has 0.2
+_ALIKE = 0.25  # a smaller relative difference of the two directions needs no question
 
 
 @dataclass(frozen=True)
@@ -457,8 +457,6 @@ def _save(mount: Mount, scales: dict[int, Scale], say: Callable[[str], None]) ->
 
 def run(args: argparse.Namespace) -> None:
     """Ask and move, and save at the end if the answer is yes. Raises MountError."""
-    from mirrormount.terminal import ended_in_order
-
     with ended_in_order(), open_mount(args) as mount:
         run_course(mount)
 

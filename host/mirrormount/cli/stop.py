@@ -19,39 +19,6 @@ _BUSY_S = 1.5  # how long a program may have a port and take no stop: another `s
 _PROMPT_S, _POLL_S = 1.0, 0.02  # how long a prompt may take to come back
 
 
-class _Stops:
-    """Stops that are given at the same time. Each of them returns a line for the person, or raises."""
-
-    def __init__(self) -> None:
-        self._results: SimpleQueue[str | BaseException] = SimpleQueue()
-        self._begun = 0
-
-    def begin(self, stop: Callable[[], str]) -> None:
-        """Give a stop. The thread is no daemon: nothing that happens meanwhile keeps it from its end."""
-
-        def run() -> None:
-            try:
-                self._results.put(stop())
-            except BaseException as e:
-                self._results.put(e)
-
-        self._begun += 1
-        threading.Thread(target=run).start()
-
-    def tell(self) -> list[MountError]:
-        """Print the lines as they come. Returns what went wrong."""
-        problems: list[MountError] = []
-        for _ in range(self._begun):
-            result = self._results.get()
-            if isinstance(result, MountError):
-                problems.append(result)
-            elif isinstance(result, BaseException):
-                raise result
-            elif result:
-                print(result, flush=True)
-        return problems
-
-
 def run(args: argparse.Namespace) -> None:
     """Stop the mount at --port; without one, all: every mount that a program of this user has open, the one that the
     environment names, those of the table, and those that are plugged in.
@@ -127,6 +94,39 @@ def _stop_all(of_environment: str | None) -> list[MountError]:
 
         stops.begin(stop)
     return problems + stops.tell()
+
+
+class _Stops:
+    """Stops that are given at the same time. Each of them returns a line for the person, or raises."""
+
+    def __init__(self) -> None:
+        self._results: SimpleQueue[str | BaseException] = SimpleQueue()
+        self._begun = 0
+
+    def begin(self, stop: Callable[[], str]) -> None:
+        """Give a stop. The thread is no daemon: nothing that happens meanwhile keeps it from its end."""
+
+        def run() -> None:
+            try:
+                self._results.put(stop())
+            except BaseException as e:
+                self._results.put(e)
+
+        self._begun += 1
+        threading.Thread(target=run).start()
+
+    def tell(self) -> list[MountError]:
+        """Print the lines as they come. Returns what went wrong."""
+        problems: list[MountError] = []
+        for _ in range(self._begun):
+            result = self._results.get()
+            if isinstance(result, MountError):
+                problems.append(result)
+            elif isinstance(result, BaseException):
+                raise result
+            elif result:
+                print(result, flush=True)
+        return problems
 
 
 def _every_port(of_environment: str | None) -> tuple[dict[str, bool], list[MountError]]:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from typing import Generic, Self, TypeVar, cast, overload
 
 from mirrormount import values
-from mirrormount.device import settings
+from mirrormount.device import calibration, settings
 from mirrormount.device.session import Session
 from mirrormount.device.status import AxisStatus, Ended, Homed, Limits, table
 from mirrormount.errors import BadValue, BoardError, EncoderFault, MoveEnded, NoAnswer, NotAMount, NotSupported
@@ -219,7 +219,7 @@ class Axis:
         feed: bool = True,
         progress: Progress | None = None,
     ) -> float:
-        """Move to a position in one of units.UNITS, which may lie between two steps. Returns the one reached, in steps.
+        """Move to a position in one of values.UNITS, also between two steps. Returns the one reached, in steps.
 
         The remainder of whole steps is one pulse of its own length (`XU`), so that a whole position is reached
         also from one between two steps, such as a jog's end; the position is an estimate then. The board's shortest
@@ -248,7 +248,7 @@ class Axis:
     def move_by(
         self, amount: float, unit: str = values.STEPS, *, wait: bool = True, progress: Progress | None = None
     ) -> float:
-        """Move by an amount of one of units.UNITS. Returns the amount that its pulses are worth.
+        """Move by an amount of one of values.UNITS. Returns the amount that its pulses are worth.
 
         A part of a step is one pulse of its own length (`XU`) and makes the position an estimate; without wait, the
         nearest whole number of steps is moved, and an amount in steps must be whole. Angles and mm go by the scale of
@@ -362,8 +362,6 @@ class Axis:
 
     def _per_step(self, unit: str, amount: float, step: tuple[int, int, int]) -> float:
         """How much of a unit one step in the direction of amount is."""
-        from mirrormount.device import calibration  # a program that stops, or counts in steps, needs no file
-
         scale, mirror_mrad = calibration.scale_of(
             self._session.board.id, self.number, self.name, 1 if amount > 0 else -1, calibration.Step(*step)
         )

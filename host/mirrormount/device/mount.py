@@ -25,15 +25,6 @@ from mirrormount.transport.ports import open_port
 from mirrormount.transport.stop_socket import held_here
 from mirrormount.values import whole_number
 
-
-def encode_frame(m1: int, m2: int) -> bytes:
-    """The frame that drives motor 1 at m1 and motor 2 at m2, -255 … 255. Raises ValueError outside that range."""
-    for n in (m1, m2):
-        if not -255 <= n <= 255:
-            raise ValueError("a frame's speed must be within -255 ... 255")
-    return b"".join(b"%s%03d" % (b"-" if n < 0 else b"0", abs(n)) for n in (m1, m2))
-
-
 __all__ = ["Axis", "AxisStatus", "Ended", "Homed", "Limits", "Mount", "QueuedError", "Status"]
 
 
@@ -239,3 +230,11 @@ class Mount:
     def reset(self) -> None:
         """Re-initialise the board in place: off, all as at power-up, an emergency stop released. Raises BoardError."""
         self.send("*RST")
+
+
+def encode_frame(m1: int, m2: int) -> bytes:
+    """The frame that drives motor 1 at m1 and motor 2 at m2, -255 … 255. Raises ValueError outside that range."""
+    for n in (m1, m2):
+        if not -255 <= n <= 255:
+            raise ValueError("a frame's speed must be within -255 ... 255")
+    return b"".join(b"%s%03d" % (b"-" if n < 0 else b"0", abs(n)) for n in (m1, m2))

@@ -80,7 +80,6 @@ def port_of_entry(name: str, entry: "MountEntry") -> MountPort:
 
 def table_addresses() -> list[str]:
     """Where the mounts of the table are, each port once, without those that are not plugged in. Raises BadFile."""
-
     found = {}
     for name, entry in read().mounts.items():
         with contextlib.suppress(NoBoardFound):

@@ -66,7 +66,7 @@ class GoTo:
 
 @dataclass(frozen=True)
 class MoveBy:
-    """Move by an amount of one of units.UNITS: whole steps, then one pulse for the rest."""
+    """Move by an amount of one of values.UNITS: whole steps, then one pulse for the rest."""
 
     axis: str
     amount: float
@@ -75,7 +75,7 @@ class MoveBy:
 
 @dataclass(frozen=True)
 class MoveTo:
-    """Move to a position in one of units.UNITS, as MoveBy. Its scale is the mean of both directions."""
+    """Move to a position in one of values.UNITS, as MoveBy. Its scale is the mean of both directions."""
 
     axis: str
     position: float

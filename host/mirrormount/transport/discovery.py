@@ -20,87 +20,10 @@ from mirrormount.errors import NoBoardFound, SeveralBoardsFound, WrongDrive
 from mirrormount.supported import CIRCUITPYTHON, text
 from mirrormount.terminal import printable
 
-# ---- mounted volumes
-
 # A board's drive is FAT. Other volumes are not asked, for one on a network may hang.
 _FAT = {"vfat", "msdos", "exfat", "fuseblk"}
 _WINDOWS_REMOVABLE = 2  # GetDriveTypeW of a USB drive
 _WINDOWS_READ_ONLY = 0x80000  # FILE_READ_ONLY_VOLUME of GetVolumeInformationW
-
-
-@dataclass(frozen=True)
-class Room:
-    """Free space of a volume, in clusters of cluster_bytes; a file takes whole clusters."""
-
-    free: int
-    cluster_bytes: int
-    read_only: bool
-
-    def clusters(self, size_bytes: int) -> int:
-        """Clusters that a file of this size takes."""
-        return -(-size_bytes // self.cluster_bytes)
-
-
-def mounted() -> list[Path]:
-    """The roots of the volumes that can be a board's drive."""
-    if sys.platform == "win32":
-        return _removable_letters()
-    if sys.platform == "darwin":
-        return _folders_in(Path("/Volumes"))
-    return fat_mounts(Path("/proc/mounts"))
-
-
-def fat_mounts(table: Path) -> list[Path]:
-    """The mount points of FAT volumes in a table like /proc/mounts (Linux)."""
-    try:
-        lines = table.read_text(encoding="utf-8", errors="surrogateescape").splitlines()
-    except OSError:
-        return []
-    mounts = [fields for line in lines if len(fields := line.split(" ")) > 2 and fields[2] in _FAT]
-    # a space in a name is \040 there
-    return sorted({Path(re.sub(r"\\([0-7]{3})", lambda m: chr(int(m[1], 8)), fields[1])) for fields in mounts})
-
-
-def _folders_in(folder: Path) -> list[Path]:
-    try:
-        return sorted(path for path in folder.iterdir() if path.is_dir())
-    except OSError:
-        return []
-
-
-def _removable_letters() -> list[Path]:
-    import ctypes
-
-    kernel = ctypes.windll.kernel32  # type: ignore[attr-defined]
-    present = kernel.GetLogicalDrives()
-    letters = [chr(ord("A") + bit) for bit in range(26) if present >> bit & 1]
-    return [Path(f"{x}:\\") for x in letters if kernel.GetDriveTypeW(f"{x}:\\") == _WINDOWS_REMOVABLE]
-
-
-def room(path: Path) -> Room:
-    """What the volume with this path has left. Raises OSError."""
-    if sys.platform == "win32":
-        return _room_of_letter(path)
-    v = os.statvfs(path)
-    read_only = bool(v.f_flag & os.ST_RDONLY) or not os.access(path, os.W_OK)
-    return Room(v.f_bavail, v.f_frsize, read_only)
-
-
-def _room_of_letter(path: Path) -> Room:
-    import ctypes
-
-    kernel = ctypes.windll.kernel32  # type: ignore[attr-defined]
-    root = f"{path.resolve().drive}\\"
-    numbers = [ctypes.c_ulong() for _ in range(4)]  # sectors a cluster, bytes a sector, free clusters, all clusters
-    flags = ctypes.c_ulong()
-    done = kernel.GetDiskFreeSpaceW(root, *[ctypes.byref(n) for n in numbers])
-    if not done or not kernel.GetVolumeInformationW(root, None, 0, None, None, ctypes.byref(flags), None, 0):
-        raise OSError(f"{root} does not tell its room")
-    return Room(numbers[2].value, numbers[0].value * numbers[1].value, bool(flags.value & _WINDOWS_READ_ONLY))
-
-
-# ---- CircuitPython drives
-
 _FIRST_LINE = re.compile(r"Adafruit CircuitPython (\S+) on [^;]*; *(.*)")
 _NUMBER = re.compile(r"(\d{1,4})\.(\d{1,4})")
 _LONGEST = 4096  # bytes of boot_out.txt: the lines that are needed come before the output of boot.py
@@ -108,6 +31,57 @@ GET_IT = (
     "the .uf2 for the board is at circuitpython.org/downloads: double-press reset, or hold BOOTSEL while plugging in,"
     " and drop it on the drive that appears"
 )
+_DATA = " CDC2 "  # in the interface's name, for instance "CircuitPython CDC2 control"; the console's has " CDC "
+# USB ids (vendor, product) that are certainly a MicroPython board. CircuitPython boards have hundreds: they are
+# known by their drives. An Adafruit Feather RP2040 has the same id (239a:80f2) with either, so it is not here. Nothing
+# else is ever written to unasked: an unknown port may be another instrument.
+KNOWN_IDS = {(0x2E8A, 0x0005): "MicroPython on RP2040/RP2350"}
+
+
+# ---- all boards
+
+
+def find() -> list[tuple[str, str]]:
+    """The serial ports of possible mounts: (device, description).
+
+    A CircuitPython board is one of them if its drive is mounted and has mountfw on it: then its data channel, or
+    its console if it has one channel.
+    """
+    ports = serial_ports()
+    drives = find_drives()
+    return _micropython(ports) + (mounts(drives, ports) if drives else [])
+
+
+def find_micropython() -> list[tuple[str, str]]:
+    """The serial ports of MicroPython boards: (device, description)."""
+    return _micropython(serial_ports())
+
+
+def find_one() -> str:
+    """The port of the only possible mount. Raises NoBoardFound or SeveralBoardsFound."""
+    found = [device for device, _ in find()]
+    if not found:
+        if unknown := unknown_data_channels(serial_ports()):
+            raise NoBoardFound(
+                f"a CircuitPython board listens at {', '.join(unknown)}, but its drive is not mounted here, so nobody"
+                " knows what it is: if it is the mount, name the port"
+            )
+        raise NoBoardFound("no board found: plug one in, name its port, or use --port virtual://")
+    if len(found) > 1:
+        raise SeveralBoardsFound(f"several boards found, name one with --port: {', '.join(found)}")
+    return found[0]
+
+
+def serial_ports() -> list:
+    """All serial ports of this computer, as pyserial lists them, sorted by device."""
+    return sorted(list_ports.comports(), key=lambda port: port.device)
+
+
+def _micropython(ports: list) -> list[tuple[str, str]]:
+    return [(port.device, KNOWN_IDS[port.vid, port.pid]) for port in ports if (port.vid, port.pid) in KNOWN_IDS]
+
+
+# ---- CircuitPython drives
 
 
 @dataclass(frozen=True)
@@ -194,8 +168,6 @@ def find_bootloaders() -> list[Path]:
 
 # ---- serial ports of CircuitPython boards
 
-_DATA = " CDC2 "  # in the interface's name, for instance "CircuitPython CDC2 control"; the console's has " CDC "
-
 
 @dataclass(frozen=True)
 class Channels:
@@ -252,49 +224,75 @@ def _place(port: Any) -> tuple[int, list[int], str]:
     return (int(number[1]) if number else 0, in_name, port.device)
 
 
-# ---- all boards
-
-# USB ids (vendor, product) that are certainly a MicroPython board. CircuitPython boards have hundreds: they are
-# known by their drives. An Adafruit Feather RP2040 has the same id (239a:80f2) with either, so it is not here. Nothing
-# else is ever written to unasked: an unknown port may be another instrument.
-KNOWN_IDS = {(0x2E8A, 0x0005): "MicroPython on RP2040/RP2350"}
+# ---- mounted volumes
 
 
-def find() -> list[tuple[str, str]]:
-    """The serial ports of possible mounts: (device, description).
+@dataclass(frozen=True)
+class Room:
+    """Free space of a volume, in clusters of cluster_bytes; a file takes whole clusters."""
 
-    A CircuitPython board is one of them if its drive is mounted and has mountfw on it: then its data channel, or
-    its console if it has one channel.
-    """
-    ports = serial_ports()
-    drives = find_drives()
-    return _micropython(ports) + (mounts(drives, ports) if drives else [])
+    free: int
+    cluster_bytes: int
+    read_only: bool
 
-
-def find_micropython() -> list[tuple[str, str]]:
-    """The serial ports of MicroPython boards: (device, description)."""
-    return _micropython(serial_ports())
+    def clusters(self, size_bytes: int) -> int:
+        """Clusters that a file of this size takes."""
+        return -(-size_bytes // self.cluster_bytes)
 
 
-def find_one() -> str:
-    """The port of the only possible mount. Raises NoBoardFound or SeveralBoardsFound."""
-    found = [device for device, _ in find()]
-    if not found:
-        if unknown := unknown_data_channels(serial_ports()):
-            raise NoBoardFound(
-                f"a CircuitPython board listens at {', '.join(unknown)}, but its drive is not mounted here, so nobody"
-                " knows what it is: if it is the mount, name the port"
-            )
-        raise NoBoardFound("no board found: plug one in, name its port, or use --port virtual://")
-    if len(found) > 1:
-        raise SeveralBoardsFound(f"several boards found, name one with --port: {', '.join(found)}")
-    return found[0]
+def mounted() -> list[Path]:
+    """The roots of the volumes that can be a board's drive."""
+    if sys.platform == "win32":
+        return _removable_letters()
+    if sys.platform == "darwin":
+        return _folders_in(Path("/Volumes"))
+    return fat_mounts(Path("/proc/mounts"))
 
 
-def serial_ports() -> list:
-    """All serial ports of this computer, as pyserial lists them, sorted by device."""
-    return sorted(list_ports.comports(), key=lambda port: port.device)
+def fat_mounts(table: Path) -> list[Path]:
+    """The mount points of FAT volumes in a table like /proc/mounts (Linux)."""
+    try:
+        lines = table.read_text(encoding="utf-8", errors="surrogateescape").splitlines()
+    except OSError:
+        return []
+    mounts = [fields for line in lines if len(fields := line.split(" ")) > 2 and fields[2] in _FAT]
+    # a space in a name is \040 there
+    return sorted({Path(re.sub(r"\\([0-7]{3})", lambda m: chr(int(m[1], 8)), fields[1])) for fields in mounts})
 
 
-def _micropython(ports: list) -> list[tuple[str, str]]:
-    return [(port.device, KNOWN_IDS[port.vid, port.pid]) for port in ports if (port.vid, port.pid) in KNOWN_IDS]
+def _folders_in(folder: Path) -> list[Path]:
+    try:
+        return sorted(path for path in folder.iterdir() if path.is_dir())
+    except OSError:
+        return []
+
+
+def _removable_letters() -> list[Path]:
+    import ctypes
+
+    kernel = ctypes.windll.kernel32  # type: ignore[attr-defined]
+    present = kernel.GetLogicalDrives()
+    letters = [chr(ord("A") + bit) for bit in range(26) if present >> bit & 1]
+    return [Path(f"{x}:\\") for x in letters if kernel.GetDriveTypeW(f"{x}:\\") == _WINDOWS_REMOVABLE]
+
+
+def room(path: Path) -> Room:
+    """What the volume with this path has left. Raises OSError."""
+    if sys.platform == "win32":
+        return _room_of_letter(path)
+    v = os.statvfs(path)
+    read_only = bool(v.f_flag & os.ST_RDONLY) or not os.access(path, os.W_OK)
+    return Room(v.f_bavail, v.f_frsize, read_only)
+
+
+def _room_of_letter(path: Path) -> Room:
+    import ctypes
+
+    kernel = ctypes.windll.kernel32  # type: ignore[attr-defined]
+    root = f"{path.resolve().drive}\\"
+    numbers = [ctypes.c_ulong() for _ in range(4)]  # sectors a cluster, bytes a sector, free clusters, all clusters
+    flags = ctypes.c_ulong()
+    done = kernel.GetDiskFreeSpaceW(root, *[ctypes.byref(n) for n in numbers])
+    if not done or not kernel.GetVolumeInformationW(root, None, 0, None, None, ctypes.byref(flags), None, 0):
+        raise OSError(f"{root} does not tell its room")
+    return Room(numbers[2].value, numbers[0].value * numbers[1].value, bool(flags.value & _WINDOWS_READ_ONLY))

@@ -29,7 +29,7 @@ from mirrormount.errors import (
     PortAbsent,
     PortBusy,
 )
-from mirrormount.terminal import printable
+from mirrormount.terminal import install_command, printable
 from mirrormount.transport.stop_socket import owners, who_has
 from mirrormount.values import host_and_port
 
@@ -295,8 +295,6 @@ def _in_module(module: str, function: str, extra: str) -> Callable[[str], Any]:
         try:
             found = importlib.import_module(module)
         except ModuleNotFoundError as e:
-            from mirrormount.terminal import install_command
-
             told = f"{address} needs a package that is not installed ({e.name}): {install_command(extra)}"
             raise ExtraMissing(told) from e
         return getattr(found, function)(address)
