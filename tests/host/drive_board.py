@@ -59,7 +59,7 @@ def hash_on_board(root: Path) -> str:
             if path.is_file() and wanted:
                 name = f"{folder}/{path.name}" if folder else path.name
                 total.update(name.encode() + hashlib.sha256(path.read_bytes()).digest())
-    return total.hexdigest()
+    return f"sha256-{total.hexdigest()}"
 
 
 def usb_port(device: str, location: str, interface: str | None, serial: str = UID) -> SimpleNamespace:

@@ -279,7 +279,7 @@ def test_what_the_board_refuses_is_one_error_with_its_number(mount):
     mount.stop()
     mount.x.zero(1)
     with pytest.raises(errors.BoardError) as refusal:
-        mount.x.step(1_000_000)
+        mount.x.step(999_999)
     assert refusal.value.code == 201
     assert "\n" not in str(refusal.value)
 

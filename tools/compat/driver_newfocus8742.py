@@ -102,7 +102,7 @@ def abort_cuts_the_pulses_of_both_axes(t: Trial) -> None:
 
 @CHECKS.add("stop")
 def stop_ends_a_long_move_after_a_pulse(t: Trial) -> None:
-    t.driver.set_relative(1, 1_000_000)
+    t.driver.set_relative(1, 999_999)
     wait_for(lambda: t.place.driving(1), "the motor to run")
     t.driver.stop(1)
     t.driver.finish(1)

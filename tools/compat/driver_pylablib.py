@@ -196,7 +196,7 @@ def of_a_velocity_that_the_pulses_do_not_fit_in_as_much_is_made_as_is_possible(t
 
 @CHECKS.add("stop in a long move")
 def a_move_over_all_the_travel_is_begun_and_can_be_stopped(t: Trial) -> None:
-    t.driver.move_to(1, 1_000_000)
+    t.driver.move_to(1, 999_999)
     wait_for(lambda: t.place.driving(1), "the motor to run")
     assert t.driver.is_moving(1)
     t.driver.stop(immediate=True)
