@@ -184,7 +184,7 @@ class BadFile(MountError):
 
 class ExtraMissing(MountError):
     """A part of mirrormount needs a package that is not installed: the panel needs NiceGUI, the demo Matplotlib.
-    Remedy: What the line says: `pip install -e ".[gui]"` or `".[plot]"`, in the copy of the repository.
+    Remedy: What the line says: `pip install -e ".[panel]"` or `".[plot]"`, in the copy of the repository.
     """
 
 

@@ -11,7 +11,6 @@ import re
 import secrets
 import shutil
 import tempfile
-import tomllib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -116,6 +115,8 @@ def parse_toml(text: str, name: str) -> dict[str, Any]:
         raise BadFile(f"{name}: more than {_LONGEST} bytes, so no file of settings or of scales")
     if max(map(len, text.split("\n"))) > _LONGEST_LINE:
         raise BadFile(f"{name}: a line of more than {_LONGEST_LINE} characters, so no file of settings or of scales")
+    import tomllib  # a stop needs none of it
+
     try:
         tables = tomllib.loads(text)
     except tomllib.TOMLDecodeError as e:

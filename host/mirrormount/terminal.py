@@ -135,7 +135,7 @@ def install_command(extra: str) -> str:
 
     It is for the Python that runs: a bare `pip` may be another one's.
     """
-    copy = Path(__file__).parents[3]
+    copy = Path(__file__).parents[2]
     if (copy / "pyproject.toml").is_file():
         return f'{_this_python()} -m pip install -e "{copy}[{extra}]"'
     return f'in a copy of the repository: {_this_python()} -m pip install ".[{extra}]"'

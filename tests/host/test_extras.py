@@ -26,10 +26,10 @@ def test_the_python_that_runs_is_named_as_short_as_a_shell_finds_it(tmp_path, mo
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PATH", str(tmp_path / first))
     monkeypatch.setattr(sys, "executable", str(tmp_path / python))
-    assert install_command("gui") == f'{words} -m pip install -e "{COPY}[gui]"'
+    assert install_command("panel") == f'{words} -m pip install -e "{COPY}[panel]"'
 
 
 def test_a_python_elsewhere_is_named_with_its_path(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PATH", "")
-    assert install_command("gui") == f'{sys.executable} -m pip install -e "{COPY}[gui]"'
+    assert install_command("panel") == f'{sys.executable} -m pip install -e "{COPY}[panel]"'

@@ -93,7 +93,7 @@ def test_what_is_no_files_name_is_refused(name):
         (("virtual", "--link", "FILE/x"), "cannot make"),
         (("virtual", "--tcp", "٣"), "port number"),
         (("virtual", "--tcp", "9" * 5000), "port number"),
-        (("serve", "--tcp", "9" * 5000), "--tcp is HOST:PORT"),
+        (("serve", "--tcp", "9" * 5000), "--tcp is PORT or HOST:PORT"),
         (("virtual", "--image", "FILE", "--tcp", "0"), "for the machine rp2040"),
         (("virtual", "--flash", "FILE", "--tcp", "0"), "for the machine rp2040"),
         (("virtual", "--machine", "rp2040", "--files", "FOLDER", "--tcp", "0"), "--flash"),

@@ -142,4 +142,4 @@ def test_a_long_token_of_a_file_is_taken_without_a_word(served, capsys, tmp_path
 def test_without_nicegui_the_line_says_what_to_install(served, monkeypatch, capsys):
     monkeypatch.setattr(panel.importlib.util, "find_spec", lambda _name: None)
     assert main.main(["panel", "--virtual"]) == 1
-    assert '[gui]"' in capsys.readouterr().err
+    assert '[panel]"' in capsys.readouterr().err

@@ -24,8 +24,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from platformdirs import user_config_path
-
 from mirrormount import files
 from mirrormount.device.settings import SETTINGS
 from mirrormount.errors import BadFile, NotCalibrated
@@ -65,7 +63,11 @@ class Scale:
 def path() -> Path:
     """The path of the file of scales."""
     folder = os.environ.get("MIRRORMOUNT_CONFIG")
-    return (Path(folder) if folder else user_config_path("mirrormount", appauthor=False)) / "calibration.toml"
+    if folder:
+        return Path(folder) / "calibration.toml"
+    from platformdirs import user_config_path  # a stop needs none of it
+
+    return user_config_path("mirrormount", appauthor=False) / "calibration.toml"
 
 
 def read(board_id: str, axis: int) -> Scale | None:
