@@ -67,7 +67,7 @@ def test_the_links_are_of_the_family_that_is_listened_to(served):
 def test_the_only_mount_of_a_table_is_taken_and_of_several_all(served, monkeypatch, tmp_path):
     monkeypatch.setenv("MIRRORMOUNT_TABLE", str(tmp_path / "table.toml"))
     opened = []
-    monkeypatch.setattr(panel.panel_mounts, "of_table", lambda mounts, _s: opened.append([*mounts]) or {"": None})
+    monkeypatch.setattr(panel, "of_table", lambda mounts, _s: opened.append([*mounts]) or {"": None})
     for names in (["one"], ["one", "two"]):
         (tmp_path / "table.toml").write_text("".join(f'[mounts.{name}]\nport = "/dev/{name}"\n' for name in names))
         assert main.main(["panel", "--http", "0"]) == 0
