@@ -9,7 +9,6 @@ from mirrormount.cli import check, main
 from mirrormount.cli.check import run_checks
 from mirrormount.cli.setup import Dialogue, run_course
 from mirrormount.cli.setup import encoder as set_up
-from mirrormount.device import settings
 from mirrormount.device.axis import Axis
 
 
@@ -122,20 +121,14 @@ def test_check_at_rest_tells_an_encoder_that_does_not_answer(loop, capsys):
 
 
 @pytest.mark.parametrize(("name", "status"), [("SIGTERM", 143), ("SIGINT", 130)])
-def test_a_signal_ends_check_and_a_further_ctrl_c_leaves_the_loops_closed_too(loop, monkeypatch, name, status):
+def test_a_signal_ends_check_and_leaves_the_loops_closed(loop, monkeypatch, name, status):
     mount = loop().mount
-    put_back = settings.put_back
 
     def ended(_axis, _steps):
         assert mount.x.closed_loop == 0
         signal.raise_signal(getattr(signal, name))
 
-    def interrupted(*args):
-        signal.raise_signal(signal.SIGINT)
-        put_back(*args)
-
     monkeypatch.setattr(Axis, "_counts_of", ended)
-    monkeypatch.setattr(settings, "put_back", interrupted)
     monkeypatch.setattr(check, "open_mount", lambda _args: mount)
     monkeypatch.setattr(mount.session, "close", lambda: None)
     assert main.main(["check", "--move"]) == status

@@ -195,8 +195,8 @@ def _named(words: Sequence[str]) -> Sequence[str]:
     return word if word and word[0] in every else every
 
 
-def parser(names: Sequence[str]) -> WholeParser:
-    """The parser of a command line with these commands, from the table."""
+def parser(names: Sequence[str] | None = None) -> WholeParser:
+    """The parser of a command line with these commands (None: all), from the table."""
     whole = WholeParser(
         prog="mirrormount",
         description="Drive a motorised mirror mount.",
@@ -205,7 +205,7 @@ def parser(names: Sequence[str]) -> WholeParser:
     whole.add_argument("--version", action="version", version=f"mirrormount {__version__}")
     table_option(whole)
     subparsers = whole.add_subparsers(dest="command", metavar="COMMAND")
-    for command in commands(names):
+    for command in commands(_named([]) if names is None else names):
         sub = subparsers.add_parser(command.name, help=command.summary, description=command.summary)
         command.arguments(sub)
         sub.set_defaults(run=command.run)

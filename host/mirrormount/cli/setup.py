@@ -434,8 +434,9 @@ def _put_back(mount: Mount, before: dict[str, dict[str, int | float]]) -> str:
         settings.put_back(mount.session, before)
     except MountError as e:
         return f"nothing was saved; the settings could not be put back ({e}): a restart of the board does that"
-    except (KeyboardInterrupt, Terminated):  # of a shell command the only one: it ignores further ones
-        _put_back(mount, before)
+    except (KeyboardInterrupt, Terminated):  # once more, whole: half of the settings would be neither old nor new
+        mount.stop()
+        settings.put_back(mount.session, before)
         raise
     return _NOTHING
 
