@@ -20,7 +20,7 @@ from mirrormount.supported import MICROPYTHON
 from mirrormount_sim.machines import firmware_folder
 
 HERE = Path(__file__).parent
-NATIVE = ("mountfw/ports/micropython_console.py", "mountfw.ports.micropython_console.py")
+NATIVE = ("mountfw/ports/micropython_console.py", "mountfw/ports/micropython_encoder.py")
 MPY = 6  # the format of the files that mpy-cross makes
 CANNOT_LOAD_MPY = ("1.21.0-279", "1.22.0-224")  # WebAssembly builds before 1.23 were made without it; boards have it
 HEAP_KB = 262_144  # these builds collect garbage only between two runs

@@ -18,7 +18,7 @@ from mirrormount_sim.emulator import cache, held, last_line
 ROOT = Path(__file__).parent.parent.parent
 FAKES = ROOT / "host" / "mirrormount_sim" / "fakes"
 BUILDS = [build for release in MICROPYTHON.releases for build in release.vms]
-_NATIVE = re.compile(rb"^@micropython\.(native|viper)\n", re.MULTILINE)
+_NATIVE = re.compile(rb"^ *@micropython\.(?:native|viper)\n", re.MULTILINE)
 
 
 def unix() -> str:

@@ -73,6 +73,7 @@ OR_CIRCUITPYTHON = "; or CircuitPython in the same way (circuitpython.org/downlo
 _SPARE_BLOCKS = 12  # that littlefs needs for the folders and for renames
 _CALL_S = 300.0  # the longest that one call of mpremote may take
 _BACK_S = 60.0  # how long a board may take to come back from its reset: about 1 s, an emulated one more
+_AGAIN_S = 0.05  # between two tries to open a port that is to come back: no event shows that it has
 _START_S = 15.0  # how long a firmware that fails may take to fail
 _BANNER = re.compile(r"^(MicroPython |Type \"help|>>>|Adafruit CircuitPython )", re.MULTILINE)
 
@@ -583,7 +584,7 @@ def come_back(port: str, wanted: Collection[str] | None) -> tuple[str, int]:
         try:
             link = Link(open_port(port))
         except CannotOpen:
-            time.sleep(0.05)
+            time.sleep(_AGAIN_S)
             continue
         try:
             link.drain(0.1)
