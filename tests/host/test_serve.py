@@ -185,7 +185,7 @@ def test_a_reply_that_comes_back_from_a_client_drives_nothing(served, board):
     """As from a terminal in its default mode between the client and the server, across a slow network."""
     serve = served()
     client = serve.drive(b"02550000")
-    reply = hear(client, len(b"02550000\r\n255\r\n0\r\n255\r\n0\r\n"))
+    reply = hear(client, len(b"#\r\n02550000\r\n255\r\n0\r\n255\r\n0\r\n"))
     client.sendall(b"!\n")
     rests(board)
     stopped_ms = uptime_ms(client)
