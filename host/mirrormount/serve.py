@@ -43,7 +43,7 @@ from mirrormount.transport.stop_socket import SENT, STOPPED, StopListener
 from mirrormount.values import KEEP_ALIVE_MS
 from mountfw.dialect.line import COMMAND, QUERY, Line, key
 from mountfw.wire.frame import Frame, pack
-from mountfw.wire.receiver import FRAME, FRAME_GAP_US, LINE, NEED_BYTES, STOP, ZEROS, Receiver
+from mountfw.wire.receiver import FRAME, FRAME_GAP_US, LINE, NEED_BYTES, RETURNED, STOP, ZEROS, Receiver
 
 Network = ipaddress.IPv4Network | ipaddress.IPv6Network
 
@@ -120,6 +120,7 @@ class Relay:
         self._tail = b""  # the last seven bytes of the client: eight zeros may come in two pieces
         self._messages, self._held = Messages(), bytearray()  # held: of an unfinished message
         self._skipping = False  # the rest of a message that was damaged or cut by a stop, as the board does
+        self._returned = False  # and of what a client's port returns: all of it, up to a silence
         self._received_s = self._asked_s = self._kept_s = -math.inf
         self._due = self._stale = 0  # answers that will come; of these: to queries from before the last start
         self._ahead = self._unasked = 0  # bytes that may not be executed yet; of these: since the last query
@@ -233,8 +234,9 @@ class Relay:
     def _take(self, c: int) -> bytes:
         """What goes to the board when byte c has come: nothing, or a whole message."""
         if self._skipping and c != ord("!"):
-            self._skipping = c not in b"\r\n"
+            self._skipping = self._returned or c not in b"\r\n"
             return b""
+        returned = self._skipping and self._returned
         self._held.append(c)
         message = self._messages.feed(c)
         if message == ZEROS:  # a query might go between the zeros; the frame that they are in is not over
@@ -249,7 +251,8 @@ class Relay:
             return data + self._line_complete()
         if message:
             self._forget_message()
-            self._skipping = c not in b"\r\n" and (cut or message != STOP)
+            self._returned = message == RETURNED or (message == STOP and returned)
+            self._skipping = self._returned or (c not in b"\r\n" and (cut or message != STOP))
             return b"!\n" if message == STOP else _DAMAGE
         return data
 

@@ -189,3 +189,11 @@ def test_when_the_client_leaves_all_stops_unless_something_else_is_wanted(board)
     board.sent(b"1PR20\n")
     assert not board.relay.client_left(finish=False)
     assert b"!\n" in board.taken
+
+
+@pytest.mark.parametrize("tail", [b"\r\n02550000\r\n255\r\n0\r\n255\r\n0\r\n", b"\r\n0255", b"\r\n0255!02550000\r\n"])
+def test_a_reply_that_a_clients_port_returns_drives_nothing_and_what_comes_after_a_silence_does(board, tail):
+    board.sent(b"02550000")
+    assert b"0255" not in board.sent(b"#", *(bytes((c,)) for c in tail))
+    board.passes(0.06)
+    assert board.sent(b"02550000").endswith(b"02550000")
