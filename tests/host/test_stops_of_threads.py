@@ -157,18 +157,17 @@ def test_a_block_of_one_thread_is_no_block_of_another(mount):
     ],
 )
 def test_a_stop_that_finds_a_command_before_its_motion_is_for_that_motion(monkeypatch, capsys, work, words):
-    name, *_ = words.split()
-    do = getattr(work, name)
-    edges = []
+    edges, open_mount = [], work.open_mount
 
-    def stopped_first(mount, *arguments):
+    def stopped_first(args):
+        mount = open_mount(args)
         edges.append(mount.link.port.simulation.edges)
         other = threading.Thread(target=mount.halt)
         other.start()
         other.join(PATIENCE_S)
-        do(mount, *arguments)
+        return mount
 
-    monkeypatch.setattr(work, name, stopped_first)
+    monkeypatch.setattr(work, "open_mount", stopped_first)
     assert main.main([*words.split(), "--port", "virtual://?speed=max"]) == 1
     assert "stopped before it began" in capsys.readouterr().err
     assert edges == [[]]
