@@ -113,7 +113,7 @@ def make_venv(may_install: bool) -> None:
         if not may_install:
             raise Stop(f"This Python cannot make virtual environments yet. Run: sudo apt install {package}")
         apt_install([package])
-    if call([sys.executable, "-m", "venv", "--clear", str(VENV)]):
+    if call([sys.executable, "-I", "-m", "venv", "--clear", str(VENV)]):
         raise Stop("Making .venv failed. Is the disk full? If not, delete the folder .venv and run this again.")
 
 

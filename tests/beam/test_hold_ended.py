@@ -86,19 +86,6 @@ def test_without_a_terminal_a_hold_that_ends_keeps_what_it_learned(run, monkeypa
     assert ended.learned == LEARNED and ended.numbers["seconds"] > 0
 
 
-def test_a_second_ctrl_c_does_not_interrupt_what_is_kept(run, monkeypatch):
-    save = hold_module.save
-
-    def pressed_again(response, path):
-        signal.raise_signal(signal.SIGINT)
-        save(response, path)
-
-    monkeypatch.setattr(hold_module, "save", pressed_again)
-    ended = run(lambda: signal.raise_signal(signal.SIGINT))
-    assert ended.status == 0 and ended.err == ""
-    assert ended.learned == LEARNED and ended.numbers["seconds"] > 0
-
-
 def test_a_disk_that_fills_up_in_mid_hold_leaves_the_numbers_of_before(run, tmp_path):
     before = {"reached": False}
     (tmp_path / "hold.json").write_text(json.dumps(before, indent=1))

@@ -68,7 +68,7 @@ def test_ctrl_c_while_a_virtual_board_starts_leaves_no_process(monkeypatch, boar
     monkeypatch.setattr(board, "RealtimePort", interrupted)
     monkeypatch.setattr(board, "Lockstep", interrupted)
     sleeper = [sys.executable, "-c", "import sys; sys.stdin.read()"]
-    monkeypatch.setattr(board.machines, "rp2040", lambda *_args, **_options: sleeper)
+    monkeypatch.setattr(board.emulator, "command", lambda *_args, **_options: sleeper)
     for address in ("virtual://", "virtual://?machine=rp2040"):
         with pytest.raises(KeyboardInterrupt):
             board.open_virtual(address)

@@ -6,7 +6,7 @@ import random
 import pytest
 
 from mirrormount.cli import main
-from mirrormount.device import mount
+from mirrormount.device import mount, session
 from mirrormount_sim.board import LockstepPort, open_virtual
 
 ODD = (
@@ -82,7 +82,8 @@ def test_an_odd_answer_is_one_line_and_nothing_is_left_running(monkeypatch, caps
     chance = random.Random(" ".join(words))
     for odd in chance.sample(ODD, 6):  # another six for each command
         port = OddPort(odd, chance.randint(2, 20), stays=chance.random() < 0.5)
-        monkeypatch.setattr(mount, "open_port", lambda _address, port=port: port)
+        for module in (mount, session):
+            monkeypatch.setattr(module, "open_port", lambda _address, port=port: port)
         monkeypatch.setattr("sys.stdin", io.StringIO())
         status = main.main([*words, "--port", "virtual://?speed=max"])
         said = capsys.readouterr()

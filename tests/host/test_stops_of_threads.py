@@ -156,15 +156,13 @@ def test_a_block_of_one_thread_is_no_block_of_another(mount):
         (board, "send 2PR3"),
     ],
 )
-def test_a_stop_that_finds_a_command_before_its_motion_is_for_that_motion(monkeypatch, capsys, work, words):
+def test_a_stop_by_another_program_before_a_command_has_begun_is_for_its_motion(monkeypatch, capsys, work, words):
     edges, open_mount = [], work.open_mount
 
     def stopped_first(args):
         mount = open_mount(args)
         edges.append(mount.link.port.simulation.edges)
-        other = threading.Thread(target=mount.halt)
-        other.start()
-        other.join(PATIENCE_S)
+        mount.session.stop_for_another_program()
         return mount
 
     monkeypatch.setattr(work, "open_mount", stopped_first)

@@ -10,6 +10,7 @@ import threading
 from mirrormount.cli import main
 from mirrormount.errors import MountError
 from mirrormount.supervise.supervisor import Program, Supervisor
+from mirrormount_panel import cli
 
 
 def act(loop: Program) -> None:
@@ -41,7 +42,5 @@ class SupervisorWithLoop(Supervisor):
 
 
 if __name__ == "__main__":
-    import mirrormount.supervise
-
-    mirrormount.supervise.Supervisor = SupervisorWithLoop
+    cli.Supervisor = SupervisorWithLoop
     sys.exit(main.main(["panel", *sys.argv[1:], "--patience", "2"]))

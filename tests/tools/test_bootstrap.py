@@ -137,7 +137,9 @@ def test_the_demo_passes_arguments_on_and_needs_no_screen(monkeypatch):
     monkeypatch.setattr(bootstrap, "prepare", lambda *words: None)
     monkeypatch.setattr(bootstrap, "call", lambda command, **options: called.append((command[1:], options)) or 5)
     assert demo.main(["--seed", "1"]) == 5
-    assert called == [(["-P", "-m", "mirrormount", "demo", "--seed", "1"], {"cwd": None, "MPLBACKEND": "Agg"})]
+    assert called == [
+        (["-P", "-m", "mirrormount", "demo", "--seed", "1"], {"cwd": None, "environment": {"MPLBACKEND": "Agg"}})
+    ]
 
 
 def test_a_program_has_the_users_settings_and_its_status_is_told(monkeypatch):
