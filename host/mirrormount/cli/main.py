@@ -168,12 +168,23 @@ def commands(names: Sequence[str]) -> list[Command]:
         module, extras = (MODULES[name], "") if name in MODULES else others[name]
         try:
             with from_extra(extras, f"`mirrormount {name}` needs"):
-                found.update({command.name: command for command in importlib.import_module(module).COMMANDS})
+                rows: list[Command] = importlib.import_module(module).COMMANDS
+            found.update({row.name: _with_extras(row, extras) for row in rows})
         except ExtraMissing:
             if len(names) == 1:
                 raise
             found[name] = Command(name, f"(needs the extra {extras}, which is not installed)", no_work, no_arguments)
     return [found[name] for name in names]
+
+
+def _with_extras(command: Command, extras: str) -> Command:
+    """The command, which tells the extras that it needs if one of its own imports finds them missing."""
+
+    def run(args: argparse.Namespace) -> int | None:
+        with from_extra(extras, f"`mirrormount {command.name}` needs"):
+            return command.run(args)
+
+    return command._replace(run=run) if extras else command
 
 
 def _of_other_packages() -> dict[str, tuple[str, str]]:
