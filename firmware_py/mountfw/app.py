@@ -14,7 +14,7 @@ _SOON_US = const(7_000)  # with less left until something is due, few bytes are 
 _FREE_US = const(10_000)  # nothing is due for so long: a pass may take twice as long as others
 _SHOW_US = const(32_000)  # between two updates of the LED
 _SLOT_MS = const(512)  # of the LED: the loop sleeps to the end of one, for asleep it obeys a stop soonest
-_SILENCE_US = const(2_000_000)  # after it the port is no longer known not to return what is sent
+_SILENCE_US = const(2_000_000)  # after such a silence it is unknown again whether the port returns what the board sends
 _READ = const(64)  # bytes read at once: a packet of USB
 _READ_MEANWHILE = const(16)  # the same in the middle of longer work
 _FEW = const(4)  # the same while something is due soon; and bytes sent in one pass
@@ -126,7 +126,9 @@ class App:
         free = left_us >= _FREE_US
         if left_us < _SPIN_US:
             left_us = self._end_drives(now_us)
-            if left_us < _SPIN_US:  # counting took long; no more often, for in a train of pulses this is always so
+            if (
+                left_us < _SPIN_US
+            ):  # counting took long: look once more, not in a loop, for in a train of pulses an end is always near
                 left_us = self._end_drives(self._ticks_us())
             self._since = now_us = self._ticks_us()
         if diff(now_us, self._shown_at) >= _SHOW_US:
@@ -140,7 +142,7 @@ class App:
             self._commands.go_on()
         elif self._receiver.waits():
             self._parse(free)
-        elif not received:  # after a byte the next pass polls at once: silence is measured from its start
+        elif not received:  # after a byte the next pass polls at once: only a pass without a byte may measure a silence
             self._sleep_ms = self._idle(now_us, left_us)
         now_us = self._ticks_us()
         self._about.passed(diff(now_us, self._since))
@@ -166,7 +168,9 @@ class App:
         nap_ms = 1
         while not received and nap_ms and not self.port.writable():
             left_ms = self._sleep_ms - diff(self._ticks_us(), self._since) // 1000
-            nap_ms = max(0, min(2 * nap_ms, left_ms, 32))  # so late it sees at most that the host reads again
+            nap_ms = max(
+                0, min(2 * nap_ms, left_ms, 32)
+            )  # the loop notices at most this late that the host reads again
             received = self._read(nap_ms)
         self._since = self._input.woke_at
         return received
@@ -298,9 +302,11 @@ class App:
                 self._dispatch(self._receiver.gap())
                 return 0  # it may have begun a drive
             return min(left_us, due_us, gap_us)
-        while due_us < _SPIN_US and due_us < left_us and not self.check_stop():  # its end is waited for
+        while due_us < _SPIN_US and due_us < left_us and not self.check_stop():  # the keep-alive ends soon: wait for it
             self.controller.guard_stops()
-            due_us = self.controller.silence(now_us, self._receiver.received_at)  # up to then no byte had come
+            due_us = self.controller.silence(
+                now_us, self._receiver.received_at
+            )  # read before the last poll, which found no byte
             now_us = self._ticks_us()
         return min(left_us, due_us)
 

@@ -6,9 +6,9 @@
     RELEASED   at rest: is it still closed?
     SLOW       towards it in short pulses; where it opens is the place
 
-The axis drives, counts and ends the move; this only decides the next leg. In all it may drive for search_limit_ms. A
-switch at the other end that opens meanwhile is a fault of the wiring, and ends it. build.py loads this where a board
-file has an input for a switch.
+The axis drives, counts and ends the move; this file only decides the next leg. All legs together drive for at most
+search_limit_ms. If the switch at the other end opens meanwhile, the wiring is wrong, and the search fails. build.py
+loads this file where a board file has an input for a switch.
 """
 
 from mountfw import codes, const
@@ -22,7 +22,7 @@ _SLOW = const(5)
 
 _SETTLE_US = const(20_000)  # at rest before a switch is believed: contacts bounce for some milliseconds
 _BACK_OFF_STEPS = const(20)  # a switch must close within so many steps, or it never will
-_SLOW_PART = const(8)  # a slow pulse is that part of a step's
+_SLOW_PART = const(8)  # a slow pulse is a step's pulse divided by this
 _SHORTEST_US = const(200)
 
 

@@ -13,7 +13,7 @@ spots         time_s, state, camera, x_um, y_um: each spot of those events, its 
 minutes       begin_s, state (at its end), held_s, missed (spots), corrections, pulses, reversals, interlocks (trips),
               change (of the response, as ResponseChanged): one row a minute, some 100 days
 errors        begin_s, kind, name, observations, seconds, x, y, xx, yy, most: ErrorSums of a minute. kind: "held" (um,
-              of the camera `name`), "angle" (urad, of the beam), "free" (um: had nothing been moved since the begin)
+              of the camera `name`), "angle" (urad, of the beam), "free" (um: the error if nothing had been moved)
 drives        begin_s, actuator, forward_us, back_us: of a minute
 interlocks    time_s, number, name, cause: each trip, the newest 10 000
 
@@ -103,7 +103,7 @@ class ErrorSums:
         self.most = max(self.most, *map(abs, pair))
 
     def last(self, pair: Pair, seconds: float) -> None:
-        """It counts for so long."""
+        """The error counts for so many seconds."""
         x, y = pair
         self.seconds += seconds
         self.x += x * seconds
@@ -113,7 +113,7 @@ class ErrorSums:
 
     @classmethod
     def joined(cls, several: "Iterable[ErrorSums]") -> Self:
-        """Of several times."""
+        """The sums of several stretches of time together."""
         *sums, most = zip(*map(astuple, several), strict=True)
         found = cls(*map(sum, sums))
         found.most = max(most)
@@ -136,9 +136,9 @@ class ErrorSums:
 class ErrorStatistics:
     """Errors of each camera (um) and of the beam's angle (urad) over time: what `hold` ends with and its report tells.
 
-    What the loop takes for the errors after an observation counts from then until the next one. Behind an interlock
-    nothing counts. So neither the noise of a single observation counts as an error of the beam, nor do many
-    observations in a short while count more. before: the estimate that counts since its time.
+    The errors that the loop estimates after an observation count until the next estimate. After an interlock has
+    tripped nothing counts until the next estimate. So neither the noise of a single observation counts as an error of
+    the beam, nor do many observations in a short while count more. before: the estimate that counts since its time.
     """
 
     errors_um: dict[str, ErrorSums] = field(default_factory=dict)
@@ -146,7 +146,7 @@ class ErrorStatistics:
     before: Estimated | None = None
 
     def take(self, estimate: Estimated) -> None:
-        """The one before has counted until now."""
+        """Take an estimate: the one before it has counted until now."""
         if self.before is not None:
             seconds = max(0.0, estimate.time_s - self.before.time_s)
             for sums, pair in self._each(self.before):
@@ -200,7 +200,7 @@ class Minute:
             case Estimated():
                 self.held.take(event)
             case Corrected():
-                self.corrections += event.number != number  # a creep is told pulse by pulse
+                self.corrections += event.number != number  # each pulse of a creep is an event, all with one number
                 self.reversals += len(event.reversals)
             case Pulsed():
                 self.pulses += 1

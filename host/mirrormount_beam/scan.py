@@ -184,7 +184,7 @@ class Signal:
 
     @classmethod
     def of(cls, signal: "Signal | Callable[[Mount], float]") -> "Signal":
-        """A signal; of a function the one that has what it returns as `value`."""
+        """The signal itself, or a signal of one column, `value`: what a function returns."""
         if isinstance(signal, Signal):
             return signal
         return cls({"value": ""}, lambda mount: (signal(mount),))
@@ -294,7 +294,7 @@ def _read(signal: Signal, mount: Mount) -> tuple[tuple[float, ...], str]:
 
 _RELOAD_S = 2
 _EVERY_S = 1.0  # at least, between two pages; a large one that takes long to write comes less often
-_SHARE = 20.0  # of the scan's time, the page takes one part
+_SHARE = 20.0  # writing the page takes at most this part (1 in 20) of the scan's time
 _MOST_PX = 640.0  # of a map's longer side
 _SIDE_PX = 28.0  # of a place in a small map
 _DARK, _MIDDLE, _BRIGHT = (48, 18, 92), (198, 66, 84), (252, 230, 120)
@@ -384,7 +384,7 @@ _UNITS = {"time_s": "s", "x": "steps", "y": "steps", "position_x": "steps", "pos
 _OWN = tuple(field.name for field in fields(Sample) if field.name not in ("values", "missing"))
 _WHOLE = ("number", "x", "y")
 _TEXTS = ("certainty_x", "certainty_y", "missing")
-_ROOM, _ROOM_OF_PLACE = 1 << 16, 320  # bytes of an HDF5 file: without places, and of one; both were measured
+_ROOM, _ROOM_OF_PLACE = 1 << 16, 320  # bytes of an HDF5 file without places, and of each place; measured
 Metadata = Mapping[str, Any]  # values that JSON has
 
 
@@ -406,7 +406,7 @@ def metadata(mount: Mount, pattern: Pattern, signal: Signal, **more: Any) -> Met
 
 
 def of_camera(camera: Camera, scale: "Scale | None") -> Metadata:
-    """What is known of a camera; what is not known is null, a whole scale UNKNOWN."""
+    """What is known of a camera: a value that is not known is null; without a scale, camera_scale is UNKNOWN."""
     now = camera.controls
     return {
         "camera": camera.name,

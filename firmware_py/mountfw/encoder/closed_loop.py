@@ -12,9 +12,9 @@ from mountfw.encoder.watch import FULL_SPEED_US
 from mountfw.wire.ticks import diff as apart  # counts wrap as times do
 
 MOST_CORRECTIONS = const(3)
-_LONGER = const(2)  # a pulse may drive so many times longer than its counts are worth, ...
-_MOST_LONGER_US = const(150_000_000)  # ... but no more than this, ...
-_MORE_US = const(50_000)  # ... and this
+_LONGER = const(2)  # a pulse is cut after the time that its counts are worth, plus so many times that time, ...
+_MOST_LONGER_US = const(150_000_000)  # ... where this second part is at most so long, ...
+_MORE_US = const(50_000)  # ... plus this
 _MOST_US = const(250_000_000)  # what a drive's counts may be worth: its bound is no longer than any other drive's
 _NEAR_US = const(60_000)  # of drive at a step's speed
 _MOST_COAST = const(4)  # at most that part of a step
@@ -97,8 +97,8 @@ class ClosedLoop:
     def begin(self, place, start, n, per_pulse):
         """A move by n pulses of per_pulse counts each, from the place `start`, which is near. Returns n.
 
-        start is None: from where the last one should have ended, if it did. Without a pulse it is a move to start:
-        1 or -1 is returned, its direction, or 0, where that is so near that it would not be corrected.
+        start is None: from the goal of the last move if the axis is still near it, else from `place`. Without pulses
+        (n is 0) the move only corrects: its direction, 1 or -1, is returned, or 0 if the axis is near enough.
         """
         if start is not None:
             self.goal = start
@@ -138,7 +138,7 @@ class ClosedLoop:
         return 0
 
     def _within(self, way):
-        """Is a place near enough from which it is so far to the goal?
+        """Is the way that is left to the goal so short that it is not corrected?
 
         A correction back through the play of gears comes out of it at full speed: it cannot be less than what the
         motor coasts on, and would miss the goal on its other side.

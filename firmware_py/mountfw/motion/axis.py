@@ -31,7 +31,7 @@ SEEK = const(2)  # homing is accepted (signed speed)
 FRAME = const(3)  # a frame drives (signed speed)
 FINISH = const(4)  # a soft stop, and little of the drive is left (reason)
 END = const(5)  # all else that ends a move: stops, faults, homing has found it (reason)
-DUE_TAKE_UP = const(6)  # it is time to drive so (microseconds at most)
+DUE_TAKE_UP = const(6)  # the take-up pulse is due (for so many microseconds at most)
 DUE_PULSE = const(7)
 DUE_RUN = const(8)
 DUE_SEARCH = const(9)
@@ -41,8 +41,8 @@ LAST_OVER = const(12)  # so has the last pulse
 HIT = const(13)  # the end-stop ahead is open (reason)
 
 _SHORT_US = const(1_500)  # a drive that may be over before the loop comes round is waited for where it begins
-_COUNT_US = const(1_000_000)  # a run is counted so often, so that its sums stay small, or more often: within
-_COUNT_STEPS = const(100)  # so many steps at duty 1, so that it ends where no more can be counted
+_COUNT_US = const(1_000_000)  # a run is counted at least this often, so that its sums stay small, ...
+_COUNT_STEPS = const(100)  # ... and within so many steps at duty 1: it ends before its position is too large
 _FINISH_US = const(250_000)  # a soft stop lets a pulse end that has less than this to go
 _SHORTEST_US = const(200)  # no pulse is shorter, so less than that is not taken up
 
@@ -102,7 +102,7 @@ class Axis(Settings):
             self._measure()
 
     def _measure(self):
-        """Compute the amounts of drive that make a step, and the gap: at rest, for a change is the next move's."""
+        """Compute the amounts of drive that make a step, and the gap. A change counts from the next move."""
         self.position.scale(self.pulse_us * self.step_duty, self.take_up_us * self.step_duty)
         self.count_us = min(self.position.step, _COUNT_US // _COUNT_STEPS) * _COUNT_STEPS
 
@@ -286,9 +286,10 @@ class Axis(Settings):
         return True
 
     def _begin_pulses(self, n, us, target):
-        """Begin a move to target (steps) by |n| pulses of us each, after the rest that the pulse before still has.
+        """Begin a move to target (steps) by |n| pulses of us each.
 
-        At the prompt that one may be so long ago that time wrapped.
+        The first pulse waits until the period of the last move's last pulse is over, but not longer than a period: at
+        the prompt that pulse may be so long ago that the clock has wrapped.
         """
         self.position.target = target
         self.pulses_left = abs(n)
@@ -331,7 +332,7 @@ class Axis(Settings):
             self.abort(codes.STOPPED)
 
     def forbidden(self, reason):
-        """The gate of the drive, or a switch, has this reason against the drive: the move ends."""
+        """Drive.on(), or a switch, forbids the drive for this reason: the move ends."""
         if not self.drive.was_cut:
             self.drive.cut()
         if reason != codes.END_STOP:
@@ -366,7 +367,7 @@ class Axis(Settings):
             self.forbidden(codes.END_STOP)
         elif state != SEARCH or not self.homing.watch():
             left_us = 0 if drive.was_cut and not drive.tripped else diff(drive.ends_at, now_us)
-            if left_us <= 0:  # what guard() has just cut is for the next pass
+            if left_us <= 0:  # if guard() has just cut this drive, the next pass ends the move
                 if not drive.was_cut:
                     drive.cut()
                 self.handle(LAST_OVER if state == PULSE and self.pulses_left == 1 else OVER, 0)
@@ -402,7 +403,7 @@ class Axis(Settings):
         return self.begin(speed)
 
     def turn_on(self, us):
-        """Drive for us at most. If the gate forbids it, the move ends."""
+        """Drive for us at most. If Drive.on() refuses, the move ends."""
         self.resting = False
         drive = self.drive
         reason = drive.on(us)
@@ -426,7 +427,7 @@ class Axis(Settings):
         return True
 
     def pulsed(self, _value):
-        """Count a whole pulse: a step, or by its time if its length is its own. Its period goes on."""
+        """Count a whole pulse: one step, or by its time if one_pulse() gave it a length."""
         self.counting = True
         drive = self.drive
         drive.release()

@@ -54,7 +54,8 @@ class Lane:
     def linger(self):
         """In a stream, read() has taken a frame: for so many us it may wait for more before they are booked.
 
-        Each sets the deadlines of both axes. It is a stream if two or more were booked together (`last` is not 0).
+        Each frame sets the deadlines of both axes anew. Frames are a stream if the last booking had two or more (`last`
+        is not 0).
         """
         if self.axes[1].next:
             return 1
@@ -64,7 +65,7 @@ class Lane:
         return _LINGER_US
 
     def _book(self, which, speed):
-        """Count the part of axis 1 (which is 0) or 2 (1), which has had this speed since the last frame."""
+        """Count what axis 1 (which: 0) or 2 (which: 1) has driven since the last frame, at that frame's speed."""
         self.which = which
         axis = self.axes[which]
         drive = axis.drive
@@ -102,7 +103,7 @@ class Lane:
             axis.counting = True
             axis.count(True)
             axis.counting = False
-        else:  # it is summed with the others, from when it was counted last
+        else:  # the run from before these frames is summed with them, from when it was counted last
             first -= 1
             n = drive.duty if drive.direction > 0 else drive.duty | 0x200
             self.log[_FIRST - _EACH] = n if self.which else n << 10

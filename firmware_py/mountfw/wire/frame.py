@@ -18,7 +18,7 @@ LENGTH = const(8)
 ZERO = const(0x30)
 PLUS = const(0x2B)
 MINUS = const(0x2D)
-PROBE = const(0x23)  # `#`, a line of its own before an echo: if it comes back, so would the echo (replies.py)
+PROBE = const(0x23)  # `#`, a line before the first echo: a port that returns it would return the echo, too (replies.py)
 
 
 def pack(ring, at, mask):
@@ -53,7 +53,7 @@ class Frame:
     def start(self):
         """Clear: the next byte is the first of a frame."""
         self.length = 0
-        for i in range(LENGTH):  # what has not come yet may be zeros
+        for i in range(LENGTH):  # a byte that has not come yet is taken as `0`, which always fits
             self.text[i] = ZERO
 
     def feed(self, c):

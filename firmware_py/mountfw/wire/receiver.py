@@ -122,7 +122,7 @@ class Receiver:
     def _begins_frame(self):
         """True if the bytes that are unparsed are a frame, which is unpacked, or may be the first of one."""
         read = self.write - self.unparsed
-        for i in range(self.unparsed, LENGTH):  # what has not come yet may be zeros
+        for i in range(self.unparsed, LENGTH):  # a byte that has not come yet is taken as `0`, which always fits
             self.ring[read + i & self.mask] = ZERO
         packed = self._pack(self.ring, read, self.mask)  # no frame if there is a stop in it
         if packed >= 0 and self.unparsed >= LENGTH:

@@ -146,7 +146,9 @@ def _lost(legs: list[_Leg]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(steps lost in a turn to positive, to negative; those of each leg), by least squares (Gauss and Newton).
 
     Steps scatter, so the places are not exact: a regression of the exact number of steps on them is too flat, and
-    what is lost too large. So it gives the shape of N(p) only; scale and loss are a regression on the number of steps.
+    what is lost too large. So the fit
+    of the number of steps on the places gives the shape of N(p) only; scale and loss are a regression on the number of
+    steps.
     """
     every = np.concatenate([leg.places for leg in legs])
     middle, half = (every.max() + every.min()) / 2, (every.max() - every.min()) / 2

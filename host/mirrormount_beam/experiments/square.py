@@ -3,8 +3,9 @@
 It is driven twice: first without the mount's take-up, as the paper did, so that what stays open is the backlash; then
 with it. What is open is told along the mount's own axes, by the ways of the first two sides in the picture.
 
-Steps there and back may differ, and then a square stays open without any backlash. So what a way back loses at its
-begin is not taken from what is open, but from the steps behind it, each compared with those that made the same way.
+Steps there and back may differ, and then a square stays open without any backlash. So the backlash of a way
+back is not read from the gap of the square, but found from the steps behind the backlash: how many steps back cover
+the same way as how many steps there.
 """
 
 import math
@@ -22,7 +23,7 @@ _APPROACH = 3  # steps, so that the first two sides begin without a reversal
 _SIDES = (("x", 1, "right"), ("y", -1, "down"), ("x", -1, "left"), ("y", 1, "up"))
 _WAYS = {"x": "right", "y": "down"}  # the sides that begin without a reversal
 _LEAST = 4  # steps behind the gap, for what is lost in it
-_INTERPOLATED = 1.2  # a straight line between two places has 2/3 of the variance of the walk there; that back has all
+_INTERPOLATED = 1.2  # 2 / (1 + 2/3): the way there is interpolated, which leaves 2/3 of its variance
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,7 @@ class _Square:
 
 @dataclass(frozen=True)
 class _Turn:
-    """What a way back has lost at its begin, in its own steps, and how large they are beside those there."""
+    """The backlash of a way back, in steps back, and the size of a step back over that of a step there."""
 
     lost: Estimate
     ratio: Estimate

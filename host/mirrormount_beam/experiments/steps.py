@@ -126,9 +126,10 @@ class Log:
     def own_variance(self, variance: float, degrees: int, apart_s: float) -> tuple[float, float]:
         """The variance of displacements without the readings' errors, and its degrees of freedom.
 
-        Few displacements say little of their scatter. Those that vary by less than drift and readings alone do so by
-        chance, and are put together with what they were at rest. All others stand for themselves: to choose by what is
-        clearly more would make the error too small wherever chance has hidden a real scatter.
+        Few displacements say little of their scatter. If they vary by less than drift and readings alone would
+        make them, that is chance: their variance is pooled with the drift measured at rest. Otherwise their own
+        variance is used. To pool also those that vary a little more would make the error too small wherever chance
+        has hidden a real scatter.
         """
         reading2, drift2 = 2 * self.error_px**2, self.walk2 * apart_s
         if not drift2 or variance > drift2 + reading2:
@@ -432,7 +433,7 @@ def run(rig: Rig, result: Result, tell: Tell, n: int = STEPS) -> None:
         count = min(n, most)
         if count < n:
             result.remarks.append(f"{axis}: the picture shows {count} steps only, not {n}")
-        # each run has its middle at home: elsewhere the way of a mirror across the incidence has another direction
+        # each run has its middle at home: far from there the same turn of a mirror moves the spot another way
         come_back(rig, log, axis, home - (count // 2 + LEAD) * step, step)
         rig.step(axis, LEAD)
         for direction, name in ((1, "positive"), (-1, "negative")):
