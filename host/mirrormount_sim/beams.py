@@ -378,7 +378,7 @@ def draw_beam(noise: np.random.Generator, sigma: float, *much: str) -> Beam:
     halo, halo_width = drawn("tails", (0.0, 0.01), (0.01, 0.05)), float(noise.uniform(2, 3))
     rings = []
     for _ in range(int(noise.integers(3, 9) if "rings" in much else noise.integers(0, 3))):
-        radius = max(float(noise.uniform(0.08, 0.4)), 1.5 * _LEAST_PERIOD_PX / sigma)
+        radius = max(float(noise.uniform(0.08, 0.6)), 1.5 * _LEAST_PERIOD_PX / sigma)
         x, y = noise.normal(0, 1, 2)
         rings.append(Rings(drawn("rings", (0.005, 0.02), (0.02, 0.08)), radius, float(x), float(y)))
     contrast = drawn("fringes", (0.0, 0.03), (0.03, 0.15))
@@ -392,12 +392,12 @@ def draw_beam(noise: np.random.Generator, sigma: float, *much: str) -> Beam:
 
 def draw_defects(noise: np.random.Generator, *much: str) -> Defects:
     """A sensor with a little of what stays in all pictures, and with what is named: rows, columns, colour, jpeg."""
-    columns = noise.uniform(1.5, 4.0) if "columns" in much else noise.uniform(0.0, 0.5)
+    columns = noise.uniform(1.0, 2.5) if "columns" in much else noise.uniform(0.0, 0.5)
     rows = noise.uniform(0.5, 2.0) if "columns" in much else noise.uniform(0.0, 0.3)
     smear = noise.uniform(0.02, 0.2) if "columns" in much else 0.0
     fields = noise.random() < 0.25  # a sensor of two fields
     odd_rows = noise.uniform(0.67, 0.97) if "rows" in much else noise.uniform(0.94, 1.0) if fields else 1.0
-    weak = tuple(float(share) for share in noise.uniform(0.05, 0.5, 2))
+    blue, green, red = (float(share) for share in noise.permutation([1.0, *noise.uniform(0.05, 0.6, 2)]))
     return Defects(
         seed=int(noise.integers(1 << 31)),
         odd_rows=float(odd_rows),
@@ -406,7 +406,7 @@ def draw_defects(noise: np.random.Generator, *much: str) -> Defects:
         smear=float(smear),
         hot=int(noise.integers(0, 15)),
         dead=int(noise.integers(0, 8)),
-        colour=(weak[0], 1.0, weak[1]) if "colour" in much else None,
+        colour=(blue, green, red) if "colour" in much else None,
         jpeg=int(noise.integers(70, 96)) if "jpeg" in much else None,
     )
 
