@@ -223,7 +223,8 @@ def _add_beam(light, rng, kind):
         at = x + far * np.cos(to), y + far * np.sin(to)
         light += rng.uniform(0.5, 1) * peak * beams.light_of(other, *at, light.shape)
     if kind == "window":
-        light += beams.window_light(beams.draw_window(rng, light.shape, x, y, 6 * sigma), light.shape)
+        window = beams.draw_window(rng, light.shape, x, y, 6 * sigma)
+        light += beams.window_light(replace(window, level=min(window.level, 0.5 * peak)), light.shape)
     if kind not in ONE_BEAM:
         return None
     beyond = int(beam.reach) + 1  # the truth is that of all of the beam
