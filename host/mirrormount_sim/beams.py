@@ -378,7 +378,7 @@ def draw_beam(noise: np.random.Generator, sigma: float, *much: str) -> Beam:
     halo, halo_width = drawn("tails", (0.0, 0.01), (0.01, 0.05)), float(noise.uniform(2, 3))
     rings = []
     for _ in range(int(noise.integers(3, 9) if "rings" in much else noise.integers(0, 3))):
-        radius = max(float(noise.uniform(0.08, 0.6)), 1.5 * _LEAST_PERIOD_PX / sigma)
+        radius = max(0.06 * 10 ** float(noise.uniform(0, 0.9)), 1.5 * _LEAST_PERIOD_PX / sigma)
         x, y = noise.normal(0, 1, 2)
         rings.append(Rings(drawn("rings", (0.005, 0.02), (0.02, 0.08)), radius, float(x), float(y)))
     contrast = drawn("fringes", (0.0, 0.03), (0.03, 0.15))
