@@ -360,7 +360,8 @@ def _bank() -> Light:
 # ---- drawn by seed
 
 LITTLE = ("elliptical", "skewed", "flat", "tails", "rings", "fringes", "clipped")  # what draw_beam() can give much of
-_LEAST_PERIOD_PX = 3.0  # of fringes and rings: pixels do not show finer ones
+_LEAST_PERIOD_PX = 3.0  # of fringes: pixels do not show finer ones
+_GRAIN_PX = (4.0, 15.0)  # first bright ring of dust on a chip's window
 
 
 def draw_beam(noise: np.random.Generator, sigma: float, *much: str) -> Beam:
@@ -378,7 +379,7 @@ def draw_beam(noise: np.random.Generator, sigma: float, *much: str) -> Beam:
     halo, halo_width = drawn("tails", (0.0, 0.01), (0.01, 0.05)), float(noise.uniform(2, 3))
     rings = []
     for _ in range(int(noise.integers(3, 9) if "rings" in much else noise.integers(0, 3))):
-        radius = max(0.06 * 10 ** float(noise.uniform(0, 0.9)), 1.5 * _LEAST_PERIOD_PX / sigma)
+        radius = min(0.5, float(noise.uniform(*_GRAIN_PX)) / sigma)
         x, y = noise.normal(0, 1, 2)
         rings.append(Rings(drawn("rings", (0.005, 0.02), (0.02, 0.08)), radius, float(x), float(y)))
     contrast = drawn("fringes", (0.0, 0.03), (0.03, 0.15))
@@ -392,7 +393,7 @@ def draw_beam(noise: np.random.Generator, sigma: float, *much: str) -> Beam:
 
 def draw_defects(noise: np.random.Generator, *much: str) -> Defects:
     """A sensor with a little of what stays in all pictures, and with what is named: rows, columns, colour, jpeg."""
-    columns = noise.uniform(1.0, 2.5) if "columns" in much else noise.uniform(0.0, 0.5)
+    columns = noise.uniform(0.7, 2.0) if "columns" in much else noise.uniform(0.0, 0.5)
     rows = noise.uniform(0.5, 2.0) if "columns" in much else noise.uniform(0.0, 0.3)
     smear = noise.uniform(0.02, 0.2) if "columns" in much else 0.0
     fields = noise.random() < 0.25  # a sensor of two fields
