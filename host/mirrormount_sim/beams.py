@@ -179,18 +179,17 @@ def _opening(aperture: Aperture, across: Light, down: Light, sigma: np.float32) 
 
 # ---- the place of a beam
 
-_WINDOW, _SOFT = 3.0, 0.3  # the window's edge, and half of the width over which it falls, in the beam's sigma
-_WINDOWED = 0.946198  # what such a window leaves of the second moments of a Gaussian
-_ABOVE_HALF = 0.217128  # what the light above half of the peak, less that half, has of them
-_STILL, _ROUNDS = 1e-3, 30  # px; until the place moves by less, at most so often
+_WINDOW, _SOFT = 3.3, 0.33  # the window's edge, and half of the width over which it falls, in the beam's sigma
+_ABOVE_HALF = 0.217128  # what the light above half of the peak, less that half, has of a Gaussian's second moments
+_STILL, _ROUNDS = 1e-3, 60  # px; until the place moves by less, at most so often
 
 
 def declared_place(light: NDArray[Any]) -> tuple[float, float]:
-    """(x, y) of a beam: the centroid of its light within an ellipse of 3 sigma that follows it.
+    """(x, y) of a beam: the centroid of its light within an ellipse of 3.3 sigma that follows it (docs/beam.md).
 
-    light: of the beam alone, without ambient light, noise and saturation, at each pixel's centre. The ellipse's axes
-    are those of the light's second moments within it, so it fits a Gaussian of any axes. Its edge is soft, from 2.7 to
-    3.3 sigma. What is far from the beam does not count, but all of the beam does, be it symmetric or not.
+    light: of the beam alone, without ambient light, noise and saturation, at each pixel's centre. The ellipse is that
+    of the Gaussian which, as a weight, has the light's own second moments: it fits a Gaussian of any axes, and a halo
+    hardly widens it. Its edge is soft, over a tenth to each side.
     """
     rows, columns = np.nonzero(light > 0)
     values = light[rows, columns].astype(float)
@@ -199,12 +198,12 @@ def declared_place(light: NDArray[Any]) -> tuple[float, float]:
     moments /= _ABOVE_HALF
     for _ in range(_ROUNDS):
         off = places - centre[:, None]
-        radius = np.sqrt((off * np.linalg.solve(moments, off)).sum(axis=0))
-        before = centre
-        window = np.clip((_WINDOW + _SOFT - radius) / (2 * _SOFT), 0, 1)
-        centre, moments = _moments(places, values * window)
-        moments /= _WINDOWED
-        if math.dist(centre, before) < _STILL:
+        square = (off * np.linalg.solve(moments, off)).sum(axis=0)
+        before, size = centre, moments[0, 0] + moments[1, 1]
+        window = np.clip((_WINDOW + _SOFT - np.sqrt(square)) / (2 * _SOFT), 0, 1)
+        centre, _ = _moments(places, values * window)
+        moments = 2 * _moments(places, values * np.exp(-square / 2))[1]
+        if math.dist(centre, before) < _STILL and abs(moments[0, 0] + moments[1, 1] - size) < _STILL * size:
             break
     return float(centre[0]), float(centre[1])
 

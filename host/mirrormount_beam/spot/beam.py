@@ -26,9 +26,9 @@ REACH = 3.3  # radius of the window in standard deviations of the beam: of a Gau
 _SOFT = 0.1  # part of the radius by which the window's edge is soft, to each side
 _RING, _BOX = 1.1 * REACH, 5.0  # radii of the ring that shows the surroundings, in standard deviations
 _BINS = 3  # bins in a standard deviation, at least
-_RING_BINS = 1200  # of the ring that are used, about: more take time and change nothing
+_RING_BINS = 1500  # of the ring that are used, about: more take time and change nothing
 _NOISE_PIXELS = 40_000  # of the window that the noise is measured at, about
-_ROUNDS = 40
+_ROUNDS = 30
 _DONE, _DONE_SIZE = (
     2e-4,
     2e-3,
@@ -90,7 +90,7 @@ def follow(image: NDArray[np.generic], centre: Array, covariance: Array, peak: f
     image, scale = _reduced(image, float(np.linalg.eigvalsh(covariance)[0]) ** 0.5)
     centre, covariance = (centre + 0.5) / scale - 0.5, covariance / np.outer(scale, scale)
     window = _cut(image, centre, covariance, peak)
-    for _ in range(_ROUNDS):
+    for number in range(_ROUNDS):
         found = _gaussian_weighted(window)
         reach = _reach(image.shape, centre, covariance)
         step = _centroid(window, reach) if found is not None and reach > 0.5 else None
@@ -99,7 +99,8 @@ def follow(image: NDArray[np.generic], centre: Array, covariance: Array, peak: f
         deviation = float(np.trace(found)) ** 0.5
         settled = float(np.abs(step).max()) < _DONE * deviation
         settled &= float(np.abs(found - covariance).max()) < _DONE_SIZE * deviation**2
-        centre, covariance = centre + step, found
+        part = 1.0 if number < _ROUNDS // 2 else 0.5  # bins that come and go may make it swing
+        centre, covariance = centre + part * step, covariance + part * (found - covariance)
         if not (0 < centre[0] < image.shape[1] and 0 < centre[1] < image.shape[0]) or deviation > max(image.shape):
             return None
         window = _cut(image, centre, covariance, _peak(window))
@@ -291,8 +292,7 @@ def _cut(image: NDArray[np.generic], centre: Array, covariance: Array, peak: flo
     (rows, columns), (x0, y0) = image.shape, centre
     left, right = max(0, int(x0 - _BOX * wide) - 2), min(columns, int(x0 + _BOX * wide) + 3)
     top, bottom = max(0, int(y0 - _BOX * high) - 2), min(rows, int(y0 + _BOX * high) + 3)
-    left, right = _whole(left, right, side, columns)
-    top, bottom = _whole(top, bottom, side, rows)
+    (left, right), (top, bottom) = _whole(left, right, side, columns), _whole(top, bottom, side, rows)
     size = ((right - left) // side, (bottom - top) // side)
     part = image[top:bottom, left:right]
     values = _binned(part, side).astype(np.float64)
@@ -302,15 +302,15 @@ def _cut(image: NDArray[np.generic], centre: Array, covariance: Array, peak: flo
     x, y = np.broadcast_to(x[None, :], values.shape), np.broadcast_to(y[:, None], values.shape)
     r2 = a * x * x + 2 * b * x * y + c * y * y
     design = np.stack([np.ones_like(r2), x / wide, y / high])
-    plane, scatter, normal, trust = _surroundings(values - peak * np.exp(-r2 / 2), r2, design)
+    chosen = _chosen(left // side, top // side, values.shape, 37 * wide * high / side**2)
+    plane, scatter, normal, trust = _surroundings(values - peak * np.exp(-r2 / 2), r2, design, chosen)
     light = values - np.tensordot(plane, design, 1)
     return Window(light, x, y, r2, float(plane[0]), scatter, side, part, design, normal, trust)
 
 
 def _whole(begin: int, end: int, side: int, most: int) -> tuple[int, int]:
-    """A range of whole bins, widened, or where the picture ends narrowed."""
-    end += -(end - begin) % side
-    return (begin, end) if end <= most else (begin, end - side)
+    """A range of whole bins, at multiples of a bin's side so that windows which move a little have the same bins."""
+    return begin // side * side, min(-(-end // side), most // side) * side
 
 
 def _binned(part: NDArray[np.generic], side: int) -> NDArray[np.float32]:
@@ -321,12 +321,19 @@ def _binned(part: NDArray[np.generic], side: int) -> NDArray[np.float32]:
     return np.asarray(cv2.resize(part.astype(np.float32), (columns, rows), interpolation=cv2.INTER_AREA), np.float32)
 
 
-def _surroundings(values: Array, r2: Array, design: Array) -> tuple[Array, float, Array, Array]:
+def _chosen(left: int, top: int, shape: tuple[int, ...], many: float) -> NDArray[np.bool_]:
+    """Bins of which the ring has about _RING_BINS, always the same ones of the picture; many: all that it has."""
+    thin = max(1, int(many / _RING_BINS))
+    return ((left + np.arange(shape[1]))[None, :] + 5 * (top + np.arange(shape[0]))[:, None]) % thin == 0
+
+
+def _surroundings(
+    values: Array, r2: Array, design: Array, chosen: NDArray[np.bool_]
+) -> tuple[Array, float, Array, Array]:
     """A plane through the ring about the beam, without what stands out of it; its scatter; matrix and weights."""
-    ring = np.flatnonzero((r2 > _RING**2) & (r2 < _BOX**2))
+    ring = np.flatnonzero((r2 > _RING**2) & (r2 < _BOX**2) & chosen)
     if ring.size < 24:  # the beam fills the picture: its corners
         ring = np.argpartition(r2.ravel(), -24)[-24:]
-    ring = ring[:: max(1, ring.size // _RING_BINS)]
     some, terms = values.ravel()[ring], design.reshape(3, -1)[:, ring]
     prior = np.diag([0, 1, 1]) * (_LEVEL * some.size)
     weight = np.ones_like(some)

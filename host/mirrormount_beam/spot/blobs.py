@@ -123,7 +123,7 @@ def wide(seen: Detection) -> Blob | None:
     scale = seen.scale[0] * columns / size[0], seen.scale[1] * rows / size[1]
     across, down = (float((weights * at).sum() / weights.sum()) for at in (at_x, at_y))
     # an area above half of a Gaussian's peak is 2 pi ln 2 of its standard deviations squared
-    size_px = math.sqrt(here.sum() * scale[0] * scale[1] / (2 * math.pi * math.log(2)))
+    size_px = math.sqrt(float(here.sum()) * scale[0] * scale[1] / (2 * math.pi * math.log(2)))
     if size_px < _WIDE or peak < ABOVE * seen.noise:
         return None
     spread = [max(float(at.std()), 0.3) for at in (at_x, at_y)]

@@ -69,6 +69,7 @@ BY_CHANCE = frozenset({NoSpotReason.SHAPE, NoSpotReason.SPLIT, NoSpotReason.DIM}
 
 # ---- the spot of an image
 
+_LARGER = 3.0  # times as large as the spot: a window or a lamp in view is no second spot
 GHOST = 0.25  # a second spot with at least this part of the first one's light makes the place ambiguous
 _ALONE = 3.0  # peak at least, in thresholds: a second spot of 40 % would be seen, also with the noise against it
 _FAINT = 0.1  # a blob with less of the first one's light is none: some hot pixels
@@ -160,25 +161,32 @@ def find_spot(
 
 
 def _start(seen: blobs.Detection, wide: blobs.Blob | None) -> tuple[NDArray, NDArray, float] | NoSpotReason:
-    """Centre, covariance and peak to begin with: of the wide bright place, or of the brightest of the others."""
-    if not seen.blobs and wide is None:
+    """Centre, covariance and peak to begin with: of the brightest place. Others as bright are a reason for none."""
+    places = [place for place in seen.blobs if wide is None or not _within(place, wide)]
+    if wide is not None:
+        places.append(wide)
+    if not places:
         return NoSpotReason.NOTHING
-    first = seen.blobs[0] if seen.blobs else None
-    if wide is not None and (first is None or wide.peak > first.peak or _same(first, wide)):
-        return wide.start
-    assert first is not None
+    first = max(places, key=lambda place: place.peak)
     least = _FAINT * _light(first, seen)
-    if any(other.peak > GHOST * first.peak and _light(other, seen) > least for other in seen.blobs[1:]):
-        return NoSpotReason.SPLIT
+    for other in places:
+        if other is first or other.peak < GHOST * first.peak or _light(other, seen) < least:
+            continue
+        if other.width_x * other.width_y < _LARGER**2 * first.width_x * first.width_y:
+            return NoSpotReason.SPLIT
     if first.peak < _ALONE * blobs.ABOVE * seen.noise:
         return NoSpotReason.DIM
     return first.start
 
 
-def _same(first: blobs.Blob, wide: blobs.Blob) -> bool:
-    """Whether a bright place is what the surroundings of a tile have left of the wide one."""
-    inside = abs(first.x - wide.x) < wide.width_x and abs(first.y - wide.y) < wide.width_y
-    return inside and first.peak < 2 * wide.peak and first.width_x * first.width_y > 0.1 * wide.width_x * wide.width_y
+def _within(place: blobs.Blob, wide: blobs.Blob) -> bool:
+    """Whether a bright place is a part of the wide one: what its tile has left of it, or its structure.
+
+    The wide one is what two spots that are near each other look like from afar, too: so it is not much larger.
+    """
+    inside = abs(place.x - wide.x) < 2 * wide.width_x and abs(place.y - wide.y) < 2 * wide.width_y
+    alike = place.width_x * place.width_y > wide.width_x * wide.width_y / _LARGER**2
+    return inside and (alike or place.peak < wide.peak)
 
 
 def _light(blob: blobs.Blob, seen: blobs.Detection) -> float:
