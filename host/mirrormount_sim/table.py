@@ -352,7 +352,7 @@ class TableCamera:
 
 _MOST_ROTATION_DEG = 3.0  # of a camera that was put up by hand
 _MOST_OFF_PX = 25.0  # of its middle from the beam
-REAL_BEAMS = False  # of all profiles but smooth: beams and sensors as real ones are, not Gaussians with noise
+REAL_BEAMS = True  # of all profiles but smooth: beams and sensors as real ones are, not Gaussians with noise
 
 
 def new_webcam(profile: Profile, noise: np.random.Generator, real: bool | None = None) -> tuple[Sensor, Timing]:
