@@ -233,7 +233,7 @@ class Window:
 
 @dataclass(frozen=True)
 class Defects:
-    """What a sensor does to a picture. Defects() is a good one of 8 bits. Grey values are those of 8 bits."""
+    """What a sensor does to a picture. Defects() is a good sensor of 8 bits."""
 
     seed: int = 1  # of what is of the chip, not of the moment
     bits: int = 8  # 10, 12 and 16 are the lower bits of 16
@@ -358,13 +358,13 @@ def _bank() -> Light:
 
 # ---- drawn by seed
 
-LITTLE = ("elliptical", "skewed", "flat", "tails", "rings", "fringes", "clipped")  # what draw_beam() can give much of
+SHAPES = ("elliptical", "skewed", "flat", "tails", "rings", "fringes", "clipped")  # what draw_beam() can give much of
 _LEAST_PERIOD_PX = 3.0  # of fringes: pixels do not show finer ones
 _GRAIN_PX = (4.0, 15.0)  # first bright ring of dust on a chip's window
 
 
 def draw_beam(noise: np.random.Generator, sigma: float, *much: str) -> Beam:
-    """A beam that a person takes for one beam: with a little of everything, and of what is named (LITTLE) with much."""
+    """A beam that a person takes for one beam: with a little of everything, and of what is named (SHAPES) with much."""
 
     def drawn(name: str, little: tuple[float, float], large: tuple[float, float]) -> float:
         return float(noise.uniform(*(large if name in much else little)))
@@ -415,15 +415,10 @@ def draw_window(noise: np.random.Generator, shape: tuple[int, int], x: float, y:
     """A window or a lamp in a picture of that shape, dimmer than a beam, and so many px apart from (x, y)."""
     while True:
         lamp = bool(noise.random() < 0.5)
-        wide, high = noise.uniform(20, 80, 2)
-        window = Window(
-            float(noise.uniform(0, shape[1])),
-            float(noise.uniform(0, shape[0])),
-            float(wide),
-            float(high),
-            float(noise.uniform(15, 60)),
-            lamp,
-        )
-        size = 3 if lamp else 1
+        wide, high = noise.uniform(60, 100, 2) if lamp else noise.uniform(20, 80, 2)
+        beyond = 0.2 if lamp else 0.0  # of the picture's size: a lamp reaches into it from there
+        right, down = noise.uniform(-beyond, 1 + beyond, 2) * (shape[1], shape[0])
+        level, size = float(noise.uniform(15, 60)), 2 if lamp else 1
+        window = Window(float(right), float(down), float(wide), float(high), level, lamp)
         if max(abs(window.x - x) - size * window.wide, abs(window.y - y) - size * window.high) > apart:
             return window

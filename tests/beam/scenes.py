@@ -177,7 +177,7 @@ def _hot(image, rng, read):
     return image, dark if rng.random() < 0.5 else None
 
 
-ONE_BEAM = (*beams.LITTLE, "saturated", "rows", "columns", "jpeg", "colour", "wide", "small", "window")
+ONE_BEAM = (*beams.SHAPES, "saturated", "rows", "columns", "jpeg", "colour", "wide", "small", "window")
 NO_BEAM = ("empty", "lamp", "two spots", "cut by the edge")
 _PEAKS = {"saturated": (300, 1500), "colour": (250, 700), "small": (60, 230)}  # grey values; of the others 40 to 220
 

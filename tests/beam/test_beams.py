@@ -37,7 +37,7 @@ def gaussian(sigma, x, y, shape):
 # ---- the beam
 
 
-@pytest.mark.parametrize("kind", beams.LITTLE)
+@pytest.mark.parametrize("kind", beams.SHAPES)
 def test_light_is_never_negative_and_has_a_peak_of_one(kind):
     for seed in range(10):
         light = beams.light_of(beams.draw_beam(rng(seed), 20.0, kind), 320.3, 240.6, DARK.shape)
@@ -50,7 +50,7 @@ def test_a_beam_without_defects_is_a_gaussian():
 
 
 def test_the_same_seed_draws_the_same_beam_and_another_seed_another_one():
-    first, again, other = (beams.draw_beam(rng(seed), 12.0, *beams.LITTLE) for seed in (1, 1, 2))
+    first, again, other = (beams.draw_beam(rng(seed), 12.0, *beams.SHAPES) for seed in (1, 1, 2))
     assert first == again and first != other
     assert np.array_equal(*(beams.light_of(beam, 300.7, 200.1, DARK.shape) for beam in (first, again)))
 
@@ -80,7 +80,7 @@ def test_the_declared_place_of_an_ellipse_is_its_centre():
     assert beams.declared_place(light) == pytest.approx((320.3, 240.6), abs=1e-3)
 
 
-@pytest.mark.parametrize("kind", beams.LITTLE)
+@pytest.mark.parametrize("kind", beams.SHAPES)
 @pytest.mark.parametrize("sigma", [1.5, 4.0, 15.0])
 def test_the_declared_place_is_where_a_beam_was_put_and_moves_with_it(kind, sigma):
     for seed in range(3):
