@@ -36,8 +36,9 @@ _DONE, _DONE_SIZE = (
 _WIDE = 9.0  # standard deviation of the shorter axis, px, above which the picture is reduced
 _LEVEL = 0.02  # weight of "the surroundings do not slope", in parts of the ring's bins
 _LIKE = 3.0  # standard deviations within which a bin of the ring counts as surroundings
-_DIFFERENCE = np.array([1.0, -4.0, 6.0, -4.0, 1.0])  # of fourth order: of a smooth beam it leaves next to nothing
+_DIFFERENCE = np.array([1.0, -6.0, 15.0, -20.0, 15.0, -6.0, 1.0])  # of sixth order: a smooth beam leaves nothing of it
 _NORM2 = float(_DIFFERENCE @ _DIFFERENCE)
+_OF_SHORT = 0.3  # of the shorter axis' standard deviation: means of larger squares show the beam, not the noise
 _SURE = 12  # differences, as many as the noise of the pixels counts for beside the noise of whole rows and columns
 # plain second moments of a Gaussian in the window, in parts of its variance
 _KEPT = 1 - REACH**2 / 2 * float(np.exp(-(REACH**2) / 2)) / (1 - float(np.exp(-(REACH**2) / 2)))
@@ -170,7 +171,11 @@ def place_errors(beam: Beam) -> tuple[float, float]:
     window = beam.window
     soft = soft_window(window.r2, beam.reach)
     total = float((soft * window.light).sum())
-    noise = _noise(window, 1 / 12 / float(beam.scale.prod()))
+    noise = _noise(
+        window,
+        1 / 12 / float(beam.scale.prod()),
+        float(np.sqrt(np.linalg.eigvalsh(beam.covariance)[0] / beam.scale.prod())),
+    )
     growth = 1 / (1 - beam.reach**2 / 2 * float(np.exp(-(beam.reach**2) / 2)))
     errors = []
     for along, axis in ((window.x, 1), (window.y, 0)):
@@ -182,24 +187,37 @@ def place_errors(beam: Beam) -> tuple[float, float]:
     return errors[0], errors[1]
 
 
-def _noise(window: Window, rounding: float) -> Array:
-    """Variance of each bin, from differences of pixels along rows: a constant part, and one that grows with light.
+def _noise(window: Window, rounding: float, short: float) -> Array:
+    """Variance of each bin, from differences along rows: a constant part, and one that grows with the light.
 
-    rounding: variance of a pixel by rounding.
+    Differences of pixels, and of means of four and of 16: after a compression (JPEG) the larger ones are less quiet
+    than those of pixels tell. rounding: variance of a pixel by rounding. short: standard deviation of the beam's
+    shorter axis, px.
     """
-    pixels, side = window.pixels, window.side
-    rows = np.arange(side // 2, pixels.shape[0], max(1, pixels.size // _NOISE_PIXELS))
-    apart = cv2.filter2D(pixels[rows].astype(np.float32), cv2.CV_32F, _DIFFERENCE[None, :])[:, 2:-2] ** 2 / _NORM2
     light = np.maximum(cv2.blur(window.light, (3, 3)), 0)
-    columns = np.arange(2, pixels.shape[1] - 2) // side
-    near = light[np.minimum(rows // side, light.shape[0] - 1)][:, np.minimum(columns, light.shape[1] - 1)]
     peak = float(light.max())
-    dark, bright = near < 0.1 * peak, near > 0.3 * peak
-    base = max(_mean_square(apart[dark]), rounding)
-    growth = 0.0
-    if bright.sum() > 10 and peak > 0:
-        growth = max(_mean_square(apart[bright]) - base, 0.0) / float(near[bright].mean())
-    return (base + growth * light) / side**2
+    base, bright = rounding, 0.0
+    for side in (1, 2, 4, 8):
+        dark, light_too = _levels(window, light, side)
+        base = max(base, dark * side**2)
+        if side == 1 or side < _OF_SHORT * short:
+            bright = max(bright, light_too * side**2)
+    growth = max(bright - base, 0.0) / (0.6 * peak) if peak > 0 else 0.0
+    return (base + growth * light) / window.side**2
+
+
+def _levels(window: Window, light: Array, side: int) -> tuple[float, float]:
+    """Variance of means of side x side pixels where there is little light, and where there is much."""
+    pixels = window.pixels
+    thin = max(1, pixels.size // side // _NOISE_PIXELS)
+    means = _binned(pixels[: pixels.shape[0] // side * side, : pixels.shape[1] // side * side], side)[::thin]
+    if means.shape[1] < 2 * _DIFFERENCE.size:
+        return 0.0, 0.0
+    margin = _DIFFERENCE.size // 2
+    apart = cv2.filter2D(means, cv2.CV_32F, _DIFFERENCE[None, :])[:, margin:-margin] ** 2 / _NORM2
+    near = cv2.resize(light.astype(np.float32), means.shape[::-1], interpolation=cv2.INTER_LINEAR)[:, margin:-margin]
+    peak = float(light.max())
+    return _mean_square(apart[near < 0.02 * peak]), _mean_square(apart[near > 0.3 * peak])
 
 
 def _mean_square(squares: Array) -> float:
@@ -226,7 +244,7 @@ def _shared(window: Window, noise: Array, axis: int) -> float:
     per_bin = noise[middle].sum(axis=0) if axis else noise[:, middle].sum(axis=1)
     expected = np.repeat(per_bin, window.side) * window.side**3  # a bin's mean has side² pixels, in `side` columns
     step = 1 if axis else 2
-    kernel = np.zeros(4 * step + 1)
+    kernel = np.zeros((_DIFFERENCE.size - 1) * step + 1)
     kernel[::step] = _DIFFERENCE
     if sums.size <= kernel.size:
         return 1.0

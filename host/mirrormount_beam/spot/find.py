@@ -78,6 +78,9 @@ _SMALLEST = 0.75  # standard deviation of a spot at least, px: a hot pixel is na
 _LONGISH = 4.0  # ratio of the axes at most
 _MARGIN = 2.0  # standard deviations between the place and the picture's edge at least
 _SATURATED = 1.0  # saturated area at most, in parts of the area above half of a Gaussian's peak
+# what hides light is a doubt of the place: a saturated core, and an edge nearer than the window's radius, in parts of
+# the standard deviation (for a radius that is less by one), and of shape_px; of beams that are 1 to 10 % asymmetric
+_CORE, _RIM, _RIM_SHAPE = 0.0075, 0.009, 0.6
 _UNSURE = 0.25  # standard error at most, in standard deviations of the spot
 _SIGNIFICANT = 8.0  # light at least, in its standard errors
 _STANDS_OUT = 0.25  # scatter of the surroundings at most, in parts of the peak
@@ -221,9 +224,13 @@ def _judge(found: beam.Beam, picture: Grey, seen: blobs.Detection) -> Spot | NoS
     if window.scatter > _STANDS_OUT * peak and False:
         return none(NoSpotReason.SHAPE)
     sigma_x, sigma_y = beam.place_errors(found)
+    shift = beam.place_in(found, REACH_OF_SHAPE * found.reach)
+    shape_px = float(np.hypot(*shift))
+    hidden = _CORE * min(saturated / half_area, 1.0) + _RIM * (beam.REACH - found.reach)
+    cut = _RIM_SHAPE * shape_px * (beam.REACH - found.reach)
+    sigma_x, sigma_y = math.hypot(sigma_x, hidden * wide, cut), math.hypot(sigma_y, hidden * high, cut)
     if max(sigma_x / wide, sigma_y / high) > _UNSURE:
         return none(NoSpotReason.DIM)
-    shift = beam.place_in(found, REACH_OF_SHAPE * found.reach)
     d4_long, d4_short, angle = beam.d4_sigma(found)
     return Spot(
         x=x,
@@ -236,7 +243,7 @@ def _judge(found: beam.Beam, picture: Grey, seen: blobs.Detection) -> Spot | NoS
         background=window.level,
         saturated=saturated,
         area=float((smooth[inside] > peak / 2).sum()) * window.side**2 * float(found.scale.prod()),
-        shape_px=float(np.hypot(*shift)),
+        shape_px=shape_px,
         d4_long=d4_long,
         d4_short=d4_short,
         angle=angle,
