@@ -39,12 +39,12 @@ def _tracer_of_coverage():
 def _default_signals():
     """A process that a test starts ends at a signal, also where the suite was started with it ignored.
 
-    An ignored signal is inherited (nohup, a service, a job of a script); a caught one is not. So it is caught, by what
-    does nothing: the suite itself goes on ignoring it.
+    An ignored signal is inherited (nohup, a service, a job of a script); a caught one is not. So it is caught: SIGINT
+    as Python does, for tests that interrupt a command, the others by what does nothing.
     """
     ignored = [number for number in ENDING if signal.getsignal(number) == signal.SIG_IGN]
     for number in ignored:
-        signal.signal(number, lambda *_: None)
+        signal.signal(number, signal.default_int_handler if number == signal.SIGINT else lambda *_: None)
     yield
     for number in ignored:
         signal.signal(number, signal.SIG_IGN)

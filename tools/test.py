@@ -62,7 +62,11 @@ LEVELS = {
         "times": ["tools/bench/run.py", "--check", "--quick"],
     },
 }
-LONG_FUZZ = {"MIRRORMOUNT_FUZZ_EXAMPLES": "300", "MIRRORMOUNT_FUZZ_SESSIONS": "20000"}  # with --full
+LONG_FUZZ = {
+    "MIRRORMOUNT_FUZZ_EXAMPLES": "300",
+    "MIRRORMOUNT_FUZZ_SESSIONS": "100000",
+    "MIRRORMOUNT_FUZZ_LANE_SESSIONS": "100000",
+}  # with --full
 NO_TESTS = 5  # pytest's status when it has nothing to run
 
 

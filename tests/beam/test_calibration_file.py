@@ -36,6 +36,7 @@ def test_on_a_full_disk_nothing_is_measured_and_no_file_is_left(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.full
 def test_a_disk_that_fills_up_meanwhile_costs_only_the_file(monkeypatch, tmp_path, capsys):
     def full(*_):
         raise CannotWrite("cannot write cal.json: No space left on device")
@@ -49,6 +50,7 @@ def test_a_disk_that_fills_up_meanwhile_costs_only_the_file(monkeypatch, tmp_pat
     assert "um_for_a_step" in json.loads(numbers.read_text())
 
 
+@pytest.mark.full
 def test_a_users_own_link_to_the_calibration_is_kept(tmp_path):
     link, file = tmp_path / "cal.json", tmp_path / "folder" / "mine.json"
     link.symlink_to(file)

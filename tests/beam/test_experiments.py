@@ -36,7 +36,7 @@ def results(experiment, profile, seeds, rotation_rad=0.0, **options) -> list[Res
     return every
 
 
-@pytest.fixture(scope="module", params=PROFILES)
+@pytest.fixture(scope="module", params=[pytest.param(SMOOTH.name, marks=pytest.mark.full), ROUGH.name])
 def of_steps(request):
     """A profile, and what `steps` finds of 800 mounts of it, by a camera that is turned."""
     profile = PROFILES[request.param]

@@ -155,6 +155,7 @@ def test_a_power_cut_within_a_commit_leaves_the_log_as_it_was_before(written, tm
     assert read_run(tmp_path / "run.sqlite").times_s == [1.0, 2.0]
 
 
+@pytest.mark.full
 def test_the_log_is_bounded_and_the_minutes_outlive_the_events(tmp_path, monkeypatch):
     monkeypatch.setitem(runlog.MOST_ROWS, "events", 1000)
     monkeypatch.setattr(runlog, "MOST_MINUTES", 60)

@@ -41,6 +41,7 @@ def test_no_edge_is_lost_at_3000_a_second_on_both_axes_at_once(make_board):
     assert [after - before for before, after in zip(counted, counts(board), strict=True)] == turned
 
 
+@pytest.mark.full
 def test_steps_of_the_closed_loop_are_their_counts_on_the_real_image(make_board):
     board = make_board(encoder="motor", profile=replace(SMOOTH, supply=0.8))
     closed(board)

@@ -13,7 +13,7 @@ ENABLES = ("m1_en", "m2_en")
 LANE_US, PYTHON_US = 900, 1_200  # a frame reaches both motors before the first with the lane, after the second without
 
 
-@pytest.fixture(params=[True, False], ids=["lane", "no-lane"])
+@pytest.fixture(params=[True, pytest.param(False, marks=pytest.mark.full)], ids=["lane", "no-lane"])
 def lane(request) -> bool:
     return request.param
 

@@ -70,6 +70,7 @@ def test_after_a_cut_while_the_new_firmware_is_written_the_old_one_starts(deploy
         assert board.firmware() in deploy.old, path
 
 
+@pytest.mark.full
 def test_a_cut_in_the_exchange_leaves_the_old_firmware_or_the_new_one(deploy, switch_on):
     board = switch_on(deploy.uploaded)
     last = operations_of(board, "pass", EXCHANGE)
@@ -91,6 +92,7 @@ def test_a_boot_between_the_two_renames_may_be_cut_too(deploy, switch_on):
         assert board.firmware() == deploy.new
 
 
+@pytest.mark.full
 def test_a_cut_while_the_old_firmware_comes_back_leaves_it_or_the_new_one(deploy, switch_on):
     board = switch_on(deploy.uploaded)
     last = operations_of(board, EXCHANGE, PUT_BACK)

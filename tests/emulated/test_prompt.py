@@ -30,6 +30,7 @@ def on_times(board, pin: str, since_us: int) -> list[int]:
     return on_times_us(board.edges_after(since_us), pin)
 
 
+@pytest.mark.full
 def test_steps_and_jogs_last_what_they_should(board, capsys):
     start_us = board.simulation.us
     type_line(board, "m.x.step(5)")

@@ -134,6 +134,7 @@ def test_a_cut_while_a_record_comes_leaves_the_right_position_or_none(board, tel
     tell(f"{cuts} power cuts")
 
 
+@pytest.mark.full
 def test_a_cut_in_a_motion_after_a_record_leaves_the_position_unknown(board, tell):
     places = random.Random(19)
     moved = 0

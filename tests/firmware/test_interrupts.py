@@ -50,7 +50,12 @@ def interrupted(rig: Rig, passes: int, before: int) -> bool:
 
 
 @pytest.mark.parametrize(
-    ("move", "after_us"), [(b"1MV+\n", 50_000), (b"1PR1\n", 50_000), (b"1XP200000;1PR1\n", 196_900)]
+    ("move", "after_us"),
+    [
+        (b"1MV+\n", 50_000),
+        (b"1PR1\n", 50_000),
+        pytest.param(b"1XP200000;1PR1\n", 196_900, marks=pytest.mark.full),
+    ],
 )
 def test_an_end_stop_that_opens_before_any_bytecode_ends_the_move_as_an_end_stop(move, after_us):
     before = 0

@@ -103,6 +103,7 @@ def test_the_core_passes_its_tests_on_micropython_with_the_heap_locked(micropyth
     assert passed >= 160, run.stdout
 
 
+@pytest.mark.full
 def test_a_position_after_a_power_cut_with_an_encoder_is_worth_no_more_than_it_is_on_micropython(micropython):
     run = subprocess.run(
         [micropython, "-X", "heapsize=64m", str(HERE / "run_micropython.py"), str(FIRMWARE), "test_encoder_cuts"],
@@ -113,6 +114,7 @@ def test_a_position_after_a_power_cut_with_an_encoder_is_worth_no_more_than_it_i
     assert (run.returncode, run.stdout.split()[-4:]) == (0, ["3", "passed,", "0", "failed"]), run.stdout + run.stderr
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("runs_on", ["CPython", "MicroPython"])
 def test_the_core_passes_its_tests_on_the_circuitpython_port_with_the_heap_locked_where_it_can_be(runs_on, micropython):
     interpreter = [sys.executable] if runs_on == "CPython" else [micropython, "-X", "heapsize=16m"]

@@ -100,6 +100,7 @@ def test_an_axis_is_where_its_pins_have_driven_it_and_every_move_ends_once(sessi
     keep(Session(session[0], (-1, 1)), session[1])
 
 
+@pytest.mark.full
 @examples(EXAMPLES)
 @given(session=SWITCHED, ends_us=ENDS_US)
 def test_the_same_holds_with_end_stops_and_homing(session, ends_us):

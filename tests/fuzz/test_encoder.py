@@ -101,10 +101,12 @@ class Truth:
         return before * way * 1000 / PER_STEP - said
 
     def watch(self):
-        """A stuck motor that is driven is off soon."""
+        """A stuck motor that is driven is off soon; so is one that a pulse begins to drive meanwhile."""
         rig = self.rig
         if rig.motor1.stuck and rig.axis1.stall_ms:
             rig.run(STALL_US)
+            if rig.drives()[0]:
+                rig.run(STALL_US)
             assert rig.drives()[0] == 0, "it drives a motor that does not turn"
 
 

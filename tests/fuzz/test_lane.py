@@ -13,7 +13,7 @@ from rig import WRAP, Port, Rig
 
 pytestmark = pytest.mark.slow
 
-SESSIONS = 100_000
+SESSIONS = 5_000
 LUMPS = 3  # of frames, in each
 POSITION = ("millisteps", "part", "made", "certainty", "gap_known", "inside", "_way", "_one_way")
 AXIS = ("state", "reason", "ended_steps", "ended_on_us", "has_moved")

@@ -11,7 +11,7 @@ from rig import WRAP, Rig
 
 pytestmark = pytest.mark.slow
 
-SESSIONS = 100_000
+SESSIONS = 5_000
 PIECES = (
     b"02550255", b"-255-100", b"+0010-01", b"00000000", b"0000", b"0255", b"0", b"-", b"+", b"05", b"05>", b"0>1MV+\n",
     b"!", b"!\n", b"\n", b"\r\n", b" ", b"\0", b"1PR5\n", b"2PR-3;1MV+\n", b"1MV-\n", b"XK500;2MV+\n", b"1PA7.5\n",
@@ -117,10 +117,11 @@ def test_random_sessions_are_understood_as_the_model_says_and_end_with_everythin
     assert not wrong, "\n".join(wrong[:10])
 
 
+@pytest.mark.full
 def test_random_sessions_are_understood_so_with_a_fast_lane_too():
     seed = int(os.environ.get("MIRRORMOUNT_FUZZ_SEED", "1"))
     jobs = 8
-    sessions = int(os.environ.get("MIRRORMOUNT_FUZZ_LANE_SESSIONS", str(SESSIONS // 10)))
+    sessions = int(os.environ.get("MIRRORMOUNT_FUZZ_LANE_SESSIONS", str(2 * SESSIONS)))
     with ProcessPoolExecutor() as pool:
         results = pool.map(run_sessions, range(seed, seed + jobs), [sessions // jobs] * jobs, [LaneRig] * jobs)
         wrong = [line for result in results for line in result]

@@ -33,6 +33,7 @@ def vm_is_there() -> None:
         pytest.skip(str(e))
 
 
+@pytest.mark.full
 def test_deploy_and_undeploy_run_the_installed_mpremote(serve, tmp_path, traps):
     vm_is_there()
     (tmp_path / "files").mkdir()

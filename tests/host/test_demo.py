@@ -95,6 +95,7 @@ def rough_loop(seed: int, **without: float) -> ClosedLoop:
     return loop
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("seed", [1, 2])
 def test_with_encoders_neither_creep_nor_a_crooked_screw_leaves_the_square_open(seed):
     loop = rough_loop(seed, gap_spread=0.0)
@@ -122,6 +123,7 @@ def test_a_take_up_that_fails_is_an_error_after_the_picture_was_drawn(tmp_path, 
         demo.demonstrate("virtual://?speed=max", tmp_path / "square.png")
 
 
+@pytest.mark.full
 def test_encoders_behind_the_gears_are_not_blamed_for_the_backlash_that_they_see(tmp_path, capsys):
     demo.demonstrate("virtual://?speed=max&encoder=shaft", tmp_path / "square.png")
     said = capsys.readouterr().out
@@ -152,6 +154,7 @@ def test_a_spot_is_found_to_a_fraction_of_a_pixel_and_darkness_is_not_a_spot():
     assert demo.VIEW.centroid(demo.VIEW.picture((1000, 1000), noise)) is None
 
 
+@pytest.mark.full
 def test_a_picture_that_the_disk_has_no_room_for_is_told_by_its_name_and_leaves_no_file(tmp_path):
     pytest.importorskip("resource")
     picture = tmp_path / "square.png"

@@ -80,6 +80,7 @@ def test_a_plain_file_that_would_hide_a_compiled_one_goes(deployed):
     assert not (deployed.root / "mountfw" / "motion" / "axis.py").exists()
 
 
+@pytest.mark.full
 def test_source_puts_plain_files_on_the_board(deployed):
     assert deployed.deploy("--source").returncode == 0
     assert contents(deployed.root)["mountfw/motion/axis.py"] == (PACKAGE.parent / "motion" / "axis.py").read_bytes()
@@ -177,6 +178,7 @@ def test_an_upload_that_fails_leaves_the_old_firmware_running_and_nothing_else(d
     assert wait_for(lambda: deployed.ask("VE?"), "the old firmware")
 
 
+@pytest.mark.full
 def test_undeploy_gives_a_program_that_was_put_aside_its_name_back(boot, tmp_path):
     (tmp_path / "files").mkdir()
     (tmp_path / "files" / "main.py").write_text(THEIRS)
@@ -240,6 +242,7 @@ def test_what_a_board_tells_that_cannot_be_read_is_one_line(monkeypatch, line):
     assert str(e.value).isprintable()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("place", ["mountfw", "main.py"])
 def test_a_file_that_arrives_damaged_changes_nothing(deployed, monkeypatch, place):
     before = contents(deployed.root)
@@ -257,6 +260,7 @@ def test_a_file_that_arrives_damaged_changes_nothing(deployed, monkeypatch, plac
     assert deployed.ask("VE?") == f"MM2 Version {mountfw.__version__} mirrormount"
 
 
+@pytest.mark.full
 def test_the_earlier_firmware_stays_beside_the_new_one_until_the_next_deploy(deployed):
     before = contents(deployed.root / "mountfw")
     assert deployed.deploy("--source").returncode == 0
@@ -295,6 +299,7 @@ def test_a_deploy_over_0_2_0_makes_the_board_one_of_now(boot, deployed_files, tm
     assert (board.root / "main.py").read_bytes() == (deployed_files / "main.py").read_bytes()
 
 
+@pytest.mark.full
 def test_0_2_0_starts_again_from_the_main_py_of_now_if_the_new_firmware_fails(
     boot, deployed_files, tmp_path, monkeypatch
 ):
@@ -311,6 +316,7 @@ def test_0_2_0_starts_again_from_the_main_py_of_now_if_the_new_firmware_fails(
     assert after == before
 
 
+@pytest.mark.full
 def test_a_deploy_that_was_killed_in_its_upload_leaves_no_more_files_than_the_next_one_can_tell(boot, tmp_path):
     root = tmp_path / "cut"
     parts = {path.replace("mountfw", "mountfw.new", 1): text for path, text in firmware(mpy_of_the_vm()).items()}
@@ -324,6 +330,7 @@ def test_a_deploy_that_was_killed_in_its_upload_leaves_no_more_files_than_the_ne
     assert not [path for path in contents(root) if ".new" in path]
 
 
+@pytest.mark.full
 def test_mip_installs_the_same_files(boot):
     board = boot()
     mip = [sys.executable, "-m", "mpremote", "connect", board.port, "resume", "mip", "install", "--target=/"]

@@ -31,6 +31,7 @@ def test_a_new_firmware_that_fails_gives_way_to_the_old_one_and_its_last_line_is
     assert deployed.ask("VE?") == f"MM2 Version {mountfw.__version__} mirrormount"
 
 
+@pytest.mark.full
 def test_a_first_deploy_that_fails_leaves_nothing_that_fails_at_each_boot(boot, monkeypatch):
     board = boot()
     broken(monkeypatch, "import no_such_module")
@@ -39,6 +40,7 @@ def test_a_first_deploy_that_fails_leaves_nothing_that_fails_at_each_boot(boot, 
     assert contents(board.root) == {}
 
 
+@pytest.mark.full
 def test_a_program_of_somebody_else_is_back_when_the_firmware_fails(boot, tmp_path, monkeypatch):
     (tmp_path / "files").mkdir()
     (tmp_path / "files" / "main.py").write_text(THEIRS)
@@ -49,6 +51,7 @@ def test_a_program_of_somebody_else_is_back_when_the_firmware_fails(boot, tmp_pa
     assert contents(board.root) == {"main.py": THEIRS.encode()}
 
 
+@pytest.mark.full
 def test_a_firmware_that_starts_and_never_answers_gives_way_too(deployed, monkeypatch):
     before = contents(deployed.root)
     broken(monkeypatch, "import time\nwhile True: time.sleep_ms(50)")
@@ -58,6 +61,7 @@ def test_a_firmware_that_starts_and_never_answers_gives_way_too(deployed, monkey
     assert contents(deployed.root) == before
 
 
+@pytest.mark.full
 def test_a_deploy_that_was_ended_before_a_firmware_answered_is_settled_by_the_next(deployed, monkeypatch):
     def end(*_):
         raise KeyboardInterrupt

@@ -52,6 +52,7 @@ def test_the_take_up_that_setup_finds_closes_the_gap_of_a_turn(mount):
     assert abs(lost_in_a_turn()) < before / 4
 
 
+@pytest.mark.full
 def test_a_take_up_beyond_what_the_board_takes_up_is_told_with_what_was_measured(mount):
     def mm(steps: float) -> str:  # of 0.2 mrad of the mirror
         return f"{SCREEN_MM * math.tan(2 * 0.2e-3 * steps):.4f}"

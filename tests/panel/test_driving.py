@@ -39,7 +39,10 @@ def on_times_us(board, enable: str) -> list[int]:
     return [off["t_us"] - on["t_us"] for on, off in itertools.pairwise(edges) if off["duty"] == 0]
 
 
-@pytest.mark.parametrize("word", LEGS)
+FIRST, *OTHERS = LEGS
+
+
+@pytest.mark.parametrize("word", [FIRST, *(pytest.param(word, marks=pytest.mark.full) for word in OTHERS)])
 def test_a_short_press_is_one_step_that_way(page, board, word):
     press(page.get_by_role("button", name=word, exact=True))
     wait_for_pulses(board, 1)
@@ -254,7 +257,7 @@ def test_zero_makes_the_present_position_zero(page, board):
     page.get_by_text("+1.000").wait_for(state="detached")
 
 
-@pytest.mark.parametrize("how", ["button", "Escape", "Escape in a field"])
+@pytest.mark.parametrize("how", ["button", pytest.param("Escape", marks=pytest.mark.full), "Escape in a field"])
 def test_stop_ends_a_move_of_20_steps(page, board, how):
     page.get_by_label("Number of steps").fill("20")
     press(page.get_by_text("right ▶"))

@@ -155,8 +155,8 @@ sys.path.insert(0, sys.argv.pop(1))
 import _bootstrap
 child = [sys.executable, "-c", '''
 import time
-print("runs", flush=True)
 try:
+    print("runs", flush=True)
     time.sleep(600)
 except KeyboardInterrupt:
     print("tidied up", flush=True)
