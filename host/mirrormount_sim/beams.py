@@ -191,7 +191,7 @@ def declared_place(light: NDArray[Any]) -> tuple[float, float]:
     of the Gaussian which, as a weight, has the light's own second moments: it fits a Gaussian of any axes, and a halo
     hardly widens it. Its edge is soft, over a tenth to each side.
     """
-    rows, columns = np.nonzero(light > 0)
+    rows, columns = np.nonzero(light)
     values = light[rows, columns].astype(float)
     places = np.stack([columns, rows]).astype(float)
     centre, moments = _moments(places, np.maximum(values - values.max() / 2, 0))

@@ -14,6 +14,7 @@ import numpy as np
 from mirrormount_sim import beams
 
 ROWS, COLUMNS = 480, 640
+_APART = 3.2  # widths between two spots that a person sees as two: of nearer ones the light has one top
 _NODES = np.array([-0.7745966692414834, 0.0, 0.7745966692414834]) / 2
 _WEIGHTS = np.array([5, 8, 5]) / 18
 
@@ -63,9 +64,10 @@ def marred(rng, *, width=12.0, peak=268.0):
     x, y = rng.uniform(10 * width, COLUMNS - 10 * width), rng.uniform(10 * width, ROWS - 10 * width)
     far, to = rng.uniform(2, 8) * width, rng.uniform(0, 2 * np.pi)
     ghost = gaussian(x + far * np.cos(to), y + far * np.sin(to), width, width)
-    image = expose(8 + peak * (gaussian(x, y, width, width) + 0.1 * ghost), rng)
+    light = peak * (gaussian(x, y, width, width) + 0.1 * ghost)
+    image = expose(8 + light, rng)
     image[rng.integers(0, ROWS, 60), rng.integers(0, COLUMNS, 60)] = 255
-    return Scene(image, (x, y), ["ghost", "hot", "saturated"])
+    return Scene(image, beams.declared_place(light), ["ghost", "hot", "saturated"])
 
 
 def nasty(rng):
@@ -86,14 +88,16 @@ def nasty(rng):
     if comes("flicker", 0.2):
         rows = np.arange(ROWS)[:, None]
         light += rng.uniform(1, 8) * np.sin(2 * np.pi * (rows / rng.uniform(120, 400) + rng.random()))
-    truth = None
+    middle, ambient = None, light.copy()
     if not comes("none", 0.1):
-        truth = _add_spot(light, rng, comes, parts)
+        middle = _add_spot(light, rng, comes, parts)
     if comes("fly", 0.15):
-        _fly(light, rng, truth)
+        _fly(light, rng, middle)
     light = np.maximum(light, 0)
     if comes("gamma", 0.1):
-        light = 255 * (light / 255) ** rng.uniform(0.5, 0.9)
+        gamma = rng.uniform(0.5, 0.9)
+        light, ambient = (255 * (np.maximum(part, 0) / 255) ** gamma for part in (light, ambient))
+    truth = middle if middle is None or "edge" in parts else beams.declared_place(light - ambient)
     image = expose(light, rng, read=read, gain=gain)
     dark = None
     if comes("hot", 0.35):
@@ -129,8 +133,10 @@ def _add_spot(light, rng, comes, parts):
         u, v = x + far * np.cos(to), y + far * np.sin(to)
         if 0 < u < COLUMNS and 0 < v < ROWS:
             light += rng.uniform(0.4, 1) * peak * gaussian(u, v, wide, high, angle)
-            return None
-        parts.remove("two")
+            if far > _APART * max(wide, high):
+                return None
+        else:
+            parts.remove("two")
     return x, y
 
 

@@ -27,6 +27,7 @@ _SOFT = 0.1  # part of the radius by which the window's edge is soft, to each si
 _RING, _BOX = 1.1 * REACH, 5.0  # radii of the ring that shows the surroundings, in standard deviations
 _BINS = 3  # bins in a standard deviation, at least
 _RING_BINS = 1500  # of the ring that are used, about: more take time and change nothing
+_OUTLIER = 8.0  # standard deviations by which a hot or a dead pixel is not like its neighbours
 _NOISE_PIXELS = 40_000  # of the window that the noise is measured at, about
 _ROUNDS = 30
 _DONE, _DONE_SIZE = (
@@ -70,13 +71,15 @@ class Window:
 class Beam:
     """centre: x, y. covariance: of the Gaussian of its size, px². window: of the reduced picture. scale: pixels for one
     of the reduced picture, along x and y. reach: radius of the window in which the place is the centroid: less than
-    REACH where the picture's edge is nearer. settled: whether the last round changed nothing."""
+    REACH where the picture's edge is nearer. edge: distance of the nearest one, in standard deviations. settled:
+    whether the last round changed nothing."""
 
     centre: Array
     covariance: Array
     window: Window
     scale: Array
     reach: float
+    edge: float
     settled: bool
 
     @property
@@ -86,14 +89,23 @@ class Beam:
         return float(short), float(long)
 
 
-def follow(image: NDArray[np.generic], centre: Array, covariance: Array, peak: float) -> Beam | None:
-    """The beam that is at about this place and of about this size; None if what is there has no size."""
+def follow(
+    image: NDArray[np.generic], centre: Array, covariance: Array, peak: float, whole: tuple[int, ...], corner: Array
+) -> Beam | None:
+    """The beam that is at about this place and of about this size; None if what is there has no size.
+
+    image: the part of the picture with the first pixel at `corner`; whole: the shape of the picture. peak: of the beam,
+    about.
+    """
+    edges = np.array([-0.5, -0.5, whole[1] - 0.5, whole[0] - 0.5]) - np.tile(corner, 2)
+    centre = centre - corner
     image, scale = _reduced(image, float(np.linalg.eigvalsh(covariance)[0]) ** 0.5)
     centre, covariance = (centre + 0.5) / scale - 0.5, covariance / np.outer(scale, scale)
+    edges = (edges + 0.5) / np.tile(scale, 2) - 0.5
     window = _cut(image, centre, covariance, peak)
     for number in range(_ROUNDS):
         found = _gaussian_weighted(window)
-        reach = _reach(image.shape, centre, covariance)
+        reach = _reach(edges, centre, covariance)
         step = _centroid(window, reach) if found is not None and reach > 0.5 else None
         if found is None or step is None:
             return None
@@ -109,8 +121,17 @@ def follow(image: NDArray[np.generic], centre: Array, covariance: Array, peak: f
             break
     else:
         settled = False
-    reach = _reach(image.shape, centre, covariance)
-    return Beam((centre + 0.5) * scale - 0.5, covariance * np.outer(scale, scale), window, scale, reach, settled)
+    reach = _reach(edges, centre, covariance)
+    place = (centre + 0.5) * scale - 0.5 + corner
+    return Beam(
+        place,
+        covariance * np.outer(scale, scale),
+        window,
+        scale,
+        reach,
+        edge_distance(edges, centre, covariance),
+        settled,
+    )
 
 
 def _reduced(image: NDArray[np.generic], short: float) -> tuple[NDArray[np.generic], Array]:
@@ -127,15 +148,27 @@ def _reduced(image: NDArray[np.generic], short: float) -> tuple[NDArray[np.gener
     return small.astype(np.float32), np.array([columns / size[0], rows / size[1]])
 
 
-def _reach(shape: tuple[int, ...], centre: Array, covariance: Array) -> float:
-    return min(REACH, edge_distance(shape, centre, covariance) / (1 + _SOFT))
+def without_outliers(part: NDArray[np.generic]) -> NDArray[np.float32]:
+    """A part of a picture whose hot and dead pixels have the median of their neighbours.
+
+    The middle of a beam of two or three pixels stands out of its neighbours, too, in parts of its light.
+    """
+    quiet = cv2.medianBlur(part, 3).astype(np.float32)
+    pixels = part.astype(np.float32)
+    apart = np.abs(pixels - quiet)
+    noise = 1.4826 * float(np.median(apart)) + 0.3
+    light = np.maximum(quiet - float(np.median(quiet)), 0)
+    return np.where(apart > _OUTLIER * noise + light / 2, quiet, pixels)
 
 
-def edge_distance(shape: tuple[int, ...], centre: Array, covariance: Array) -> float:
-    """Distance of the nearest edge of the picture, in standard deviations of the beam towards it."""
-    (rows, columns), (x, y) = shape[:2], centre
-    wide, high = np.sqrt(np.diag(covariance))
-    return float(min((x + 0.5) / wide, (columns - 0.5 - x) / wide, (y + 0.5) / high, (rows - 0.5 - y) / high))
+def _reach(edges: Array, centre: Array, covariance: Array) -> float:
+    return min(REACH, edge_distance(edges, centre, covariance) / (1 + _SOFT))
+
+
+def edge_distance(edges: Array, centre: Array, covariance: Array) -> float:
+    """Distance of the nearest edge, in standard deviations of the beam towards it. edges: left, top, right, bottom."""
+    apart = np.abs(edges - np.tile(centre, 2)) / np.tile(np.sqrt(np.diag(covariance)), 2)
+    return float(apart.min())
 
 
 def soft_window(r2: Array, reach: float) -> Array:
@@ -165,25 +198,26 @@ def place_errors(beam: Beam) -> tuple[float, float]:
 
     The place is linear in the bins, so its variance is the sum of theirs, times the squares of what each one moves it
     by, directly and through the surroundings. Noise that whole columns or rows share is seen in the sums of columns
-    and rows: it moves the place more than that of single pixels does. A window that follows its centroid adds what
-    light is at its edge.
+    and rows: it moves the place more than that of single pixels does. Surroundings that are no plane do so through
+    their fit, in patches of the beam's size. A window that follows its centroid adds what light is at its edge.
     """
     window = beam.window
     soft = soft_window(window.r2, beam.reach)
     total = float((soft * window.light).sum())
-    noise = _noise(
-        window,
-        1 / 12 / float(beam.scale.prod()),
-        float(np.sqrt(np.linalg.eigvalsh(beam.covariance)[0] / beam.scale.prod())),
-    )
+    short = beam.axes[0] / float(beam.scale.prod()) ** 0.5
+    noise = _noise(window, 1 / 12 / float(beam.scale.prod()), short)
+    quiet = float(np.median(noise[window.trust > 0])) / 9  # of means of nine bins, as the surroundings are fitted
+    uneven = max(window.scatter**2 - 2 * quiet, 0.0) * max((short / window.side) ** 2, 1.0)
     growth = 1 / (1 - beam.reach**2 / 2 * float(np.exp(-(beam.reach**2) / 2)))
     errors = []
     for along, axis in ((window.x, 1), (window.y, 0)):
         lever = soft * along
         through = np.tensordot(window.design, lever, 2) @ window.normal
-        moves = (lever - np.tensordot(through, window.design, 1) * window.trust) / total
-        variance = float((moves * moves * noise).sum())
-        errors.append(growth * float(beam.scale[1 - axis]) * (variance * _shared(window, noise, axis)) ** 0.5)
+        by_ring = np.tensordot(through, window.design, 1) * window.trust / total
+        moves = lever / total - by_ring
+        variance = float((moves * moves * noise).sum()) * _shared(window, noise, axis)
+        variance += uneven * float((by_ring * by_ring).sum())
+        errors.append(growth * float(beam.scale[1 - axis]) * variance**0.5)
     return errors[0], errors[1]
 
 
@@ -321,7 +355,7 @@ def _cut(image: NDArray[np.generic], centre: Array, covariance: Array, peak: flo
     r2 = a * x * x + 2 * b * x * y + c * y * y
     design = np.stack([np.ones_like(r2), x / wide, y / high])
     chosen = _chosen(left // side, top // side, values.shape, 37 * wide * high / side**2)
-    plane, scatter, normal, trust = _surroundings(values - peak * np.exp(-r2 / 2), r2, design, chosen)
+    plane, scatter, normal, trust = _surroundings(cv2.blur(values - peak * np.exp(-r2 / 2), (3, 3)), r2, design, chosen)
     light = values - np.tensordot(plane, design, 1)
     return Window(light, x, y, r2, float(plane[0]), scatter, side, part, design, normal, trust)
 
@@ -360,7 +394,7 @@ def _surroundings(
         normal = np.linalg.inv((terms * weight) @ terms.T + prior)
         plane = normal @ ((terms * weight) @ some)
         rest = np.abs(some - plane @ terms)
-        scatter = max(1.4826 * float(np.partition(rest, rest.size // 2)[rest.size // 2]), 0.3)
+        scatter = max(1.4826 * float(np.partition(rest, rest.size // 2)[rest.size // 2]), 0.1)
         rest *= 1 / (_LIKE * scatter)
         rest *= rest
         weight = 1 / (1 + rest * rest)

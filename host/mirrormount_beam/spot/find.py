@@ -69,6 +69,8 @@ BY_CHANCE = frozenset({NoSpotReason.SHAPE, NoSpotReason.SPLIT, NoSpotReason.DIM}
 
 # ---- the spot of an image
 
+_AROUND = 9.0  # standard deviations to each side that are cut out for a small beam
+_SMALL = 1 / 14  # standard deviation of a small beam at most, in parts of the picture: rows have more dark than beam
 _LARGER = 3.0  # times as large as the spot: a window or a lamp in view is no second spot
 GHOST = 0.25  # a second spot with at least this part of the first one's light makes the place ambiguous
 _ALONE = 3.0  # peak at least, in thresholds: a second spot of 40 % would be seen, also with the noise against it
@@ -80,7 +82,8 @@ _MARGIN = 2.0  # standard deviations between the place and the picture's edge at
 _SATURATED = 1.0  # saturated area at most, in parts of the area above half of a Gaussian's peak
 # what hides light is a doubt of the place: a saturated core, and an edge nearer than the window's radius, in parts of
 # the standard deviation (for a radius that is less by one), and of shape_px; of beams that are 1 to 10 % asymmetric
-_CORE, _RIM, _RIM_SHAPE = 0.0075, 0.009, 0.6
+_CORE, _CORE_SHAPE, _RIM, _RIM_SHAPE = 0.007, 0.4, 0.01, 0.8
+_LEAST = 5e-4  # standard error at least, in standard deviations: of the window's bins, and of surroundings that curve
 _UNSURE = 0.25  # standard error at most, in standard deviations of the spot
 _SIGNIFICANT = 8.0  # light at least, in its standard errors
 _STANDS_OUT = 0.25  # scatter of the surroundings at most, in parts of the peak
@@ -157,7 +160,7 @@ def find_spot(
     start = _start(seen, wide)
     if isinstance(start, NoSpotReason):
         return NoSpot(NoSpotReason.SATURATED if picture.saturated.mean() > 0.2 else start, seen)
-    found = beam.follow(image, *start)
+    found = _followed(image, seen, *start)
     if found is None:
         return NoSpot(NoSpotReason.SATURATED if picture.saturated.mean() > 0.05 else NoSpotReason.SHAPE, seen)
     return _judge(found, picture, seen)
@@ -180,6 +183,22 @@ def _start(seen: blobs.Detection, wide: blobs.Blob | None) -> tuple[NDArray, NDA
     if first.peak < _ALONE * blobs.ABOVE * seen.noise:
         return NoSpotReason.DIM
     return first.start
+
+
+def _followed(
+    image: NDArray, seen: blobs.Detection, centre: NDArray, covariance: NDArray, peak: float
+) -> beam.Beam | None:
+    """The beam from this start on. For a small one the unevenness of the whole picture is taken off first."""
+    rows, columns = image.shape
+    wide, high = np.sqrt(np.diag(covariance))
+    if max(wide / columns, high / rows) > _SMALL:
+        return beam.follow(image, centre, covariance, peak, image.shape, np.zeros(2))
+    half_x, half_y = int(_AROUND * wide) + 8, int(_AROUND * high) + 8
+    left, right = max(0, int(centre[0]) - half_x), min(columns, int(centre[0]) + half_x + 1)
+    top, bottom = max(0, int(centre[1]) - half_y), min(rows, int(centre[1]) + half_y + 1)
+    part = beam.without_outliers(image[top:bottom, left:right])
+    part = part - seen.background_in(left, top, right - left, bottom - top)
+    return beam.follow(part, centre, covariance, peak, image.shape, np.array([left, top], float))
 
 
 def _within(place: blobs.Blob, wide: blobs.Blob) -> bool:
@@ -211,7 +230,7 @@ def _judge(found: beam.Beam, picture: Grey, seen: blobs.Detection) -> Spot | NoS
         return none(NoSpotReason.SATURATED)
     if short < _SMALLEST:
         return none(NoSpotReason.SMALL)
-    if beam.edge_distance(picture.image.shape, found.centre, found.covariance) < _MARGIN:
+    if found.edge < _MARGIN:
         rows, columns = picture.image.shape
         return none(NoSpotReason.WIDE if 4 * _MARGIN * max(wide / columns, high / rows) > 1.5 else NoSpotReason.EDGE)
     if not found.settled or long > _LONGISH * short:
@@ -226,9 +245,10 @@ def _judge(found: beam.Beam, picture: Grey, seen: blobs.Detection) -> Spot | NoS
     sigma_x, sigma_y = beam.place_errors(found)
     shift = beam.place_in(found, REACH_OF_SHAPE * found.reach)
     shape_px = float(np.hypot(*shift))
-    hidden = _CORE * min(saturated / half_area, 1.0) + _RIM * (beam.REACH - found.reach)
-    cut = _RIM_SHAPE * shape_px * (beam.REACH - found.reach)
-    sigma_x, sigma_y = math.hypot(sigma_x, hidden * wide, cut), math.hypot(sigma_y, hidden * high, cut)
+    core, rim = min(saturated / half_area, 1.0), beam.REACH - found.reach
+    hidden, shape = _CORE * core + _RIM * rim, (_CORE_SHAPE * core + _RIM_SHAPE * rim) * shape_px
+    sigma_x = math.hypot(sigma_x, hidden * wide, shape, _LEAST * wide)
+    sigma_y = math.hypot(sigma_y, hidden * high, shape, _LEAST * high)
     if max(sigma_x / wide, sigma_y / high) > _UNSURE:
         return none(NoSpotReason.DIM)
     d4_long, d4_short, angle = beam.d4_sigma(found)
