@@ -9,6 +9,7 @@ from mirrormount.errors import BadAddress, BadValue
 from mirrormount.terminal import printable
 from mirrormount.transport.ports import TABLE_SCHEMES, open_table
 from mirrormount.values import is_name
+from mirrormount_beam import genicam
 from mirrormount_beam.camera import Camera, Controls, Image, Limits, Size
 from mirrormount_beam.errors import CameraAbsent
 from mirrormount_beam.recordings import open_file
@@ -24,10 +25,11 @@ def open_camera(
 ) -> Camera:
     """Open a camera.
 
-    address: an index ("0"), a device (/dev/video0), a part of a webcam's name or place, http://… or rtsp://…, a folder,
-    a file with pictures, a video, or virtual-table://…, with #2 for the second camera of the table; or a camera's name
-    in table.toml. limits, settings: of a webcam; settings that table.toml has hold where these say nothing.
-    Raises BadAddress, BadFile, BadValue, CameraError, CannotOpen.
+    address: an index ("0"), a device (/dev/video0), a part of a webcam's name or place, http://… or rtsp://…,
+    genicam:// with a part of a scientific camera's name, a folder, a file with pictures, a video, or virtual-table://…,
+    with #2 for the second camera of the table; or a camera's name in table.toml. limits, settings: of a webcam;
+    settings that table.toml has hold where these say nothing.
+    Raises BadAddress, BadFile, BadValue, CameraError, CannotOpen, ExtraMissing.
     """
     entry = _known(address)
     address, settings = entry.camera, settings.over(entry.settings)
@@ -36,7 +38,12 @@ def open_camera(
         raise BadValue(f"{printable(address)} is no webcam: it has no {', '.join(settings.given)} to set")
     if _is_of_table(address):
         return _of_table(address)
-    return open_file(address) if is_file else open_webcam(address, limits=limits, settings=settings)
+    if is_file:
+        return open_file(address)
+    scheme, mark, part = address.partition("://")
+    if mark and scheme == genicam.SCHEME:
+        return genicam.open_genicam(part, limits=limits, settings=settings)
+    return open_webcam(address, limits=limits, settings=settings)
 
 
 def open_beside_mount(address: str, settings: CameraSettings = CameraSettings()) -> Camera:  # noqa: B008

@@ -106,7 +106,7 @@ def open_webcam(
 _BACKENDS = {"any": cv2.CAP_ANY, "dshow": cv2.CAP_DSHOW, "msmf": cv2.CAP_MSMF, "v4l2": cv2.CAP_V4L2}
 _OF_SYSTEM = {"win32": "dshow", "linux": "v4l2"}  # MSMF may take 12 s for the first frame, and hides its exposure
 _DEVICE = re.compile("/dev/video[0-9]+")  # any other file is a pipe
-_FIRST_S, _SILENT_S = 20.0, 5.0  # without a first, without a further image for so long, the camera is gone
+FIRST_S, _SILENT_S = 20.0, 5.0  # without a first, without a further image for so long, the camera is gone
 
 
 class Capture(Protocol):
@@ -134,7 +134,7 @@ def _capture(source: int | str, backend: str | None = None) -> Capture:
 
 def _stream(address: str) -> Capture:
     """A camera of the network; FFmpeg waits no longer than a Webcam."""
-    waits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, _FIRST_S, cv2.CAP_PROP_READ_TIMEOUT_MSEC, _SILENT_S]
+    waits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, FIRST_S, cv2.CAP_PROP_READ_TIMEOUT_MSEC, _SILENT_S]
     with quiet():
         return cv2.VideoCapture(address, cv2.CAP_FFMPEG, [int(n * 1000) if isinstance(n, float) else n for n in waits])
 
@@ -162,7 +162,7 @@ class Webcam:
         limits: Limits = Limits(),  # noqa: B008
         settings: CameraSettings = CameraSettings(),  # noqa: B008
         *,
-        first_s: float = _FIRST_S,
+        first_s: float = FIRST_S,
         silent_s: float = _SILENT_S,
     ) -> None:
         if not capture.isOpened():
@@ -234,7 +234,9 @@ class Webcam:
 
 # ---- what a camera is asked for
 
-_MANUAL = {"V4L2": 1, "DSHOW": 0, "MSMF": 0}  # what switches automatic exposure off, by OpenCV's name of the backend
+GENICAM = "GENICAM"  # no backend of OpenCV: mirrormount_beam/genicam.py
+# what switches automatic exposure off, by OpenCV's name of the backend
+_MANUAL = {"V4L2": 1, "DSHOW": 0, "MSMF": 0, GENICAM: 0}
 _SIXTEEN_BITS = ("Y10 ", "Y12 ", "Y16 ")  # OpenCV would cut them to 8
 
 
@@ -269,7 +271,8 @@ def _ask(capture: Capture, name: str, what: str, number: int, value: float) -> N
     good = capture.set(number, value)
     has = capture.get(number)
     if not (good and math.isclose(has, value, rel_tol=1e-3, abs_tol=1e-6)):
-        raise CameraSettingRefused(f"{name}: it does not take --{what} {value:g}: it has {has:g}")
+        told = f"{has:g}" if good or has != -1 else "none to set"  # -1 is what OpenCV returns where it does not know
+        raise CameraSettingRefused(f"{name}: it does not take --{what} {value:g}: it has {told}")
 
 
 def _size(capture: Capture) -> Size:

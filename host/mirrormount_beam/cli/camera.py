@@ -28,6 +28,7 @@ from mirrormount.cli.arguments import (
 )
 from mirrormount.errors import BadValue
 from mirrormount.terminal import StatusLine, printable
+from mirrormount_beam import genicam
 from mirrormount_beam import scale as scales
 from mirrormount_beam.camera import GREY_OF_COLOUR, Camera, Image
 from mirrormount_beam.cameras import open_camera
@@ -47,12 +48,13 @@ def list_cameras(_args: argparse.Namespace) -> None:
     if devices is None:
         print("this system has no list of cameras: indices 0 to 5 are tried", file=sys.stderr)
         devices = tried()
-    for device in devices:
-        print(device)
-    if not devices:
+    lines = [*map(str, devices), *(printable(f"{address}  {name}") for address, name in genicam.listed())]
+    for line in lines:
+        print(line)
+    if not lines:
         print("no camera found; with --virtual none is needed")
     print(
-        "not looked for: cameras of the network (http://…), and those that need their maker's driver",
+        "not looked for: cameras of the network (http://…), and those that need their maker's program",
         file=sys.stderr,
     )
 
