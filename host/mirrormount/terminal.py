@@ -29,12 +29,12 @@ def printable(text: str, longest: int = 200) -> str:
 
 
 def without_credentials(address: str) -> str:
-    """A camera's address as it may be shown: of the network without user, password, and what follows a question mark.
+    """A camera's address as it may be shown: without user and password, and of the network without what follows a ?.
 
     An address that does not show for certain what in it is a password is not shown at all.
     """
     scheme, mark, rest = address.partition("://")
-    if not mark or scheme.lower() not in NETWORK:
+    if not mark or (scheme.lower() not in NETWORK and "@" not in rest):  # a scheme may be mistyped
         return address
     clear = _CLEAR.fullmatch(rest)
     if not clear:

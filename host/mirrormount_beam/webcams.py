@@ -93,7 +93,9 @@ def open_webcam(
         known = ", ".join(f"{device.number} {device.name}" for device in devices) or "none"
         paths = ", ".join(path for device in matching for path in device.paths[:1])
         told = f"; these tell them apart: {paths}" if paths else ""
-        raise CameraAbsent(printable(f"{number} of the name {which[:80]!r}; there is: {known}{told}", 1000))
+        raise CameraAbsent(
+            printable(f"{number} of the name {without_credentials(which)[:80]!r}; there is: {known}{told}", 1000)
+        )
     device = matching[0]
     # a camera that was named by its place keeps a scale of its own, apart from others of its name
     place = next((os.path.basename(path) for path in device.paths if which.lower() in path.lower()), None)

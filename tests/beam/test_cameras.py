@@ -578,6 +578,11 @@ def test_a_camera_of_the_network_that_refuses_is_one_line_without_the_password(s
     assert "cannot be opened: a browser shows whether" in err and "wrong" not in err and err.count("\n") == 1
 
 
+def test_a_mistyped_scheme_does_not_show_the_password():
+    with pytest.raises(CameraAbsent, match=r"no camera, file or folder of the name 'htp://host/video'"):
+        open_camera("htp://me:secret@host/video")
+
+
 @pytest.mark.parametrize(
     ("address", "shown"),
     [
