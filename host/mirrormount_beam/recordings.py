@@ -31,6 +31,7 @@ _ALL = frozenset().union(*_KINDS)
 _OF_SYSTEM = {"thumbs.db", "desktop.ini"}
 _NAMED = 5  # files that a warning names
 _PERIOD_S = 1 / 30  # between pictures that have no times
+_WHOLE = 0.98  # part of a video's frames: some files tell their number from the duration
 _NO_LIMITS = Limits(sys.maxsize, 1e-9, True)
 
 _log = logging.getLogger("mirrormount_beam")
@@ -121,14 +122,18 @@ class Video(Folder):
             rate_hz = capture.get(cv2.CAP_PROP_FPS)
             period_s = 1 / rate_hz if 0.001 < rate_hz < 1e6 else _PERIOD_S
             time_s = -period_s
+            expected, count = capture.get(cv2.CAP_PROP_FRAME_COUNT), 0
             good, image = capture.read()
             if not good:
                 raise CameraError(f"{file}: no video, and no picture, that OpenCV can read")
             while good:
+                count += 1
                 told_s = capture.get(cv2.CAP_PROP_POS_MSEC) / 1000  # 0 or nothing of a video that has no times
                 time_s = told_s if told_s > time_s else time_s + period_s
                 yield Picture(image, time_s)
                 good, image = capture.read()
+            if count < _WHOLE * expected:
+                _log.warning("%s: damaged: it ends after %d of %d frames", file, count, expected)
         finally:
             capture.release()
 

@@ -105,6 +105,7 @@ def open_webcam(
 
 # ---- OpenCV
 
+os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # FFmpeg is silent: it prints lines of its own, with addresses
 _BACKENDS = {"any": cv2.CAP_ANY, "dshow": cv2.CAP_DSHOW, "msmf": cv2.CAP_MSMF, "v4l2": cv2.CAP_V4L2}
 _OF_SYSTEM = {"win32": "dshow", "linux": "v4l2"}  # MSMF may take 12 s for the first frame, and hides its exposure
 _DEVICE = re.compile("/dev/video[0-9]+")  # any other file is a pipe

@@ -128,17 +128,30 @@ def test_a_video_shows_every_frame_once_with_its_own_time(tmp_path, name, code):
     assert [spot.x for _, _, spot in seen] == pytest.approx([100 + number for number in range(60)], abs=0.5)
 
 
+@pytest.mark.parametrize("name", ["beam.avi", "beam.mkv"])
+def test_a_video_that_was_cut_off_says_how_much_is_left(tmp_path, name, caplog):
+    write_video(tmp_path / name, [spot_at(100 + number) for number in range(20)])
+    whole = (tmp_path / name).read_bytes()
+    (tmp_path / name).write_bytes(whole[: len(whole) // 2])
+    count = len(list(open_camera(str(tmp_path / name)).frames()))
+    assert 0 < count < 20
+    assert [record.getMessage() for record in caplog.records] == [
+        f"{tmp_path / name}: damaged: it ends after {count} of 20 frames"
+    ]
+
+
 def test_a_video_can_be_seen_again(tmp_path):
     write_video(tmp_path / "beam.avi", [picture(number) for number in range(5)])
     camera = open_camera(str(tmp_path / "beam.avi"))
     assert [len(list(camera.frames())) for _ in range(2)] == [5, 5]
 
 
-def test_a_file_that_is_no_video_is_told_in_one_line(tmp_path, capfd):
-    (tmp_path / "beam.avi").write_text("hello")
-    assert main(["camera", "show", "--camera", str(tmp_path / "beam.avi")]) == 1
+@pytest.mark.parametrize("content", [b"hello", b"\0\0\0\x20ftypisom\0\0\2\0isomiso2avc1mp41\0\0\0\x08free"])
+def test_a_file_that_is_no_video_is_told_in_one_line(tmp_path, capfd, content):
+    (tmp_path / "beam.mp4").write_bytes(content)
+    assert main(["camera", "show", "--camera", str(tmp_path / "beam.mp4")]) == 1
     err = capfd.readouterr().err
-    assert "beam.avi: no video, and no picture, that OpenCV can read" in err and err.count("\n") == 1
+    assert "beam.mp4: no video, and no picture, that OpenCV can read" in err and err.count("\n") == 1
 
 
 # ---- folders and stacks
