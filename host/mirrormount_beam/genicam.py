@@ -4,7 +4,6 @@ The driver of a camera's maker brings a GenTL producer, a file *.cti, and puts i
 """
 
 import contextlib
-import importlib
 import logging
 import os
 from collections.abc import Iterator
@@ -70,11 +69,12 @@ def open_genicam(part: str, *, limits: Limits, settings: CameraSettings) -> Webc
 def _harvester() -> Iterator[Any]:
     """Harvesters with all producers of this computer. Raises ExtraMissing, CameraAbsent."""
     try:
-        harvester = importlib.import_module("harvesters.core").Harvester()
+        from harvesters.core import Harvester  # pyright: ignore[reportMissingImports]  # an extra that few install
     except ModuleNotFoundError as e:
         raise ExtraMissing(
             f"{SCHEME}:// needs a package that is not installed ({e.name}): {install_command(SCHEME)}"
         ) from e
+    harvester = Harvester()
     folders = [Path(folder) for folder in os.environ.get(PRODUCERS, "").split(os.pathsep) if folder]
     producers = [file for folder in folders for file in sorted(folder.glob("*.cti"))]
     if not producers:

@@ -3,6 +3,7 @@
 import contextlib
 import importlib.util
 import itertools
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -94,11 +95,9 @@ def test_without_a_producer_the_makers_driver_is_named(monkeypatch, tmp_path):
 
 
 def test_without_harvesters_the_extra_is_named_and_the_list_goes_on(monkeypatch, capsys):
-    def missing(name):
-        raise ModuleNotFoundError(f"No module named {name!r}", name=name)
-
-    monkeypatch.setattr(genicam.importlib, "import_module", missing)
-    with pytest.raises(ExtraMissing, match=r"harvesters\.core.*\[genicam\]"):
+    monkeypatch.setitem(sys.modules, "harvesters.core", None)
+    monkeypatch.setitem(sys.modules, "harvesters", None)
+    with pytest.raises(ExtraMissing, match=r"harvesters.*\[genicam\]"):
         open_camera("genicam://red")
     assert list(genicam.listed()) == []
 
