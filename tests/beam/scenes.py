@@ -93,10 +93,10 @@ def nasty(rng):
         middle = _add_spot(light, rng, comes, parts)
     if comes("fly", 0.15):
         _fly(light, rng, middle)
-    light = np.maximum(light, 0)
+    light, ambient = np.maximum(light, 0), np.maximum(ambient, 0)
     if comes("gamma", 0.1):
         gamma = rng.uniform(0.5, 0.9)
-        light, ambient = (255 * (np.maximum(part, 0) / 255) ** gamma for part in (light, ambient))
+        light, ambient = (255 * (part / 255) ** gamma for part in (light, ambient))
     truth = middle if middle is None or "edge" in parts else beams.declared_place(light - ambient)
     image = expose(light, rng, read=read, gain=gain)
     dark = None

@@ -293,15 +293,14 @@ def smoothed(window: Window) -> Array:
     return np.asarray(cv2.GaussianBlur(window.light, (0, 0), 1.0), np.float64)
 
 
-def lobes(smooth: Array, inside: NDArray[np.bool_], depth: float) -> int:
-    """How many maxima the light has that rise by depth above the pass to a higher one."""
-    peak = float(smooth[inside].max())
+def lobes(smooth: Array, inside: NDArray[np.bool_], peak: float, depth: float) -> int:
+    """How many maxima rise by this part of them above the pass to a higher one. peak: of the beam."""
     found = 1
     for level in np.arange(0.9, 0.2, -0.05) * peak:
         count, labels = cv2.connectedComponents(((smooth > level) & inside).astype(np.uint8))
         if count > 2:
             tops = [float(smooth[labels == label].max()) for label in range(1, count)]
-            found = max(found, sum(top > level + depth for top in tops))
+            found = max(found, sum(level < (1 - depth) * top for top in tops))
     return found
 
 

@@ -71,6 +71,7 @@ BY_CHANCE = frozenset({NoSpotReason.SHAPE, NoSpotReason.SPLIT, NoSpotReason.DIM}
 
 _AROUND = 9.0  # standard deviations to each side that are cut out for a small beam
 _SMALL = 1 / 14  # standard deviation of a small beam at most, in parts of the picture: rows have more dark than beam
+_SHARPER = 0.6  # peak of a part of a wide bright place, in peaks of that, above which the part may be the beam
 _LARGER = 3.0  # times as large as the spot: a window or a lamp in view is no second spot
 GHOST = 0.25  # a second spot with at least this part of the first one's light makes the place ambiguous
 _ALONE = 3.0  # peak at least, in thresholds: a second spot of 40 % would be seen, also with the noise against it
@@ -87,7 +88,8 @@ _LEAST = 5e-4  # standard error at least, in standard deviations: of the window'
 _UNSURE = 0.25  # standard error at most, in standard deviations of the spot
 _SIGNIFICANT = 8.0  # light at least, in its standard errors
 _STANDS_OUT = 0.25  # scatter of the surroundings at most, in parts of the peak
-_VALLEY = 0.12  # depth of the valley between two spots, in parts of the brightest
+_NEAR = 4.8  # standard deviations within which a second spot is looked for in the light itself
+_VALLEY = 0.15  # depth of the valley between two spots, in parts of the fainter one
 REACH_OF_SHAPE = 0.5  # part of the window in which the place is taken once more, for the doubt of the shape
 
 
@@ -168,9 +170,12 @@ def find_spot(
 
 def _start(seen: blobs.Detection, wide: blobs.Blob | None) -> tuple[NDArray, NDArray, float] | NoSpotReason:
     """Centre, covariance and peak to begin with: of the brightest place. Others as bright are a reason for none."""
-    places = [place for place in seen.blobs if wide is None or not _within(place, wide)]
+    places = seen.blobs
     if wide is not None:
-        places.append(wide)
+        inside = [place for place in places if _within(place, wide)]
+        # a coarse picture makes a small beam dimmer, and two that are near each other one
+        sharper = [place for place in inside if place.peak > _SHARPER * wide.peak]
+        places = [place for place in places if place not in inside] + (sharper or [wide])
     if not places:
         return NoSpotReason.NOTHING
     first = max(places, key=lambda place: place.peak)
@@ -202,13 +207,8 @@ def _followed(
 
 
 def _within(place: blobs.Blob, wide: blobs.Blob) -> bool:
-    """Whether a bright place is a part of the wide one: what its tile has left of it, or its structure.
-
-    The wide one is what two spots that are near each other look like from afar, too: so it is not much larger.
-    """
-    inside = abs(place.x - wide.x) < 2 * wide.width_x and abs(place.y - wide.y) < 2 * wide.width_y
-    alike = place.width_x * place.width_y > wide.width_x * wide.width_y / _LARGER**2
-    return inside and (alike or place.peak < wide.peak)
+    """Whether a bright place is a part of the wide one: what a tile of the surroundings has left of it."""
+    return abs(place.x - wide.x) < 1.5 * wide.width_x and abs(place.y - wide.y) < 1.5 * wide.width_y
 
 
 def _light(blob: blobs.Blob, seen: blobs.Detection) -> float:
@@ -238,9 +238,9 @@ def _judge(found: beam.Beam, picture: Grey, seen: blobs.Detection) -> Spot | NoS
     smooth = beam.smoothed(window)
     inside = window.r2 < found.reach**2
     peak = float(smooth[inside].max())
-    if beam.lobes(smooth, inside, _VALLEY * peak) > 1:
+    if beam.lobes(smooth, window.r2 < _NEAR**2, peak, _VALLEY) > 1:
         return none(NoSpotReason.SPLIT)
-    if window.scatter > _STANDS_OUT * peak and False:
+    if window.scatter > _STANDS_OUT * peak:
         return none(NoSpotReason.SHAPE)
     sigma_x, sigma_y = beam.place_errors(found)
     shift = beam.place_in(found, REACH_OF_SHAPE * found.reach)
