@@ -100,11 +100,9 @@ def test_the_declared_place_of_a_skewed_beam_is_neither_its_peak_nor_where_far_l
     assert beams.declared_place(light) == pytest.approx((320, 240), abs=0.1)
 
 
-def test_the_windows_factor_is_that_of_a_gaussian():
-    """Internal: the number stands in the definition, and find_spot has it, too."""
+def test_the_factor_of_the_light_above_half_is_that_of_a_gaussian():
+    """Internal: the number stands in the definition."""
     r = np.linspace(0, 4, 400_001)
-    share = np.clip((3.3 - r) / 0.6, 0, 1) * np.exp(-r * r / 2) * r
-    assert (share * r * r / 2).sum() / share.sum() == pytest.approx(beams._WINDOWED, abs=1e-6)
     above = np.clip(np.exp(-r * r / 2) - 0.5, 0, None) * r
     assert (above * r * r / 2).sum() / above.sum() == pytest.approx(beams._ABOVE_HALF, abs=1e-5)
 

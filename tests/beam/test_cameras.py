@@ -15,10 +15,9 @@ from mirrormount.cli.main import main
 from mirrormount.device.table_file import CameraSettings
 from mirrormount.errors import BadAddress, remedy_of
 from mirrormount_beam import webcams
-from mirrormount_beam.camera import OF_DRIVER, Controls, Image, Limits, Picture, Size, checked
+from mirrormount_beam.camera import OF_DRIVER, Controls, Limits, Picture, Size, checked
 from mirrormount_beam.cameras import open_camera
 from mirrormount_beam.cli import camera as camera_module
-from mirrormount_beam.cli.camera import line
 from mirrormount_beam.errors import (
     CameraAbsent,
     CameraBlack,
@@ -29,7 +28,7 @@ from mirrormount_beam.errors import (
     CameraSlow,
 )
 from mirrormount_beam.recordings import open_folder
-from mirrormount_beam.spot.find import Spot, find_spot
+from mirrormount_beam.spot.find import find_spot
 from mirrormount_beam.webcams import Webcam
 
 
@@ -401,11 +400,6 @@ def test_show_prints_a_line_for_each_frame(capsys):
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == 2
     assert all(" ± " in line and "threshold" in line for line in lines)
-
-
-def test_a_weak_ghost_is_not_told_as_one_of_0_percent():
-    spot = Spot(320.0, 240.0, 0.1, 0.1, 12.0, 12.0, 178.0, 8.0, 0, 600.0, ghost=0.004)
-    assert "ghost 0.4%" in line(Image(np.zeros((480, 640), np.uint8), 0.0, 0), spot)
 
 
 def test_the_virtual_camera_is_that_of_measure_and_scan_with_the_same_profile_and_seed(capsys):

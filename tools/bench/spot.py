@@ -12,7 +12,6 @@ import cv2
 import numpy as np
 import scenes
 
-from mirrormount_beam.spot import gaussian
 from mirrormount_beam.spot.find import NoSpot, find_spot
 
 
@@ -44,10 +43,11 @@ def _bound(width, peak, read=1.0, gain=0.1):
     reach = np.arange(-6 * width, 6 * width + 1)
     x, y = (each.ravel() for each in np.meshgrid(reach, reach))
     variance = read**2 + gain * (8 + peak * np.exp(-(x * x + y * y) / (2 * width**2))) + 1 / 12
-    spot = np.array([peak, 0.0, 0.0, width**-2, 0.0, width**-2, 8.0, 0.0, 0.0])
-    bins = gaussian.Bins(x, y, np.zeros(x.size), 1 / variance)
-    jacobian = gaussian.jacobian(spot, bins)
-    return float(np.linalg.inv((jacobian * bins.weight[:, None]).T @ jacobian)[1, 1]) ** 0.5
+    light = peak * np.exp(-(x * x + y * y) / (2 * width**2))
+    terms = [light / peak, light * x / width**2, light * y / width**2]
+    terms += [light * x * x, light * x * y, light * y * y, np.ones_like(x), x, y]
+    jacobian = np.stack(terms, axis=1)
+    return float(np.linalg.inv((jacobian / variance[:, None]).T @ jacobian)[1, 1]) ** 0.5
 
 
 def _line(kind, some) -> None:

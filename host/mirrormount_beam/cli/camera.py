@@ -93,10 +93,10 @@ def line(frame: Image, found: Spot | NoSpot) -> str:
     if isinstance(found, NoSpot):
         return f"{frame.number:6d}  {found}  (threshold {seen}){marks}"
     also = f" saturated {found.saturated}" if found.saturated else ""
-    also += f" ghost {found.ghost:.1%}" if found.ghost else ""
     return (
         f"{frame.number:6d}  x {found.x:8.3f} ± {found.sigma_x:.3f}  y {found.y:8.3f} ± {found.sigma_y:.3f} px"
-        f"  width {found.width:.1f} x {found.height:.1f}  peak {found.peak:.0f}  threshold {seen}{also}{marks}"
+        f"  shape {found.shape_px:.3f}  D4-sigma {found.d4_long:.1f} x {found.d4_short:.1f} at {found.angle:.0f}°"
+        f"  peak {found.peak:.0f}  threshold {seen}{also}{marks}"
     )
 
 

@@ -40,6 +40,8 @@ _LIKE = 3.0  # standard deviations within which a bin of the ring counts as surr
 _DIFFERENCE = np.array([1.0, -6.0, 15.0, -20.0, 15.0, -6.0, 1.0])  # of sixth order: a smooth beam leaves nothing of it
 _NORM2 = float(_DIFFERENCE @ _DIFFERENCE)
 _OF_SHORT = 0.3  # of the shorter axis' standard deviation: means of larger squares show the beam, not the noise
+_COMPRESSED = 3.0  # variance of a compressed image, in what its means tell; measured at JPEG of quality 70 to 95
+_WIDER_THAN = 3.0  # px: see _shared()
 _SURE = 12  # differences, as many as the noise of the pixels counts for beside the noise of whole rows and columns
 # plain second moments of a Gaussian in the window, in parts of its variance
 _KEPT = 1 - REACH**2 / 2 * float(np.exp(-(REACH**2) / 2)) / (1 - float(np.exp(-(REACH**2) / 2)))
@@ -210,12 +212,13 @@ def place_errors(beam: Beam) -> tuple[float, float]:
     uneven = max(window.scatter**2 - 2 * quiet, 0.0) * max((short / window.side) ** 2, 1.0)
     growth = 1 / (1 - beam.reach**2 / 2 * float(np.exp(-(beam.reach**2) / 2)))
     errors = []
+    deviations = np.sqrt(np.diag(beam.covariance)) / beam.scale
     for along, axis in ((window.x, 1), (window.y, 0)):
         lever = soft * along
         through = np.tensordot(window.design, lever, 2) @ window.normal
         by_ring = np.tensordot(through, window.design, 1) * window.trust / total
         moves = lever / total - by_ring
-        variance = float((moves * moves * noise).sum()) * _shared(window, noise, axis)
+        variance = float((moves * moves * noise).sum()) * _shared(window, noise, axis, float(deviations[1 - axis]))
         variance += uneven * float((by_ring * by_ring).sum())
         errors.append(growth * float(beam.scale[1 - axis]) * variance**0.5)
     return errors[0], errors[1]
@@ -224,20 +227,22 @@ def place_errors(beam: Beam) -> tuple[float, float]:
 def _noise(window: Window, rounding: float, short: float) -> Array:
     """Variance of each bin, from differences along rows: a constant part, and one that grows with the light.
 
-    Differences of pixels, and of means of four and of 16: after a compression (JPEG) the larger ones are less quiet
-    than those of pixels tell. rounding: variance of a pixel by rounding. short: standard deviation of the beam's
-    shorter axis, px.
+    Differences of pixels, and of means of 4, 16 and 64: in a compressed image (JPEG) the means are less quiet than
+    pixels tell, and pixels are quieter than their rounding alone lets them be. rounding: variance of a pixel by
+    rounding. short: standard deviation of the beam's shorter axis, px.
     """
     light = np.maximum(cv2.blur(window.light, (3, 3)), 0)
     peak = float(light.max())
-    base, bright = rounding, 0.0
+    base, bright, finest = rounding, 0.0, 0.0
     for side in (1, 2, 4, 8):
         dark, light_too = _levels(window, light, side)
+        finest = dark if side == 1 else finest
         base = max(base, dark * side**2)
         if side == 1 or side < _OF_SHORT * short:
             bright = max(bright, light_too * side**2)
     growth = max(bright - base, 0.0) / (0.6 * peak) if peak > 0 else 0.0
-    return (base + growth * light) / window.side**2
+    compressed = finest < rounding and base > 2 * rounding
+    return (base + growth * light) / window.side**2 * (_COMPRESSED if compressed else 1.0)
 
 
 def _levels(window: Window, light: Array, side: int) -> tuple[float, float]:
@@ -263,11 +268,11 @@ def _mean_square(squares: Array) -> float:
     return float(squares.mean())
 
 
-def _shared(window: Window, noise: Array, axis: int) -> float:
+def _shared(window: Window, noise: Array, axis: int, deviation: float) -> float:
     """How much larger the noise of sums of columns (axis 1: of rows, axis 0) is than that of their pixels alone.
 
     Rows are compared with the next but one: sensors of two fields have rows of alternating brightness, which moves
-    nothing.
+    nothing. deviation: of the beam along the axis, px: of a narrow one the differences show the beam.
     """
     across = np.abs(window.y if axis else window.x)
     middle = across[:, 0] if axis else across[0]
@@ -278,6 +283,8 @@ def _shared(window: Window, noise: Array, axis: int) -> float:
     per_bin = noise[middle].sum(axis=0) if axis else noise[:, middle].sum(axis=1)
     expected = np.repeat(per_bin, window.side) * window.side**3  # a bin's mean has side² pixels, in `side` columns
     step = 1 if axis else 2
+    if deviation < _WIDER_THAN * step:
+        return 1.0
     kernel = np.zeros((_DIFFERENCE.size - 1) * step + 1)
     kernel[::step] = _DIFFERENCE
     if sums.size <= kernel.size:
