@@ -6,12 +6,16 @@ stderr if that is a terminal. A signal that ends a program becomes an exception,
 
 import contextlib
 import os
+import re
 import shutil
 import signal
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 from types import FrameType
+
+NETWORK = ("http", "https", "rtsp")  # schemes of a camera's address that may hold a password
+_CLEAR = re.compile(r"([^/?#@]*@)?(?P<host>[^/?#@]+)(?P<path>/[^?#@]*)?([?#][^@]*)?")
 
 
 def printable(text: str, longest: int = 200) -> str:
@@ -22,6 +26,21 @@ def printable(text: str, longest: int = 200) -> str:
     """
     kept = text if len(text) <= longest else text[: longest - 1] + "…"
     return "".join(c if c.isprintable() else c.encode("unicode_escape", "surrogatepass").decode("ascii") for c in kept)
+
+
+def without_credentials(address: str) -> str:
+    """A camera's address as it may be shown: without user and password, and of the network without what follows a ?.
+
+    An address that does not show for certain what in it is a password is not shown at all.
+    """
+    scheme, mark, rest = address.partition("://")
+    if not mark or (scheme.lower() not in NETWORK and "@" not in rest):  # a scheme may be mistyped
+        return address
+    clear = _CLEAR.fullmatch(rest)
+    if not clear:
+        return f"{scheme}://…"
+    path = clear["path"] or ""
+    return f"{scheme}://{clear['host']}{'/…' if '=' in path else path}"
 
 
 # ---- progress

@@ -48,14 +48,14 @@ class Controls(NamedTuple):
 class Image:
     """One picture.
 
-    image: uint8, (rows, columns), not to be written to.
+    image: uint8, or uint16 of a camera or a file with more than 8 bits; (rows, columns), not to be written to.
     time_s: middle of the exposure on the camera's clock (Camera.monotonic), as well as it is known.
     number: counts the camera's images from 0; a gap is images that are known to be missing.
     repeated: the image is byte for byte that of the image before, so it is no new measurement.
     late: the image came later than two periods of the camera after the image before.
     """
 
-    image: "NDArray[np.uint8]"
+    image: "NDArray[np.uint8] | NDArray[np.uint16]"
     time_s: float
     number: int
     repeated: bool = False
@@ -94,8 +94,8 @@ class Camera(Protocol):
 
 GREY_OF_COLOUR = "the largest of the colour channels, so that a saturated channel stays visible"
 _LEAST = 32  # pixels of a side
-# of a sensor of 10, 12 or 14 bits in a picture of 16: its bits are the lower or the upper ones
-_ENDS = {(1 << bits) - 1 << shift for bits in (10, 12, 14) for shift in (0, 16 - bits)}
+_BITS = (8, 10, 12, 14)  # of a sensor in a picture of 16: its bits are the lower or the upper ones
+_ENDS = {(1 << bits) - 1 << shift for bits in _BITS for shift in (0, 16 - bits)}
 _HOT = 8.0  # standard deviations above the dark picture's median
 
 
@@ -188,7 +188,7 @@ def checked(
     before: Image | None = None
     equal, intervals, flat = 0, [], 0
     for count, picture in enumerate(pictures):
-        image = as_bytes(to_grey(picture.image))
+        image = np.array(to_grey(picture.image))  # a copy: the camera's library may use its own array again
         got = Size(image.shape[1], image.shape[0])
         size = size or got
         if got != size:
@@ -218,8 +218,16 @@ def checked(
         yield before
 
 
-def as_bytes(image: NDArray[Any]) -> NDArray[np.uint8]:
-    """A grey picture as 8 bits, a copy; of 16 bits the upper eight."""
-    if image.dtype == np.uint16:
-        return (image >> 8).astype(np.uint8)
-    return np.array(image, np.uint8)
+def range_of(image: NDArray[Any]) -> int:
+    """The largest grey value that this picture's sensor can have: of the fewest bits that hold the brightest pixel."""
+    if image.dtype == np.uint8:
+        return 255
+    brightest = int(image.max())
+    return next((end for bits in _BITS if (end := (1 << bits) - 1) >= brightest), 0xFFFF)
+
+
+def as_bytes(image: NDArray[Any], end: int | None = None) -> NDArray[np.uint8]:
+    """A grey picture as 8 bits, for people to look at. end: the grey value that becomes white (range_of)."""
+    if image.dtype == np.uint8:
+        return image
+    return np.asarray(cv2.convertScaleAbs(image, alpha=255 / (end or range_of(image))), np.uint8)

@@ -10,10 +10,18 @@ class CameraError(MountError):
 
 
 class CameraAbsent(CameraError):
-    """There is no such camera, recording or folder of pictures, another program has the camera, or this user may not
+    """There is no such camera, file or folder of pictures, another program has the camera, or this user may not
     open it.
     Remedy: `mirrormount camera list` lists cameras. Close other programs that show its picture. Linux:
     `sudo usermod -aG video $USER` and log in again.
+    """
+
+
+class CameraSettingRefused(CameraError):
+    """The camera has not taken an exposure, a gain, a size or a form of the pictures: it cannot, it has the number in
+    other steps, or its driver does not tell what it has.
+    Remedy: Ask for what the line says that it has, or for a number near it. A size may need another --fourcc (MJPG);
+    on Windows another --backend may help.
     """
 
 

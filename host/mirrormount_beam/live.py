@@ -11,6 +11,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 
 from mirrormount.errors import MountError
 from mirrormount.terminal import printable
-from mirrormount_beam.camera import Camera, Controls, Dark, Image, Size
+from mirrormount_beam.camera import Camera, Controls, Dark, Image, Size, as_bytes, range_of
 from mirrormount_beam.errors import CameraGone
 from mirrormount_beam.scale import Scale
 from mirrormount_beam.spot.find import NoSpot, Spot, find_spot
@@ -45,8 +46,9 @@ class Seen:
     at_s: float
 
 
-def as_jpeg(image: "NDArray[np.uint8]") -> bytes:
-    """A picture for a browser, not wider than 960 pixels."""
+def as_jpeg(image: "NDArray[Any]", end: int | None = None) -> bytes:
+    """A picture for a browser, not wider than 960 pixels. end: the grey value that becomes white."""
+    image = as_bytes(image, end)
     if image.shape[1] > _WIDEST:
         size = (_WIDEST, max(1, round(image.shape[0] * _WIDEST / image.shape[1])))
         image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
@@ -66,6 +68,7 @@ class LiveView:
         self._failure = "no picture yet"
         self._changed = threading.Condition()
         self._jpeg: tuple[int, bytes] = (0, b"")
+        self._end = 0
 
     @property
     def last(self) -> Seen | None:
@@ -91,7 +94,8 @@ class LiveView:
         """The picture for a browser, not wider than 960 pixels. It is made once for all who look."""
         number, data = self._jpeg
         if number != seen.number:
-            data = as_jpeg(seen.frame.image)
+            self._end = max(self._end, range_of(seen.frame.image))  # that of one dim picture would make it flicker
+            data = as_jpeg(seen.frame.image, self._end)
             self._jpeg = seen.number, data
         return data
 

@@ -13,13 +13,14 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from mirrormount import files
+from mirrormount_beam.camera import as_bytes
 from mirrormount_beam.estimates import Estimate, Result, Series
 from mirrormount_beam.runlog import MINUTE_S, ErrorSums, Minute, Run, joined, spectrum
 from mirrormount_beam.scale import Optics
@@ -143,7 +144,7 @@ def write_json(path: Path, result: Result, origin: Origin) -> None:
     files.write_atomic(path, json.dumps(_finite(data), indent=1, allow_nan=False) + "\n")
 
 
-def write_page(path: Path, result: Result, origin: Origin, last: tuple[NDArray[np.uint8], Spot] | None) -> None:
+def write_page(path: Path, result: Result, origin: Origin, last: tuple[NDArray[Any], Spot] | None) -> None:
     """Write the page. last: a picture and its spot, for the reader to see. Raises CannotWrite."""
     began = origin.began.isoformat(sep=" ", timespec="seconds")
     of = " · ".join((began, origin.board, f"camera: {origin.camera}", f"mirrormount {origin.version}"))
@@ -234,8 +235,8 @@ def _chart(series: Series) -> str:
     return html_chart(series.title, draw, height=4.0 if series.in_picture else 2.8, width=5.2)
 
 
-def _picture(image: NDArray[np.uint8], spot: Spot) -> str:
-    shown = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
+def _picture(image: NDArray[Any], spot: Spot) -> str:
+    shown = cv2.cvtColor(as_bytes(image), cv2.COLOR_GRAY2BGR)
     at = round(spot.x), round(spot.y)
     cv2.circle(shown, at, round(max(spot.width, spot.height) * 2), (60, 180, 255), 1, cv2.LINE_AA)
     cv2.drawMarker(shown, at, (60, 180, 255), cv2.MARKER_CROSS, 12, 1, cv2.LINE_AA)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from mirrormount import files
 from mirrormount.device import calibration
 from mirrormount.errors import BadFile, BadValue, NotCalibrated
-from mirrormount_beam.camera import Camera, Size, to_grey
+from mirrormount_beam.camera import Camera, Size, as_bytes, to_grey
 from mirrormount_beam.estimates import Estimate
 
 _TILTED = 0.03  # ratio of a checkerboard's two scales, less 1, above which it is seen at an angle
@@ -139,9 +139,7 @@ def of_checkerboard(image: NDArray[Any], square: Measured, corners: tuple[int, i
 
     Raises BadValue if it is not in the picture, or seen at an angle.
     """
-    grey = to_grey(image)
-    if grey.dtype != np.uint8:
-        grey = (grey >> 8).astype(np.uint8)
+    grey = as_bytes(to_grey(image))
     found, coarse = cv2.findChessboardCorners(grey, corners)
     if not found:
         raise BadValue(f"no checkerboard with {corners[0]} x {corners[1]} inner corners in the picture")

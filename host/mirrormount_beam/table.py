@@ -428,7 +428,8 @@ class Table:
 
 
 def _target_camera(name: str, entry: CameraEntry) -> TargetCamera:
-    camera = open_camera(entry.camera)
+    reopen = partial(open_camera, entry.camera, settings=entry.settings)
+    camera = reopen()
     try:
         mm_per_px = scale.read(camera).mm_per_px
     except NotCalibrated as e:
@@ -440,6 +441,4 @@ def _target_camera(name: str, entry: CameraEntry) -> TargetCamera:
     middle = (camera.size.width - 1) / 2, (camera.size.height - 1) / 2
     um = 1000 * mm_per_px
     distance_m = None if entry.distance_mm is None else entry.distance_mm / 1000
-    return TargetCamera(
-        name, camera, entry.target_px or middle, (um, um), distance_m, reopen=partial(open_camera, entry.camera)
-    )
+    return TargetCamera(name, camera, entry.target_px or middle, (um, um), distance_m, reopen=reopen)

@@ -144,9 +144,10 @@ def _also(seen: Seen) -> str:
     found = seen.found
     parts = []
     if isinstance(found, Spot):
-        parts.append(f"size {found.width:.1f} x {found.height:.1f} px, peak {found.peak:.0f}")
+        parts.append(f"D4-sigma {found.d4_long:.1f} x {found.d4_short:.1f} px at {found.angle:.0f}°")
+        parts.append(f"peak {found.peak:.0f}")
         parts += [f"{found.saturated} pixels saturated"] if found.saturated else []
-        parts += [f"a ghost of {found.ghost:.1%}"] if found.ghost else []
+        parts.append(f"shape ± {found.shape_px:.2f} px")
     if found.detection:
         brightest = max((blob.peak for blob in found.detection.blobs), default=None)
         parts.append(f"threshold {found.detection.threshold:.1f} above the background")

@@ -31,6 +31,8 @@ from typing import TYPE_CHECKING
 from mirrormount.cli.arguments import (
     Command,
     board_port,
+    camera_options,
+    camera_settings,
     patience_of,
     patience_option,
     virtual_address,
@@ -260,7 +262,10 @@ def opened_camera(
     args: argparse.Namespace, address: str | None
 ) -> "Iterator[tuple[Address, CameraView[LiveCamera] | None]]":
     """Where the board is, and the camera; None without one. Raises MountError."""
+    settings = camera_settings(args)
     if args.camera is None:
+        if settings.given:
+            raise BadValue(f"{', '.join(settings.given)}: of a camera; add --camera")
         yield address, None
         return
     if args.virtual:
@@ -270,7 +275,7 @@ def opened_camera(
     from mirrormount_panel.camera import CameraView
 
     name: str = in_real_time(args.camera)
-    live = LiveCamera(name, lambda: open_camera(name))
+    live = LiveCamera(name, lambda: open_camera(name, settings=settings))
     with contextlib.closing(live):
         live.open()
         yield address, CameraView(live)
@@ -404,7 +409,8 @@ def serve_camera_page(args: argparse.Namespace, dark: "Dark | None") -> None:
     from mirrormount_panel.server import light_page, log_to_file, make_light_server
 
     name: str = in_real_time(args.camera)
-    live = LiveCamera(name, lambda: open_camera(name, limits=Limits(may_be_black=True)), dark)
+    limits, settings = Limits(may_be_black=True), camera_settings(args)
+    live = LiveCamera(name, lambda: open_camera(name, limits=limits, settings=settings), dark)
     with opened(args) as opening, contextlib.closing(live), contextlib.ExitStack() as kept:
         live.open()
         end_by_signals()
@@ -433,6 +439,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         "--camera",
         help="a camera's picture, and clicks that move the spot: index, device, part of a name; with --virtual: 1 or 2",
     )
+    camera_options(parser)
 
 
 COMMANDS = (

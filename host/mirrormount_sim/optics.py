@@ -4,17 +4,19 @@ The table is the plane of x and z; y is up. Each mirror folds the beam by 90 deg
 right. A plane's coordinates are (right, up) as seen along the beam, from where the beam hits it with all mirrors at
 rest. Lengths in metres, coordinates in the planes in millimetres, angles in radians.
 
-A webcam's picture has 8 bits, gain, exposure, noise, hot pixels, a ghost, ambient light. Grey values are those at
-gain 1 and at EXPOSURE_S unless a name says otherwise. No number is of a certain camera: all are assumed, in the range
-of webcams of 20 to 50 dollars.
+A webcam's picture has gain, exposure, noise, hot pixels, a ghost, ambient light; the shapes of beams and the defects of
+chips are in beams.py. Grey values are those at gain 1 and at EXPOSURE_S unless a name says otherwise. No number is of a
+certain camera: all are assumed, in the range of webcams of 20 to 50 dollars.
 """
 
-import functools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from mirrormount_sim.beams import GAUSSIAN, GOOD, Beam, Defects, Window, expose, patch, window_light
 
 SPOT_MM = 2.0  # radius of the spot (one standard deviation); assumed
 _NOISE = 2.0  # read noise, grey levels; assumed
@@ -179,8 +181,6 @@ def _unit(a: Vector) -> Vector:
 
 
 EXPOSURE_S = 0.005  # at which the grey values below are true
-_BANK = 1 << 21  # normal numbers, drawn once: a frame takes them from a random place on
-_REACH = 6.0  # of a spot, in its own standard deviations: beyond, it is below 1e-5 of a grey value
 _LAMP_PX = 180.0  # radius of the moving light, one standard deviation
 
 
@@ -198,7 +198,10 @@ class Sensor:
     pixel_mm: float = 0.05  # of the plane, for one pixel
     rotation_deg: float = 0.0  # of the camera about the beam; positive turns the picture clockwise
     centre_px: tuple[float, float] = (319.5, 239.5)  # where the plane's centre is, (column, row)
-    spot_sigma_mm: float = 0.6  # one standard deviation of the beam's intensity
+    spot_sigma_mm: float = 0.6  # one standard deviation of the beam's intensity, whatever its shape
+    beam: Beam = GAUSSIAN  # its shape
+    defects: Defects = GOOD
+    window: Window | None = None
     peak: float = 180.0  # of the spot
     black: float = 6.0  # without light
     read_noise: float = 1.5
@@ -224,7 +227,7 @@ class Sensor:
         self._new_size()
 
     def _new_size(self) -> None:
-        self._frame = np.empty((self.height, self.width), np.float32)
+        self._light = np.empty((self.height, self.width), np.float32)
         fixed = np.random.default_rng(self.seed)  # hot pixels are of the chip, not of the moment
         self.hot_at = fixed.integers(0, self.width * self.height, self.hot_pixels)
         self._hot = fixed.uniform(40, 250, self.hot_pixels).astype(np.float32)
@@ -235,44 +238,30 @@ class Sensor:
         c, s = math.cos(math.radians(self.rotation_deg)), math.sin(math.radians(self.rotation_deg))
         return self.centre_px[0] + right * c + up * s, self.centre_px[1] + right * s - up * c
 
-    def picture(self, spots_mm: list[tuple[float, float]], time_s: float) -> NDArray[np.uint8]:
-        """A frame (rows, columns) with these spots, each of full brightness."""
-        frame = self._frame
+    def picture(self, spots_mm: list[tuple[float, float]], time_s: float) -> NDArray[Any]:
+        """A frame (rows, columns) with these spots, each of full brightness. Its type is that of beams.expose()."""
+        light = self._light
         scale = self.gain * self.exposure_s / EXPOSURE_S
         ambient = self.ambient + self.ambient_wave * math.sin(2 * math.pi * time_s / self.wave_s)
-        dark_noise = math.hypot(self.read_noise * self.gain, self._shot(max(0.0, ambient) * scale))
-        np.multiply(self._normal(frame.size).reshape(frame.shape), np.float32(dark_noise), out=frame)
-        frame += np.float32(self.black + max(0.0, ambient) * scale + 0.5)  # 0.5: rounded, not cut, below
+        light[:] = max(0.0, ambient) * scale
         if self.lamp:
-            frame += self._lamp_light(time_s) * np.float32(self.lamp * scale)
+            light += self._lamp_light(time_s) * np.float32(self.lamp * scale)
+        if self.window:
+            light += window_light(self.window, light.shape) * np.float32(scale)
         for spot in spots_mm:
             x, y = self.place(spot)
-            self._add(frame, x, y, self.peak * scale)
+            self._add(x, y, self.peak * scale)
             if self.ghost:
-                self._add(frame, x + self.ghost_px[0], y + self.ghost_px[1], self.ghost * self.peak * scale)
-        if self.hot_pixels:
-            frame.reshape(-1)[self.hot_at] += self._hot * np.float32(scale)
-        np.clip(frame, 0, 255, out=frame)
-        return frame.astype(np.uint8)
+                self._add(x + self.ghost_px[0], y + self.ghost_px[1], self.ghost * self.peak * scale)
+        light.reshape(-1)[self.hot_at] += self._hot * np.float32(scale)
+        read_noise, electrons = self.read_noise * self.gain, self.electrons / self.gain
+        return expose(light, self.noise, self.defects, black=self.black, read_noise=read_noise, electrons=electrons)
 
-    def _shot(self, grey: float) -> float:
-        return math.sqrt(grey * self.gain / self.electrons)
-
-    def _add(self, frame: NDArray[np.float32], x: float, y: float, peak: float) -> None:
-        """Add a spot and its shot noise."""
-        sigma = self.spot_sigma_mm / self.pixel_mm
-        reach = _REACH * sigma
-        left, right = max(0, math.ceil(x - reach)), min(self.width, math.floor(x + reach) + 1)
-        top, bottom = max(0, math.ceil(y - reach)), min(self.height, math.floor(y + reach) + 1)
-        if left >= right or top >= bottom:
-            return
-        across = np.exp(-((np.arange(left, right) - x) ** 2) / (2 * sigma**2))
-        down = peak * np.exp(-((np.arange(top, bottom) - y) ** 2) / (2 * sigma**2))
-        light = np.multiply.outer(down, across).astype(np.float32)
-        part = frame[top:bottom, left:right]
-        part += light
-        shot = np.sqrt(light * np.float32(self.gain / self.electrons))
-        part += shot * self._normal(light.size).reshape(light.shape)
+    def _add(self, x: float, y: float, peak: float) -> None:
+        """Add a spot."""
+        beam = replace(self.beam, sigma=self.spot_sigma_mm / self.pixel_mm)
+        rows, columns, spot = patch(beam, x, y, self._light.shape)
+        self._light[rows, columns] += spot * np.float32(peak)
 
     def _lamp_light(self, time_s: float) -> NDArray[np.float32]:
         """The moving light's share at each pixel."""
@@ -281,17 +270,6 @@ class Sensor:
         across = np.exp(-((np.arange(self.width, dtype=np.float32) - x) ** 2) / (2 * _LAMP_PX**2))
         down = np.exp(-((np.arange(self.height, dtype=np.float32) - y) ** 2) / (2 * _LAMP_PX**2))
         return np.multiply.outer(down.astype(np.float32), across.astype(np.float32))
-
-    def _normal(self, count: int) -> NDArray[np.float32]:
-        """Normal numbers, not to be written to. Drawing them afresh would take longer than all the rest."""
-        bank = _bank()
-        start = int(self.noise.integers(0, len(bank) - count))
-        return bank[start : start + count]
-
-
-@functools.cache
-def _bank() -> NDArray[np.float32]:
-    return np.random.default_rng(0).standard_normal(_BANK, dtype=np.float32)
 
 
 GRID_S = 0.01  # the walk's step; a jitter stays as long

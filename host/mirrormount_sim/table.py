@@ -3,7 +3,7 @@
 virtual-table://                 two mounts, each on a board of its own, and two cameras; as fast as it goes
 …?mounts=1|2  &cameras=1|2  &encoder=motor|shaft
 …&profile=smooth|rough  &seed=N  &supply=VOLTAGE, of the nominal one  &off=MILLIMETRES, by which the laser is displaced
-…&speed=max|1  (1: in real time)
+…&window=0|1  (1: a window or a lamp in each camera's view)  &speed=max|1  (1: in real time)
 
 A test may ask the table for the truth (spots_mm, mirrors_urad); the product sees it through cameras only, and moves it
 by pins only. Units: millimetres in the cameras' planes, microradians of a mirror, seconds of the table's time.
@@ -20,10 +20,10 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 from urllib.parse import parse_qsl
 
 import numpy as np
@@ -34,10 +34,11 @@ from mirrormount.terminal import printable
 from mirrormount_beam.camera import Controls, Image, Limits, Picture, Size, checked
 from mirrormount_beam.errors import CameraGone
 from mirrormount_beam.scale import Scale
+from mirrormount_sim.beams import draw_beam, draw_defects, draw_window
 from mirrormount_sim.bench import INCIDENCE
 from mirrormount_sim.board import LockstepPort, Options, RealtimePort, make_simulation, profile_named, seed_of
 from mirrormount_sim.clocks import Lockstep
-from mirrormount_sim.mechanics import KINDS, ROUGH, SMOOTH, Profile
+from mirrormount_sim.mechanics import KINDS, SMOOTH, Profile
 from mirrormount_sim.optics import DEFAULT, BeamPath, Drift, Geometry, Sensor, Spot
 from mirrormount_sim.simulation import START_US, BoardGone, Simulation
 
@@ -271,7 +272,7 @@ class TableCamera:
         self._asked_s = 0.0
         self._next_s = 0.0
         self._number = -1
-        self._image: NDArray[np.uint8] | None = None
+        self._image: NDArray[Any] | None = None
 
     @property
     def controls(self) -> Controls:
@@ -343,27 +344,45 @@ class TableCamera:
 
     def _developed(self, exposure: _Exposure) -> Picture:
         if self._image is None or not (self.frozen or exposure.repeated):
+            self._image = self.sensor.picture(exposure.spots, exposure.time_s)
             if self.black:
-                self._image = np.zeros((self.sensor.height, self.sensor.width), np.uint8)
-            else:
-                self._image = self.sensor.picture(exposure.spots, exposure.time_s)
+                self._image[:] = 0
         return Picture(self._image, exposure.time_s + STAMP_S * float(self._stamps.standard_normal()))
 
 
 _MOST_ROTATION_DEG = 3.0  # of a camera that was put up by hand
 _MOST_OFF_PX = 25.0  # of its middle from the beam
+REAL_BEAMS = True  # of all profiles but smooth: beams and sensors as real ones are, not Gaussians with noise
 
 
-def new_webcam(profile: Profile, noise: np.random.Generator) -> tuple[Sensor, Timing]:
-    """A camera of the table of this profile, as it stands there."""
+def new_webcam(profile: Profile, noise: np.random.Generator, real: bool | None = None) -> tuple[Sensor, Timing]:
+    """A camera of the table of this profile, as it stands there. real: other than REAL_BEAMS."""
     seed, phase_s = int(noise.integers(1 << 31)), float(noise.uniform(0, 1 / FRAMES_S))
-    if profile.name != ROUGH.name:
+    if profile.name == SMOOTH.name:
         return Sensor(seed=seed), Timing(phase_s=phase_s)
     sensor = Sensor(seed=seed, ambient_wave=4.0, lamp=10.0, ghost=0.04, hot_pixels=12)
     sensor.rotation_deg = float(noise.uniform(-_MOST_ROTATION_DEG, _MOST_ROTATION_DEG))
     (x, y), (off_x, off_y) = sensor.centre_px, noise.uniform(-_MOST_OFF_PX, _MOST_OFF_PX, 2)
     sensor.centre_px = x + float(off_x), y + float(off_y)
+    if REAL_BEAMS if real is None else real:
+        _make_real(sensor)
     return sensor, Timing(phase_s=phase_s, latency_spread_s=0.008, dropped=0.01, repeated=0.005)
+
+
+def _make_real(sensor: Sensor) -> None:
+    """A beam that a person takes for one, and a sensor with small defects; its hot pixels it has already."""
+    noise = np.random.default_rng([sensor.seed, 4])
+    sensor.spot_sigma_mm *= float(noise.uniform(0.85, 1.25))
+    sensor.beam = draw_beam(noise, sensor.spot_sigma_mm / sensor.pixel_mm)
+    sensor.defects = replace(draw_defects(noise), hot=0)
+
+
+_APART_PX = 150.0  # of a window from the middle of the picture
+
+
+def _add_window(sensor: Sensor) -> None:
+    noise, shape = np.random.default_rng([sensor.seed, 5]), (sensor.height, sensor.width)
+    sensor.window = draw_window(noise, shape, sensor.width / 2, sensor.height / 2, _APART_PX)
 
 
 LASER_DRIFT_URAD = 3.0  # of the beam's direction after one second, either way, growing as its root; assumed
@@ -482,6 +501,7 @@ class Kind:
     realtime: bool = False
     encoder: str | None = None
     geometry: Geometry = DEFAULT
+    window: bool = False
 
 
 class VirtualTable:
@@ -525,6 +545,8 @@ class VirtualTable:
         self.cameras: list[TableCamera] = []
         for number, distance_m in enumerate(self.truth.geometry.cameras_m):
             sensor, timing = new_webcam(kind.profile, noise)
+            if kind.window:
+                _add_window(sensor)
             look = partial(self._plane, number)
             camera = TableCamera(f"virtual camera {number + 1}", sensor, timing, look, self.clock, distance_m)
             from_mm = 1000 * distance_m if kind.mounts == 1 else None
@@ -610,12 +632,13 @@ def open_table(url: str) -> VirtualTable:
     profile = profile_named(given.pop("profile", SMOOTH.name), given.pop("supply", None))
     seed, off = seed_of(given.pop("seed", "1")), given.pop("off", "0")
     mounts, cameras, speed = given.pop("mounts", "2"), given.pop("cameras", "2"), given.pop("speed", "max")
-    encoder = given.pop("encoder", None)
+    encoder, window = given.pop("encoder", None), given.pop("window", "0")
     off_mm = float(off) if off.isascii() and off.replace(".", "", 1).isdecimal() else math.nan
     if (
         given
         or mounts not in ("1", "2")
         or cameras not in ("1", "2")
+        or window not in ("0", "1")
         or speed not in ("1", "max")
         or encoder not in (None, *KINDS)
         or not off_mm <= MOST_OFF_MM
@@ -623,6 +646,7 @@ def open_table(url: str) -> VirtualTable:
         raise BadAddress(
             f"{printable(url)}: options are mounts=1|2, cameras=1|2, profile=, seed=NUMBER, supply=,"
             " encoder=motor|shaft,"
-            f" off=0 … {MOST_OFF_MM:g} (mm), speed=max|1"
+            f" off=0 … {MOST_OFF_MM:g} (mm), window=0|1, speed=max|1"
         )
-    return VirtualTable(Kind(int(mounts), int(cameras), profile, seed, off_mm, speed == "1", encoder=encoder))
+    kind = Kind(int(mounts), int(cameras), profile, seed, off_mm, speed == "1", encoder=encoder, window=window == "1")
+    return VirtualTable(kind)

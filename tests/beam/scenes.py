@@ -1,15 +1,20 @@
 """Pictures of a laser spot as a webcam takes them, made to be nasty, with the true place of the spot.
 
+real() has the beams and sensors of mirrormount_sim.beams; the other scenes have Gaussians.
+
 Independent of the product. Light is integrated over each pixel by Gauss and Legendre's rule of 3 x 3 points, the error
 of which is below 1e-6 of the peak for the widths used here. Coordinates: pixels from the centre of the top left one.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
 
+from mirrormount_sim import beams
+
 ROWS, COLUMNS = 480, 640
+_APART = 3.2  # widths between two spots that a person sees as two: of nearer ones the light has one top
 _NODES = np.array([-0.7745966692414834, 0.0, 0.7745966692414834]) / 2
 _WEIGHTS = np.array([5, 8, 5]) / 18
 
@@ -59,9 +64,10 @@ def marred(rng, *, width=12.0, peak=268.0):
     x, y = rng.uniform(10 * width, COLUMNS - 10 * width), rng.uniform(10 * width, ROWS - 10 * width)
     far, to = rng.uniform(2, 8) * width, rng.uniform(0, 2 * np.pi)
     ghost = gaussian(x + far * np.cos(to), y + far * np.sin(to), width, width)
-    image = expose(8 + peak * (gaussian(x, y, width, width) + 0.1 * ghost), rng)
+    light = peak * (gaussian(x, y, width, width) + 0.1 * ghost)
+    image = expose(8 + light, rng)
     image[rng.integers(0, ROWS, 60), rng.integers(0, COLUMNS, 60)] = 255
-    return Scene(image, (x, y), ["ghost", "hot", "saturated"])
+    return Scene(image, beams.declared_place(light), ["ghost", "hot", "saturated"])
 
 
 def nasty(rng):
@@ -82,14 +88,16 @@ def nasty(rng):
     if comes("flicker", 0.2):
         rows = np.arange(ROWS)[:, None]
         light += rng.uniform(1, 8) * np.sin(2 * np.pi * (rows / rng.uniform(120, 400) + rng.random()))
-    truth = None
+    middle, ambient = None, light.copy()
     if not comes("none", 0.1):
-        truth = _add_spot(light, rng, comes, parts)
+        middle = _add_spot(light, rng, comes, parts)
     if comes("fly", 0.15):
-        _fly(light, rng, truth)
-    light = np.maximum(light, 0)
+        _fly(light, rng, middle)
+    light, ambient = np.maximum(light, 0), np.maximum(ambient, 0)
     if comes("gamma", 0.1):
-        light = 255 * (light / 255) ** rng.uniform(0.5, 0.9)
+        gamma = rng.uniform(0.5, 0.9)
+        light, ambient = (255 * (part / 255) ** gamma for part in (light, ambient))
+    truth = middle if middle is None or "edge" in parts else beams.declared_place(light - ambient)
     image = expose(light, rng, read=read, gain=gain)
     dark = None
     if comes("hot", 0.35):
@@ -125,8 +133,10 @@ def _add_spot(light, rng, comes, parts):
         u, v = x + far * np.cos(to), y + far * np.sin(to)
         if 0 < u < COLUMNS and 0 < v < ROWS:
             light += rng.uniform(0.4, 1) * peak * gaussian(u, v, wide, high, angle)
-            return None
-        parts.remove("two")
+            if far > _APART * max(wide, high):
+                return None
+        else:
+            parts.remove("two")
     return x, y
 
 
@@ -171,3 +181,59 @@ def _hot(image, rng, read):
             for picture in (image, dark):
                 picture[row, at] = min(255, int(picture[row, at]) + int(level))
     return image, dark if rng.random() < 0.5 else None
+
+
+ONE_BEAM = (*beams.SHAPES, "saturated", "rows", "columns", "jpeg", "colour", "wide", "small", "window")
+NO_BEAM = ("empty", "lamp", "two spots", "cut by the edge")
+_PEAKS = {"saturated": (300, 1500), "colour": (250, 700), "small": (60, 230)}  # grey values; of the others 40 to 220
+
+
+def real(rng, kind):
+    """A scene of a kind of ONE_BEAM, with the beam's declared place, or of NO_BEAM: what a person sees no one beam in.
+
+    Each beam has a little of all defects, and much of the kind. A part of the pictures has more bits than 8.
+    """
+    shape = (960, 1280) if kind == "wide" and rng.random() < 0.5 else (ROWS, COLUMNS)
+    light = np.full(shape, rng.uniform(0, 12), np.float32)
+    truth = None
+    if kind == "lamp":
+        lamp = beams.draw_window(rng, shape, 0, 0, 100)
+        light += beams.window_light(replace(lamp, level=rng.uniform(20, 200)), shape)
+    elif kind != "empty":
+        truth = _add_beam(light, rng, kind)
+    defects = beams.draw_defects(rng, kind)
+    if kind not in ("jpeg", "colour") and rng.random() < 0.25:
+        defects = replace(defects, bits=int(rng.choice([10, 12, 16])))
+    black, read, electrons = rng.uniform(4, 20), rng.uniform(0.4, 2), rng.uniform(10, 50)
+    image = beams.expose(light, rng, defects, black=black, read_noise=read, electrons=electrons)
+    return Scene(image, truth, [kind])
+
+
+def _add_beam(light, rng, kind):
+    """Add a beam, or two. Returns the declared place of one that is in the picture."""
+    rows, columns = light.shape
+    sigma = float(np.exp(rng.uniform(np.log(5), np.log(28))))
+    if kind in ("wide", "small"):
+        sigma = float(rng.uniform(*((40, 0.2 * rows) if kind == "wide" else (1.5, 3))))
+    beam = beams.draw_beam(rng, sigma, kind, *(["tails"] if kind == "saturated" else []))
+    peak = rng.uniform(*_PEAKS[kind]) if kind in _PEAKS else float(np.exp(rng.uniform(np.log(40), np.log(220))))
+    if kind == "cut by the edge":
+        x, y = _near_the_edge(rng, sigma / 2)
+    else:
+        margin = np.minimum(4 * sigma * beam.ratio**0.5, 0.48 * np.array([columns, rows]))
+        x, y = rng.uniform(margin, [columns, rows] - margin)
+    light += peak * beams.light_of(beam, x, y, light.shape)
+    if kind == "two spots":
+        far, to = rng.uniform(5, 10) * sigma, np.arctan2(rows / 2 - y, columns / 2 - x) + rng.uniform(-0.7, 0.7)
+        other = beams.draw_beam(rng, sigma)
+        at = x + far * np.cos(to), y + far * np.sin(to)
+        light += rng.uniform(0.5, 1) * peak * beams.light_of(other, *at, light.shape)
+    if kind == "window":
+        window = beams.draw_window(rng, light.shape, x, y, 6 * sigma)
+        light += beams.window_light(replace(window, level=min(window.level, 0.5 * peak)), light.shape)
+    if kind not in ONE_BEAM:
+        return None
+    beyond = int(beam.reach) + 1  # the truth is that of all of the beam
+    alone = beams.light_of(beam, x + beyond, y + beyond, (rows + 2 * beyond, columns + 2 * beyond))
+    u, v = beams.declared_place(alone)
+    return u - beyond, v - beyond

@@ -64,6 +64,13 @@ def test_without_a_target_the_spot_belongs_into_the_middle(folder):
         assert table.cameras["near"].target_px == (79.5, 59.5)
 
 
+def test_a_camera_of_the_table_is_asked_for_its_settings(folder):
+    write(folder, camera(folder, "exposure = 5.0\n"))
+    save_scale(folder)
+    with pytest.raises(errors.BadValue, match="is no webcam: it has no exposure to set"):
+        Table.open(PATIENCE_S)
+
+
 def test_two_mounts_on_one_board_share_its_owner(folder):
     write(folder, camera(folder), MOUNTS.replace('"virtual://?seed=2"\nx_axis = 1', '"virtual://"\nx_axis = 4'))
     save_scale(folder)

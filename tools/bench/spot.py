@@ -12,7 +12,6 @@ import cv2
 import numpy as np
 import scenes
 
-from mirrormount_beam.spot import gaussian
 from mirrormount_beam.spot.find import NoSpot, find_spot
 
 
@@ -30,6 +29,10 @@ def main() -> None:
         "ghost 10 %, hot pixels, 3 % saturated", (scenes.marred(np.random.default_rng(n)) for n in list(numbers)[:200])
     )
     _table("nasty", (scenes.nasty(np.random.default_rng(n)) for n in numbers))
+    each = list(numbers)[: max(1, args.scenes // 5)]
+    print(f"real beams, {len(each)} scenes of a kind: |error| of x and of y in px, and in stated errors")
+    for kind in scenes.ONE_BEAM + scenes.NO_BEAM:
+        _line(kind, (scenes.real(np.random.default_rng(n), kind) for n in each))
 
 
 def _bound(width, peak, read=1.0, gain=0.1):
@@ -40,10 +43,31 @@ def _bound(width, peak, read=1.0, gain=0.1):
     reach = np.arange(-6 * width, 6 * width + 1)
     x, y = (each.ravel() for each in np.meshgrid(reach, reach))
     variance = read**2 + gain * (8 + peak * np.exp(-(x * x + y * y) / (2 * width**2))) + 1 / 12
-    spot = np.array([peak, 0.0, 0.0, width**-2, 0.0, width**-2, 8.0, 0.0, 0.0])
-    bins = gaussian.Bins(x, y, np.zeros(x.size), 1 / variance)
-    jacobian = gaussian.jacobian(spot, bins)
-    return float(np.linalg.inv((jacobian * bins.weight[:, None]).T @ jacobian)[1, 1]) ** 0.5
+    light = peak * np.exp(-(x * x + y * y) / (2 * width**2))
+    terms = [light / peak, light * x / width**2, light * y / width**2]
+    terms += [light * x * x, light * x * y, light * y * y, np.ones_like(x), x, y]
+    jacobian = np.stack(terms, axis=1)
+    return float(np.linalg.inv((jacobian / variance[:, None]).T @ jacobian)[1, 1]) ** 0.5
+
+
+def _line(kind, some) -> None:
+    answered, errors, pulls, reasons = 0, [], [], Counter()
+    for scene in some:
+        found = find_spot(scene.image)
+        if isinstance(found, NoSpot):
+            reasons[found.reason.code] += 1
+            continue
+        answered += 1
+        if scene.truth is not None:
+            error = np.array([found.x, found.y]) - scene.truth
+            errors.append(np.abs(error))
+            pulls.append(np.abs(error / [found.sigma_x, found.sigma_y]))
+    words = "" if kind in scenes.ONE_BEAM else " where no one beam is"
+    if errors:
+        pull = np.array(pulls)
+        words = f", median {np.median(errors):.3f}, worst {np.max(errors):.2f} px"
+        words += f"; rms {np.sqrt((pull**2).mean()):.1f}, worst {pull.max():.1f}"
+    print(f"  {kind}: answered {answered}{words}; refused {dict(reasons.most_common())}")
 
 
 def _table(name, some) -> None:

@@ -17,6 +17,7 @@ from mirrormount.values import LEAST_PATIENCE_S, MOST_PATIENCE_S, PATIENCE_S, is
 
 if TYPE_CHECKING:
     from mirrormount.device.mount import Mount
+    from mirrormount.device.table_file import CameraSettings
 
 AXIS_HELP = "x (right +), y (up +), or a further one: axis3 …"
 SECONDS_HELP = "how long, at most the board's run limit (10 s unless set otherwise)"
@@ -119,6 +120,41 @@ def virtual_options(parser: argparse.ArgumentParser, what: str) -> None:
     profile_options(parser)
 
 
+def camera_options(parser: argparse.ArgumentParser) -> None:
+    """--backend, --fourcc, --size, --exposure and --gain of a command that opens a camera, or names one.
+
+    camera_settings() reads them.
+    """
+    asked = parser.add_argument_group("what a webcam is asked for (default: as table.toml says, else as the camera is)")
+    asked.add_argument("--backend", metavar="NAME", help="v4l2, dshow, msmf or any (v4l2 on Linux, dshow on Windows)")
+    asked.add_argument("--fourcc", metavar="CODE", help="how pictures come over the cable: MJPG, YUYV …")
+    asked.add_argument("--size", metavar="WxH", help="pixels, such as 1280x720")
+    asked.add_argument("--exposure", metavar="N", help="number of the driver: 0.1 ms on Linux, a power of 2 on Windows")
+    asked.add_argument("--gain", metavar="N", help="number of the driver")
+
+
+def camera_settings(args: argparse.Namespace) -> "CameraSettings":
+    """What camera_options' arguments ask for. Raises BadValue, also for a virtual camera."""
+    from mirrormount.device.table_file import CameraSettings
+
+    names = ("backend", "fourcc", "size", "exposure", "gain")
+    if getattr(args, "virtual", False) and (given := [name for name in names if getattr(args, name) is not None]):
+        raise BadValue(f"--{' and --'.join(given)}: of a webcam; leave --virtual out")
+    width, height = (None, None) if args.size is None else _size(args.size)
+    numbers = {
+        name: None if (text := getattr(args, name)) is None else number(text, f"--{name}") for name in names[-2:]
+    }
+    fourcc = args.fourcc and args.fourcc.ljust(4)  # Y16 has a space at its end
+    return CameraSettings(args.backend, fourcc, width, height, **numbers)
+
+
+def _size(text: str) -> tuple[int, int]:
+    width, mark, height = text.lower().partition("x")
+    if not mark:
+        raise BadValue(f"--size is width x height in pixels, such as 1280x720, not {text!r}")
+    return whole(width, "the width of --size"), whole(height, "the height of --size")
+
+
 def mount_and_camera(parser: argparse.ArgumentParser) -> None:
     """--port and --camera of a command that looks at what one mount does, and virtual_options for both."""
     parser.add_argument("--port", default=_port_of_environment(), help="the mount (default: the only board)")
@@ -127,6 +163,7 @@ def mount_and_camera(parser: argparse.ArgumentParser) -> None:
         metavar="CAMERA",
         help="as `mirrormount camera` takes it (default: $MIRRORMOUNT_CAMERA, else 0); with --virtual: 1 or 2",
     )
+    camera_options(parser)
     virtual_options(parser, "a virtual mount, table and camera, as fast as it goes; no hardware needed")
 
 

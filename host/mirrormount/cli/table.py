@@ -6,11 +6,19 @@ import importlib
 import os
 from collections.abc import Container
 
-from mirrormount.cli.arguments import PORT_VARIABLE, Command, number, table_option, whole
+from mirrormount.cli.arguments import (
+    PORT_VARIABLE,
+    Command,
+    camera_options,
+    camera_settings,
+    number,
+    table_option,
+    whole,
+)
 from mirrormount.device import calibration, table_file
 from mirrormount.device.table_file import CameraEntry, MountEntry, TableFile
 from mirrormount.errors import BadValue, NoBoardFound
-from mirrormount.terminal import printable
+from mirrormount.terminal import printable, without_credentials
 from mirrormount.transport.discovery import find_one
 from mirrormount.values import paired
 
@@ -30,6 +38,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     camera.add_argument("camera", nargs="?", metavar="CAMERA", help="as --camera takes it: an index, a part of a name")
     camera.add_argument("--target", nargs=2, metavar=("X", "Y"), help="where the spot belongs, in pixels")
     camera.add_argument("--distance", metavar="MM", help="along the beam, from the last mirror")
+    camera_options(camera)
     verbs.add_parser("remove", help="forget a name").add_argument("name", metavar="NAME")
 
 
@@ -91,6 +100,7 @@ def name_camera(args: argparse.Namespace) -> None:
     if target and min(target) < 0:
         raise BadValue("--target is a place in the picture: two numbers from 0, in pixels")
     distance_mm = _length(args.distance)
+    settings = camera_settings(args)
     table = table_file.read()
     _not_in(table.mounts, name, "mount")
     entry = table.cameras.get(name)
@@ -105,6 +115,7 @@ def name_camera(args: argparse.Namespace) -> None:
         entry = dataclasses.replace(entry, target_x_px=target[0], target_y_px=target[1])
     if distance_mm is not None:
         entry = dataclasses.replace(entry, distance_mm=distance_mm)
+    entry = dataclasses.replace(entry, settings=settings.over(entry.settings))
     _write(dataclasses.replace(table, cameras={**table.cameras, name: entry}))
     print(f"{name}: {_camera_line(entry)[1]}")
 
@@ -147,7 +158,9 @@ def _camera_line(entry: CameraEntry) -> tuple[bool, str]:
     known = "no target yet" if target is None else f"target {target[0]:g}, {target[1]:g} px"
     if entry.distance_mm is not None:
         known += f", {entry.distance_mm:g} mm behind the last mirror"
-    return there, f"camera {printable(entry.camera)}{where}; {known}"
+    if entry.settings.given:
+        known += f"; {printable(str(entry.settings))}"
+    return there, f"camera {printable(without_credentials(entry.camera))}{where}; {known}"
 
 
 def _camera_is_there(address: str) -> tuple[bool, str]:
@@ -155,14 +168,13 @@ def _camera_is_there(address: str) -> tuple[bool, str]:
     if "://" in address or os.path.exists(address):
         return True, ""
     try:
-        listed = importlib.import_module("mirrormount_beam.cameras").listed  # by name: this package imports no other
+        webcams = importlib.import_module("mirrormount_beam.webcams")  # by name: this package imports no other
     except ModuleNotFoundError:
         return True, " (not looked for: OpenCV is not installed)"
-    devices = listed()
+    devices = webcams.listed()
     if devices is None:
         return True, " (not looked for: this system has no list of cameras)"
-    wanted = address.lower()
-    if any(wanted == str(device.number) or wanted in device.name.lower() for device in devices):
+    if any(address == str(device.number) or device.has_name(address) for device in devices):
         return True, ""
     return False, ": NOT PLUGGED IN"
 

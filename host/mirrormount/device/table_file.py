@@ -13,6 +13,9 @@ folder for settings, or the one that $MIRRORMOUNT_TABLE names (`--table FILE`):
 
     [cameras.near]
     camera = "0"                 # as --camera: an index, a device, a part of a webcam's name
+    width_px = 1280              # what the camera is asked for when it is opened (CameraSettings), where it is given
+    height_px = 720
+    exposure = 100.0
     distance_mm = 400.0          # along the beam, from the last mirror
     target_x_px = 320.0          # where the spot belongs
     target_y_px = 240.0
@@ -23,8 +26,8 @@ port it is plugged in, for a board's unique id is its USB serial number, too.
 
 import contextlib
 import os
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -105,7 +108,8 @@ _MOST = 8  # mounts, or cameras
 _HEADING = """mirrormount: the names of an optical table (docs/hold.md).
 Mounts stand in the order of the beam. board: the unique id of the board; port: an address, instead. x_axis: the
 board's axis that is x. distance_mm: along the beam, from the mirror before. target_x_px, target_y_px: where the spot
-belongs. Written by `mirrormount table`, which keeps what it knows but no remarks."""
+belongs. backend, fourcc, width_px, height_px, exposure, gain: what a webcam is asked for. Written by
+`mirrormount table`, which keeps what it knows but no remarks."""
 
 
 @dataclass(frozen=True)
@@ -121,17 +125,70 @@ class MountEntry:
     distance_mm: float | None = None
 
 
+BACKENDS = ("v4l2", "dshow", "msmf", "any")
+_LARGEST = 1e6  # number of an exposure or a gain
+_SIDES_PX = 32, 100_000  # of a picture that a camera is asked for
+
+
+@dataclass(frozen=True)
+class CameraSettings:
+    """What a webcam is asked for when it is opened; None: as the camera has it.
+
+    backend: the part of OpenCV that opens it. fourcc: how pictures come over the cable, four characters, such as MJPG.
+    width_px, height_px: both or neither. exposure, gain: in the numbers of the camera's driver.
+    Raises BadValue for what no camera can have.
+    """
+
+    backend: str | None = None
+    fourcc: str | None = None
+    width_px: int | None = None
+    height_px: int | None = None
+    exposure: float | None = None
+    gain: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.backend not in (None, *BACKENDS):
+            raise BadValue(f"the backend is {', '.join(BACKENDS)}, not {printable(str(self.backend), 40)!r}")
+        code = self.fourcc
+        if code is not None and not (len(code) == 4 and code.isascii() and code.isprintable()):
+            raise BadValue(f"the fourcc has four characters, such as MJPG, not {printable(code, 40)!r}")
+        sides = self.width_px, self.height_px
+        if sides != (None, None) and not all(side and _SIDES_PX[0] <= side <= _SIDES_PX[1] for side in sides):
+            raise BadValue(
+                f"the size of a picture is its width and height, {_SIDES_PX[0]} … {_SIDES_PX[1]} pixels each"
+            )
+        for value in (self.exposure, self.gain):
+            if value is not None and not abs(value) <= _LARGEST:
+                raise BadValue(f"exposure and gain are numbers of at most {_LARGEST:g}")
+
+    def over(self, other: "CameraSettings") -> "CameraSettings":
+        """These settings, and those of the other where these say nothing."""
+        return CameraSettings(**{**asdict(other), **self.given})
+
+    @property
+    def given(self) -> dict[str, Any]:
+        """What is asked for, by name."""
+        return {name: value for name, value in asdict(self).items() if value is not None}
+
+    def __str__(self) -> str:
+        size = f"{self.width_px} x {self.height_px} px" if self.width_px else ""
+        named = {"exposure": self.exposure, "gain": self.gain}
+        numbers = [f"{name} {value:g}" for name, value in named.items() if value is not None]
+        return ", ".join(filter(None, [self.backend, self.fourcc, size, *numbers]))
+
+
 @dataclass(frozen=True)
 class CameraEntry:
     """A camera of the table. camera: its address. distance_mm: along the beam from the last mirror.
 
-    target_x_px, target_y_px: where the spot belongs, both or neither.
+    target_x_px, target_y_px: where the spot belongs, both or neither. settings: in the file beside the others.
     """
 
     camera: str
     distance_mm: float | None = None
     target_x_px: float | None = None
     target_y_px: float | None = None
+    settings: CameraSettings = CameraSettings()
 
     @property
     def target_px(self) -> tuple[float, float] | None:
@@ -176,16 +233,16 @@ def read() -> TableFile:
 def write(table: TableFile) -> Path:
     """Write the file. Returns its path. Raises CannotWrite."""
     kinds = {"mounts": table.mounts, "cameras": table.cameras}
-    tables = {
-        kind: {
-            name: {key: value for key, value in asdict(entry).items() if value is not None}
-            for name, entry in entries.items()
-        }
-        for kind, entries in kinds.items()
-    }
+    tables = {kind: {name: _flat(asdict(entry)) for name, entry in entries.items()} for kind, entries in kinds.items()}
     where = path()
     files.write_atomic(where.resolve(), files.toml_text(tables, _HEADING), make_folder=True)
     return where
+
+
+def _flat(entry: dict[str, Any]) -> dict[str, Any]:
+    """What is known of an entry. A camera's settings stand beside the rest."""
+    entry |= entry.pop("settings", {})
+    return {key: value for key, value in entry.items() if value is not None}
 
 
 def check_name(name: str) -> str:
@@ -211,7 +268,7 @@ def _entries(tables: Mapping[str, Any], kind: str, where: Path, parsed: Callable
 
 
 def _mount(entry: dict[str, Any], where: str) -> MountEntry:
-    _only(entry, MountEntry, where)
+    _only(entry, _names(MountEntry), where)
     board, port = _text(entry, "board", where), _text(entry, "port", where)
     if (board is None) == (port is None):
         raise BadFile(f"{where}: give the board's id (board = …) or an address (port = …), one of them")
@@ -222,14 +279,24 @@ def _mount(entry: dict[str, Any], where: str) -> MountEntry:
 
 
 def _camera(entry: dict[str, Any], where: str) -> CameraEntry:
-    _only(entry, CameraEntry, where)
+    _only(entry, [name for name in _names(CameraEntry) if name != "settings"] + _names(CameraSettings), where)
     camera = _text(entry, "camera", where)
     if camera is None:
         raise BadFile(f"{where}: camera is missing: an index, a device, or a part of the webcam's name")
     x, y = _pixel(entry, "target_x_px", where), _pixel(entry, "target_y_px", where)
     if (x is None) != (y is None):
         raise BadFile(f"{where}: a target is target_x_px and target_y_px, both")
-    return CameraEntry(camera, _length(entry, "distance_mm", where), x, y)
+    return CameraEntry(camera, _length(entry, "distance_mm", where), x, y, _settings(entry, where))
+
+
+def _settings(entry: Mapping[str, Any], where: str) -> CameraSettings:
+    backend, fourcc = _text(entry, "backend", where), _text(entry, "fourcc", where)
+    width, height = _whole(entry, "width_px", where), _whole(entry, "height_px", where)
+    exposure, gain = _number(entry, "exposure", where), _number(entry, "gain", where)
+    try:
+        return CameraSettings(backend, fourcc, width, height, exposure, gain)
+    except BadValue as e:
+        raise BadFile(f"{where}: {e}") from e
 
 
 def _check_each_is_one_thing(table: TableFile, where: Path) -> None:
@@ -253,10 +320,14 @@ def _check_each_is_one_thing(table: TableFile, where: Path) -> None:
             raise BadFile(f"{where}: {name} is a mount and a camera: give one of them another name")
 
 
-def _only(entry: Mapping[str, Any], kind: type, where: str) -> None:
+def _names(kind: type) -> list[str]:
+    return [each.name for each in fields(kind)]
+
+
+def _only(entry: Mapping[str, Any], known: Sequence[str], where: str) -> None:
     for key in entry:
-        if key not in kind.__dataclass_fields__:
-            raise BadFile(f"{where}: {printable(key, 40)} is not known: {', '.join(kind.__dataclass_fields__)} are")
+        if key not in known:
+            raise BadFile(f"{where}: {printable(key, 40)} is not known: {', '.join(known)} are")
 
 
 def _text(entry: Mapping[str, Any], key: str, where: str) -> str | None:
@@ -279,6 +350,13 @@ def _pixel(entry: Mapping[str, Any], key: str, where: str) -> float | None:
     value = _number(entry, key, where)
     if value is not None and not 0 <= value < 1e5:
         raise BadFile(f"{where}: {key} is a place in the picture, from 0")
+    return value
+
+
+def _whole(entry: Mapping[str, Any], key: str, where: str) -> int | None:
+    value = entry.get(key)
+    if value is not None and (isinstance(value, bool) or not isinstance(value, int)):
+        raise BadFile(f"{where}: {key} is a whole number")
     return value
 
 

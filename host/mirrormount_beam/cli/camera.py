@@ -14,6 +14,8 @@ from pathlib import Path
 
 from mirrormount.cli.arguments import (
     Command,
+    camera_options,
+    camera_settings,
     note,
     number,
     page_of,
@@ -26,13 +28,16 @@ from mirrormount.cli.arguments import (
 )
 from mirrormount.errors import BadValue
 from mirrormount.terminal import StatusLine, printable
+from mirrormount_beam import genicam
 from mirrormount_beam import scale as scales
-from mirrormount_beam.camera import GREY_OF_COLOUR, Camera, Dark, Image
-from mirrormount_beam.cameras import listed, open_camera, read_picture, tried
-from mirrormount_beam.cameras import record as write_recording
+from mirrormount_beam.camera import GREY_OF_COLOUR, Camera, Image
+from mirrormount_beam.cameras import open_camera
 from mirrormount_beam.estimates import Estimate
+from mirrormount_beam.recordings import Folder, read_dark
+from mirrormount_beam.recordings import record as write_recording
 from mirrormount_beam.scale import Measured, Scale
 from mirrormount_beam.spot.find import NoSpot, Spot, find_spot
+from mirrormount_beam.webcams import listed, tried
 
 # ---- list, show, record
 
@@ -43,16 +48,20 @@ def list_cameras(_args: argparse.Namespace) -> None:
     if devices is None:
         print("this system has no list of cameras: indices 0 to 5 are tried", file=sys.stderr)
         devices = tried()
-    for device in devices:
-        print(f"{device.number}  {printable(device.name)}")
-    if not devices:
+    lines = [*map(str, devices), *(printable(f"{address}  {name}") for address, name in genicam.listed())]
+    for line in lines:
+        print(line)
+    if not lines:
         print("no camera found; with --virtual none is needed")
-    print("not looked for: cameras on the network, and those that need their maker's driver", file=sys.stderr)
+    print(
+        "not looked for: cameras of the network (http://…), and those that need their maker's program",
+        file=sys.stderr,
+    )
 
 
 def show_spot(args: argparse.Namespace) -> None:
     """Print one line an image, or serve a page. Raises ExtraMissing."""
-    dark = Dark.of(read_picture(args.dark)) if args.dark else None
+    dark = read_dark(args.dark) if args.dark else None
     if args.page:
         if args.frames is not None:
             raise BadValue("--frames is of the lines, and --page shows no lines")
@@ -84,10 +93,10 @@ def line(frame: Image, found: Spot | NoSpot) -> str:
     if isinstance(found, NoSpot):
         return f"{frame.number:6d}  {found}  (threshold {seen}){marks}"
     also = f" saturated {found.saturated}" if found.saturated else ""
-    also += f" ghost {found.ghost:.1%}" if found.ghost else ""
     return (
         f"{frame.number:6d}  x {found.x:8.3f} ± {found.sigma_x:.3f}  y {found.y:8.3f} ± {found.sigma_y:.3f} px"
-        f"  width {found.width:.1f} x {found.height:.1f}  peak {found.peak:.0f}  threshold {seen}{also}{marks}"
+        f"  shape {found.shape_px:.3f}  D4-sigma {found.d4_long:.1f} x {found.d4_short:.1f} at {found.angle:.0f}°"
+        f"  peak {found.peak:.0f}  threshold {seen}{also}{marks}"
     )
 
 
@@ -97,7 +106,7 @@ def _opened(args: argparse.Namespace) -> Iterator[tuple[Camera, Iterator[Image]]
     most = whole(args.frames, "--frames") if args.frames is not None else None
     if most is not None and most < 1:
         raise BadValue(f"--frames is at least 1, not {most}")
-    camera = open_camera(args.camera)
+    camera = open_camera(args.camera, settings=camera_settings(args))
     try:
         _tell_controls(camera)
         yield camera, itertools.islice(camera.frames(), most)
@@ -106,11 +115,13 @@ def _opened(args: argparse.Namespace) -> Iterator[tuple[Camera, Iterator[Image]]
 
 
 def _tell_controls(camera: Camera) -> None:
-    """Say which controls may change in mid-measurement."""
+    """Say which controls may change in mid-measurement. Those of a file cannot."""
+    if isinstance(camera, Folder):
+        return
     for what, fixed in (("exposure", camera.controls.exposure_fixed), ("gain", camera.controls.gain_fixed)):
         if not fixed:
             state = "is automatic" if fixed is False else "may be automatic: the camera does not say"
-            note(f"{what} {state}; fix it in the camera's own program")
+            note(f"{what} {state}; fix it with --{what}, or in the camera's own program")
 
 
 class _Counted(Iterator[Image]):
@@ -140,11 +151,11 @@ _FARTHEST_MM = 100_000.0
 def save_scale(args: argparse.Namespace) -> None:
     """Find and save a scale, or show the saved one. Raises MountError."""
     if args.source == "show":
-        with contextlib.closing(open_camera(args.camera)) as camera:
+        with contextlib.closing(open_camera(args.camera, settings=camera_settings(args))) as camera:
             _tell(camera, scales.read(camera))
         return
     geometry, find = _geometry(args), _SOURCES[args.source](args)  # wrong input is told before a camera is opened
-    with contextlib.closing(open_camera(args.camera)) as camera:
+    with contextlib.closing(open_camera(args.camera, settings=camera_settings(args))) as camera:
         found = find(camera)
         saved = scales.read_if_any(camera, note)
         kept = saved or Scale(*camera.size, found.value, found.sigma)
@@ -330,9 +341,10 @@ def _scale(parser: argparse.ArgumentParser) -> None:
 def _camera(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--camera",
-        help="index, device, part of a name, folder, or virtual-table:// (default: $MIRRORMOUNT_CAMERA, else 0);"
-        " with --virtual: 1 or 2",
+        help="index, device, part of a name, http://…, folder, file with pictures, video, or virtual-table://"
+        " (default: $MIRRORMOUNT_CAMERA, else 0); with --virtual: 1 or 2",
     )
+    camera_options(parser)
     virtual_options(parser, "a camera of the virtual table of `measure` and `scan`; no hardware needed")
 
 

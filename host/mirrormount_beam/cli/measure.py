@@ -19,6 +19,7 @@ from pathlib import Path
 from mirrormount import files
 from mirrormount.cli.arguments import (
     Command,
+    camera_settings,
     from_extra,
     mount_and_camera,
     note,
@@ -300,9 +301,9 @@ def _steps_of_size(rig: Rig, result: Result, tell: Tell, wanted_px: dict[str, fl
 @contextlib.contextmanager
 def _opened(args: argparse.Namespace) -> Iterator[tuple[Mount, Camera, Optics]]:
     """The mount, the camera and its scale that the arguments name; closed at the end."""
-    address = virtual_address(args, "virtual-table", mounts="1", cameras="2")
+    address, settings = virtual_address(args, "virtual-table", mounts="1", cameras="2"), camera_settings(args)
     if address is None:
-        camera = open_beside_mount(args.camera or os.environ.get("MIRRORMOUNT_CAMERA", "0"))
+        camera = open_beside_mount(args.camera or os.environ.get("MIRRORMOUNT_CAMERA", "0"), settings)
         with contextlib.closing(camera):
             optics = _optics(args, camera)
             with Mount.open(args.port) as mount:

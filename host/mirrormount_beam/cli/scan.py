@@ -11,6 +11,7 @@ from pathlib import Path
 
 from mirrormount.cli.arguments import (
     Command,
+    camera_settings,
     mount_and_camera,
     note,
     virtual_address,
@@ -155,9 +156,9 @@ def _pattern(args: argparse.Namespace) -> Pattern:
 @contextlib.contextmanager
 def _opened(args: argparse.Namespace) -> Iterator[tuple[Mount, Camera, Scale | None]]:
     """The mount, the camera that the arguments name and its scale; closed at the end."""
-    address = virtual_address(args, "virtual-table", mounts="1", cameras="2")
+    address, settings = virtual_address(args, "virtual-table", mounts="1", cameras="2"), camera_settings(args)
     if address is None:
-        camera = open_beside_mount(args.camera or os.environ.get("MIRRORMOUNT_CAMERA", "0"))
+        camera = open_beside_mount(args.camera or os.environ.get("MIRRORMOUNT_CAMERA", "0"), settings)
         with contextlib.closing(camera), Mount.open(args.port) as mount:
             yield mount, camera, scales.read_if_any(camera, note)
         return

@@ -1,4 +1,4 @@
-"""Blobs that are brighter than an uneven background, in a picture reduced by four."""
+"""Blobs that are brighter than an uneven background, in a reduced picture."""
 
 import math
 from dataclasses import dataclass
@@ -7,11 +7,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-REDUCED = 4  # pixels of the picture for one of the reduced one
+_REDUCED, _LONGEST = 4, 400  # pixels for one of the reduced picture, or as many as leave it so long; then an odd number
 _TILE = 12  # reduced pixels of a tile, the median of which is one value of the background
 ABOVE = 5.0  # threshold in standard deviations of the background's noise
-_DARK = 3  # reduced pixels that are darker than the background by the threshold, at least: fewer are noise
-_WIDEST_BESIDE = _TILE * REDUCED / 6  # standard deviation of a spot, px, of which a tile holds three to each side
 _OF_PEAK = 0.12  # threshold as a part of the brightest value: two spots that touch in their flanks are two blobs
 
 
@@ -30,13 +28,19 @@ class Blob:
     peak: float
     cut: bool
 
+    @property
+    def start(self) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+        """Centre, covariance and peak, to follow the beam from."""
+        return np.array([self.x, self.y]), np.diag([self.width_x**2, self.width_y**2]), self.peak
+
 
 @dataclass(frozen=True, slots=True)
 class Detection:
     """blobs: the greatest product of peak and flux first.
 
     threshold, noise: grey values above the background, of a reduced pixel. background: reduced picture of the light
-    that is uneven over the whole picture or over its rows. above: the reduced picture less all background.
+    that is uneven over the whole picture or over its rows. above: the reduced picture less all background. small: the
+    reduced picture. scale: pixels for one of it, along x and y.
     """
 
     blobs: list[Blob]
@@ -44,32 +48,18 @@ class Detection:
     noise: float
     background: NDArray[np.float32]
     above: NDArray[np.float32]
+    small: NDArray[np.float32]
+    scale: tuple[float, float]
 
     def background_in(self, left: int, top: int, width: int, height: int) -> NDArray[np.float32]:
         """The background of a part of the picture."""
-        offset = (0.5 / REDUCED) - 0.5
-        to_reduced = np.array([[1 / REDUCED, 0, left / REDUCED + offset], [0, 1 / REDUCED, top / REDUCED + offset]])
+        (x, y) = self.scale
+        to_reduced = np.array([[1 / x, 0, (left + 0.5) / x - 0.5], [0, 1 / y, (top + 0.5) / y - 0.5]])
         flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
         part = cv2.warpAffine(
             self.background, to_reduced, (width, height), flags=flags, borderMode=cv2.BORDER_REPLICATE
         )
         return np.asarray(part, np.float32)
-
-    def is_dark_beside(self, x: float, y: float, width: float) -> bool:
-        """Whether something darker than the background touches a spot of this standard deviation, px.
-
-        False for a spot that is wider than a tile: the tile's median is that of the spot, which leaves a dark rim.
-        """
-        if width > _WIDEST_BESIDE:
-            return False
-        rows, columns = self.above.shape
-        reach = 3 * width + REDUCED  # a reduced pixel at the rim has light of the spot, too
-        half, middle_x, middle_y = reach / REDUCED, (x + 0.5) / REDUCED - 0.5, (y + 0.5) / REDUCED - 0.5
-        left, right = max(math.ceil(middle_x - half), 0), min(math.floor(middle_x + half) + 1, columns)
-        top, bottom = max(math.ceil(middle_y - half), 0), min(math.floor(middle_y + half) + 1, rows)
-        across, down = np.arange(left, right) - middle_x, np.arange(top, bottom)[:, None] - middle_y
-        dark = self.above[top:bottom, left:right] < -ABOVE * self.noise
-        return int((dark & (across**2 + down**2 < half**2)).sum()) >= _DARK
 
 
 def detect(image: NDArray[np.uint8] | NDArray[np.uint16]) -> Detection:
@@ -80,10 +70,9 @@ def detect(image: NDArray[np.uint8] | NDArray[np.uint16]) -> Detection:
     """
     quiet = cv2.medianBlur(image, 3)
     height, width = image.shape
-    small = np.asarray(
-        cv2.resize(quiet.astype(np.float32), (width // REDUCED, height // REDUCED), interpolation=cv2.INTER_AREA),
-        np.float32,
-    )
+    by = max(_REDUCED, (max(width, height) // _LONGEST) | 1 if max(width, height) > _REDUCED * _LONGEST else 0)
+    size = (width // by, height // by)
+    small = np.asarray(cv2.resize(quiet.astype(np.float32), size, interpolation=cv2.INTER_AREA), np.float32)
     background, local = _background(small)
     above = small - background - local
     sample = above[::2, ::2]
@@ -96,9 +85,58 @@ def detect(image: NDArray[np.uint8] | NDArray[np.uint16]) -> Detection:
     mask = (above > threshold).astype(np.uint8)
     count, found, areas, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
     labels, stats = np.asarray(found, np.int32), np.asarray(areas, np.int32)
+    scale = (width / size[0], height / size[1])
     order = sorted(range(1, count), key=lambda i: -stats[i, cv2.CC_STAT_AREA])[:8]
-    blobs = [_blob(above, labels, stats[i], i, (width / small.shape[1], height / small.shape[0])) for i in order]
-    return Detection(sorted(blobs, key=lambda blob: -blob.peak * blob.flux), threshold, noise, background, above)
+    blobs = [_blob(above, labels, stats[i], i, scale) for i in order]
+    return Detection(
+        sorted(blobs, key=lambda blob: -blob.peak * blob.flux), threshold, noise, background, above, small, scale
+    )
+
+
+_COARSE = 4  # reduced pixels for one in which a wide beam is looked for
+_BELOW = 0.1  # part of the light that the surface of the surroundings has below it
+_WIDE = 12.0  # standard deviation of a wide beam, px, at least
+
+
+def wide(seen: Detection) -> Blob | None:
+    """The brightest wide place above a plane that follows the darkest parts of the picture; None if it is not wide.
+
+    The tiles of detect() take a beam wider than themselves for background.
+    """
+    rows, columns = seen.small.shape
+    size = (max(columns // _COARSE, 8), max(rows // _COARSE, 8))
+    coarse = np.asarray(cv2.resize(seen.small, size, interpolation=cv2.INTER_AREA), np.float64)
+    coarse = cv2.GaussianBlur(coarse, (0, 0), 0.7)
+    y, x = np.mgrid[: size[1], : size[0]]
+    terms = np.stack([np.ones(coarse.size), x.ravel() / size[0] - 0.5, y.ravel() / size[1] - 0.5])
+    values, weight, plane = coarse.ravel(), np.ones(coarse.size), np.zeros(3)
+    for _ in range(8):
+        plane = np.linalg.solve((terms * weight) @ terms.T, (terms * weight) @ values)
+        weight = np.where(values > plane @ terms, _BELOW, 1 - _BELOW)
+    above = coarse - (plane @ terms).reshape(coarse.shape)
+    top = np.unravel_index(int(np.argmax(above)), above.shape)
+    peak = float(above[top])
+    _, labels = cv2.connectedComponents((above > peak / 2).astype(np.uint8))
+    here = labels == labels[top]
+    at_y, at_x = np.nonzero(here)
+    weights = above[here] - peak / 2
+    scale = seen.scale[0] * columns / size[0], seen.scale[1] * rows / size[1]
+    across, down = (float((weights * at).sum() / weights.sum()) for at in (at_x, at_y))
+    # an area above half of a Gaussian's peak is 2 pi ln 2 of its standard deviations squared
+    size_px = math.sqrt(float(here.sum()) * scale[0] * scale[1] / (2 * math.pi * math.log(2)))
+    if size_px < _WIDE or peak < ABOVE * seen.noise:
+        return None
+    spread = [max(float(at.std()), 0.3) for at in (at_x, at_y)]
+    ratio = math.sqrt(spread[0] * scale[0] / (spread[1] * scale[1]))
+    return Blob(
+        x=(across + 0.5) * scale[0] - 0.5,
+        y=(down + 0.5) * scale[1] - 0.5,
+        width_x=size_px * ratio,
+        width_y=size_px / ratio,
+        flux=float(weights.sum()) * scale[0] * scale[1],
+        peak=peak,
+        cut=False,
+    )
 
 
 def _background(small: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

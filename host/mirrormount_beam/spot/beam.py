@@ -1,0 +1,409 @@
+"""The beam in its window: its surroundings, its size, its place, and how well one image tells the place.
+
+The place is the centroid of the light above its surroundings, inside an ellipse of REACH standard deviations of the
+beam about the place itself, with a soft edge. It needs no shape: of an ellipse, a flat top, a skewed or a clipped beam
+it is the point about which the light balances. It is continuous in the picture, for no model is chosen.
+
+The size is that of the Gaussian which, used as a weight, has the beam's own covariance (adaptive moments; source:
+G. Bernstein, M. Jarvis, Astron. J. 123 (2002) 583). Halos and noise far out hardly change it, while plain second
+moments, those of ISO 11146, grow without end in noise. So the size sets the window, and the D4-sigma widths are plain
+moments in that window.
+
+Positions are in pixels. The picture of a wide beam is reduced first, and a window has bins, which are means of some
+pixels: so a beam of any width takes the same time. On sensors of two fields one row of two is darker: an odd number of
+rows in a bin keeps their light balanced.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+REACH = 3.3  # radius of the window in standard deviations of the beam: of a Gaussian it holds 99.6 % of the light
+_SOFT = 0.1  # part of the radius by which the window's edge is soft, to each side
+_RING, _BOX = 1.1 * REACH, 5.0  # radii of the ring that shows the surroundings, in standard deviations
+_BINS = 3  # bins in a standard deviation, at least
+_RING_BINS = 1500  # of the ring that are used, about: more take time and change nothing
+_OUTLIER = 8.0  # standard deviations by which a hot or a dead pixel is not like its neighbours
+_NOISE_PIXELS = 40_000  # of the window that the noise is measured at, about
+_ROUNDS = 30
+_DONE, _DONE_SIZE = (
+    2e-4,
+    2e-3,
+)  # parts of a standard deviation, and of a variance: a round that changes less is the last
+_WIDE = 9.0  # standard deviation of the shorter axis, px, above which the picture is reduced
+_LEVEL = 0.02  # weight of "the surroundings do not slope", in parts of the ring's bins
+_LIKE = 3.0  # standard deviations within which a bin of the ring counts as surroundings
+_DIFFERENCE = np.array([1.0, -6.0, 15.0, -20.0, 15.0, -6.0, 1.0])  # of sixth order: a smooth beam leaves nothing of it
+_NORM2 = float(_DIFFERENCE @ _DIFFERENCE)
+_OF_SHORT = 0.3  # of the shorter axis' standard deviation: means of larger squares show the beam, not the noise
+_COMPRESSED = 3.0  # variance of a compressed image, in what its means tell; measured at JPEG of quality 70 to 95
+_WIDER_THAN = 3.0  # px: see _shared()
+_SURE = 12  # differences, as many as the noise of the pixels counts for beside the noise of whole rows and columns
+# plain second moments of a Gaussian in the window, in parts of its variance
+_KEPT = 1 - REACH**2 / 2 * float(np.exp(-(REACH**2) / 2)) / (1 - float(np.exp(-(REACH**2) / 2)))
+
+
+@dataclass(slots=True)
+class Window:
+    """Bins about a centre.
+
+    light: above the surroundings. x, y: from the centre. r2: squared distances from it, in standard deviations. level:
+    grey value of the surroundings. scatter: of the ring's bins about them. side: of a bin. pixels: the same part of the
+    picture. design, normal, trust: of the fit of the surroundings (columns 1, x, y; inverse normal matrix; weights).
+    """
+
+    light: Array
+    x: Array
+    y: Array
+    r2: Array
+    level: float
+    scatter: float
+    side: int
+    pixels: NDArray[np.generic]
+    design: Array
+    normal: Array
+    trust: Array
+
+
+@dataclass(slots=True)
+class Beam:
+    """centre: x, y. covariance: of the Gaussian of its size, px². window: of the reduced picture. scale: pixels for one
+    of the reduced picture, along x and y. reach: radius of the window in which the place is the centroid: less than
+    REACH where the picture's edge is nearer. edge: distance of the nearest one, in standard deviations. settled:
+    whether the last round changed nothing."""
+
+    centre: Array
+    covariance: Array
+    window: Window
+    scale: Array
+    reach: float
+    edge: float
+    settled: bool
+
+    @property
+    def axes(self) -> tuple[float, float]:
+        """Standard deviations along the shorter and the longer axis."""
+        short, long = np.sqrt(np.linalg.eigvalsh(self.covariance))
+        return float(short), float(long)
+
+
+def follow(
+    image: NDArray[np.generic], centre: Array, covariance: Array, peak: float, whole: tuple[int, ...], corner: Array
+) -> Beam | None:
+    """The beam that is at about this place and of about this size; None if what is there has no size.
+
+    image: the part of the picture with the first pixel at `corner`; whole: the shape of the picture. peak: of the beam,
+    about.
+    """
+    edges = np.array([-0.5, -0.5, whole[1] - 0.5, whole[0] - 0.5]) - np.tile(corner, 2)
+    centre = centre - corner
+    image, scale = _reduced(image, float(np.linalg.eigvalsh(covariance)[0]) ** 0.5)
+    centre, covariance = (centre + 0.5) / scale - 0.5, covariance / np.outer(scale, scale)
+    edges = (edges + 0.5) / np.tile(scale, 2) - 0.5
+    window = _cut(image, centre, covariance, peak)
+    for number in range(_ROUNDS):
+        found = _gaussian_weighted(window)
+        reach = _reach(edges, centre, covariance)
+        step = _centroid(window, reach) if found is not None and reach > 0.5 else None
+        if found is None or step is None:
+            return None
+        deviation = float(np.trace(found)) ** 0.5
+        settled = float(np.abs(step).max()) < _DONE * deviation
+        settled &= float(np.abs(found - covariance).max()) < _DONE_SIZE * deviation**2
+        part = 1.0 if number < _ROUNDS // 2 else 0.5  # bins that come and go may make it swing
+        centre, covariance = centre + part * step, covariance + part * (found - covariance)
+        if not (0 < centre[0] < image.shape[1] and 0 < centre[1] < image.shape[0]) or deviation > max(image.shape):
+            return None
+        window = _cut(image, centre, covariance, _peak(window))
+        if settled:
+            break
+    else:
+        settled = False
+    reach = _reach(edges, centre, covariance)
+    place = (centre + 0.5) * scale - 0.5 + corner
+    return Beam(
+        place,
+        covariance * np.outer(scale, scale),
+        window,
+        scale,
+        reach,
+        edge_distance(edges, centre, covariance),
+        settled,
+    )
+
+
+def _reduced(image: NDArray[np.generic], short: float) -> tuple[NDArray[np.generic], Array]:
+    """The picture, reduced if a beam of this standard deviation is wide; pixels for one of the reduced picture."""
+    factor = int(short / _WIDE)
+    factor -= 1 - factor % 2
+    if factor < 3:
+        return image, np.ones(2)
+    rows, columns = image.shape
+    size = (max(columns // factor, 1), max(rows // factor, 1))
+    small = cv2.resize(image, size, interpolation=cv2.INTER_AREA) if image.dtype == np.uint16 else None
+    if small is None:
+        small = cv2.resize(image.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    return small.astype(np.float32), np.array([columns / size[0], rows / size[1]])
+
+
+def without_outliers(part: NDArray[np.generic]) -> NDArray[np.float32]:
+    """A part of a picture whose hot and dead pixels have the median of their neighbours.
+
+    The middle of a beam of two or three pixels stands out of its neighbours, too, in parts of its light.
+    """
+    quiet = cv2.medianBlur(part, 3).astype(np.float32)
+    pixels = part.astype(np.float32)
+    apart = np.abs(pixels - quiet)
+    noise = 1.4826 * float(np.median(apart)) + 0.3
+    light = np.maximum(quiet - float(np.median(quiet)), 0)
+    return np.where(apart > _OUTLIER * noise + light / 2, quiet, pixels)
+
+
+def _reach(edges: Array, centre: Array, covariance: Array) -> float:
+    return min(REACH, edge_distance(edges, centre, covariance) / (1 + _SOFT))
+
+
+def edge_distance(edges: Array, centre: Array, covariance: Array) -> float:
+    """Distance of the nearest edge, in standard deviations of the beam towards it. edges: left, top, right, bottom."""
+    apart = np.abs(edges - np.tile(centre, 2)) / np.tile(np.sqrt(np.diag(covariance)), 2)
+    return float(apart.min())
+
+
+def soft_window(r2: Array, reach: float) -> Array:
+    """Weights: 1 inside of the radius, 0 outside, a straight slope over _SOFT of the radius to each side of it."""
+    return np.clip(((1 + _SOFT) * reach - np.sqrt(r2)) / (2 * _SOFT * reach), 0, 1)
+
+
+def place_in(beam: Beam, reach: float) -> Array:
+    """Centroid in a window of another radius about the same centre, px from that centre."""
+    found = _centroid(beam.window, reach)
+    return np.zeros(2) if found is None else found * beam.scale
+
+
+def d4_sigma(beam: Beam) -> tuple[float, float, float]:
+    """D4-sigma widths along the longer and the shorter axis, px, and the angle of the longer one, degrees, clockwise
+    from x (y is down). Plain second moments in the window (ISO 11146-1 has a window that is wider, for less noise)."""
+    window = beam.window
+    weighted = soft_window(window.r2, beam.reach) * window.light
+    values, axes = np.linalg.eigh(_second_moments(weighted, window) * np.outer(beam.scale, beam.scale) / _KEPT)
+    short, long = 4 * np.sqrt(np.maximum(values, 0))
+    angle = float(np.degrees(np.arctan2(axes[1, 1], axes[0, 1])))
+    return float(long), float(short), (angle + 90) % 180 - 90
+
+
+def place_errors(beam: Beam) -> tuple[float, float]:
+    """Standard errors of x and y by the noise of one image.
+
+    The place is linear in the bins, so its variance is the sum of theirs, times the squares of what each one moves it
+    by, directly and through the surroundings. Noise that whole columns or rows share is seen in the sums of columns
+    and rows: it moves the place more than that of single pixels does. Surroundings that are no plane do so through
+    their fit, in patches of the beam's size. A window that follows its centroid adds what light is at its edge.
+    """
+    window = beam.window
+    soft = soft_window(window.r2, beam.reach)
+    total = float((soft * window.light).sum())
+    short = beam.axes[0] / float(beam.scale.prod()) ** 0.5
+    noise = _noise(window, 1 / 12 / float(beam.scale.prod()), short)
+    quiet = float(np.median(noise[window.trust > 0])) / 9  # of means of nine bins, as the surroundings are fitted
+    uneven = max(window.scatter**2 - 2 * quiet, 0.0) * max((short / window.side) ** 2, 1.0)
+    growth = 1 / (1 - beam.reach**2 / 2 * float(np.exp(-(beam.reach**2) / 2)))
+    errors = []
+    deviations = np.sqrt(np.diag(beam.covariance)) / beam.scale
+    for along, axis in ((window.x, 1), (window.y, 0)):
+        lever = soft * along
+        through = np.tensordot(window.design, lever, 2) @ window.normal
+        by_ring = np.tensordot(through, window.design, 1) * window.trust / total
+        moves = lever / total - by_ring
+        variance = float((moves * moves * noise).sum()) * _shared(window, noise, axis, float(deviations[1 - axis]))
+        variance += uneven * float((by_ring * by_ring).sum())
+        errors.append(growth * float(beam.scale[1 - axis]) * variance**0.5)
+    return errors[0], errors[1]
+
+
+def _noise(window: Window, rounding: float, short: float) -> Array:
+    """Variance of each bin, from differences along rows: a constant part, and one that grows with the light.
+
+    Differences of pixels, and of means of 4, 16 and 64: in a compressed image (JPEG) the means are less quiet than
+    pixels tell, and pixels are quieter than their rounding alone lets them be. rounding: variance of a pixel by
+    rounding. short: standard deviation of the beam's shorter axis, px.
+    """
+    light = np.maximum(cv2.blur(window.light, (3, 3)), 0)
+    peak = float(light.max())
+    base, bright, finest = rounding, 0.0, 0.0
+    for side in (1, 2, 4, 8):
+        dark, light_too = _levels(window, light, side)
+        finest = dark if side == 1 else finest
+        base = max(base, dark * side**2)
+        if side == 1 or side < _OF_SHORT * short:
+            bright = max(bright, light_too * side**2)
+    growth = max(bright - base, 0.0) / (0.6 * peak) if peak > 0 else 0.0
+    compressed = finest < rounding and base > 2 * rounding
+    return (base + growth * light) / window.side**2 * (_COMPRESSED if compressed else 1.0)
+
+
+def _levels(window: Window, light: Array, side: int) -> tuple[float, float]:
+    """Variance of means of side x side pixels where there is little light, and where there is much."""
+    pixels = window.pixels
+    thin = max(1, pixels.size // side // _NOISE_PIXELS)
+    means = _binned(pixels[: pixels.shape[0] // side * side, : pixels.shape[1] // side * side], side)[::thin]
+    if means.shape[1] < 2 * _DIFFERENCE.size:
+        return 0.0, 0.0
+    margin = _DIFFERENCE.size // 2
+    apart = cv2.filter2D(means, cv2.CV_32F, _DIFFERENCE[None, :])[:, margin:-margin] ** 2 / _NORM2
+    near = cv2.resize(light.astype(np.float32), means.shape[::-1], interpolation=cv2.INTER_LINEAR)[:, margin:-margin]
+    peak = float(light.max())
+    return _mean_square(apart[near < 0.02 * peak]), _mean_square(apart[near > 0.3 * peak])
+
+
+def _mean_square(squares: Array) -> float:
+    """Mean of squares without those that no noise makes."""
+    if squares.size < 10:
+        return 0.0
+    for _ in range(2):
+        squares = squares[squares <= 12 * squares.mean()]
+    return float(squares.mean())
+
+
+def _shared(window: Window, noise: Array, axis: int, deviation: float) -> float:
+    """How much larger the noise of sums of columns (axis 1: of rows, axis 0) is than that of their pixels alone.
+
+    Rows are compared with the next but one: sensors of two fields have rows of alternating brightness, which moves
+    nothing. deviation: of the beam along the axis, px: of a narrow one the differences show the beam.
+    """
+    across = np.abs(window.y if axis else window.x)
+    middle = across[:, 0] if axis else across[0]
+    middle = middle < 0.4 * middle.max()
+    picked = np.repeat(middle, window.side)
+    part = window.pixels[picked] if axis else window.pixels[:, picked]
+    sums = cv2.reduce(part.astype(np.float32), 0 if axis else 1, cv2.REDUCE_SUM, dtype=cv2.CV_64F).ravel()
+    per_bin = noise[middle].sum(axis=0) if axis else noise[:, middle].sum(axis=1)
+    expected = np.repeat(per_bin, window.side) * window.side**3  # a bin's mean has side² pixels, in `side` columns
+    step = 1 if axis else 2
+    if deviation < _WIDER_THAN * step:
+        return 1.0
+    kernel = np.zeros((_DIFFERENCE.size - 1) * step + 1)
+    kernel[::step] = _DIFFERENCE
+    if sums.size <= kernel.size:
+        return 1.0
+    seen = np.convolve(sums, kernel, "valid") ** 2
+    ratios = seen / np.convolve(expected, kernel**2, "valid")
+    ratios = ratios[ratios <= 12 * max(float(np.median(ratios)), 1.0)]
+    return max((float(ratios.sum()) + _SURE) / (ratios.size + _SURE), 0.5)
+
+
+def smoothed(window: Window) -> Array:
+    """The light without the noise of single bins."""
+    return np.asarray(cv2.GaussianBlur(window.light, (0, 0), 1.0), np.float64)
+
+
+def lobes(smooth: Array, inside: NDArray[np.bool_], peak: float, depth: float) -> int:
+    """How many maxima rise by this part of them above the pass to a higher one. peak: of the beam."""
+    found = 1
+    for level in np.arange(0.9, 0.2, -0.05) * peak:
+        count, labels = cv2.connectedComponents(((smooth > level) & inside).astype(np.uint8))
+        if count > 2:
+            tops = [float(smooth[labels == label].max()) for label in range(1, count)]
+            found = max(found, sum(level < (1 - depth) * top for top in tops))
+    return found
+
+
+def _centroid(window: Window, reach: float) -> Array | None:
+    weighted = soft_window(window.r2, reach) * window.light
+    total = float(weighted.sum())
+    if total <= 0:
+        return None
+    return np.array([float((weighted * window.x).sum()), float((weighted * window.y).sum())]) / total
+
+
+def _gaussian_weighted(window: Window) -> Array | None:
+    """The covariance of the light under a Gaussian weight, twice: for a Gaussian of the weight's size it is its own."""
+    weighted = np.exp(-window.r2 / 2) * window.light
+    if float(weighted.sum()) <= 0:
+        return None
+    found = 2 * _second_moments(weighted, window)
+    return found if np.isfinite(found).all() and float(np.linalg.eigvalsh(found)[0]) > 0.05 else None
+
+
+def _second_moments(weighted: Array, window: Window) -> Array:
+    total = float(weighted.sum())
+    wx, wy = weighted * window.x, weighted * window.y
+    x, y = float(wx.sum()) / total, float(wy.sum()) / total
+    xx, xy, yy = (float((a * b).sum()) / total for a, b in ((wx, window.x), (wx, window.y), (wy, window.y)))
+    return np.array([[xx - x * x, xy - x * y], [xy - x * y, yy - y * y]])
+
+
+def _peak(window: Window) -> float:
+    """The peak of the Gaussian of the window's size that fits the light."""
+    like = np.exp(-window.r2 / 2)
+    return max(float((like * window.light).sum() / (like * like).sum()), 0.0)
+
+
+def _cut(image: NDArray[np.generic], centre: Array, covariance: Array, peak: float) -> Window:
+    """The bins of the picture about a centre, less the surroundings. peak: of the beam, whose light reaches these."""
+    wide, high = np.sqrt(np.diag(covariance))
+    side = max(1, int(float(np.linalg.eigvalsh(covariance)[0]) ** 0.5 / _BINS))
+    side -= 1 - side % 2
+    (rows, columns), (x0, y0) = image.shape, centre
+    left, right = max(0, int(x0 - _BOX * wide) - 2), min(columns, int(x0 + _BOX * wide) + 3)
+    top, bottom = max(0, int(y0 - _BOX * high) - 2), min(rows, int(y0 + _BOX * high) + 3)
+    (left, right), (top, bottom) = _whole(left, right, side, columns), _whole(top, bottom, side, rows)
+    size = ((right - left) // side, (bottom - top) // side)
+    part = image[top:bottom, left:right]
+    values = _binned(part, side).astype(np.float64)
+    x = left + (np.arange(size[0]) + 0.5) * side - 0.5 - x0
+    y = top + (np.arange(size[1]) + 0.5) * side - 0.5 - y0
+    (a, b), (_, c) = np.linalg.inv(covariance)
+    x, y = np.broadcast_to(x[None, :], values.shape), np.broadcast_to(y[:, None], values.shape)
+    r2 = a * x * x + 2 * b * x * y + c * y * y
+    design = np.stack([np.ones_like(r2), x / wide, y / high])
+    chosen = _chosen(left // side, top // side, values.shape, 37 * wide * high / side**2)
+    plane, scatter, normal, trust = _surroundings(cv2.blur(values - peak * np.exp(-r2 / 2), (3, 3)), r2, design, chosen)
+    light = values - np.tensordot(plane, design, 1)
+    return Window(light, x, y, r2, float(plane[0]), scatter, side, part, design, normal, trust)
+
+
+def _whole(begin: int, end: int, side: int, most: int) -> tuple[int, int]:
+    """A range of whole bins, at multiples of a bin's side so that windows which move a little have the same bins."""
+    return begin // side * side, min(-(-end // side), most // side) * side
+
+
+def _binned(part: NDArray[np.generic], side: int) -> NDArray[np.float32]:
+    """Means of squares of side x side pixels."""
+    if side == 1:
+        return part.astype(np.float32)
+    rows, columns = part.shape[0] // side, part.shape[1] // side
+    return np.asarray(cv2.resize(part.astype(np.float32), (columns, rows), interpolation=cv2.INTER_AREA), np.float32)
+
+
+def _chosen(left: int, top: int, shape: tuple[int, ...], many: float) -> NDArray[np.bool_]:
+    """Bins of which the ring has about _RING_BINS, always the same ones of the picture; many: all that it has."""
+    thin = max(1, int(many / _RING_BINS))
+    return ((left + np.arange(shape[1]))[None, :] + 5 * (top + np.arange(shape[0]))[:, None]) % thin == 0
+
+
+def _surroundings(
+    values: Array, r2: Array, design: Array, chosen: NDArray[np.bool_]
+) -> tuple[Array, float, Array, Array]:
+    """A plane through the ring about the beam, without what stands out of it; its scatter; matrix and weights."""
+    ring = np.flatnonzero((r2 > _RING**2) & (r2 < _BOX**2) & chosen)
+    if ring.size < 24:  # the beam fills the picture: its corners
+        ring = np.argpartition(r2.ravel(), -24)[-24:]
+    some, terms = values.ravel()[ring], design.reshape(3, -1)[:, ring]
+    prior = np.diag([0, 1, 1]) * (_LEVEL * some.size)
+    weight = np.ones_like(some)
+    normal, plane, scatter = prior, np.zeros(3), 0.0
+    for _ in range(4):
+        normal = np.linalg.inv((terms * weight) @ terms.T + prior)
+        plane = normal @ ((terms * weight) @ some)
+        rest = np.abs(some - plane @ terms)
+        scatter = max(1.4826 * float(np.partition(rest, rest.size // 2)[rest.size // 2]), 0.1)
+        rest *= 1 / (_LIKE * scatter)
+        rest *= rest
+        weight = 1 / (1 + rest * rest)
+    trust = np.zeros(values.size)
+    trust[ring] = weight
+    return plane, scatter, normal, trust.reshape(values.shape)
