@@ -15,12 +15,14 @@ rows in a bin keeps their light balanced.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Pixels = NDArray[Any]  # of a grey picture
 
 REACH = 3.3  # radius of the window in standard deviations of the beam: of a Gaussian it holds 99.6 % of the light
 _SOFT = 0.1  # part of the radius by which the window's edge is soft, to each side
@@ -30,10 +32,8 @@ _RING_BINS = 1500  # of the ring that are used, about: more take time and change
 _OUTLIER = 8.0  # standard deviations by which a hot or a dead pixel is not like its neighbours
 _NOISE_PIXELS = 40_000  # of the window that the noise is measured at, about
 _ROUNDS = 30
-_DONE, _DONE_SIZE = (
-    2e-4,
-    2e-3,
-)  # parts of a standard deviation, and of a variance: a round that changes less is the last
+# a round that changes the place and the variance by less than these parts of a standard deviation and of it is the last
+_DONE, _DONE_SIZE = 2e-4, 2e-3
 _WIDE = 9.0  # standard deviation of the shorter axis, px, above which the picture is reduced
 _LEVEL = 0.02  # weight of "the surroundings do not slope", in parts of the ring's bins
 _LIKE = 3.0  # standard deviations within which a bin of the ring counts as surroundings
@@ -41,7 +41,7 @@ _DIFFERENCE = np.array([1.0, -6.0, 15.0, -20.0, 15.0, -6.0, 1.0])  # of sixth or
 _NORM2 = float(_DIFFERENCE @ _DIFFERENCE)
 _OF_SHORT = 0.3  # of the shorter axis' standard deviation: means of larger squares show the beam, not the noise
 _COMPRESSED = 3.0  # variance of a compressed image, in what its means tell; measured at JPEG of quality 70 to 95
-_WIDER_THAN = 3.0  # px: see _shared()
+_WIDER_THAN = 3.0  # standard deviation of a beam, px, whose rows and columns show their own noise
 _SURE = 12  # differences, as many as the noise of the pixels counts for beside the noise of whole rows and columns
 # plain second moments of a Gaussian in the window, in parts of its variance
 _KEPT = 1 - REACH**2 / 2 * float(np.exp(-(REACH**2) / 2)) / (1 - float(np.exp(-(REACH**2) / 2)))
@@ -63,7 +63,7 @@ class Window:
     level: float
     scatter: float
     side: int
-    pixels: NDArray[np.generic]
+    pixels: Pixels
     design: Array
     normal: Array
     trust: Array
@@ -71,10 +71,13 @@ class Window:
 
 @dataclass(slots=True)
 class Beam:
-    """centre: x, y. covariance: of the Gaussian of its size, px². window: of the reduced picture. scale: pixels for one
+    """A beam that was followed.
+
+    centre: x, y. covariance: of the Gaussian of its size, px². window: of the reduced picture. scale: pixels for one
     of the reduced picture, along x and y. reach: radius of the window in which the place is the centroid: less than
     REACH where the picture's edge is nearer. edge: distance of the nearest one, in standard deviations. settled:
-    whether the last round changed nothing."""
+    whether the last round changed nothing.
+    """
 
     centre: Array
     covariance: Array
@@ -92,7 +95,7 @@ class Beam:
 
 
 def follow(
-    image: NDArray[np.generic], centre: Array, covariance: Array, peak: float, whole: tuple[int, ...], corner: Array
+    image: Pixels, centre: Array, covariance: Array, peak: float, whole: tuple[int, ...], corner: Array
 ) -> Beam | None:
     """The beam that is at about this place and of about this size; None if what is there has no size.
 
@@ -136,7 +139,7 @@ def follow(
     )
 
 
-def _reduced(image: NDArray[np.generic], short: float) -> tuple[NDArray[np.generic], Array]:
+def _reduced(image: Pixels, short: float) -> tuple[Pixels, Array]:
     """The picture, reduced if a beam of this standard deviation is wide; pixels for one of the reduced picture."""
     factor = int(short / _WIDE)
     factor -= 1 - factor % 2
@@ -144,13 +147,11 @@ def _reduced(image: NDArray[np.generic], short: float) -> tuple[NDArray[np.gener
         return image, np.ones(2)
     rows, columns = image.shape
     size = (max(columns // factor, 1), max(rows // factor, 1))
-    small = cv2.resize(image, size, interpolation=cv2.INTER_AREA) if image.dtype == np.uint16 else None
-    if small is None:
-        small = cv2.resize(image.astype(np.float32), size, interpolation=cv2.INTER_AREA)
-    return small.astype(np.float32), np.array([columns / size[0], rows / size[1]])
+    small = cv2.resize(image.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    return small, np.array([columns / size[0], rows / size[1]])
 
 
-def without_outliers(part: NDArray[np.generic]) -> NDArray[np.float32]:
+def without_outliers(part: Pixels) -> NDArray[np.float32]:
     """A part of a picture whose hot and dead pixels have the median of their neighbours.
 
     The middle of a beam of two or three pixels stands out of its neighbours, too, in parts of its light.
@@ -185,8 +186,10 @@ def place_in(beam: Beam, reach: float) -> Array:
 
 
 def d4_sigma(beam: Beam) -> tuple[float, float, float]:
-    """D4-sigma widths along the longer and the shorter axis, px, and the angle of the longer one, degrees, clockwise
-    from x (y is down). Plain second moments in the window (ISO 11146-1 has a window that is wider, for less noise)."""
+    """D4-sigma widths along the longer and the shorter axis, px, and the longer one's angle, degrees clockwise from x.
+
+    Plain second moments in the window; that of ISO 11146-1 is wider, for pictures of less noise.
+    """
     window = beam.window
     weighted = soft_window(window.r2, beam.reach) * window.light
     values, axes = np.linalg.eigh(_second_moments(weighted, window) * np.outer(beam.scale, beam.scale) / _KEPT)
@@ -259,7 +262,7 @@ def _levels(window: Window, light: Array, side: int) -> tuple[float, float]:
     return _mean_square(apart[near < 0.02 * peak]), _mean_square(apart[near > 0.3 * peak])
 
 
-def _mean_square(squares: Array) -> float:
+def _mean_square(squares: Pixels) -> float:
     """Mean of squares without those that no noise makes."""
     if squares.size < 10:
         return 0.0
@@ -342,7 +345,7 @@ def _peak(window: Window) -> float:
     return max(float((like * window.light).sum() / (like * like).sum()), 0.0)
 
 
-def _cut(image: NDArray[np.generic], centre: Array, covariance: Array, peak: float) -> Window:
+def _cut(image: Pixels, centre: Array, covariance: Array, peak: float) -> Window:
     """The bins of the picture about a centre, less the surroundings. peak: of the beam, whose light reaches these."""
     wide, high = np.sqrt(np.diag(covariance))
     side = max(1, int(float(np.linalg.eigvalsh(covariance)[0]) ** 0.5 / _BINS))
@@ -371,7 +374,7 @@ def _whole(begin: int, end: int, side: int, most: int) -> tuple[int, int]:
     return begin // side * side, min(-(-end // side), most // side) * side
 
 
-def _binned(part: NDArray[np.generic], side: int) -> NDArray[np.float32]:
+def _binned(part: Pixels, side: int) -> NDArray[np.float32]:
     """Means of squares of side x side pixels."""
     if side == 1:
         return part.astype(np.float32)
@@ -404,6 +407,6 @@ def _surroundings(
         rest *= 1 / (_LIKE * scatter)
         rest *= rest
         weight = 1 / (1 + rest * rest)
-    trust = np.zeros(values.size)
-    trust[ring] = weight
-    return plane, scatter, normal, trust.reshape(values.shape)
+    trust = np.zeros_like(values)
+    trust.ravel()[ring] = weight
+    return np.asarray(plane, np.float64), scatter, np.asarray(normal, np.float64), trust

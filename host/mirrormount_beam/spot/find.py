@@ -86,7 +86,6 @@ _SATURATED = 1.0  # saturated area at most, in parts of the area above half of a
 _CORE, _CORE_SHAPE, _RIM, _RIM_SHAPE = 0.007, 0.4, 0.01, 0.8
 _LEAST = 5e-4  # standard error at least, in standard deviations: of the window's bins, and of surroundings that curve
 _UNSURE = 0.25  # standard error at most, in standard deviations of the spot
-_SIGNIFICANT = 8.0  # light at least, in its standard errors
 _STANDS_OUT = 0.25  # scatter of the surroundings at most, in parts of the peak
 _NEAR = 4.8  # standard deviations within which a second spot is looked for in the light itself
 _VALLEY = 0.15  # depth of the valley between two spots, in parts of the fainter one
@@ -203,7 +202,11 @@ def _followed(
     top, bottom = max(0, int(centre[1]) - half_y), min(rows, int(centre[1]) + half_y + 1)
     part = beam.without_outliers(image[top:bottom, left:right])
     part = part - seen.background_in(left, top, right - left, bottom - top)
-    return beam.follow(part, centre, covariance, peak, image.shape, np.array([left, top], float))
+    found = beam.follow(part, centre, covariance, peak, image.shape, np.array([left, top], float))
+    if found is not None:
+        x, y = map(int, found.centre)
+        found.window.level += float(seen.background_in(x, y, 1, 1)[0, 0])
+    return found
 
 
 def _within(place: blobs.Blob, wide: blobs.Blob) -> bool:
