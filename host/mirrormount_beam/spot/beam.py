@@ -159,9 +159,11 @@ def without_outliers(part: Pixels) -> NDArray[np.float32]:
     quiet = cv2.medianBlur(part, 3).astype(np.float32)
     pixels = part.astype(np.float32)
     apart = np.abs(pixels - quiet)
-    noise = 1.4826 * float(np.median(apart)) + 0.3
-    light = np.maximum(quiet - float(np.median(quiet)), 0)
-    return np.where(apart > _OUTLIER * noise + light / 2, quiet, pixels)
+    noise = 1.4826 * float(np.median(apart[::3, ::3])) + 0.3
+    most = np.maximum(quiet - float(np.median(quiet[::3, ::3])), 0) / 2 + _OUTLIER * noise
+    found = apart > most
+    pixels[found] = quiet[found]
+    return pixels
 
 
 def _reach(edges: Array, centre: Array, covariance: Array) -> float:
@@ -218,8 +220,8 @@ def place_errors(beam: Beam) -> tuple[float, float]:
     deviations = np.sqrt(np.diag(beam.covariance)) / beam.scale
     for along, axis in ((window.x, 1), (window.y, 0)):
         lever = soft * along
-        through = np.tensordot(window.design, lever, 2) @ window.normal
-        by_ring = np.tensordot(through, window.design, 1) * window.trust / total
+        through = np.einsum("nij,ij", window.design, lever) @ window.normal
+        by_ring = np.einsum("n,nij", through, window.design) * window.trust / total
         moves = lever / total - by_ring
         variance = float((moves * moves * noise).sum()) * _shared(window, noise, axis, float(deviations[1 - axis]))
         variance += uneven * float((by_ring * by_ring).sum())
@@ -365,7 +367,7 @@ def _cut(image: Pixels, centre: Array, covariance: Array, peak: float) -> Window
     design = np.stack([np.ones_like(r2), x / wide, y / high])
     chosen = _chosen(left // side, top // side, values.shape, 37 * wide * high / side**2)
     plane, scatter, normal, trust = _surroundings(cv2.blur(values - peak * np.exp(-r2 / 2), (3, 3)), r2, design, chosen)
-    light = values - np.tensordot(plane, design, 1)
+    light = values - np.einsum("n,nij", plane, design)  # not @, the threads of which cost more than they save
     return Window(light, x, y, r2, float(plane[0]), scatter, side, part, design, normal, trust)
 
 
@@ -400,9 +402,10 @@ def _surroundings(
     weight = np.ones_like(some)
     normal, plane, scatter = prior, np.zeros(3), 0.0
     for _ in range(4):
-        normal = np.linalg.inv((terms * weight) @ terms.T + prior)
-        plane = normal @ ((terms * weight) @ some)
-        rest = np.abs(some - plane @ terms)
+        weighted = terms * weight
+        normal = np.linalg.inv(np.einsum("in,jn", weighted, terms) + prior)
+        plane = normal @ np.einsum("in,n", weighted, some)
+        rest = np.abs(some - np.einsum("i,in", plane, terms))
         scatter = max(1.4826 * float(np.partition(rest, rest.size // 2)[rest.size // 2]), 0.1)
         rest *= 1 / (_LIKE * scatter)
         rest *= rest
