@@ -6,6 +6,8 @@ The driver of a camera's maker brings a GenTL producer, a file *.cti, and puts i
 import contextlib
 import logging
 import os
+import signal
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -53,7 +55,8 @@ def open_genicam(part: str, *, limits: Limits, settings: CameraSettings) -> Webc
         at, device = matching[0]
         name = _name(device)
         try:
-            acquirer = harvester.create(at)
+            with _ctrl_c_kept():
+                acquirer = harvester.create(at)
         except Exception as e:  # of a maker's library
             raise CameraAbsent(f"{name}: cannot be opened: {printable(str(e))}") from e
         capture = GenicamCapture(acquirer, opened.pop_all())
@@ -63,6 +66,17 @@ def open_genicam(part: str, *, limits: Limits, settings: CameraSettings) -> Webc
         capture.release()
         raise
     return Webcam(capture, name, limits, settings)
+
+
+@contextlib.contextmanager
+def _ctrl_c_kept() -> Iterator[None]:
+    """Harvesters takes Ctrl-C for itself in the main thread; but Ctrl-C must stop the motors."""
+    before = signal.getsignal(signal.SIGINT)
+    try:
+        yield
+    finally:
+        if threading.current_thread() is threading.main_thread():
+            signal.signal(signal.SIGINT, before)
 
 
 @contextlib.contextmanager

@@ -3,6 +3,7 @@
 import contextlib
 import importlib.util
 import itertools
+import signal
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -46,6 +47,14 @@ def grey(viky, monkeypatch):
         self._nodes.PixelFormat.value = "Mono8"
 
     monkeypatch.setattr(genicam.GenicamCapture, "check_format", set_mono)
+
+
+@needs_viky
+def test_an_open_camera_of_genicam_leaves_ctrl_c_to_the_program(grey):
+    before = signal.getsignal(signal.SIGINT)
+    with contextlib.closing(open_camera("genicam://red")):
+        assert signal.getsignal(signal.SIGINT) is before
+    assert signal.getsignal(signal.SIGINT) is before
 
 
 @needs_viky
