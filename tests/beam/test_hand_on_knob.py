@@ -77,6 +77,7 @@ def test_a_knob_that_is_held_fast_ends_at_a_gate(profile, axis):
     assert not rig.pulses(gate.time_s, rig.table.now_s())
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("fault", ["hand", "jammed"])
 @pytest.mark.parametrize("motor", ["m1", "m2"])
 def test_a_hand_on_a_knob_leaves_the_pins_off(fault, motor):

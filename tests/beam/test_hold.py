@@ -179,6 +179,7 @@ def test_a_loop_that_is_told_to_stop_ends_with_its_motors_off():
 # ---- the command, on boards and pictures
 
 
+@pytest.mark.full
 def test_the_command_holds_the_virtual_table_and_writes_its_figures(tmp_path, capsys):
     file, calibration = tmp_path / "hold.json", tmp_path / "calibration.json"
     arguments = ["hold", "--virtual", "--duration", "10", "--json", str(file), "--calibration", str(calibration)]
@@ -195,6 +196,7 @@ def test_the_command_holds_the_virtual_table_and_writes_its_figures(tmp_path, ca
     assert json.loads(calibration.read_text())["belongs"]["actuators"][0][0] == "first.x"
 
 
+@pytest.mark.full
 def test_a_goal_that_is_not_met_is_no_success(tmp_path):
     file = tmp_path / "hold.json"
     assert main(["hold", *ONE, "--duration", "3", "--max-um", "0.001", "--json", str(file)]) == 1
@@ -247,6 +249,7 @@ def test_numbers_replace_those_of_an_earlier_run(tmp_path):
         assert ("um_for_a_step" in json.loads(file.read_text())) == (verb == ["calibrate"])
 
 
+@pytest.mark.full
 def test_a_users_own_link_to_the_numbers_is_kept(tmp_path):
     link, file = tmp_path / "all.json", tmp_path / "mine.json"
     link.symlink_to(file)

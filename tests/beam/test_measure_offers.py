@@ -13,6 +13,7 @@ SEED = ("--virtual", "--seed", "5")
 pytestmark = pytest.mark.usefixtures("own_folder")
 
 
+@pytest.mark.full
 def test_the_scale_of_steps_is_saved_when_asked_for(capsys, tables):
     assert main.main(["measure", "steps", *SEED, "--axes", "x", "--apply"]) == 0
     assert "The scales are saved in" in capsys.readouterr().out

@@ -130,7 +130,12 @@ def test_a_colour_that_is_saturated_does_not_hide_the_place():
         assert abs(found.x - 315.4) < 5 * found.sigma_x < 0.7 and abs(found.y - 246.2) < 5 * found.sigma_y
 
 
-@pytest.mark.parametrize("kind", scenes.ONE_BEAM)
+QUICK = ("skewed", "rows", "colour", "small")
+
+
+@pytest.mark.parametrize(
+    "kind", [pytest.param(kind, marks=[] if kind in QUICK else pytest.mark.full) for kind in scenes.ONE_BEAM]
+)
 def test_the_errors_of_a_kind_of_real_beams_are_right(kind):
     """A short run of what tools/bench/spot.py prints; the places are those that mirrormount_sim declares."""
     every = [scenes.real(rng(seed), kind) for seed in range(24)]

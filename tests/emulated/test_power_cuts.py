@@ -78,6 +78,7 @@ def test_a_cut_in_the_exchange_leaves_the_old_firmware_or_the_new_one(deploy, sw
     assert runs[0] in deploy.old and runs[1] in deploy.old | {deploy.new} and runs[2] == deploy.new
 
 
+@pytest.mark.full
 def test_a_boot_between_the_two_renames_may_be_cut_too(deploy, switch_on):
     board = switch_on(deploy.uploaded)
     between = "os.rename('main.py.new', 'main.py'); os.rename('mountfw', 'mountfw.old')"

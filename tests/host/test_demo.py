@@ -36,6 +36,7 @@ def test_the_square_has_the_papers_figures():
     assert rows["backlash, vertical"].measured == pytest.approx(0.70, rel=0.15)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("profile", ["smooth", "rough"])
 def test_the_square_of_a_mount_with_much_supply_is_in_the_picture(profile):
     with ClosedLoop(profile, 1.3, closed=False).mount as mount:

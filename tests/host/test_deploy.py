@@ -46,6 +46,7 @@ def test_deploy_to_a_blank_board_makes_it_a_mount(boot):
         assert mount.x.position == 1
 
 
+@pytest.mark.full
 def test_a_board_holds_the_manifest_and_what_it_lists_and_nothing_else(boot):
     board = boot()
     board.deploy()
@@ -125,6 +126,7 @@ def test_somebody_elses_main_py_stays_unless_one_says_so(boot, tmp_path):
     assert contents(board.root) == {"main.py": THEIRS.encode()}
 
 
+@pytest.mark.full
 def test_replacing_somebody_elses_main_py_keeps_a_copy_and_spares_older_ones(boot, tmp_path):
     (tmp_path / "files").mkdir()
     (tmp_path / "files" / "main.py").write_text(THEIRS)
@@ -189,6 +191,7 @@ def test_undeploy_gives_a_program_that_was_put_aside_its_name_back(boot, tmp_pat
     assert contents(board.root) == {"main.py": THEIRS.encode()}
 
 
+@pytest.mark.full
 def test_a_board_without_a_board_file_is_named_before_anything_is_uploaded(deployed, monkeypatch):
     before = contents(deployed.root)
     real = Mpremote.survey

@@ -39,6 +39,7 @@ def test_homing_ends_at_a_switch_with_position_0_and_certainty_homed(mount):
     assert (status.position, status.certainty) == (0, "homed")
 
 
+@pytest.mark.full
 def test_a_second_homing_finds_the_same_place_and_tells_by_how_much_the_count_was_off(mount):
     mount.x.home()
     first = bench(mount).horizontal.screw_rev

@@ -128,6 +128,7 @@ def test_a_stop_ends_a_move_at_the_prompt_that_nobody_has_open_any_more(serve_vm
     assert run.returncode == 0 and run.stdout.startswith("stopped: the program at"), run.stderr
 
 
+@pytest.mark.full
 def test_no_python_of_the_current_folder_is_run_by_repl(serve_vm, tmp_path):
     folder = set_traps(tmp_path / "traps")
     terminal = Terminal(str(serve_vm().link), folder=folder)
@@ -151,6 +152,7 @@ def test_a_board_without_the_firmware_is_named_as_such_and_left_at_its_prompt(se
     port.close()
 
 
+@pytest.mark.full
 def test_a_firmware_without_prompt_control_is_started_again(serve_vm, tmp_path):
     (new_files(tmp_path / "files") / "mountfw" / "repl.py").unlink()
     board = serve_vm("--files", str(tmp_path / "files"))

@@ -36,6 +36,7 @@ def test_the_scale_that_setup_finds_is_that_of_the_mirror(mount):
         assert scale.negative == pytest.approx((before - mirror_mrad(mirror)) / 20, rel=0.02)
 
 
+@pytest.mark.full
 def test_the_take_up_that_setup_finds_closes_the_gap_of_a_turn(mount):
     train = mount.link.port.simulation.bench.horizontal
 
@@ -179,6 +180,7 @@ def test_an_axis_of_a_second_mirror_gets_a_scale_by_its_own_distance(mount_of_th
     assert mount_of_three.settings()["axis3"]["take_up_us"] == pytest.approx(1.6 * 200_000, rel=0.01)
 
 
+@pytest.mark.full
 def test_readings_that_go_the_wrong_way_are_taken_again(mount):
     person = set_up(mount, {"(more is right)": ["0", "-26", "-20", "10", "0"]}, distance_mm=SCREEN_MM)
     assert any("must grow to the right" in text for text in person.said)
@@ -232,6 +234,7 @@ def test_no_number_is_rounded_to_whole_steps_in_silence():
     assert "  please give a whole number" in said
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("distance_mm", [SCREEN_MM / 500, SCREEN_MM * 100])
 def test_a_scale_that_no_such_mount_has_is_questioned_and_not_taken(mount, distance_mm):
     asked = {"Take it nevertheless": ["no", KeyboardInterrupt()]}

@@ -81,6 +81,7 @@ def on_times_us(board, enable: str) -> list[int]:
     return [off["t_us"] - on["t_us"] for on, off in zip(edges[::2], edges[1::2], strict=True)]
 
 
+@pytest.mark.full
 def test_a_pulse_that_is_set_is_the_pulse_that_is_made(page, board):
     open_settings(page)
     page.get_by_label("x: length of a step's pulse, us").fill("50000")

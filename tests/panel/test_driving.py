@@ -139,6 +139,7 @@ def test_the_slider_is_remembered_when_the_page_is_loaded_again(open_page, panel
     assert duties(board) == [65535, 0, 33 * 257, 0]
 
 
+@pytest.mark.full
 def test_four_taps_in_a_row_are_four_steps(page, board):
     for _ in range(4):
         page.keyboard.press("ArrowRight")
@@ -210,6 +211,7 @@ def test_a_finger_on_a_phone_drives_as_a_mouse_does(open_page, panel, board):
     assert legs_used(board) == {"m1_neg"}
 
 
+@pytest.mark.full
 def test_fine_steps_are_as_many_as_stated(page, board):
     page.get_by_label("Number of steps").fill("3")
     press(page.get_by_role("button", name="left", exact=False).get_by_text("◀ left"))
@@ -219,6 +221,7 @@ def test_fine_steps_are_as_many_as_stated(page, board):
     assert legs_used(board) == {"m2_neg"}
 
 
+@pytest.mark.full
 def test_typed_speeds_run_both_motors_until_stop(page, board):
     page.get_by_label("Speed of Y").fill("-100")
     page.get_by_label("Speed of X").fill("50")
