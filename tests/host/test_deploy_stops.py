@@ -61,6 +61,21 @@ def test_a_signal_before_anything_was_changed_starts_the_firmware_again(deployed
         assert deployed.ask("VE?") == f"MM2 Version {mountfw.__version__} mirrormount"
 
 
+class Ending(Progress):
+    """A signal comes as the first phase at the prompt begins."""
+
+    def phase(self, text: str) -> None:
+        if text != "looking at the board":
+            raise Terminated(signal.SIGTERM)
+
+
+@pytest.mark.parametrize("work", [deploy, undeploy])
+def test_a_signal_at_the_begin_of_a_phase_starts_the_firmware_again(deployed, work):
+    with pytest.raises(Terminated):
+        work(Options(port=deployed.port), Ending())
+    assert deployed.ask("VE?") == f"MM2 Version {mountfw.__version__} mirrormount"
+
+
 class Stopping(Progress):
     """Says stop as each phase begins, but for the first, in which the port is not yet open."""
 

@@ -95,8 +95,8 @@ def deploy(options: Options, progress: Progress | None = None) -> str:
 def _deploy(port: str, this: dict[str, bytes], options: Options, progress: Progress, stop_answer: StopAnswer) -> str:
     started = time.monotonic()
     progress.phase("looking at the board")
-    _approach(port, options.stop, stop_answer)
     board = Mpremote(port)
+    _approach(port, options.stop, stop_answer)
     with board.reset_if_it_fails():
         there = board.survey()
         _check_version(there.version, progress)
@@ -127,10 +127,10 @@ def undeploy(options: Options, progress: Progress | None = None) -> str:
         return circuitpython.undeploy(drive, options, progress)
     port = _find(options.port)
     with stop_answered(port) as stop_answer:
-        _approach(port, options.stop, stop_answer)
-        progress.phase("looking for what deploy has put there, to remove it")
         board = Mpremote(port)
+        _approach(port, options.stop, stop_answer)
         with board.reset_if_it_fails():
+            progress.phase("looking for what deploy has put there, to remove it")
             done = board.undeploy()
     if done["found"] != [True]:
         raise DeployError("this board has no firmware that deploy has put there: nothing was removed")
