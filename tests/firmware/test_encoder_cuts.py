@@ -6,7 +6,6 @@ moments of each motion, are looked at: the files as they are then, and the place
 
 from math import exp, log
 
-import pytest
 from rig_cuts import cuttable
 from rig_encoder import DRY, FLOOR, TAU_S, EncoderPort, encoded, finish
 
@@ -144,7 +143,6 @@ def test_a_position_that_is_counted_is_right_wherever_the_power_went():
     assert worth(True, 0) == {codes.ESTIMATED, codes.COUNTED}  # its angle tells within half a turn of 0
 
 
-@pytest.mark.full
 def test_what_a_hand_turned_while_the_board_was_off_is_told_by_an_encoder_on_the_screw():
     for turned in (51, -1000, 1900):
         assert codes.COUNTED not in worth(True, turned)
