@@ -97,7 +97,7 @@ def nasty(rng):
     if comes("gamma", 0.1):
         gamma = rng.uniform(0.5, 0.9)
         light, ambient = (255 * (part / 255) ** gamma for part in (light, ambient))
-    truth = middle if middle is None or "edge" in parts else beams.declared_place(light - ambient)
+    truth = middle if middle is None or "edge" in parts else _declared(light - ambient)
     image = expose(light, rng, read=read, gain=gain)
     dark = None
     if comes("hot", 0.35):
@@ -105,6 +105,15 @@ def nasty(rng):
     if comes("jpeg", 0.15):
         image = cv2.imdecode(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, int(rng.integers(75, 97))])[1], 0)
     return Scene(image, truth, parts, dark)
+
+
+def _declared(light):
+    """The declared place of what is left of a spot; None if a fly has left nothing that has a place."""
+    with np.errstate(divide="raise", over="raise", invalid="raise"):
+        try:
+            return beams.declared_place(light)
+        except (FloatingPointError, ValueError, np.linalg.LinAlgError):
+            return None
 
 
 def _add_spot(light, rng, comes, parts):
