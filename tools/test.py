@@ -1,7 +1,7 @@
 """Check everything: lint, types and tests, from a fresh clone: python tools/test.py [--quick | --full] [-- ...]
 
 --quick, 3 minutes: the firmware on CPython, the host in lockstep, the beam with rendered pictures.
-Without an option, 10 minutes: also MicroPython's VM, boards in real time, a browser, the emulated RP2040, some fuzz.
+Without an option, 15 minutes: also MicroPython's VM, boards in real time, a browser, the emulated RP2040, some fuzz.
 --full, an hour: also every release, power cut and page, long fuzz, the coverage, and the times of the firmware.
 Arguments after `--` go to pytest. Programs that are missing are installed by apt-get only with --install-system or
 with CI=true in the environment; else they are listed, and the tests that need them are skipped. With CI=true a test
