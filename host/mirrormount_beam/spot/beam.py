@@ -107,7 +107,7 @@ def follow(
     image, scale = _reduced(image, float(np.linalg.eigvalsh(covariance)[0]) ** 0.5)
     centre, covariance = (centre + 0.5) / scale - 0.5, covariance / np.outer(scale, scale)
     edges = (edges + 0.5) / np.tile(scale, 2) - 0.5
-    window = _cut(image, centre, covariance, peak)
+    window = _window_at(image, centre, covariance, peak)
     for number in range(_ROUNDS):
         found = _gaussian_weighted(window)
         reach = _reach(edges, centre, covariance)
@@ -121,7 +121,7 @@ def follow(
         centre, covariance = centre + part * step, covariance + part * (found - covariance)
         if not (0 < centre[0] < image.shape[1] and 0 < centre[1] < image.shape[0]) or deviation > max(image.shape):
             return None
-        window = _cut(image, centre, covariance, _peak(window))
+        window = _window_at(image, centre, covariance, _peak(window))
         if settled:
             break
     else:
@@ -347,7 +347,7 @@ def _peak(window: Window) -> float:
     return max(float((like * window.light).sum() / (like * like).sum()), 0.0)
 
 
-def _cut(image: Pixels, centre: Array, covariance: Array, peak: float) -> Window:
+def _window_at(image: Pixels, centre: Array, covariance: Array, peak: float) -> Window:
     """The bins of the picture about a centre, less the surroundings. peak: of the beam, whose light reaches these."""
     wide, high = np.sqrt(np.diag(covariance))
     side = max(1, int(float(np.linalg.eigvalsh(covariance)[0]) ** 0.5 / _BINS))

@@ -17,7 +17,7 @@ _OF_PEAK = 0.12  # threshold as a part of the brightest value: two spots that to
 class Blob:
     """One blob, in pixels of the picture. flux: sum of grey values above the background.
 
-    x, y: centroid. width: root of the variance along x and y. cut: it touches the picture's edge.
+    x, y: centroid. width: root of the variance along x and y.
     """
 
     x: float
@@ -26,7 +26,6 @@ class Blob:
     width_y: float
     flux: float
     peak: float
-    cut: bool
 
     @property
     def start(self) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
@@ -39,7 +38,7 @@ class Detection:
     """blobs: the greatest product of peak and flux first.
 
     threshold, noise: grey values above the background, of a reduced pixel. background: reduced picture of the light
-    that is uneven over the whole picture or over its rows. above: the reduced picture less all background. small: the
+    that is uneven over the whole picture or over its rows. small: the
     reduced picture. scale: pixels for one of it, along x and y.
     """
 
@@ -47,7 +46,6 @@ class Detection:
     threshold: float
     noise: float
     background: NDArray[np.float32]
-    above: NDArray[np.float32]
     small: NDArray[np.float32]
     scale: tuple[float, float]
 
@@ -88,9 +86,7 @@ def detect(image: NDArray[np.uint8] | NDArray[np.uint16]) -> Detection:
     scale = (width / size[0], height / size[1])
     order = sorted(range(1, count), key=lambda i: -stats[i, cv2.CC_STAT_AREA])[:8]
     blobs = [_blob(above, labels, stats[i], i, scale) for i in order]
-    return Detection(
-        sorted(blobs, key=lambda blob: -blob.peak * blob.flux), threshold, noise, background, above, small, scale
-    )
+    return Detection(sorted(blobs, key=lambda blob: -blob.peak * blob.flux), threshold, noise, background, small, scale)
 
 
 _COARSE = 4  # reduced pixels for one in which a wide beam is looked for
@@ -135,7 +131,6 @@ def wide(seen: Detection) -> Blob | None:
         width_y=size_px / ratio,
         flux=float(weights.sum()) * scale[0] * scale[1],
         peak=peak,
-        cut=False,
     )
 
 
@@ -199,7 +194,6 @@ def _blob(
     x, y = float(columns @ at_x) / flux, float(rows @ at_y) / flux
     width_x = (float(columns @ (at_x - x) ** 2) / flux) ** 0.5
     width_y = (float(rows @ (at_y - y) ** 2) / flux) ** 0.5
-    cut = left == 0 or top == 0 or left + wide == above.shape[1] or top + high == above.shape[0]
     return Blob(
         x=(left + x + 0.5) * scale[0] - 0.5,
         y=(top + y + 0.5) * scale[1] - 0.5,
@@ -207,5 +201,4 @@ def _blob(
         width_y=max(width_y * scale[1], 1.2),
         flux=flux * scale[0] * scale[1],
         peak=float(part.max()),
-        cut=cut,
     )
