@@ -218,3 +218,22 @@ ROWS = _OPEN + tuple(
     for row in _OPEN
     if row.name.removesuffix("-gate") in _ALSO_CLOSED
 )
+
+# what somebody asks for: --update writes these into docs/performance.md
+ON_THE_PAGE = (
+    "frame-burst",
+    "frame-alone",
+    "stop-run",
+    "stop-run-gate",
+    "stop-stream",
+    "stop-stream-gate",
+    "hanging-stop",
+    "hanging-stop-gate",
+    "pulse",
+    "pulse-shortest",
+    "rate",
+    "end-stop",
+    "keep-alive",
+    "record",
+    "reset",
+)

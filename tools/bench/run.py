@@ -3,9 +3,9 @@
     .venv/bin/python tools/bench/run.py [--n N] [--only ROW[,ROW]] [--json FILE] [--update] [--check [--quick]]
 
 Needs what the rp2040 machine needs (docs/virtual-board.md). A row is named in full, or several are by how they begin:
-`--only stop`. Results repeat exactly: all moments are seeded. --update writes all rows into docs/performance.md.
---check names the rows that miss their must, and exits with 1. --quick takes 10 trials of the rows of stops and
-frames; with both, a row that has a floor (rows.py) has to keep that.
+`--only stop`. Results repeat exactly: all moments are seeded. --update writes the rows that somebody asks for
+(ON_THE_PAGE) into docs/performance.md. --check names the rows that miss their must, and exits with 1. --quick takes 10
+trials of the rows of stops and frames; with both, a row that has a floor (rows.py) has to keep that.
 """
 
 import argparse
@@ -22,7 +22,7 @@ from functools import partial
 from pathlib import Path
 
 from lab import Lab
-from rows import CLOSED, PAPER_SOURCE, ROWS, Row
+from rows import CLOSED, ON_THE_PAGE, PAPER_SOURCE, ROWS, Row
 
 from mirrormount.errors import MountError
 from mirrormount_sim import emulator
@@ -150,14 +150,14 @@ def parse(arguments: list[str]) -> argparse.Namespace:
     parser.add_argument("--check", action="store_true", help="exit with 1 if a must is missed")
     parser.add_argument("--quick", action="store_true", help="a few trials of the rows of stops and frames")
     parser.add_argument("--jobs", type=int, default=2, metavar="N", help="rows measured at a time (default 2)")
-    parser.add_argument("--update", action="store_true", help="write the table into docs/performance.md")
+    parser.add_argument("--update", action="store_true", help="write its rows of docs/performance.md")
     options = parser.parse_args(arguments)
     options.n = options.n if options.n is not None else QUICK_N if options.quick else 200
     options.image = options.image or official_image()
     if options.n < 1 or options.jobs < 1:
         parser.error("--n and --jobs must be at least 1")
     if options.update and (options.only or options.quick):
-        parser.error("--update writes the whole table: leave out --only and --quick")
+        parser.error("--update writes all rows of the page: leave out --only and --quick")
     return options
 
 
@@ -229,9 +229,9 @@ def main(arguments: list[str]) -> int:
             json.dumps(about | {"rows": as_json(measurements)}, ensure_ascii=False, indent=1) + "\n", encoding="utf-8"
         )
     if options.update:
-        text = updated(
-            PAGE.read_text(encoding="utf-8"), f"`{identity}`, firmware `{firmware[:12]}`, `{image}`:\n\n{table}"
-        )
+        page = markdown([m for m in measurements if m.row.name in ON_THE_PAGE])
+        about = f"`{identity}`, firmware `{firmware[:12]}`, `{image}`:\n\n{page}"
+        text = updated(PAGE.read_text(encoding="utf-8"), about)
         PAGE.write_text(text, encoding="utf-8")
     missed = [line for m in measurements if (line := m.missed(quick=options.quick))] if options.check else []
     for line in missed:
