@@ -172,7 +172,7 @@ def _profile(seen: Seen) -> dict[str, Any] | None:
     every = -(-columns // _PROFILE)
     usable = columns - columns % every
     line = image[top : top + 3].astype(np.float32).mean(axis=0)
-    level = found.detection.background_in(0, top, columns, 3).mean(axis=0) + found.detection.threshold
+    level = found.detection.background_along(top + 1, columns) + found.detection.threshold
     thin = [np.round(a[:usable].reshape(-1, every).max(axis=1), 1).tolist() for a in (line, level)]
     return {"row": top + 1, "light": thin[0], "threshold": thin[1]}
 

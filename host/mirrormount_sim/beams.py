@@ -179,13 +179,13 @@ def _opening(aperture: Aperture, across: Light, down: Light, sigma: np.float32) 
 
 # ---- the place of a beam
 
-_WINDOW, _SOFT = 3.3, 0.33  # the window's edge, and half of the width over which it falls, in the beam's sigma
+_WINDOW, _SOFT = 3.0, 0.3  # the window's edge, and half of the width over which it falls, in the beam's sigma
 _ABOVE_HALF = 0.217128  # what the light above half of the peak, less that half, has of a Gaussian's second moments
 _STILL, _ROUNDS = 1e-3, 60  # px; until the place moves by less, at most so often
 
 
 def declared_place(light: NDArray[Any]) -> tuple[float, float]:
-    """(x, y) of a beam: the centroid of its light within an ellipse of 3.3 sigma that follows it (docs/beam.md).
+    """(x, y) of a beam: the centroid of its light within an ellipse of 3 sigma that follows it (docs/beam.md).
 
     light: of the beam alone, without ambient light, noise and saturation, at each pixel's centre. The ellipse is that
     of the Gaussian which, as a weight, has the light's own second moments: it fits a Gaussian of any axes, and a halo

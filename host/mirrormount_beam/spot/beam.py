@@ -21,17 +21,21 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mirrormount_beam.spot.blobs import means, median
+
 Array = NDArray[np.float64]
 Pixels = NDArray[Any]  # of a grey picture
 
-REACH = 3.3  # radius of the window in standard deviations of the beam: of a Gaussian it holds 99.6 % of the light
+REACH = 3.0  # radius of the window in standard deviations of the beam: of a Gaussian it holds 98.9 % of the light
 _SOFT = 0.1  # part of the radius by which the window's edge is soft, to each side
 _RING, _BOX = 1.1 * REACH, 5.0  # radii of the ring that shows the surroundings, in standard deviations
 _BINS = 3  # bins in a standard deviation, at least
 _RING_BINS = 1500  # of the ring that are used, about: more take time and change nothing
 _OUTLIER = 8.0  # standard deviations by which a hot or a dead pixel is not like its neighbours
+_FEW = 5000  # pixels that show the level and the noise of a part of a picture
 _NOISE_PIXELS = 40_000  # of the window that the noise is measured at, about
 _ROUNDS = 30
+_BEYOND = 1.7  # how far a round goes, in parts of the way that it saw
 # a round that changes the place and the variance by less than these parts of a standard deviation and of it is the last
 _DONE, _DONE_SIZE = 2e-4, 2e-3
 _WIDE = 9.0  # standard deviation of the shorter axis, px, above which the picture is reduced
@@ -40,7 +44,10 @@ _LIKE = 3.0  # standard deviations within which a bin of the ring counts as surr
 _DIFFERENCE = np.array([1.0, -6.0, 15.0, -20.0, 15.0, -6.0, 1.0])  # of sixth order: a smooth beam leaves nothing of it
 _NORM2 = float(_DIFFERENCE @ _DIFFERENCE)
 _OF_SHORT = 0.3  # of the shorter axis' standard deviation: means of larger squares show the beam, not the noise
-_COMPRESSED = 3.0  # variance of a compressed image, in what its means tell; measured at JPEG of quality 70 to 95
+# An image whose means have so many times the variance of its pixels was compressed. It has more than its means tell,
+# and the more, the less noise the compression has left: what it left out of the beam is no noise. Measured at JPEG of
+# quality 70 to 95.
+_SMOOTHED, _COMPRESSED, _QUIET = 3.0, 2.0, 0.3
 _WIDER_THAN = 3.0  # standard deviation of a beam, px, whose rows and columns show their own noise
 _SURE = 12  # differences, as many as the noise of the pixels counts for beside the noise of whole rows and columns
 # plain second moments of a Gaussian in the window, in parts of its variance
@@ -51,22 +58,25 @@ _KEPT = 1 - REACH**2 / 2 * float(np.exp(-(REACH**2) / 2)) / (1 - float(np.exp(-(
 class Window:
     """Bins about a centre.
 
-    light: above the surroundings. x, y: from the centre. r2: squared distances from it, in standard deviations. level:
-    grey value of the surroundings. scatter: of the ring's bins about them. side: of a bin. pixels: the same part of the
-    picture. design, normal, trust: of the fit of the surroundings (columns 1, x, y; inverse normal matrix; weights).
+    light: above the surroundings. x: of the columns, y: of the rows, from the centre. r2: squared distances from it, in
+    standard deviations. near: exp(-r2 / 2). side: of a bin. pixels: the same part of the picture. Of the fit of the
+    surroundings: plane (level, and slopes along x and y for a standard deviation), scatter of the ring's bins about it,
+    ring (indices of the bins), terms (1, x, y of each of these), trust (its weight), normal (inverse normal matrix).
     """
 
     light: Array
     x: Array
     y: Array
     r2: Array
-    level: float
-    scatter: float
+    near: Array
     side: int
     pixels: Pixels
-    design: Array
-    normal: Array
+    plane: Array
+    scatter: float
+    ring: NDArray[np.intp]
+    terms: Array
     trust: Array
+    normal: Array
 
 
 @dataclass(slots=True)
@@ -74,18 +84,19 @@ class Beam:
     """A beam that was followed.
 
     centre: x, y. covariance: of the Gaussian of its size, px². window: of the reduced picture. scale: pixels for one
-    of the reduced picture, along x and y. reach: radius of the window in which the place is the centroid: less than
+    of the reduced picture. reach: radius of the window in which the place is the centroid: less than
     REACH where the picture's edge is nearer. edge: distance of the nearest one, in standard deviations. settled:
-    whether the last round changed nothing.
+    whether the last round changed nothing. levelled: whether what its rows had more than others was taken off.
     """
 
     centre: Array
     covariance: Array
     window: Window
-    scale: Array
+    scale: int
     reach: float
     edge: float
     settled: bool
+    levelled: bool
 
     @property
     def axes(self) -> tuple[float, float]:
@@ -94,20 +105,34 @@ class Beam:
         return float(short), float(long)
 
 
+def reduction(covariance: Array) -> int:
+    """Pixels for one of the picture in which a beam of this size is followed: 1 for one that is not wide."""
+    factor = int(float(np.linalg.eigvalsh(covariance)[0]) ** 0.5 / _WIDE)
+    return max(factor - 1 + factor % 2, 1)
+
+
 def follow(
-    image: Pixels, centre: Array, covariance: Array, peak: float, whole: tuple[int, ...], corner: Array
+    image: Pixels,
+    centre: Array,
+    covariance: Array,
+    peak: float,
+    whole: tuple[int, ...],
+    corner: Array,
+    scale: int,
+    levelled: bool,
 ) -> Beam | None:
     """The beam that is at about this place and of about this size; None if what is there has no size.
 
-    image: the part of the picture with the first pixel at `corner`; whole: the shape of the picture. peak: of the beam,
-    about.
+    image: a part of the picture, which begins at the pixel `corner` and is reduced, `scale` pixels for one. whole: the
+    shape of the picture. peak: of the beam, about. levelled: whether the levels of rows were taken off.
     """
-    edges = np.array([-0.5, -0.5, whole[1] - 0.5, whole[0] - 0.5]) - np.tile(corner, 2)
-    centre = centre - corner
-    image, scale = _reduced(image, float(np.linalg.eigvalsh(covariance)[0]) ** 0.5)
-    centre, covariance = (centre + 0.5) / scale - 0.5, covariance / np.outer(scale, scale)
-    edges = (edges + 0.5) / np.tile(scale, 2) - 0.5
-    window = _window_at(image, centre, covariance, peak)
+
+    def reduced(place: Array, first: Array) -> Array:
+        return (place - first + 0.5) / scale - 0.5
+
+    edges = reduced(np.array([-0.5, -0.5, whole[1] - 0.5, whole[0] - 0.5]), np.tile(corner, 2))
+    centre, covariance = reduced(centre, corner), covariance / scale**2
+    window = _window_at(image, centre, covariance, peak, None)
     for number in range(_ROUNDS):
         found = _gaussian_weighted(window)
         reach = _reach(edges, centre, covariance)
@@ -117,11 +142,10 @@ def follow(
         deviation = float(np.trace(found)) ** 0.5
         settled = float(np.abs(step).max()) < _DONE * deviation
         settled &= float(np.abs(found - covariance).max()) < _DONE_SIZE * deviation**2
-        part = 1.0 if number < _ROUNDS // 2 else 0.5  # bins that come and go may make it swing
-        centre, covariance = centre + part * step, covariance + part * (found - covariance)
+        centre, covariance = _next(centre, covariance, step, found, number)
         if not (0 < centre[0] < image.shape[1] and 0 < centre[1] < image.shape[0]) or deviation > max(image.shape):
             return None
-        window = _window_at(image, centre, covariance, _peak(window))
+        window = _window_at(image, centre, covariance, _peak(window), window)
         if settled:
             break
     else:
@@ -130,25 +154,23 @@ def follow(
     place = (centre + 0.5) * scale - 0.5 + corner
     return Beam(
         place,
-        covariance * np.outer(scale, scale),
+        covariance * scale**2,
         window,
         scale,
         reach,
         edge_distance(edges, centre, covariance),
         settled,
+        levelled,
     )
 
 
-def _reduced(image: Pixels, short: float) -> tuple[Pixels, Array]:
-    """The picture, reduced if a beam of this standard deviation is wide; pixels for one of the reduced picture."""
-    factor = int(short / _WIDE)
-    factor -= 1 - factor % 2
-    if factor < 3:
-        return image, np.ones(2)
-    rows, columns = image.shape
-    size = (max(columns // factor, 1), max(rows // factor, 1))
-    small = cv2.resize(image.astype(np.float32), size, interpolation=cv2.INTER_AREA)
-    return small, np.array([columns / size[0], rows / size[1]])
+def _next(centre: Array, covariance: Array, step: Array, found: Array, number: int) -> tuple[Array, Array]:
+    """Centre and covariance of the next round. A weight of a wrong size shows half of the difference to the beam's."""
+    if number >= _ROUNDS // 2:  # bins that come and go make it swing
+        return centre + step / 2, (covariance + found) / 2
+    beyond = covariance + _BEYOND * (found - covariance)
+    far = np.linalg.eigvalsh(beyond)[0] < 0.5 * np.linalg.eigvalsh(found)[0]
+    return centre + step, found if far else beyond
 
 
 def without_outliers(part: Pixels) -> NDArray[np.float32]:
@@ -156,11 +178,12 @@ def without_outliers(part: Pixels) -> NDArray[np.float32]:
 
     The middle of a beam of two or three pixels stands out of its neighbours, too, in parts of its light.
     """
-    quiet = cv2.medianBlur(part, 3).astype(np.float32)
     pixels = part.astype(np.float32)
+    quiet = cv2.medianBlur(pixels, 3)
     apart = np.abs(pixels - quiet)
-    noise = 1.4826 * float(np.median(apart[::3, ::3])) + 0.3
-    most = np.maximum(quiet - float(np.median(quiet[::3, ::3])), 0) / 2 + _OUTLIER * noise
+    thin = max(3, int((part.size / _FEW) ** 0.5))
+    noise = 1.4826 * median(apart[::thin, ::thin]) + 0.3
+    most = np.maximum(quiet - median(quiet[::thin, ::thin]), 0) / 2 + _OUTLIER * noise
     found = apart > most
     pixels[found] = quiet[found]
     return pixels
@@ -194,7 +217,7 @@ def d4_sigma(beam: Beam) -> tuple[float, float, float]:
     """
     window = beam.window
     weighted = soft_window(window.r2, beam.reach) * window.light
-    values, axes = np.linalg.eigh(_second_moments(weighted, window) * np.outer(beam.scale, beam.scale) / _KEPT)
+    values, axes = np.linalg.eigh(_second_moments(weighted, window) * beam.scale**2 / _KEPT)
     short, long = 4 * np.sqrt(np.maximum(values, 0))
     angle = float(np.degrees(np.arctan2(axes[1, 1], axes[0, 1])))
     return float(long), float(short), (angle + 90) % 180 - 90
@@ -211,21 +234,25 @@ def place_errors(beam: Beam) -> tuple[float, float]:
     window = beam.window
     soft = soft_window(window.r2, beam.reach)
     total = float((soft * window.light).sum())
-    short = beam.axes[0] / float(beam.scale.prod()) ** 0.5
-    noise = _noise(window, 1 / 12 / float(beam.scale.prod()), short)
-    quiet = float(np.median(noise[window.trust > 0])) / 9  # of means of nine bins, as the surroundings are fitted
+    short = beam.axes[0] / beam.scale
+    noise = _noise(window, 1 / 12 / beam.scale**2, short)
+    quiet = median(noise.ravel()[window.ring]) / 9  # of means of nine bins, as the surroundings are fitted
     uneven = max(window.scatter**2 - 2 * quiet, 0.0) * max((short / window.side) ** 2, 1.0)
     growth = 1 / (1 - beam.reach**2 / 2 * float(np.exp(-(beam.reach**2) / 2)))
     errors = []
     deviations = np.sqrt(np.diag(beam.covariance)) / beam.scale
-    for along, axis in ((window.x, 1), (window.y, 0)):
-        lever = soft * along
-        through = np.einsum("nij,ij", window.design, lever) @ window.normal
-        by_ring = np.einsum("n,nij", through, window.design) * window.trust / total
-        moves = lever / total - by_ring
-        variance = float((moves * moves * noise).sum()) * _shared(window, noise, axis, float(deviations[1 - axis]))
+    x, y = window.x, window.y[:, None]
+    for along, axis in ((x, 1), (y, 0)):
+        lever = soft * along / total
+        by_level = np.array([lever.sum(), (lever * x).sum() / deviations[0], (lever * y).sum() / deviations[1]])
+        by_ring = by_level @ window.normal @ window.terms * window.trust
+        moves = lever.ravel()
+        moves[window.ring] -= by_ring
+        variance = float(moves * moves @ noise.ravel())
+        if axis or not beam.levelled:
+            variance *= _shared(window, noise, axis, float(deviations[1 - axis]))
         variance += uneven * float((by_ring * by_ring).sum())
-        errors.append(growth * float(beam.scale[1 - axis]) * variance**0.5)
+        errors.append(growth * beam.scale * variance**0.5)
     return errors[0], errors[1]
 
 
@@ -233,8 +260,7 @@ def _noise(window: Window, rounding: float, short: float) -> Array:
     """Variance of each bin, from differences along rows: a constant part, and one that grows with the light.
 
     Differences of pixels, and of means of 4, 16 and 64: in a compressed image (JPEG) the means are less quiet than
-    pixels tell, and pixels are quieter than their rounding alone lets them be. rounding: variance of a pixel by
-    rounding. short: standard deviation of the beam's shorter axis, px.
+    pixels tell. rounding: variance of a pixel by rounding. short: standard deviation of the beam's shorter axis, px.
     """
     light = np.maximum(cv2.blur(window.light, (3, 3)), 0)
     peak = float(light.max())
@@ -246,20 +272,22 @@ def _noise(window: Window, rounding: float, short: float) -> Array:
         if side == 1 or side < _OF_SHORT * short:
             bright = max(bright, light_too * side**2)
     growth = max(bright - base, 0.0) / (0.6 * peak) if peak > 0 else 0.0
-    compressed = finest < rounding and base > 2 * rounding
-    return (base + growth * light) / window.side**2 * (_COMPRESSED if compressed else 1.0)
+    hidden = 1.0
+    if base > _SMOOTHED * max(finest, rounding):
+        hidden = _COMPRESSED + _QUIET / max(finest, rounding / 3)
+    return hidden * (base + growth * light) / window.side**2
 
 
 def _levels(window: Window, light: Array, side: int) -> tuple[float, float]:
     """Variance of means of side x side pixels where there is little light, and where there is much."""
     pixels = window.pixels
     thin = max(1, pixels.size // side // _NOISE_PIXELS)
-    means = _binned(pixels[: pixels.shape[0] // side * side, : pixels.shape[1] // side * side], side)[::thin]
-    if means.shape[1] < 2 * _DIFFERENCE.size:
+    coarse = means(pixels[: pixels.shape[0] // side * side, : pixels.shape[1] // side * side], side)[::thin]
+    if coarse.shape[1] < 2 * _DIFFERENCE.size:
         return 0.0, 0.0
     margin = _DIFFERENCE.size // 2
-    apart = cv2.filter2D(means, cv2.CV_32F, _DIFFERENCE[None, :])[:, margin:-margin] ** 2 / _NORM2
-    near = cv2.resize(light.astype(np.float32), means.shape[::-1], interpolation=cv2.INTER_LINEAR)[:, margin:-margin]
+    apart = cv2.filter2D(coarse, cv2.CV_32F, _DIFFERENCE[None, :])[:, margin:-margin] ** 2 / _NORM2
+    near = cv2.resize(light.astype(np.float32), coarse.shape[::-1], interpolation=cv2.INTER_LINEAR)[:, margin:-margin]
     peak = float(light.max())
     return _mean_square(apart[near < 0.02 * peak]), _mean_square(apart[near > 0.3 * peak])
 
@@ -280,8 +308,7 @@ def _shared(window: Window, noise: Array, axis: int, deviation: float) -> float:
     nothing. deviation: of the beam along the axis, px: of a narrow one the differences show the beam.
     """
     across = np.abs(window.y if axis else window.x)
-    middle = across[:, 0] if axis else across[0]
-    middle = middle < 0.4 * middle.max()
+    middle = across < 0.4 * across.max()
     picked = np.repeat(middle, window.side)
     part = window.pixels[picked] if axis else window.pixels[:, picked]
     sums = cv2.reduce(part.astype(np.float32), 0 if axis else 1, cv2.REDUCE_SUM, dtype=cv2.CV_64F).ravel()
@@ -296,7 +323,7 @@ def _shared(window: Window, noise: Array, axis: int, deviation: float) -> float:
         return 1.0
     seen = np.convolve(sums, kernel, "valid") ** 2
     ratios = seen / np.convolve(expected, kernel**2, "valid")
-    ratios = ratios[ratios <= 12 * max(float(np.median(ratios)), 1.0)]
+    ratios = ratios[ratios <= 12 * max(median(ratios), 1.0)]
     return max((float(ratios.sum()) + _SURE) / (ratios.size + _SURE), 0.5)
 
 
@@ -321,12 +348,12 @@ def _centroid(window: Window, reach: float) -> Array | None:
     total = float(weighted.sum())
     if total <= 0:
         return None
-    return np.array([float((weighted * window.x).sum()), float((weighted * window.y).sum())]) / total
+    return np.array([weighted.sum(axis=0) @ window.x, weighted.sum(axis=1) @ window.y]) / total
 
 
 def _gaussian_weighted(window: Window) -> Array | None:
     """The covariance of the light under a Gaussian weight, twice: for a Gaussian of the weight's size it is its own."""
-    weighted = np.exp(-window.r2 / 2) * window.light
+    weighted = window.near * window.light
     if float(weighted.sum()) <= 0:
         return None
     found = 2 * _second_moments(weighted, window)
@@ -334,21 +361,25 @@ def _gaussian_weighted(window: Window) -> Array | None:
 
 
 def _second_moments(weighted: Array, window: Window) -> Array:
-    total = float(weighted.sum())
-    wx, wy = weighted * window.x, weighted * window.y
-    x, y = float(wx.sum()) / total, float(wy.sum()) / total
-    xx, xy, yy = (float((a * b).sum()) / total for a, b in ((wx, window.x), (wx, window.y), (wy, window.y)))
-    return np.array([[xx - x * x, xy - x * y], [xy - x * y, yy - y * y]])
+    x, y = window.x, window.y
+    columns, rows = weighted.sum(axis=0), weighted.sum(axis=1)
+    moments = np.array([[columns @ (x * x), y @ weighted @ x], [0.0, rows @ (y * y)]])
+    moments[1, 0] = moments[0, 1]
+    total, first = float(rows.sum()), np.array([columns @ x, rows @ y])
+    return moments / total - np.outer(first, first) / total**2
 
 
 def _peak(window: Window) -> float:
     """The peak of the Gaussian of the window's size that fits the light."""
-    like = np.exp(-window.r2 / 2)
-    return max(float((like * window.light).sum() / (like * like).sum()), 0.0)
+    like = window.near.ravel()
+    return max(float(like @ window.light.ravel()) / float(like @ like), 0.0)
 
 
-def _window_at(image: Pixels, centre: Array, covariance: Array, peak: float) -> Window:
-    """The bins of the picture about a centre, less the surroundings. peak: of the beam, whose light reaches these."""
+def _window_at(image: Pixels, centre: Array, covariance: Array, peak: float, before: Window | None) -> Window:
+    """The bins of the picture about a centre, less the surroundings.
+
+    peak: of the beam, whose light reaches these. before: the window of the round before, to go on from.
+    """
     wide, high = np.sqrt(np.diag(covariance))
     side = max(1, int(float(np.linalg.eigvalsh(covariance)[0]) ** 0.5 / _BINS))
     side -= 1 - side % 2
@@ -356,19 +387,19 @@ def _window_at(image: Pixels, centre: Array, covariance: Array, peak: float) -> 
     left, right = max(0, int(x0 - _BOX * wide) - 2), min(columns, int(x0 + _BOX * wide) + 3)
     top, bottom = max(0, int(y0 - _BOX * high) - 2), min(rows, int(y0 + _BOX * high) + 3)
     (left, right), (top, bottom) = _whole(left, right, side, columns), _whole(top, bottom, side, rows)
-    size = ((right - left) // side, (bottom - top) // side)
     part = image[top:bottom, left:right]
-    values = _binned(part, side).astype(np.float64)
-    x = left + (np.arange(size[0]) + 0.5) * side - 0.5 - x0
-    y = top + (np.arange(size[1]) + 0.5) * side - 0.5 - y0
+    values = means(part, side).astype(np.float64)
+    x = left + (np.arange(values.shape[1]) + 0.5) * side - 0.5 - x0
+    y = top + (np.arange(values.shape[0]) + 0.5) * side - 0.5 - y0
     (a, b), (_, c) = np.linalg.inv(covariance)
-    x, y = np.broadcast_to(x[None, :], values.shape), np.broadcast_to(y[:, None], values.shape)
-    r2 = a * x * x + 2 * b * x * y + c * y * y
-    design = np.stack([np.ones_like(r2), x / wide, y / high])
-    chosen = _chosen(left // side, top // side, values.shape, 37 * wide * high / side**2)
-    plane, scatter, normal, trust = _surroundings(cv2.blur(values - peak * np.exp(-r2 / 2), (3, 3)), r2, design, chosen)
-    light = values - np.einsum("n,nij", plane, design)  # not @, the threads of which cost more than they save
-    return Window(light, x, y, r2, float(plane[0]), scatter, side, part, design, normal, trust)
+    r2 = a * x * x + (c * y * y)[:, None] + np.multiply.outer(2 * b * y, x)
+    near = np.exp(r2 / -2)
+    ring = _ring(r2, left // side, top // side, 37 * wide * high / side**2)
+    terms = np.stack([np.ones(ring.size), (x / wide)[ring % x.size], (y / high)[ring // x.size]])
+    around = cv2.blur(values - peak * near, (3, 3)).ravel()[ring]
+    plane, scatter, trust, normal = _surroundings(around, terms, before)
+    light = values - (plane[0] + plane[1] / wide * x + (plane[2] / high * y)[:, None])
+    return Window(light, x, y, r2, near, side, part, plane, scatter, ring, terms, trust, normal)
 
 
 def _whole(begin: int, end: int, side: int, most: int) -> tuple[int, int]:
@@ -376,40 +407,37 @@ def _whole(begin: int, end: int, side: int, most: int) -> tuple[int, int]:
     return begin // side * side, min(-(-end // side), most // side) * side
 
 
-def _binned(part: Pixels, side: int) -> NDArray[np.float32]:
-    """Means of squares of side x side pixels."""
-    if side == 1:
-        return part.astype(np.float32)
-    rows, columns = part.shape[0] // side, part.shape[1] // side
-    return np.asarray(cv2.resize(part.astype(np.float32), (columns, rows), interpolation=cv2.INTER_AREA), np.float32)
+def _ring(r2: Array, left: int, top: int, many: float) -> NDArray[np.intp]:
+    """Indices of the bins around the beam: about _RING_BINS, always the same ones of the picture. many: all of them.
 
-
-def _chosen(left: int, top: int, shape: tuple[int, ...], many: float) -> NDArray[np.bool_]:
-    """Bins of which the ring has about _RING_BINS, always the same ones of the picture; many: all that it has."""
+    left, top: of the first bin, in bins of the picture.
+    """
+    inside = (r2 > _RING**2) & (r2 < _BOX**2)
     thin = max(1, int(many / _RING_BINS))
-    return ((left + np.arange(shape[1]))[None, :] + 5 * (top + np.arange(shape[0]))[:, None]) % thin == 0
+    if thin > 1:
+        inside &= ((left + np.arange(r2.shape[1])) + 5 * (top + np.arange(r2.shape[0]))[:, None]) % thin == 0
+    ring = np.flatnonzero(inside)
+    return ring if ring.size >= 24 else np.argpartition(r2.ravel(), -24)[-24:]  # a beam that fills the picture: corners
 
 
-def _surroundings(
-    values: Array, r2: Array, design: Array, chosen: NDArray[np.bool_]
-) -> tuple[Array, float, Array, Array]:
-    """A plane through the ring about the beam, without what stands out of it; its scatter; matrix and weights."""
-    ring = np.flatnonzero((r2 > _RING**2) & (r2 < _BOX**2) & chosen)
-    if ring.size < 24:  # the beam fills the picture: its corners
-        ring = np.argpartition(r2.ravel(), -24)[-24:]
-    some, terms = values.ravel()[ring], design.reshape(3, -1)[:, ring]
-    prior = np.diag([0, 1, 1]) * (_LEVEL * some.size)
-    weight = np.ones_like(some)
+def _surroundings(values: Array, terms: Array, before: Window | None) -> tuple[Array, float, Array, Array]:
+    """A plane through the ring's bins, without what stands out of it; their scatter, weights and normal matrix."""
+    prior = np.diag([0, 1, 1]) * (_LEVEL * values.size)
+    weight = np.ones_like(values) if before is None else _like(values - before.plane @ terms, before.scatter)
     normal, plane, scatter = prior, np.zeros(3), 0.0
-    for _ in range(4):
+    for _ in range(4 if before is None else 1):
         weighted = terms * weight
-        normal = np.linalg.inv(np.einsum("in,jn", weighted, terms) + prior)
-        plane = normal @ np.einsum("in,n", weighted, some)
-        rest = np.abs(some - np.einsum("i,in", plane, terms))
-        scatter = max(1.4826 * float(np.partition(rest, rest.size // 2)[rest.size // 2]), 0.1)
-        rest *= 1 / (_LIKE * scatter)
-        rest *= rest
-        weight = 1 / (1 + rest * rest)
-    trust = np.zeros_like(values)
-    trust.ravel()[ring] = weight
-    return np.asarray(plane, np.float64), scatter, np.asarray(normal, np.float64), trust
+        normal = np.linalg.inv(weighted @ terms.T + prior)
+        plane = normal @ (weighted @ values)
+        rest = values - plane @ terms
+        scatter = max(1.4826 * median(np.abs(rest)), 0.1)
+        weight = _like(rest, scatter)
+    return np.asarray(plane, np.float64), scatter, weight, np.asarray(normal, np.float64)
+
+
+def _like(rest: Array, scatter: float) -> Array:
+    """Weights of bins that are so far from the plane: 1 on it, 1/2 at _LIKE standard deviations."""
+    parts = rest * (1 / (_LIKE * scatter))
+    parts *= parts
+    parts *= parts
+    return 1 / (1 + parts)

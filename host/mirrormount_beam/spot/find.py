@@ -83,7 +83,7 @@ _MARGIN = 2.0  # standard deviations between the place and the picture's edge at
 _SATURATED = 1.0  # saturated area at most, in parts of the area above half of a Gaussian's peak
 # what hides light is a doubt of the place: a saturated core, and an edge nearer than the window's radius, in parts of
 # the standard deviation (for a radius that is less by one), and of shape_px; of beams that are 1 to 10 % asymmetric
-_CORE, _CORE_SHAPE, _RIM, _RIM_SHAPE = 0.007, 0.4, 0.01, 0.8
+_CORE, _CORE_SHAPE, _RIM, _RIM_SHAPE = 0.0095, 0.55, 0.01, 0.8
 _LEAST = 5e-4  # standard error at least, in standard deviations: of the window's bins, and of surroundings that curve
 _UNSURE = 0.25  # standard error at most, in standard deviations of the spot
 _STANDS_OUT = 0.25  # scatter of the surroundings at most, in parts of the peak
@@ -96,7 +96,7 @@ REACH_OF_SHAPE = 0.5  # part of the window in which the place is taken once more
 class Spot:
     """A spot. Unit: pixels from the centre of the top left one, x to the right, y down.
 
-    x, y: its place, the centroid of its light in a window of 3.3 of its standard deviations (beam.py). sigma_x,
+    x, y: its place, the centroid of its light in a window of 3 of its standard deviations (beam.py). sigma_x,
     sigma_y: their standard errors by the noise of one image, which is how well images of a beam at rest repeat.
     shape_px: how far the centroid of the inner half of the window is from the place: 0 for a symmetric beam, whatever
     its shape; the doubt that an asymmetric one leaves about what "the place" is. width, height: standard deviations
@@ -192,21 +192,18 @@ def _start(seen: blobs.Detection, wide: blobs.Blob | None) -> tuple[NDArray, NDA
 def _followed(
     image: NDArray, seen: blobs.Detection, centre: NDArray, covariance: NDArray, peak: float
 ) -> beam.Beam | None:
-    """The beam from this start on. For a small one the unevenness of the whole picture is taken off first."""
+    """The beam from this start on. From the rows of a small one their levels are taken off first."""
     rows, columns = image.shape
     wide, high = np.sqrt(np.diag(covariance))
-    if max(wide / columns, high / rows) > _SMALL:
-        return beam.follow(image, centre, covariance, peak, image.shape, np.zeros(2))
-    half_x, half_y = int(_AROUND * wide) + 8, int(_AROUND * high) + 8
-    left, right = max(0, int(centre[0]) - half_x), min(columns, int(centre[0]) + half_x + 1)
-    top, bottom = max(0, int(centre[1]) - half_y), min(rows, int(centre[1]) + half_y + 1)
-    part = beam.without_outliers(image[top:bottom, left:right])
-    part = part - seen.background_in(left, top, right - left, bottom - top)
-    found = beam.follow(part, centre, covariance, peak, image.shape, np.array([left, top], float))
-    if found is not None:
-        x, y = map(int, found.centre)
-        found.window.level += float(seen.background_in(x, y, 1, 1)[0, 0])
-    return found
+    small = max(wide / columns, high / rows) < _SMALL
+    half_x, half_y = (int(_AROUND * wide) + 8, int(_AROUND * high) + 8) if small else (columns, rows)
+    left, top = max(0, int(centre[0]) - half_x), max(0, int(centre[1]) - half_y)
+    scale = beam.reduction(covariance)
+    part = blobs.means(image[top : int(centre[1]) + half_y + 1, left : int(centre[0]) + half_x + 1], scale)
+    part = beam.without_outliers(part)
+    if small:
+        part -= seen.level_of(top + (np.arange(part.shape[0]) + 0.5) * scale - 0.5)[:, None]
+    return beam.follow(part, centre, covariance, peak, image.shape, np.array([left, top], float), scale, small)
 
 
 def _within(place: blobs.Blob, wide: blobs.Blob) -> bool:
@@ -263,9 +260,9 @@ def _judge(found: beam.Beam, picture: Grey, seen: blobs.Detection) -> Spot | NoS
         width=wide,
         height=high,
         peak=peak,
-        background=window.level,
+        background=float(window.plane[0]),
         saturated=saturated,
-        area=float((smooth[inside] > peak / 2).sum()) * window.side**2 * float(found.scale.prod()),
+        area=float((smooth[inside] > peak / 2).sum()) * (window.side * found.scale) ** 2,
         shape_px=shape_px,
         d4_long=d4_long,
         d4_short=d4_short,
