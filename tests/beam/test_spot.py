@@ -87,8 +87,8 @@ def test_a_skewed_beam_at_rest_scatters_as_is_stated_and_does_not_jump(sigma):
     assert np.abs(x - x.mean()).max() < 4.5 * stated
 
 
-@pytest.mark.parametrize("ratio", [1.0, 1.25, 1.7])
-@pytest.mark.parametrize(("skew", "flat"), [(0.02, 0.005), (0.05, 0.01)])
+@pytest.mark.parametrize("ratio", [1.0, 1.25, 1.5])
+@pytest.mark.parametrize(("skew", "flat"), [(0.02, 0.005), (0.045, 0.01)])
 def test_an_elliptical_beam_that_is_no_gaussian_is_one_beam_at_its_centroid(ratio, skew, flat):
     light = 190 * hermite(330.6, 220.3, 13 * ratio, 13, skew=skew, flat=flat, angle=0.5)
     found = find_spot(scenes.expose(10 + light, rng(2)))
