@@ -29,6 +29,7 @@ Pixels = NDArray[Any]  # of a grey picture
 REACH = 3.0  # radius of the window in standard deviations of the beam: of a Gaussian it holds 98.9 % of the light
 _SOFT = 0.1  # part of the radius by which the window's edge is soft, to each side
 _RING, _BOX = 1.1 * REACH, 5.0  # radii of the ring that shows the surroundings, in standard deviations
+_LEAST_BOX = 28.0  # pixels to each side, at least: fewer do not show whether the image was compressed
 _BINS = 3  # bins in a standard deviation, at least
 _RING_BINS = 1500  # of the ring that are used, about: more take time and change nothing
 _OUTLIER = 8.0  # standard deviations by which a hot or a dead pixel is not like its neighbours
@@ -44,10 +45,10 @@ _LIKE = 3.0  # standard deviations within which a bin of the ring counts as surr
 _DIFFERENCE = np.array([1.0, -6.0, 15.0, -20.0, 15.0, -6.0, 1.0])  # of sixth order: a smooth beam leaves nothing of it
 _NORM2 = float(_DIFFERENCE @ _DIFFERENCE)
 _OF_SHORT = 0.3  # of the shorter axis' standard deviation: means of larger squares show the beam, not the noise
-# An image whose means have so many times the variance of its pixels was compressed. It has more than its means tell,
-# and the more, the less noise the compression has left: what it left out of the beam is no noise. Measured at JPEG of
-# quality 70 to 95.
-_SMOOTHED, _COMPRESSED, _QUIET = 3.0, 2.0, 0.3
+# A compressed image has means with more noise than its pixels tell, or pixels with less than their rounding. Its true
+# variance is that of the means times so much, and the more, the less noise the compression has left: what it left out
+# of the beam is no noise. Measured at JPEG of quality 70 to 95.
+_SMOOTHED, _FLAT, _COMPRESSED, _QUIET = 3.0, 1 / 3, 2.6, 0.3
 _WIDER_THAN = 3.0  # standard deviation of a beam, px, whose rows and columns show their own noise
 _SURE = 12  # differences, as many as the noise of the pixels counts for beside the noise of whole rows and columns
 # plain second moments of a Gaussian in the window, in parts of its variance
@@ -264,38 +265,40 @@ def _noise(window: Window, rounding: float, short: float) -> Array:
     """
     light = np.maximum(cv2.blur(window.light, (3, 3)), 0)
     peak = float(light.max())
-    base, bright, finest = rounding, 0.0, 0.0
+    base, bright, finest = rounding, 0.0, rounding
     for side in (1, 2, 4, 8):
         dark, light_too = _levels(window, light, side)
-        finest = dark if side == 1 else finest
-        base = max(base, dark * side**2)
-        if side == 1 or side < _OF_SHORT * short:
+        if dark is not None:
+            base, finest = max(base, dark * side**2), dark if side == 1 else finest
+        if light_too is not None and (side == 1 or side < _OF_SHORT * short):
             bright = max(bright, light_too * side**2)
     growth = max(bright - base, 0.0) / (0.6 * peak) if peak > 0 else 0.0
     hidden = 1.0
-    if base > _SMOOTHED * max(finest, rounding):
-        hidden = _COMPRESSED + _QUIET / max(finest, rounding / 3)
+    if finest < _FLAT * rounding or base > _SMOOTHED * max(finest, rounding):  # it was compressed
+        hidden = _COMPRESSED + _QUIET / max(finest, _FLAT * rounding)
     return hidden * (base + growth * light) / window.side**2
 
 
-def _levels(window: Window, light: Array, side: int) -> tuple[float, float]:
-    """Variance of means of side x side pixels where there is little light, and where there is much."""
+def _levels(window: Window, light: Array, side: int) -> tuple[float | None, float | None]:
+    """Variance of means of side x side pixels where there is little light, and where there is much; None: too few."""
     pixels = window.pixels
     thin = max(1, pixels.size // side // _NOISE_PIXELS)
     coarse = means(pixels[: pixels.shape[0] // side * side, : pixels.shape[1] // side * side], side)[::thin]
     if coarse.shape[1] < 2 * _DIFFERENCE.size:
-        return 0.0, 0.0
+        return None, None
     margin = _DIFFERENCE.size // 2
-    apart = cv2.filter2D(coarse, cv2.CV_32F, _DIFFERENCE[None, :])[:, margin:-margin] ** 2 / _NORM2
-    near = cv2.resize(light.astype(np.float32), coarse.shape[::-1], interpolation=cv2.INTER_LINEAR)[:, margin:-margin]
-    peak = float(light.max())
-    return _mean_square(apart[near < 0.02 * peak]), _mean_square(apart[near > 0.3 * peak])
+    along = cv2.filter2D(coarse, cv2.CV_32F, _DIFFERENCE[None, :])[:, margin:-margin]
+    apart = np.diff(along, axis=0) ** 2 / (2 * _NORM2)  # without what whole columns share
+    near = cv2.resize(light.astype(np.float32), coarse.shape[::-1], interpolation=cv2.INTER_LINEAR)
+    most = cv2.dilate(near, np.ones((1, _DIFFERENCE.size)))[1:, margin:-margin]  # of all that a difference is made of
+    dark, bright = most < 0.02 * float(light.max()), near[1:, margin:-margin] > 0.3 * float(light.max())
+    return _mean_square(apart[dark]), _mean_square(apart[bright])
 
 
-def _mean_square(squares: Pixels) -> float:
-    """Mean of squares without those that no noise makes."""
+def _mean_square(squares: Pixels) -> float | None:
+    """Mean of squares without those that no noise makes; None for too few."""
     if squares.size < 10:
-        return 0.0
+        return None
     for _ in range(2):
         squares = squares[squares <= 12 * squares.mean()]
     return float(squares.mean())
@@ -384,8 +387,9 @@ def _window_at(image: Pixels, centre: Array, covariance: Array, peak: float, bef
     side = max(1, int(float(np.linalg.eigvalsh(covariance)[0]) ** 0.5 / _BINS))
     side -= 1 - side % 2
     (rows, columns), (x0, y0) = image.shape, centre
-    left, right = max(0, int(x0 - _BOX * wide) - 2), min(columns, int(x0 + _BOX * wide) + 3)
-    top, bottom = max(0, int(y0 - _BOX * high) - 2), min(rows, int(y0 + _BOX * high) + 3)
+    half_x, half_y = max(_BOX * wide, _LEAST_BOX), max(_BOX * high, _LEAST_BOX)
+    left, right = max(0, int(x0 - half_x) - 2), min(columns, int(x0 + half_x) + 3)
+    top, bottom = max(0, int(y0 - half_y) - 2), min(rows, int(y0 + half_y) + 3)
     (left, right), (top, bottom) = _whole(left, right, side, columns), _whole(top, bottom, side, rows)
     part = image[top:bottom, left:right]
     values = means(part, side).astype(np.float64)

@@ -196,7 +196,7 @@ def _followed(
     rows, columns = image.shape
     wide, high = np.sqrt(np.diag(covariance))
     small = max(wide / columns, high / rows) < _SMALL
-    half_x, half_y = (int(_AROUND * wide) + 8, int(_AROUND * high) + 8) if small else (columns, rows)
+    half_x, half_y = (int(_AROUND * wide) + 32, int(_AROUND * high) + 32) if small else (columns, rows)
     left, top = max(0, int(centre[0]) - half_x), max(0, int(centre[1]) - half_y)
     scale = beam.reduction(covariance)
     part = blobs.means(image[top : int(centre[1]) + half_y + 1, left : int(centre[0]) + half_x + 1], scale)
