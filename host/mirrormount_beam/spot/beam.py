@@ -28,7 +28,7 @@ Pixels = NDArray[Any]  # of a grey picture
 
 REACH = 3.0  # radius of the window in standard deviations of the beam: of a Gaussian it holds 98.9 % of the light
 _SOFT = 0.1  # part of the radius by which the window's edge is soft, to each side
-_RING, _BOX = 1.1 * REACH, 5.0  # radii of the ring that shows the surroundings, in standard deviations
+_RING, _BOX = 4.0, 5.2  # radii of the ring that shows the surroundings, in standard deviations
 _LEAST_BOX = 28.0  # pixels to each side, at least: fewer do not show whether the image was compressed
 _BINS = 3  # bins in a standard deviation, at least
 _RING_BINS = 1500  # of the ring that are used, about: more take time and change nothing
