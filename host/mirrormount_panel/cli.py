@@ -50,7 +50,7 @@ from mirrormount.transport.discovery import find
 from mirrormount.transport.ports import TABLE_SCHEMES, Port
 from mirrormount.values import digits
 from mirrormount_beam.camera import Limits
-from mirrormount_beam.cameras import open_camera
+from mirrormount_beam.cameras import open_camera, select
 from mirrormount_beam.live import LiveCamera
 from mirrormount_panel.auth import SHORT, SignIn, is_short, read_token
 
@@ -299,6 +299,7 @@ def _on_table(args: argparse.Namespace) -> "Iterator[tuple[Address, CameraView[L
     table = open_table(virtual_address(args, "virtual-table", mounts="1", speed="1") or "")
     with contextlib.closing(table):
         camera = table.cameras[which - 1]
+        select(camera, camera_settings(args))
         live = LiveCamera(camera.name, lambda: camera)
         with contextlib.closing(live):
             live.open()
