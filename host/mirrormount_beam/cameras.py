@@ -48,7 +48,7 @@ def select(camera: Camera, settings: CameraSettings) -> None:
     """Say what of the camera's pictures is looked at. Raises BadValue, CameraError."""
     mask = read_mask(Path(settings.mask)) if settings.mask else None
     selection = Selection(settings.region, mask, settings.channel or AUTOMATIC, settings.contrast or 0.0)
-    selection.check((camera.size.height, camera.size.width))
+    selection.part((camera.size.height, camera.size.width))
     camera.selection = selection
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from mirrormount.device.table_file import AUTOMATIC
 from mirrormount_beam.camera import Dark, Grey, grey, in_one_channel
-from mirrormount_beam.selection import WHOLE, hides
+from mirrormount_beam.selection import WHOLE, Selection, hides
 from mirrormount_beam.spot import beam, blobs
 
 if TYPE_CHECKING:
@@ -101,6 +101,7 @@ _LEAST = 5e-4  # standard error at least, in standard deviations: of the window'
 _UNSURE = 0.25  # standard error at most, in standard deviations of the spot
 _STANDS_OUT = 0.25  # scatter of the surroundings at most, in parts of the peak
 _NEAR = 4.8  # standard deviations within which a second spot is looked for in the light itself
+_HIDDEN = 0.8  # of a bright place, which is then no light
 _VALLEY = 0.15  # depth of the valley between two spots, in parts of the fainter one
 REACH_OF_SHAPE = 0.5  # part of the window in which the place is taken once more, for the doubt of the shape
 
@@ -186,15 +187,19 @@ def find_spot(
     selection = replace(getattr(frame, "selection", WHOLE), **{"channel": AUTOMATIC, **given})
     whole, _ = in_one_channel(getattr(frame, "image", frame), selection)
     if selection.is_whole and not selection.contrast:
-        return _found(grey(whole), None if dark is None else Dark.of(dark).hot_in(whole))
-    (rows, columns), hidden = selection.part(whole.shape), selection.hidden(whole.shape)
+        return _found(grey(whole), None if dark is None else Dark.of(dark).hot_in(whole), None)
+    rows, columns, hidden = selection.part(whole.shape)
     hot = None if dark is None else Dark.of(dark).hot_in(whole)[rows, columns]
-    found = _found(grey(np.ascontiguousarray(whole[rows, columns]), hidden), hot)
+    found = _found(grey(np.ascontiguousarray(whole[rows, columns]), hidden), hot, hidden)
     if hidden is not None:
         found = _beside(hidden, found)
-    if selection.contrast and found and found.peak < selection.contrast:
-        found = NoSpot(NoSpotReason.CONTRAST, found.detection)
-    return _in_whole(found, columns, rows, whole.shape)
+    seen = found.detection and found.detection.moved(columns.start, rows.start)
+    if isinstance(found, NoSpot):
+        of_edge = found.reason in (NoSpotReason.EDGE, NoSpotReason.WIDE)
+        return NoSpot(_cut_by(selection, whole.shape, seen) or found.reason if of_edge else found.reason, seen)
+    if found.peak < selection.contrast:
+        return NoSpot(NoSpotReason.CONTRAST, seen)
+    return replace(found, x=found.x + columns.start, y=found.y + rows.start, detection=seen)
 
 
 def _beside(hidden: NDArray, found: Spot | NoSpot) -> Spot | NoSpot:
@@ -214,30 +219,23 @@ def _beside(hidden: NDArray, found: Spot | NoSpot) -> Spot | NoSpot:
     return NoSpot(NoSpotReason.MASK, seen)
 
 
-def _in_whole(found: Spot | NoSpot, columns: slice, rows: slice, shape: tuple[int, ...]) -> Spot | NoSpot:
-    """What was found in a region, in the whole picture; a spot that is cut is cut by the region, if its edge is."""
-    left, top = columns.start, rows.start
-    seen = found.detection and found.detection.moved(left, top)
-    if found:
-        return replace(found, x=found.x + left, y=found.y + top, detection=seen)
-    of_edge = found.reason in (NoSpotReason.EDGE, NoSpotReason.WIDE)
-    return NoSpot(NoSpotReason.REGION if of_edge and _cut_by(columns, rows, shape, seen) else found.reason, seen)
-
-
-def _cut_by(columns: slice, rows: slice, shape: tuple[int, ...], seen: blobs.Detection | None) -> bool:
-    """Whether the region's edge that is nearest to the brightest place is not the picture's, too."""
-    if (rows.stop - rows.start, columns.stop - columns.start) == shape:
-        return False
+def _cut_by(selection: Selection, shape: tuple[int, ...], seen: blobs.Detection | None) -> NoSpotReason | None:
+    """What cuts a spot, if its nearest edge is not that of the picture."""
+    if selection.is_whole:
+        return None
     if not seen or not seen.blobs:
-        return True
+        return NoSpotReason.REGION if selection.region else NoSpotReason.MASK
+    rows, columns, _ = selection.part(shape)
+    whose = {"picture": None, "region": NoSpotReason.REGION, "mask": NoSpotReason.MASK}
     blob = seen.blobs[0]
-    ways = (blob.x, blob.width_x, columns, shape[1]), (blob.y, blob.width_y, rows, shape[0])
-    edges = [(at, width, edge, end) for at, width, part, end in ways for edge in (part.start, part.stop)]
-    return min((abs(at - edge) / width, edge not in (0, end)) for at, width, edge, end in edges)[1]
+    ways = (blob.y, blob.width_y, rows, 0), (blob.x, blob.width_x, columns, 1)
+    edges = [(abs(at - edge) / width, edge, axis) for at, width, part, axis in ways for edge in (part.start, part.stop)]
+    _, edge, axis = min(edges)
+    return whose[selection.edge_of(edge, shape, axis)]
 
 
-def _found(picture: Grey, hot: NDArray | None) -> Spot | NoSpot:
-    """The spot in a grey picture. hot: pixels that are not used."""
+def _found(picture: Grey, hot: NDArray | None, hidden: NDArray | None) -> Spot | NoSpot:
+    """The spot in a grey picture. hot: pixels that are not used. hidden: those that a mask hides."""
     image = picture.image
     if picture.flat:
         return NoSpot(NoSpotReason.FLAT)
@@ -245,6 +243,9 @@ def _found(picture: Grey, hot: NDArray | None) -> Spot | NoSpot:
         image = np.where(hot, cv2.medianBlur(image, 5), image)
     seen = blobs.detect(image)
     wide = blobs.wide(seen)
+    if hidden is not None:
+        seen = replace(seen, blobs=[blob for blob in seen.blobs if not _is_hidden(blob, hidden)])
+        wide = wide and (None if _is_hidden(wide, hidden) else wide)
     start = _start(seen, wide)
     if isinstance(start, NoSpotReason):
         return NoSpot(NoSpotReason.SATURATED if picture.saturated.mean() > 0.2 else start, seen)
@@ -252,6 +253,14 @@ def _found(picture: Grey, hot: NDArray | None) -> Spot | NoSpot:
     if found is None:
         return NoSpot(NoSpotReason.SATURATED if picture.saturated.mean() > 0.05 else NoSpotReason.SHAPE, seen)
     return _judge(found, picture, seen)
+
+
+def _is_hidden(blob: blobs.Blob, hidden: NDArray) -> bool:
+    """Whether a bright place is one of what a mask was filled with."""
+    half_x, half_y = 1.5 * blob.width_x, 1.5 * blob.width_y
+    rows = slice(max(int(blob.y - half_y), 0), int(blob.y + half_y) + 2)
+    columns = slice(max(int(blob.x - half_x), 0), int(blob.x + half_x) + 2)
+    return float(hidden[rows, columns].mean()) > _HIDDEN
 
 
 def _start(seen: blobs.Detection, wide: blobs.Blob | None) -> tuple[NDArray, NDArray, float] | NoSpotReason:
