@@ -76,10 +76,14 @@ class Camera(Protocol):
     is looked at; frames() puts it into each one (mirrormount_beam/cameras.py:select sets it).
     """
 
-    selection: Selection
-
     @property
     def name(self) -> str: ...
+
+    @property
+    def selection(self) -> Selection: ...
+
+    @selection.setter
+    def selection(self, selection: Selection, /) -> None: ...
 
     @property
     def size(self) -> Size: ...

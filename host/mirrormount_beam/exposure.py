@@ -47,9 +47,9 @@ def advice(frame: Image, found: Spot | NoSpot) -> Advice | None:
     if saturated:
         # of a Gaussian, the area above a level falls with the logarithm of the level
         doublings = saturated / max(above_half - saturated, 1e-9)
-        over = (background + (end - background) * 2 ** min(doublings, 10)) / end
-        by = f"about {over:.1f} times" if over < _MOST else f"{_MOST:g} times or more"
-        return _told(frame, "saturated", f"saturated, {by} the range", AIM / over)
+        over = (background + max(end - background, end / 2) * 2 ** min(doublings, 10)) / end
+        by = f"about {over:.1f} times the range" if over < _MOST else f"{_MOST:g} times the range or more"
+        return _told(frame, "saturated", f"saturated, {by if over > 1.05 else 'hardly'}", AIM / over)
     level = top / end
     what = f"{level:.0%} of {end}"
     if level < LOW:

@@ -21,7 +21,7 @@ _COLOURS = tuple(_AT)
 # of the range, at the brightest place: a dimmer channel does not replace a saturated one, whose flanks say more
 _ENOUGH = 0.35
 _CORE = 0.25  # of the area above half of the range: a smaller saturated core does not matter to the place
-_CLEARLY = 1.3  # times as bright: then another channel of a camera's pictures is taken. Estimate, 1.1 to 2
+_CLEARLY = 2.0  # times as bright: then another channel of a camera's pictures is taken. Estimate, 1.5 to 3
 _NEARLY = 0.9  # of the range: a channel that was left because it was saturated is taken again below that
 _SAMPLE = 10_000  # pixels that tell the median
 _LONGEST = 1000  # pixels of a side, about, that are enough to choose a channel
@@ -158,12 +158,13 @@ def channel_of(image: NDArray[Any], selection: Selection, end: int, before: str 
     kept = None
     if hidden is not None:
         kept = cv2.resize((~hidden).astype(np.uint8), small.shape[1::-1], interpolation=cv2.INTER_NEAREST)
+        small[kept == 0] = 0
     thin = max(1, round(math.sqrt(small.shape[0] * small.shape[1] / _SAMPLE)))
     sample = small[::thin, ::thin].reshape(-1, 3) if kept is None else small[::thin, ::thin][kept[::thin, ::thin] > 0]
     middle = np.median(sample, axis=0) if len(sample) else np.zeros(3)
     light, places = {}, {}
     for name, at in _AT.items():
-        _, _, _, (x, y) = cv2.minMaxLoc(cv2.extractChannel(small, at), kept)
+        _, _, _, (x, y) = cv2.minMaxLoc(cv2.extractChannel(small, at))
         places[name] = {other: float(small[y, x, number]) for other, number in _AT.items()}
         others = max(value for other, value in places[name].items() if other != name)
         light[name] = 2 * places[name][name] - float(middle[at]) - others
@@ -173,11 +174,14 @@ def channel_of(image: NDArray[Any], selection: Selection, end: int, before: str 
     best = max(_COLOURS, key=lambda name: light[name])
     if before and light[best] < _CLEARLY * light[before]:
         best = before
-    there, seen = places[best], cv2.extractChannel(small, _AT[best])
-    core = int((seen >= end).sum()) > _CORE * int((seen > (middle[_AT[best]] + end) / 2).sum())
-    if core or (before and best != before and there[best] >= _NEARLY * end):
-        enough = [name for name in _COLOURS if there[name] < end and there[name] - middle[_AT[name]] >= _ENOUGH * end]
-        best = max(enough, key=lambda name: there[name], default=best)
+    seen, dark = cv2.extractChannel(small, _AT[best]), middle[_AT[best]]
+    core = seen >= min(end, int(places[best][best]))
+    large = places[best][best] >= end and int(core.sum()) > _CORE * int((seen > (dark + end) / 2).sum())
+    if large or (before and best != before and places[best][best] >= _NEARLY * end):
+        there = {name: small[core][:, at] for name, at in _AT.items()}
+        light_there = {name: float(values.mean()) for name, values in there.items() if values.max() < end}
+        enough = [name for name in light_there if light_there[name] - middle[_AT[name]] >= _ENOUGH * end]
+        best = max(enough, key=lambda name: light_there[name], default=best)
     return Colour(best, saturated)
 
 

@@ -401,8 +401,8 @@ def _serve(
 _BODY = """<main class="one"><section class="card">{}</section><section class="card"><p class="hint">
 Green: the spot, and twice its size (standard deviation). Grey: what is above the threshold. Red: the trail. Dark: what
 is not looked at. Below the picture: the grey values along the longer and the shorter axis of the beam, in pixels from
-its place; the green lines are Gaussians of the same D4-sigma width and area. Below: the grey values of the row through the
-spot, or through the brightest place, and what they have to exceed. The errors are standard errors.</p></section>
+its place; the green lines are Gaussians of the same D4-sigma width and area. Below: the grey values of the row through
+the spot, or through the brightest place, and what they have to exceed. The errors are standard errors.</p></section>
 </main>"""
 
 

@@ -332,12 +332,12 @@ def _camera(entry: dict[str, Any], where: str) -> CameraEntry:
 def _settings(entry: Mapping[str, Any], where: str) -> CameraSettings:
     backend, fourcc = _text(entry, "backend", where), _text(entry, "fourcc", where)
     width, height = _whole(entry, "width_px", where), _whole(entry, "height_px", where)
-    numbers = {name: _number(entry, name, where) for name in ("exposure", "gain", "contrast")}
-    texts = {name: _text(entry, name, where) for name in ("roi", "mask", "channel")}
-    if texts["mask"] is not None:
-        texts["mask"] = str(path().parent / texts["mask"])
+    exposure, gain = _number(entry, "exposure", where), _number(entry, "gain", where)
+    roi, mask, channel = (_text(entry, name, where) for name in ("roi", "mask", "channel"))
+    mask = mask and str(path().parent / mask)  # a path in the file begins at its folder
+    contrast = _number(entry, "contrast", where)
     try:
-        return CameraSettings(backend, fourcc, width, height, **numbers, **texts)
+        return CameraSettings(backend, fourcc, width, height, exposure, gain, roi, mask, channel, contrast)
     except BadValue as e:
         raise BadFile(f"{where}: {e}") from e
 

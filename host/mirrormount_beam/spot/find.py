@@ -8,7 +8,7 @@ the words for people.
 import math
 from dataclasses import dataclass, field, replace
 from enum import Enum
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import cv2
 import numpy as np
@@ -185,7 +185,8 @@ def find_spot(
     given = {name: value for name, value in given.items() if value is not None}
     # a camera's image is in one channel already
     selection = replace(getattr(frame, "selection", WHOLE), **{"channel": AUTOMATIC, **given})
-    whole, _ = in_one_channel(getattr(frame, "image", frame), selection)
+    array: Any = getattr(frame, "image", frame)
+    whole, _ = in_one_channel(array, selection)
     if selection.is_whole and not selection.contrast:
         return _found(grey(whole), None if dark is None else Dark.of(dark).hot_in(whole), None)
     rows, columns, hidden = selection.part(whole.shape)

@@ -196,7 +196,7 @@
       const size = Math.max(11, wide / 50);
       pen.font = `${size}px system-ui`;
       const half = wide / 2;
-      const most = Math.max(20, ...this.cut.flatMap((cut) => [...cut.light, ...cut.gaussian])) * 1.2;
+      const most = Math.max(20, ...this.cut.flatMap((cut) => [...cut.light, ...cut.gaussian])) * 1.4;
       const reach = Math.max(1, ...this.cut.map((cut) => 4.5 * cut.sigma)); // both in one scale
       this.cut.forEach((cut, side) => {
         const x = (at) => side * half + half / 2 + (at / reach) * (half / 2);
