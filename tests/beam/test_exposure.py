@@ -93,6 +93,6 @@ def test_a_flat_top_is_seen_beside_the_gaussian_of_its_size():
 
 
 def test_a_cut_ends_at_the_edge_of_the_picture():
-    image = cut_off(beam(150, 30, 30))[55:]
+    image = cut_off(beam(150))[85:]
     longer, shorter = cuts(image, find_spot(image))
     assert min(len(longer.at), len(shorter.at)) < 91 and np.isfinite([*longer.light, *shorter.light]).all()
