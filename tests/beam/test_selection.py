@@ -69,7 +69,7 @@ def test_what_is_told_of_a_region_is_in_pixels_of_the_whole_picture():
     whole, part = find_spot(picture()), find_spot(picture(), region=BESIDE)
     (first,), (same,) = whole.detection.blobs, part.detection.blobs
     assert (first.x, first.y) == pytest.approx((same.x, same.y), abs=1.5)
-    levels = [spot.detection.background_in(100, 50, 60, 40).mean() for spot in (whole, part)]
+    levels = [spot.detection.background_along(70, 320)[60:200].mean() for spot in (whole, part)]
     assert levels[0] == pytest.approx(levels[1], abs=0.5)
 
 
