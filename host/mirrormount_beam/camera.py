@@ -13,8 +13,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mirrormount.device.table_file import AUTOMATIC, GREY
 from mirrormount.errors import BadValue
 from mirrormount_beam.errors import CameraBlack, CameraRepeats, CameraSizeChanged, CameraSlow
+from mirrormount_beam.selection import LEAST_PX, WHOLE, Colour, Selection, channel_of, filled, in_channel
 
 
 class Size(NamedTuple):
@@ -53,6 +55,8 @@ class Image:
     number: counts the camera's images from 0; a gap is images that are known to be missing.
     repeated: the image is byte for byte that of the image before, so it is no new measurement.
     late: the image came later than two periods of the camera after the image before.
+    selection: what of it is looked at. colour: of a colour picture, the channel that this is, and the saturated ones.
+    name: of the picture, for people: its file, with the page or the time in it.
     """
 
     image: "NDArray[np.uint8] | NDArray[np.uint16]"
@@ -60,16 +64,26 @@ class Image:
     number: int
     repeated: bool = False
     late: bool = False
+    selection: Selection = WHOLE
+    colour: Colour | None = None
+    name: str = ""
 
 
 class Camera(Protocol):
     """An open camera.
 
-    name: identifies the camera in reports and in saved scales. size: of every frame.
+    name: identifies the camera in reports and in saved scales. size: of every frame. selection: what of its pictures
+    is looked at; frames() puts it into each one (mirrormount_beam/cameras.py:select sets it).
     """
 
     @property
     def name(self) -> str: ...
+
+    @property
+    def selection(self) -> Selection: ...
+
+    @selection.setter
+    def selection(self, selection: Selection, /) -> None: ...
 
     @property
     def size(self) -> Size: ...
@@ -92,8 +106,6 @@ class Camera(Protocol):
 
 # ---- grey values
 
-GREY_OF_COLOUR = "the largest of the colour channels, so that a saturated channel stays visible"
-_LEAST = 32  # pixels of a side
 _BITS = (8, 10, 12, 14)  # of a sensor in a picture of 16: its bits are the lower or the upper ones
 _ENDS = {(1 << bits) - 1 << shift for bits in _BITS for shift in (0, 16 - bits)}
 _HOT = 8.0  # standard deviations above the dark picture's median
@@ -109,30 +121,52 @@ class Grey:
 
 
 def to_grey(image: NDArray[Any]) -> NDArray[Any]:
-    """A picture of shape (rows, columns), of the same type. Colours: GREY_OF_COLOUR. Raises BadValue."""
+    """A picture of shape (rows, columns), of the same type. Of colours the largest: what is saturated stays visible.
+
+    Raises BadValue.
+    """
+    return in_one_channel(image, Selection(channel=GREY))[0]
+
+
+def in_one_channel(image: NDArray[Any], selection: Selection, before: str = "") -> tuple[NDArray[Any], Colour | None]:
+    """A whole picture of shape (rows, columns), of the same type, in the channel that is looked at; and which that is.
+
+    before: the channel of the image before. Raises BadValue.
+    """
     if not isinstance(image, np.ndarray):
         raise BadValue(f"a picture is an array of NumPy, not {type(image).__name__}")
     if image.dtype.newbyteorder("=") not in (np.uint8, np.uint16):
         raise BadValue(f"a picture has 8 or 16 bit without sign (numpy.uint8, numpy.uint16), not {image.dtype}")
     image = image.astype(image.dtype.newbyteorder("="), copy=False)
-    if image.ndim == 3 and image.shape[2] in (3, 4):
-        image = cv2.max(cv2.max(image[:, :, 0], image[:, :, 1]), image[:, :, 2])
-    elif image.ndim == 3 and image.shape[2] == 1:
-        image = image[:, :, 0]
-    if image.ndim != 2 or min(image.shape) < _LEAST:
+    if not (image.ndim == 2 or (image.ndim == 3 and image.shape[2] in (1, 3, 4))) or min(image.shape[:2]) < LEAST_PX:
         raise BadValue(
-            f"a picture has rows, columns and 1, 3 or 4 channels, at least {_LEAST} x {_LEAST}: {image.shape}"
+            f"a picture has rows, columns and 1, 3 or 4 channels, at least {LEAST_PX} x {LEAST_PX}: {image.shape}"
         )
-    return np.ascontiguousarray(image)
+    if image.ndim == 3 and image.shape[2] > 1:
+        colour = channel_of(image, selection, _end(image), before)
+        return in_channel(image, colour.channel), colour
+    if selection.channel not in (AUTOMATIC, GREY):
+        raise BadValue(f"the picture is grey, and has no channel {selection.channel}: leave the channel out")
+    return np.ascontiguousarray(image if image.ndim == 2 else image[:, :, 0]), None
 
 
-def grey(frame: "Image | NDArray[Any]") -> Grey:
-    """An image or an array as a grey picture. Raises BadValue."""
-    array: Any = getattr(frame, "image", frame)
-    image = to_grey(array)
+def _end(image: NDArray[Any]) -> int:
+    """The grey value of a saturated pixel."""
+    if image.dtype == np.uint8:
+        return 255
+    high = int(image.max())
+    return high if high in _ENDS else 0xFFFF
+
+
+def grey(image: NDArray[Any], hidden: NDArray[np.bool_] | None = None) -> Grey:
+    """A picture of shape (rows, columns), without what is hidden."""
+    end = _end(image)
+    saturated = image >= end
+    if hidden is not None:
+        saturated &= ~hidden
+        image = filled(image, hidden)
     low, high, _, _ = cv2.minMaxLoc(image)
-    end = high if image.dtype == np.uint16 and high in _ENDS else np.iinfo(image.dtype).max
-    return Grey(image, image >= end, low == high)
+    return Grey(image, saturated, low == high)
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,24 +209,33 @@ class Limits(NamedTuple):
 
 
 class Picture(NamedTuple):
-    """A raw picture (grey or colour) and the middle of its exposure, in seconds of the camera's clock."""
+    """A raw picture (grey or colour), the middle of its exposure, in seconds of the camera's clock, and its name."""
 
     image: NDArray[Any]
     time_s: float
+    name: str = ""
 
 
 def checked(
-    pictures: Iterator[Picture], name: str, size: Size | None, limits: Limits, *, numbers: Iterator[int] | None = None
+    pictures: Iterator[Picture],
+    name: str,
+    size: Size | None,
+    limits: Limits,
+    *,
+    numbers: Iterator[int] | None = None,
+    selection: Selection = WHOLE,
 ) -> Iterator[Image]:
-    """Images of raw pictures. Raises CameraBlack, CameraRepeats, CameraSizeChanged, CameraSlow."""
+    """Images of raw pictures. Raises CameraBlack, CameraRepeats, CameraSizeChanged, CameraSlow, BadValue."""
     before: Image | None = None
     equal, intervals, flat = 0, [], 0
     for count, picture in enumerate(pictures):
-        image = np.array(to_grey(picture.image))  # a copy: the camera's library may use its own array again
-        got = Size(image.shape[1], image.shape[0])
-        size = size or got
-        if got != size:
-            raise CameraSizeChanged(f"{name}: a frame has {got} pixels, the frames before had {size}")
+        rows, columns = picture.image.shape[:2]
+        size = size or Size(columns, rows)
+        if (columns, rows) != size:
+            raise CameraSizeChanged(f"{name}: a frame has {columns} x {rows} pixels, the frames before had {size}")
+        channel = before.colour.channel if before and before.colour else ""
+        image, colour = in_one_channel(picture.image, selection, channel)
+        image = np.array(image)  # a copy: the camera's library may use its own array again
         interval = picture.time_s - before.time_s if before else 0.0
         usual = float(np.median(intervals)) if len(intervals) >= 5 else float("inf")
         repeated = before is not None and np.array_equal(image, before.image)
@@ -214,6 +257,9 @@ def checked(
             next(numbers) if numbers else count,
             repeated=repeated,
             late=bool(interval > 2 * usual),
+            selection=selection,
+            colour=colour,
+            name=picture.name,
         )
         yield before
 

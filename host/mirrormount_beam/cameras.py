@@ -2,9 +2,10 @@
 
 import os
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 from mirrormount.device import table_file
-from mirrormount.device.table_file import CameraSettings
+from mirrormount.device.table_file import AUTOMATIC, CameraSettings
 from mirrormount.errors import BadAddress, BadValue
 from mirrormount.terminal import printable
 from mirrormount.transport.ports import TABLE_SCHEMES, open_table
@@ -12,8 +13,9 @@ from mirrormount.values import is_name
 from mirrormount_beam import genicam
 from mirrormount_beam.camera import Camera, Controls, Image, Limits, Size
 from mirrormount_beam.errors import CameraAbsent
-from mirrormount_beam.recordings import open_file
+from mirrormount_beam.recordings import open_file, read_mask
 from mirrormount_beam.scale import Scale
+from mirrormount_beam.selection import Selection
 from mirrormount_beam.webcams import open_webcam
 
 
@@ -27,15 +29,33 @@ def open_camera(
 
     address: an index ("0"), a device (/dev/video0), a part of a webcam's name or place, http://… or rtsp://…,
     genicam:// with a part of a scientific camera's name, a folder, a file with pictures, a video, or virtual-table://…,
-    with #2 for the second camera of the table; or a camera's name in table.toml. limits, settings: of a webcam;
-    settings that table.toml has hold where these say nothing.
+    with #2 for the second camera of the table; or a camera's name in table.toml. limits: of a webcam. settings: those
+    that table.toml has hold where these say nothing.
     Raises BadAddress, BadFile, BadValue, CameraError, CannotOpen, ExtraMissing.
     """
     entry = _known(address)
-    address, settings = entry.camera, settings.over(entry.settings)
+    settings = settings.over(entry.settings)
+    camera = _opened(entry.camera, limits, settings)
+    try:
+        select(camera, settings)
+    except BaseException:
+        camera.close()
+        raise
+    return camera
+
+
+def select(camera: Camera, settings: CameraSettings) -> None:
+    """Say what of the camera's pictures is looked at. Raises BadValue, CameraError."""
+    mask = read_mask(Path(settings.mask)) if settings.mask else None
+    selection = Selection(settings.region, mask, settings.channel or AUTOMATIC, settings.contrast or 0.0)
+    selection.part((camera.size.height, camera.size.width))
+    camera.selection = selection
+
+
+def _opened(address: str, limits: Limits, settings: CameraSettings) -> Camera:
     is_file = os.path.isdir(address) or os.path.isfile(address)
-    if settings.given and (is_file or _is_of_table(address)):
-        raise BadValue(f"{printable(address)} is no webcam: it has no {', '.join(settings.given)} to set")
+    if settings.asked_of_webcam and (is_file or _is_of_table(address)):
+        raise BadValue(f"{printable(address)} is no webcam: it has no {', '.join(settings.asked_of_webcam)} to set")
     if _is_of_table(address):
         return _of_table(address)
     if is_file:
@@ -100,6 +120,14 @@ class _Owned:
     @property
     def controls(self) -> Controls:
         return self._camera.controls
+
+    @property
+    def selection(self) -> Selection:
+        return self._camera.selection
+
+    @selection.setter
+    def selection(self, selection: Selection) -> None:
+        self._camera.selection = selection
 
     @property
     def scale(self) -> Scale | None:

@@ -10,7 +10,7 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
@@ -95,7 +95,7 @@ class LiveView:
         number, data = self._jpeg
         if number != seen.number:
             self._end = max(self._end, range_of(seen.frame.image))  # that of one dim picture would make it flicker
-            data = as_jpeg(seen.frame.image, self._end)
+            data = as_jpeg(seen.frame.selection.shown(seen.frame.image), self._end)
             self._jpeg = seen.number, data
         return data
 
@@ -166,8 +166,7 @@ class LiveCamera(LiveView):
     def frames(self) -> Iterator[Image]:
         """Images that come from now on. Raises CameraGone while the camera is in trouble."""
         for seen in self.seen():
-            frame = seen.frame
-            yield Image(frame.image, seen.at_s, seen.number, frame.repeated, frame.late)
+            yield replace(seen.frame, time_s=seen.at_s, number=seen.number)
 
     def seen(self) -> Iterator[Seen]:
         """What is seen from now on. Raises CameraGone while the camera is in trouble."""

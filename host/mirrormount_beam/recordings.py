@@ -5,6 +5,7 @@ camera.json has the camera's name, width, height and Controls. The pictures are 
 """
 
 import functools
+import itertools
 import json
 import logging
 import re
@@ -20,8 +21,20 @@ from numpy.typing import NDArray
 from mirrormount import files
 from mirrormount.errors import CannotWrite
 from mirrormount.terminal import printable
-from mirrormount_beam.camera import Camera, Controls, Dark, Image, Limits, Picture, Size, checked, to_grey
+from mirrormount_beam.camera import (
+    Camera,
+    Controls,
+    Dark,
+    Image,
+    Limits,
+    Picture,
+    Size,
+    checked,
+    in_one_channel,
+    to_grey,
+)
 from mirrormount_beam.errors import CameraAbsent, CameraError, CameraSizeChanged
+from mirrormount_beam.selection import WHOLE
 from mirrormount_beam.webcams import quiet
 
 _LIST, _ABOUT = "frames.jsonl", "camera.json"
@@ -82,6 +95,7 @@ class Folder:
 
     def __init__(self, name: str, pictures: list[Path]) -> None:
         self.name = name
+        self.selection = WHOLE
         self._files = pictures
         self._now_s = 0.0
         self.size = self._first_size()
@@ -92,13 +106,13 @@ class Folder:
 
     def frames(self) -> Iterator[Image]:
         """Each picture once. Raises CameraError."""
-        for frame in checked(self._pictures(), self.name, self.size, _NO_LIMITS):
+        for frame in checked(self._pictures(), self.name, self.size, _NO_LIMITS, selection=self.selection):
             self._now_s = frame.time_s
             yield frame
 
     def _pictures(self) -> Iterator[Picture]:
-        pictures = (image for file in self._files for image in read_pictures(file))
-        return (Picture(image, at * _PERIOD_S) for at, image in enumerate(pictures))
+        pictures = (picture for file in self._files for picture in _named(file))
+        return (Picture(image, at * _PERIOD_S, name) for at, (image, name) in enumerate(pictures))
 
     def monotonic(self) -> float:
         """The time of the image that was returned last."""
@@ -130,7 +144,7 @@ class Video(Folder):
                 count += 1
                 told_s = capture.get(cv2.CAP_PROP_POS_MSEC) / 1000  # 0 or nothing of a video that has no times
                 time_s = told_s if told_s > time_s else time_s + period_s
-                yield Picture(image, time_s)
+                yield Picture(image, time_s, f"{file.name} at {time_s:.3f} s")
                 good, image = capture.read()
             if count < _WHOLE * expected:
                 _log.warning("%s: damaged: it ends after %d of %d frames", file, count, expected)
@@ -143,6 +157,7 @@ class Recording(Folder):
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
+        self.selection = WHOLE
         self._now_s = 0.0
         try:
             about = files.read_json(folder / _ABOUT)
@@ -166,12 +181,13 @@ class Recording(Folder):
                     raise CameraError(f"{self._folder / _LIST}, line {number}: {e}") from e
                 if Path(name).name != name:
                     raise CameraError(f"{self._folder / _LIST}, line {number}: {name[:80]!r} is no file's name")
-                image = to_grey(next(read_pictures(self._folder / name)))
+                picture = next(read_pictures(self._folder / name))
+                image, colour = in_one_channel(picture, self.selection)  # it is grey, unless somebody has changed it
                 if image.shape != (self.size.height, self.size.width):
                     raise CameraSizeChanged(f"{self.name}: {name} has not {self.size} pixels")
                 image.flags.writeable = False
                 self._now_s = time_s
-                yield Image(image, time_s, count, repeated=repeated, late=late)
+                yield Image(image, time_s, count, repeated, late, self.selection, colour, name)
         if not number:
             raise CameraError(f"{self._folder / _LIST}: no frame was recorded")
 
@@ -181,18 +197,40 @@ class Recording(Folder):
 
 def read_pictures(file: Path) -> Iterator[NDArray[Any]]:
     """The pictures of a file, one or a stack, of 8 or 16 bits, colours as BGR. Raises CameraError."""
+    return (_in_16_bits(picture, file) for picture in _read(file))
+
+
+def _named(file: Path) -> Iterator[tuple[NDArray[Any], str]]:
+    """The pictures of a file, each with a name for people: one of several has its page in it."""
+    pictures = read_pictures(file)
+    first, second = next(pictures, None), next(pictures, None)
+    if first is not None:
+        yield first, file.name if second is None else f"{file.name} page 1"
+    rest = () if second is None else itertools.chain([second], pictures)
+    yield from ((picture, f"{file.name} page {page}") for page, picture in enumerate(rest, 2))
+
+
+def _read(file: Path) -> Iterator[NDArray[Any]]:
     suffix = file.suffix.lower()
     read = _of_numpy if suffix == ".npy" else _of_table if suffix == ".csv" else _of_opencv
     try:
-        pictures = read(file)
+        return read(file)
     except OSError as e:
         raise CameraError(f"{file}: {e.strerror or e}") from e
-    return (_in_16_bits(picture, file) for picture in pictures)
 
 
 def read_dark(file: Path) -> Dark:
     """The hot pixels of a picture without the beam, or of the mean of a stack of them. Raises CameraError."""
     return Dark.of(np.stack([to_grey(picture) for picture in read_pictures(file)]))
+
+
+def read_mask(file: Path) -> NDArray[np.bool_]:
+    """What a picture hides: where it is brighter than half of its brightest pixel. Raises CameraError."""
+    if file.suffix.lower() not in _ALL:
+        raise CameraError(f"{file}: a mask is a picture ({', '.join(sorted(_ALL))})")
+    picture = next(_read(file))
+    grey = picture if picture.ndim == 2 else picture[:, :, :3].max(axis=2)
+    return np.asarray(grey > grey.max() / 2)
 
 
 def _of_opencv(file: Path) -> Iterator[NDArray[Any]]:

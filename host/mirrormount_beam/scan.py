@@ -39,7 +39,7 @@ from mirrormount.device.mount import Mount
 from mirrormount.errors import BadValue, CannotWrite, ExtraMissing, MountError
 from mirrormount.terminal import install_command
 from mirrormount.values import whole_number
-from mirrormount_beam.camera import Camera
+from mirrormount_beam.camera import Camera, Image
 from mirrormount_beam.errors import SpotLost
 from mirrormount_beam.observe import OF_MEASUREMENT, SpotObserver
 from mirrormount_beam.report import BEGINS, html_page, html_text
@@ -205,9 +205,13 @@ def spot_signal(camera: Camera) -> Signal:
 
 
 def grey_signal(camera: Camera) -> Signal:
-    """The mean grey value of an image that is exposed when the mount has settled."""
+    """The mean grey value, of what is looked at, in an image that is exposed when the mount has settled."""
     observer = SpotObserver(camera)
-    return Signal({"grey": "grey"}, lambda _mount: (float(observer.settled().image.mean()),))
+    return Signal({"grey": "grey"}, lambda _mount: (_mean(observer.settled()),))
+
+
+def _mean(frame: Image) -> float:
+    return float(frame.selection.pixels(frame.image).mean())
 
 
 def scan(
@@ -411,6 +415,7 @@ def of_camera(camera: Camera, scale: "Scale | None") -> Metadata:
     return {
         "camera": camera.name,
         "camera_size": str(camera.size),
+        "camera_selection": str(camera.selection),
         "camera_scale": asdict(scale) if scale else UNKNOWN,
         "camera_exposure": {"value": now.exposure, "unit": now.exposure_unit, "fixed": now.exposure_fixed},
         "camera_gain": {"value": now.gain, "fixed": now.gain_fixed},

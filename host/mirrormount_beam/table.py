@@ -16,7 +16,7 @@ from typing import Any, Self
 from mirrormount.device import table_file
 from mirrormount.device.axis import Axis
 from mirrormount.device.mount import Mount
-from mirrormount.device.table_file import CameraEntry
+from mirrormount.device.table_file import CameraEntry, CameraSettings
 from mirrormount.errors import BadFile, MountError, MoveEnded, NoAnswer, NotCalibrated
 from mirrormount.supervise.motions import Motion
 from mirrormount.supervise.supervisor import Program, Supervised, Supervisor, supervised
@@ -382,10 +382,11 @@ class Table:
         self._closing = contextlib.ExitStack()
 
     @classmethod
-    def open(cls, patience_s: float = PATIENCE_S) -> Self:
+    def open(cls, patience_s: float = PATIENCE_S, settings: CameraSettings = CameraSettings()) -> Self:  # noqa: B008
         """Open all mounts and cameras of the table's file; motors that moved are stopped.
 
-        patience_s: silence of a loop after which what it moves is stopped.
+        patience_s: silence of a loop after which what it moves is stopped. settings: of all cameras, before what the
+        file says of each.
         Raises BadFile if it names none, NotCalibrated for a camera without a scale, CameraError, and as Mount.open().
         """
         table = table_file.read()
@@ -395,7 +396,7 @@ class Table:
         with contextlib.ExitStack() as opened:
             cameras = {}
             for name, entry in table.cameras.items():
-                cameras[name] = _target_camera(name, entry)
+                cameras[name] = _target_camera(name, entry, settings)
                 opened.callback(cameras[name].close)
             mounts = supervised(table.mounts, patience_s)
             for supervisor in dict.fromkeys(supervisor for supervisor, _ in mounts.values()):
@@ -427,8 +428,8 @@ class Table:
         self.close()
 
 
-def _target_camera(name: str, entry: CameraEntry) -> TargetCamera:
-    reopen = partial(open_camera, entry.camera, settings=entry.settings)
+def _target_camera(name: str, entry: CameraEntry, settings: CameraSettings) -> TargetCamera:
+    reopen = partial(open_camera, entry.camera, settings=settings.over(entry.settings))
     camera = reopen()
     try:
         mm_per_px = scale.read(camera).mm_per_px

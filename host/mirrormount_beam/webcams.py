@@ -17,6 +17,7 @@ from mirrormount.device.table_file import CameraSettings
 from mirrormount.terminal import NETWORK, printable, without_credentials
 from mirrormount_beam.camera import OF_DRIVER, Controls, Image, Limits, Picture, Size, checked
 from mirrormount_beam.errors import CameraAbsent, CameraGone, CameraSettingRefused
+from mirrormount_beam.selection import WHOLE
 
 # ---- which cameras there are
 
@@ -175,6 +176,7 @@ class Webcam:
                 looks = "`mirrormount camera list` lists cameras; with --virtual none is needed"
             raise CameraAbsent(f"{name}: cannot be opened: {looks}")
         self.name = name
+        self.selection = WHOLE
         self._capture = capture
         self._limits = limits
         self._first_s, self._silent_s = first_s, silent_s
@@ -210,7 +212,7 @@ class Webcam:
     def frames(self) -> Iterator[Image]:
         """Fresh images; numbers count all that the camera returned. Raises CameraError."""
         numbers = iter(lambda: self._taken - 1, None)
-        return checked(self._pictures(), self.name, self.size, self._limits, numbers=numbers)
+        return checked(self._pictures(), self.name, self.size, self._limits, numbers=numbers, selection=self.selection)
 
     def _pictures(self) -> Iterator[Picture]:
         while True:

@@ -18,7 +18,9 @@ from fastapi import APIRouter, Request, Response
 from mirrormount.errors import BadFile, NotCalibrated
 from mirrormount_beam import scale as camera_scale
 from mirrormount_beam.camera import Camera, Size
+from mirrormount_beam.cuts import Cut, cuts
 from mirrormount_beam.estimates import Estimate
+from mirrormount_beam.exposure import advice
 from mirrormount_beam.live import LiveView, Seen
 from mirrormount_beam.scale import Optics, Scale
 from mirrormount_beam.spot.find import NoSpot, Spot
@@ -26,11 +28,15 @@ from mirrormount_panel.auth import Rates
 
 # ---- the elements
 
-_PROFILE_HTML = '<canvas class="profile" role="img" aria-label="Brightness of one row, and the threshold"></canvas>'
+_PROFILE_HTML = (
+    '<p class="camera-exposure"></p>'
+    '<canvas class="cuts" role="img" aria-label="Light along the axes of the beam, and Gaussians of the same size">'
+    '</canvas><canvas class="profile" role="img" aria-label="Brightness of one row, and the threshold"></canvas>'
+)
 
 
 def camera_html(number: int, name: str, *, clicks: bool = False, profile: bool = False) -> str:
-    """The elements that static/camera.js fills. clicks: a click moves the spot; profile: with a row's brightness."""
+    """The elements that static/camera.js fills. clicks: a click moves the spot; profile: exposure, cuts, a row."""
     label = escape(f"Picture of {name}" + (": click where the spot should go" if clicks else ""), quote=True)
     return (
         f'<div class="camera" data-camera="{number}"{" data-clicks" if clicks else ""}>'
@@ -89,7 +95,10 @@ class CameraView(Generic[Of]):
             told["spot"] = _rounded(spot.x, spot.y, spot.width, spot.height)
             told["off"] = self._off(spot, optics)
         if profile:
-            told["profile"] = _profile(seen)
+            advised = advice(seen.frame, seen.found)
+            told |= {"profile": _profile(seen), "exposure": advised and f"exposure: {advised.words}"}
+            if isinstance(seen.found, Spot):
+                told["cuts"] = [_cut(cut) for cut in cuts(seen.frame.image, seen.found)]
         return told
 
     def _looked_up(self) -> tuple[Size, Optics, str]:
@@ -154,6 +163,11 @@ def _also(seen: Seen) -> str:
         parts.append(f"noise {found.detection.noise:.2f}")
         parts += [f"brightest {brightest:.0f}"] if brightest is not None and not found else []
     return "; ".join([*parts, "late"] if seen.frame.late else parts)
+
+
+def _cut(cut: Cut) -> dict[str, Any]:
+    numbers = {name: _rounded(*getattr(cut, name)) for name in ("at", "light", "gaussian")}
+    return {"angle": round(cut.angle), "sigma": round(cut.sigma, 2)} | numbers
 
 
 def _profile(seen: Seen) -> dict[str, Any] | None:

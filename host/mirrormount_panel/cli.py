@@ -50,7 +50,7 @@ from mirrormount.transport.discovery import find
 from mirrormount.transport.ports import TABLE_SCHEMES, Port
 from mirrormount.values import digits
 from mirrormount_beam.camera import Limits
-from mirrormount_beam.cameras import open_camera
+from mirrormount_beam.cameras import open_camera, select
 from mirrormount_beam.live import LiveCamera
 from mirrormount_panel.auth import SHORT, SignIn, is_short, read_token
 
@@ -299,6 +299,7 @@ def _on_table(args: argparse.Namespace) -> "Iterator[tuple[Address, CameraView[L
     table = open_table(virtual_address(args, "virtual-table", mounts="1", speed="1") or "")
     with contextlib.closing(table):
         camera = table.cameras[which - 1]
+        select(camera, camera_settings(args))
         live = LiveCamera(camera.name, lambda: camera)
         with contextlib.closing(live):
             live.open()
@@ -398,9 +399,11 @@ def _serve(
 # ---- the page of one camera
 
 _BODY = """<main class="one"><section class="card">{}</section><section class="card"><p class="hint">
-Green: the spot, and twice its size (standard deviation). Grey: what is above the threshold. Red: the trail.
-Below the picture: the grey values of the row through the spot, or through the brightest place, and what they have to
-exceed. The errors are standard errors.</p></section></main>"""
+Green: the spot, and twice its size (standard deviation). Grey: what is above the threshold. Red: the trail. Dark: what
+is not looked at. Below the picture: the grey values along the longer and the shorter axis of the beam, in pixels from
+its place; the green lines are Gaussians of the same D4-sigma width and area. Below: the grey values of the row through
+the spot, or through the brightest place, and what they have to exceed. The errors are standard errors.</p></section>
+</main>"""
 
 
 def serve_camera_page(args: argparse.Namespace, dark: "Dark | None") -> None:

@@ -34,6 +34,7 @@ from mirrormount.terminal import printable
 from mirrormount_beam.camera import Controls, Image, Limits, Picture, Size, checked
 from mirrormount_beam.errors import CameraGone
 from mirrormount_beam.scale import Scale
+from mirrormount_beam.selection import WHOLE
 from mirrormount_sim.beams import draw_beam, draw_defects, draw_window
 from mirrormount_sim.bench import INCIDENCE
 from mirrormount_sim.board import LockstepPort, Options, RealtimePort, make_simulation, profile_named, seed_of
@@ -258,6 +259,7 @@ class TableCamera:
         self.size = Size(sensor.width, sensor.height)
         self.distance_m = distance_m
         self.scale: Scale | None = None
+        self.selection = WHOLE
         self.plugged = True
         self.black = False
         self.frozen = False
@@ -288,7 +290,10 @@ class TableCamera:
         self.size = Size(self.sensor.width, self.sensor.height)
         self._image = None
         numbers: deque[int] = deque()
-        return checked(self._pictures(numbers), self.name, self.size, _LIMITS, numbers=iter(numbers.popleft, None))
+        counted = iter(numbers.popleft, None)
+        return checked(
+            self._pictures(numbers), self.name, self.size, _LIMITS, numbers=counted, selection=self.selection
+        )
 
     def _pictures(self, numbers: deque[int]) -> Iterator[Picture]:
         """Pictures as they arrive; each one's number is put into numbers. Raises CameraGone."""

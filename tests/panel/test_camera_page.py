@@ -27,6 +27,7 @@ def test_the_page_shows_a_camera_without_a_mount_until_ctrl_c(tmp_path):
             assert answer.content[:2] == b"\xff\xd8"
             assert seen["unit"] == [0.05, "mm"] and not seen["note"]  # with two mounts no one distance is the mirror's
             assert seen["says"].startswith("x ") and seen["blobs"] and seen["profile"]["threshold"]
+            assert seen["exposure"].startswith("exposure: right") and len(seen["cuts"]) == 2
             assert http.get("drive").status_code == 404
     finally:
         process.send_signal(signal.SIGINT)
@@ -38,7 +39,7 @@ def test_the_page_shows_a_camera_without_a_mount_until_ctrl_c(tmp_path):
     ("arguments", "why"),
     [
         (["--camera", "virtual-table://#9"], "it has 2 cameras"),
-        (["--frames", "3"], "--frames is of the lines"),
+        (["--frames", "3"], "--frames: of the lines, and --page shows no lines"),
         (["--http", "70000"], "--http is a port number"),
     ],
 )

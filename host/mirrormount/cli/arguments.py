@@ -121,7 +121,7 @@ def virtual_options(parser: argparse.ArgumentParser, what: str) -> None:
 
 
 def camera_options(parser: argparse.ArgumentParser) -> None:
-    """--backend, --fourcc, --size, --exposure and --gain of a command that opens a camera, or names one.
+    """What a camera is asked for, and selection_options; for a command that opens one, or names one.
 
     camera_settings() reads them.
     """
@@ -131,21 +131,45 @@ def camera_options(parser: argparse.ArgumentParser) -> None:
     asked.add_argument("--size", metavar="WxH", help="pixels, such as 1280x720")
     asked.add_argument("--exposure", metavar="N", help="number of the driver: 0.1 ms on Linux, a power of 2 on Windows")
     asked.add_argument("--gain", metavar="N", help="number of the driver")
+    selection_options(parser)
+
+
+def selection_options(parser: argparse.ArgumentParser) -> None:
+    """--roi, --mask, --channel and --contrast: what of a picture is looked at. camera_settings() reads them."""
+    looked = parser.add_argument_group("what of a picture is looked at (default: as table.toml says, else all of it)")
+    looked.add_argument("--roi", metavar="X,Y,W,H", help="a region: its top left pixel, width and height in pixels")
+    looked.add_argument(
+        "--mask", metavar="FILE", help="a picture of the same size: where it is white nothing is looked at"
+    )
+    looked.add_argument(
+        "--channel",
+        metavar="NAME",
+        help="red, green, blue, grey (their largest), or automatic, the brightest that is not saturated (default)",
+    )
+    looked.add_argument("--contrast", metavar="N", help="grey values of a spot's peak above its surroundings, at least")
 
 
 def camera_settings(args: argparse.Namespace) -> "CameraSettings":
-    """What camera_options' arguments ask for. Raises BadValue, also for a virtual camera."""
+    """What camera_options' or selection_options' arguments ask for. Raises BadValue.
+
+    A virtual camera has nothing that a webcam is asked for.
+    """
     from mirrormount.device.table_file import CameraSettings
 
-    names = ("backend", "fourcc", "size", "exposure", "gain")
-    if getattr(args, "virtual", False) and (given := [name for name in names if getattr(args, name) is not None]):
-        raise BadValue(f"--{' and --'.join(given)}: of a webcam; leave --virtual out")
-    width, height = (None, None) if args.size is None else _size(args.size)
-    numbers = {
-        name: None if (text := getattr(args, name)) is None else number(text, f"--{name}") for name in names[-2:]
-    }
-    fourcc = args.fourcc and args.fourcc.ljust(4)  # Y16 has a space at its end
-    return CameraSettings(args.backend, fourcc, width, height, **numbers)
+    names = ("backend", "fourcc", "size", "exposure", "gain", "roi", "mask", "channel", "contrast")
+    given = {name: value for name in names if (value := getattr(args, name, None)) is not None}
+    if getattr(args, "virtual", False) and (of_webcam := [name for name in given if name in names[:5]]):
+        raise BadValue(f"--{' and --'.join(of_webcam)}: of a webcam; leave --virtual out")
+    if "size" in given:
+        given["width_px"], given["height_px"] = _size(given.pop("size"))
+    if "fourcc" in given:
+        given["fourcc"] = given["fourcc"].ljust(4)  # Y16 has a space at its end
+    if "mask" in given:
+        given["mask"] = os.path.abspath(given["mask"])  # table.toml may keep it
+    for name in ("exposure", "gain", "contrast"):
+        if name in given:
+            given[name] = number(given[name], f"--{name}")
+    return CameraSettings(**given)
 
 
 def _size(text: str) -> tuple[int, int]:

@@ -16,6 +16,7 @@ folder for settings, or the one that $MIRRORMOUNT_TABLE names (`--table FILE`):
     width_px = 1280              # what the camera is asked for when it is opened (CameraSettings), where it is given
     height_px = 720
     exposure = 100.0
+    roi = "200,80,640,480"       # what of its pictures is looked at, where it is given: x, y, width, height in px
     distance_mm = 400.0          # along the beam, from the last mirror
     target_x_px = 320.0          # where the spot belongs
     target_y_px = 240.0
@@ -26,6 +27,7 @@ port it is plugged in, for a board's unique id is its USB serial number, too.
 
 import contextlib
 import os
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
@@ -108,8 +110,8 @@ _MOST = 8  # mounts, or cameras
 _HEADING = """mirrormount: the names of an optical table (docs/hold.md).
 Mounts stand in the order of the beam. board: the unique id of the board; port: an address, instead. x_axis: the
 board's axis that is x. distance_mm: along the beam, from the mirror before. target_x_px, target_y_px: where the spot
-belongs. backend, fourcc, width_px, height_px, exposure, gain: what a webcam is asked for. Written by
-`mirrormount table`, which keeps what it knows but no remarks."""
+belongs. backend, fourcc, width_px, height_px, exposure, gain: what a webcam is asked for. roi, mask, channel,
+contrast: what of a picture is looked at. Written by `mirrormount table`, which keeps what it knows but no remarks."""
 
 
 @dataclass(frozen=True)
@@ -126,17 +128,24 @@ class MountEntry:
 
 
 BACKENDS = ("v4l2", "dshow", "msmf", "any")
+AUTOMATIC, GREY = "automatic", "grey"
+CHANNELS = ("red", "green", "blue", GREY, AUTOMATIC)
+SELECTING = ("roi", "mask", "channel", "contrast")  # what is asked of a picture, and not of the webcam
 _LARGEST = 1e6  # number of an exposure or a gain
+_MOST_GREY = 65535  # of a picture of 16 bits
+_REGION = re.compile(r"\s*" + r"\s*,\s*".join([r"(-?[0-9]{1,6})"] * 4) + r"\s*")
 _SIDES_PX = 32, 100_000  # of a picture that a camera is asked for
 
 
 @dataclass(frozen=True)
 class CameraSettings:
-    """What a webcam is asked for when it is opened; None: as the camera has it.
+    """What a webcam is asked for when it is opened; None: as the camera has it. And what of a picture is looked at.
 
     backend: the part of OpenCV that opens it. fourcc: how pictures come over the cable, four characters, such as MJPG.
     width_px, height_px: both or neither. exposure, gain: in the numbers of the camera's driver.
-    Raises BadValue for what no camera can have.
+    roi: "x,y,width,height" of the region, in px of the whole picture. mask: the path of a picture that is white where
+    nothing is looked at. channel: one of CHANNELS. contrast: grey values of a spot's peak above its surroundings, at
+    least. Raises BadValue for what no camera can have.
     """
 
     backend: str | None = None
@@ -145,6 +154,10 @@ class CameraSettings:
     height_px: int | None = None
     exposure: float | None = None
     gain: float | None = None
+    roi: str | None = None
+    mask: str | None = None
+    channel: str | None = None
+    contrast: float | None = None
 
     def __post_init__(self) -> None:
         if self.backend not in (None, *BACKENDS):
@@ -160,6 +173,28 @@ class CameraSettings:
         for value in (self.exposure, self.gain):
             if value is not None and not abs(value) <= _LARGEST:
                 raise BadValue(f"exposure and gain are numbers of at most {_LARGEST:g}")
+        region = self.region
+        if region and (min(region) < 0 or min(region[2:]) < _SIDES_PX[0]):
+            raise BadValue(
+                f"the roi is at 0,0 or more, and has {_SIDES_PX[0]} pixels or more to a side, not {self.roi}"
+            )
+        if self.channel not in (None, *CHANNELS):
+            raise BadValue(f"the channel is {', '.join(CHANNELS)}, not {printable(str(self.channel), 40)!r}")
+        if self.contrast is not None and not 0 <= self.contrast <= _MOST_GREY:
+            raise BadValue(f"the contrast is 0 to {_MOST_GREY} grey values, not {self.contrast:g}")
+
+    @property
+    def region(self) -> tuple[int, int, int, int] | None:
+        """The roi: x, y, width, height. Raises BadValue."""
+        if self.roi is None:
+            return None
+        match = _REGION.fullmatch(self.roi)
+        if not match:
+            raise BadValue(
+                f"the roi is x,y,width,height in pixels, such as 200,80,640,480, not {printable(self.roi, 40)!r}"
+            )
+        x, y, width, height = map(int, match.groups())
+        return x, y, width, height
 
     def over(self, other: "CameraSettings") -> "CameraSettings":
         """These settings, and those of the other where these say nothing."""
@@ -170,11 +205,16 @@ class CameraSettings:
         """What is asked for, by name."""
         return {name: value for name, value in asdict(self).items() if value is not None}
 
+    @property
+    def asked_of_webcam(self) -> list[str]:
+        """The names of what only a webcam has."""
+        return [name for name in self.given if name not in SELECTING]
+
     def __str__(self) -> str:
         size = f"{self.width_px} x {self.height_px} px" if self.width_px else ""
-        named = {"exposure": self.exposure, "gain": self.gain}
-        numbers = [f"{name} {value:g}" for name, value in named.items() if value is not None]
-        return ", ".join(filter(None, [self.backend, self.fourcc, size, *numbers]))
+        named = ("exposure", "gain", *SELECTING)
+        rest = [f"{name} {value}" for name, value in self.given.items() if name in named]
+        return ", ".join(filter(None, [self.backend, self.fourcc, size, *(text.removesuffix(".0") for text in rest)]))
 
 
 @dataclass(frozen=True)
@@ -293,8 +333,11 @@ def _settings(entry: Mapping[str, Any], where: str) -> CameraSettings:
     backend, fourcc = _text(entry, "backend", where), _text(entry, "fourcc", where)
     width, height = _whole(entry, "width_px", where), _whole(entry, "height_px", where)
     exposure, gain = _number(entry, "exposure", where), _number(entry, "gain", where)
+    roi, mask, channel = (_text(entry, name, where) for name in ("roi", "mask", "channel"))
+    mask = mask and str(path().parent / mask)  # a path in the file begins at its folder
+    contrast = _number(entry, "contrast", where)
     try:
-        return CameraSettings(backend, fourcc, width, height, exposure, gain)
+        return CameraSettings(backend, fourcc, width, height, exposure, gain, roi, mask, channel, contrast)
     except BadValue as e:
         raise BadFile(f"{where}: {e}") from e
 

@@ -5,12 +5,16 @@
 
 import argparse
 import contextlib
+import csv
+import io
 import itertools
+import json
 import os
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from mirrormount.cli.arguments import (
     Command,
@@ -26,13 +30,14 @@ from mirrormount.cli.arguments import (
     web_options,
     whole,
 )
-from mirrormount.errors import BadValue
+from mirrormount.errors import BadValue, CannotWrite
 from mirrormount.terminal import StatusLine, printable
 from mirrormount_beam import genicam
 from mirrormount_beam import scale as scales
-from mirrormount_beam.camera import GREY_OF_COLOUR, Camera, Image
+from mirrormount_beam.camera import Camera, Image
 from mirrormount_beam.cameras import open_camera
 from mirrormount_beam.estimates import Estimate
+from mirrormount_beam.exposure import advice
 from mirrormount_beam.recordings import Folder, read_dark
 from mirrormount_beam.recordings import record as write_recording
 from mirrormount_beam.scale import Measured, Scale
@@ -63,14 +68,31 @@ def show_spot(args: argparse.Namespace) -> None:
     """Print one line an image, or serve a page. Raises ExtraMissing."""
     dark = read_dark(args.dark) if args.dark else None
     if args.page:
-        if args.frames is not None:
-            raise BadValue("--frames is of the lines, and --page shows no lines")
+        given = [name for name in ("frames", "json", "csv") if getattr(args, name) is not None]
+        if given:
+            raise BadValue(f"--{' and --'.join(given)}: of the lines, and --page shows no lines")
         page_of("camera")(args, dark)
         return
-    with _opened(args) as (camera, frames):
-        print(f"{printable(camera.name)}, {camera.size} pixels; grey: {GREY_OF_COLOUR}", file=sys.stderr)
+    if args.json and args.json == args.csv:
+        raise BadValue(f"two files cannot both be {args.json}")
+    with (
+        _opened(args) as (camera, frames),
+        _records(args.json, _json) as json_file,
+        _records(args.csv, _csv) as csv_file,
+    ):
+        print(f"{printable(camera.name)}, {camera.size} pixels; {camera.selection}", file=sys.stderr)
+        if csv_file:
+            csv_file(dict(zip(RECORD, RECORD, strict=True)))
+        told = ""
         for frame in frames:
-            print(line(frame, find_spot(frame, dark)), flush=True)
+            found = find_spot(frame, dark)
+            print(line(frame, found), flush=True)
+            for write in filter(None, (json_file, csv_file)):
+                write(record(frame, found))
+            advised = advice(frame, found)
+            if advised and advised.kind != told:  # once, and not with each image
+                told = advised.kind
+                note(f"exposure: {advised.words}")
 
 
 def record_images(args: argparse.Namespace) -> None:
@@ -89,6 +111,8 @@ def record_images(args: argparse.Namespace) -> None:
 def line(frame: Image, found: Spot | NoSpot) -> str:
     """What is known of an image, in one line."""
     marks = (" repeated" if frame.repeated else "") + (" late" if frame.late else "")
+    marks += f"  {frame.colour.channel}" if frame.colour else ""
+    marks += f"  {printable(frame.name)}" if frame.name else ""
     seen = f"{found.detection.threshold:.1f}" if found.detection else "none"
     if isinstance(found, NoSpot):
         return f"{frame.number:6d}  {found}  (threshold {seen}){marks}"
@@ -98,6 +122,66 @@ def line(frame: Image, found: Spot | NoSpot) -> str:
         f"  shape {found.shape_px:.3f}  D4-sigma {found.d4_long:.1f} x {found.d4_short:.1f} at {found.angle:.0f}°"
         f"  peak {found.peak:.0f}  threshold {seen}{also}{marks}"
     )
+
+
+_OF_SPOT = {  # columns of a record, and what they are of a Spot
+    "x_px": "x",
+    "y_px": "y",
+    "sigma_x_px": "sigma_x",
+    "sigma_y_px": "sigma_y",
+    "d4_long_px": "d4_long",
+    "d4_short_px": "d4_short",
+    "angle_deg": "angle",
+    "ellipticity": "ellipticity",
+    "shape_px": "shape_px",
+    "peak": "peak",
+    "background": "background",
+    "saturated_px": "saturated",
+}
+RECORD = ("number", "file", "time_s", *_OF_SPOT, "channel", "repeated", "late", "refusal", "refusal_text")
+
+
+def record(frame: Image, found: Spot | NoSpot) -> dict[str, Any]:
+    """What is known of an image, by RECORD; None is not known. refusal: the code of the reason for no spot."""
+    about = {"number": frame.number, "file": frame.name or None, "time_s": round(frame.time_s, 6)}
+    about |= {column: round(float(getattr(found, name)), 4) if found else None for column, name in _OF_SPOT.items()}
+    about |= {"channel": frame.colour.channel if frame.colour else None}
+    about |= {"repeated": frame.repeated, "late": frame.late}
+    why = (found.reason.code, found.reason.words) if isinstance(found, NoSpot) else (None, None)
+    return about | dict(zip(("refusal", "refusal_text"), why, strict=True))
+
+
+def _json(one: dict[str, Any]) -> str:
+    return json.dumps(one) + "\n"
+
+
+def _csv(one: dict[str, Any]) -> str:
+    text = io.StringIO()
+    csv.writer(text).writerow([one[name] for name in RECORD])
+    return text.getvalue()
+
+
+@contextlib.contextmanager
+def _records(
+    path: Path | None, as_line: Callable[[dict[str, Any]], str]
+) -> Iterator[Callable[[dict[str, Any]], None] | None]:
+    """What writes a record as a line of a new file, at once. Raises CannotWrite."""
+    if path is None:
+        yield None
+        return
+    try:
+        file = path.open("x", encoding="utf-8", newline="", buffering=1)
+    except OSError as e:
+        raise CannotWrite(f"{path}: {'exists; name a new file' if path.exists() else e.strerror}") from e
+
+    def write(one: dict[str, Any]) -> None:
+        try:
+            file.write(as_line(one))
+        except OSError as e:
+            raise CannotWrite(f"{path}: {e.strerror}") from e
+
+    with file:
+        yield write
 
 
 @contextlib.contextmanager
@@ -299,6 +383,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     show = verbs.add_parser("show", help="where the spot is in each frame, or why there is none, until Ctrl-C")
     _camera(show)
     show.add_argument("--dark", type=Path, metavar="FILE", help="a picture without the beam, for the hot pixels")
+    show.add_argument("--json", type=Path, metavar="FILE", help="a new file with a line of JSON for each frame")
+    show.add_argument("--csv", type=Path, metavar="FILE", help="a new file with a row for each frame")
     show.add_argument("--page", action="store_true", help="show it on a page in the browser")
     web_options(show)
     record = verbs.add_parser("record", help="write frames into a new folder, lossless, with their times")

@@ -15,12 +15,14 @@ from typing import Any, Protocol
 from mirrormount import files
 from mirrormount.cli.arguments import (
     Command,
+    camera_settings,
     from_extra,
     number,
     page_of,
     patience_of,
     patience_option,
     positive,
+    selection_options,
     table_option,
     virtual_address,
     virtual_options,
@@ -33,6 +35,7 @@ from mirrormount.errors import BadValue, CannotWrite
 from mirrormount.terminal import StatusLine, ended_in_order
 from mirrormount.transport.link import Link
 from mirrormount.transport.ports import open_table
+from mirrormount_beam.cameras import select
 from mirrormount_beam.control.backlash import Gap
 from mirrormount_beam.control.calibrate import Calibration, check_controllable
 from mirrormount_beam.control.events import Event, InterlockCleared, InterlockTripped, Listen, Progress, StateChanged
@@ -128,11 +131,14 @@ def _goals(verb: str, args: argparse.Namespace) -> dict[str, Any]:
 @contextlib.contextmanager
 def _virtual(args: argparse.Namespace) -> Iterator[tuple[LoopTable, None]]:
     """The virtual table in lockstep, its mounts driven from here."""
+    settings = camera_settings(args)
     address = virtual_address(args, "virtual-table", mounts=args.mounts, cameras=args.cameras, off=args.off)
     assert address is not None
     with contextlib.closing(open_table(address)) as table, contextlib.ExitStack() as stack:
         names = ("first", "second")[: int(args.mounts)]
         mounts = {name: stack.enter_context(Mount(Link(port))) for name, port in zip(names, table.ports, strict=True)}
+        for camera in table.cameras:
+            select(camera, settings)
         um = 1000 * table.cameras[0].scale.mm_per_px
         distances_m = [camera.distance_m for camera in table.cameras]
         cameras = [
@@ -148,7 +154,7 @@ def _virtual(args: argparse.Namespace) -> Iterator[tuple[LoopTable, None]]:
 def _real(args: argparse.Namespace) -> Iterator[tuple[LoopTable, Callable[[], object]]]:
     """The table of the file: each mount with a supervisor, each camera with its scale; and what stops all mounts."""
     virtual_address(args)  # --profile without --virtual is an error
-    with Table.open(patience_of(args)) as table, table.loop("beam loop") as loop:
+    with Table.open(patience_of(args), camera_settings(args)) as table, table.loop("beam loop") as loop:
         loop.take_control()
         yield loop, lambda: table.stop("STOP was pressed on the loop's page")
 
@@ -296,6 +302,7 @@ def _common(parser: argparse.ArgumentParser, off: str) -> None:
         metavar="FILE",
         help="what calibrate measured (default: beside table.toml; virtual: none, measured anew)",
     )
+    selection_options(parser)
     patience_option(parser, "the loop")
     parser.add_argument("--json", type=Path, metavar="FILE", help="all figures of the run")
     parser.add_argument(

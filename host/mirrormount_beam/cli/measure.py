@@ -37,7 +37,7 @@ from mirrormount.transport.link import Link
 from mirrormount.transport.ports import open_table
 from mirrormount_beam import scale as camera_scale
 from mirrormount_beam.camera import Camera, Size
-from mirrormount_beam.cameras import open_beside_mount
+from mirrormount_beam.cameras import open_beside_mount, select
 from mirrormount_beam.estimates import Result, Tell
 from mirrormount_beam.experiments import backlash, drift, square, steps
 from mirrormount_beam.experiments.rig import MountRig, Rig
@@ -313,6 +313,7 @@ def _opened(args: argparse.Namespace) -> Iterator[tuple[Mount, Camera, Optics]]:
     table = open_table(address)
     with contextlib.closing(table):
         camera = table.cameras[which - 1]
+        select(camera, settings)
         optics = _optics(args, camera)
         with Mount(Link(table.ports[0])) as mount:
             for axis in mount.axes if args.encoder else ():

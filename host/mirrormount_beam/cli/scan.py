@@ -26,7 +26,7 @@ from mirrormount.transport.ports import open_table
 from mirrormount_beam import scale as scales
 from mirrormount_beam import scan as scan_module
 from mirrormount_beam.camera import Camera
-from mirrormount_beam.cameras import open_beside_mount
+from mirrormount_beam.cameras import open_beside_mount, select
 from mirrormount_beam.scale import Scale
 from mirrormount_beam.scan import (
     COMPLETE,
@@ -165,6 +165,7 @@ def _opened(args: argparse.Namespace) -> Iterator[tuple[Mount, Camera, Scale | N
     which = virtual_camera(args.camera)
     with contextlib.closing(open_table(address)) as table, Mount(Link(table.ports[0])) as mount:
         camera = table.cameras[which - 1]
+        select(camera, settings)
         yield mount, camera, camera.scale
 
 

@@ -27,6 +27,7 @@ LEAD = 5  # The spot must have begun to move after so many steps.
 _REVERSALS = 3  # So many reversals of each direction measure the gaps.
 _EDGE_PX = 40.0  # The spot stays so far from the picture's edges.
 _ALONG_PX = 3.0  # A spot that comes nearer to an edge by less than this goes along it.
+_AT_EDGE = (NoSpotReason.EDGE, NoSpotReason.REGION, NoSpotReason.MASK, NoSpotReason.NOTHING)
 _MOVED = 0.15  # The screw follows if the spot moves by this part of a step's way.
 _ROOM_UM = 2000.0  # Larger errors are made smaller before the calibration: the spot needs room.
 # This part of such an error is corrected at a time, and at most so often: few steps were measured by then.
@@ -117,7 +118,7 @@ class Calibration:
         seen = self.observer.observe(frames)
         if not seen:
             fault = seen.faults[0]
-            if fault.kind == "spot" and fault.reason in (NoSpotReason.EDGE, NoSpotReason.NOTHING):
+            if fault.kind == "spot" and fault.reason in _AT_EDGE:
                 raise AtEdge(str(fault))
             raise SpotLost(str(fault))
         return seen

@@ -1,7 +1,7 @@
 """Blobs that are brighter than an uneven background, in a reduced picture."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
@@ -41,7 +41,7 @@ class Detection:
 
     threshold, noise: grey values above the background, of a reduced pixel. background: reduced picture of the light
     that is uneven over the whole picture or over its rows. bands: what its rows have more than others. small: the
-    reduced picture. scale: pixels for one of it.
+    reduced picture. scale: pixels for one of it. corner: x, y of the first pixel of what was looked at.
     """
 
     blobs: list[Blob]
@@ -51,11 +51,19 @@ class Detection:
     bands: NDArray[np.float32]
     small: NDArray[np.float32]
     scale: int
+    corner: tuple[int, int] = (0, 0)
+
+    def moved(self, x: int, y: int) -> "Detection":
+        """The same in a picture that this one was a part of, from that pixel on."""
+        blobs = [replace(blob, x=blob.x + x, y=blob.y + y) for blob in self.blobs]
+        return replace(self, blobs=blobs, corner=(x, y))
 
     def background_along(self, row: int, columns: int) -> NDArray[np.float32]:
         """The background of a row of the picture, which has so many columns."""
-        line = self.background[min(row // self.scale, len(self.background) - 1)]
-        return np.interp((np.arange(columns) + 0.5) / self.scale - 0.5, np.arange(line.size), line).astype(np.float32)
+        x, y = self.corner
+        line = self.background[min(max(row - y, 0) // self.scale, len(self.background) - 1)]
+        at = (np.arange(columns) - x + 0.5) / self.scale - 0.5
+        return np.interp(at, np.arange(line.size), line).astype(np.float32)
 
     def level_of(self, rows: NDArray[Any]) -> NDArray[np.float32]:
         """What these rows of the picture have more than others (flicker), grey values."""

@@ -6,15 +6,17 @@ the words for people.
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrormount_beam.camera import Dark, Grey, grey
+from mirrormount.device.table_file import AUTOMATIC
+from mirrormount_beam.camera import Dark, Grey, grey, in_one_channel
+from mirrormount_beam.selection import WHOLE, Selection, hides
 from mirrormount_beam.spot import beam, blobs
 
 if TYPE_CHECKING:
@@ -50,6 +52,17 @@ class NoSpotReason(Enum):
     SATURATED = ("saturated", "too many pixels are saturated", "expose for a shorter time, or weaken the beam")
     SPLIT = ("split", "two spots are nearly equally bright", "cover reflections, so that one spot is left")
     EDGE = ("edge", "the spot is cut by the picture's edge", "turn the camera, or move the beam")
+    REGION = (
+        "region",
+        "the spot is cut by the region's edge",
+        "move the region or make it larger (--roi), or move the beam",
+    )
+    MASK = ("mask", "the mask hides a part of the spot", "make the mask smaller (--mask), or move the beam")
+    CONTRAST = (
+        "contrast",
+        "the spot has less contrast than is asked for",
+        "expose for longer, or ask for less (--contrast)",
+    )
     SMALL = (
         "small",
         "the bright place is smaller than a spot, as a hot pixel is",
@@ -88,6 +101,7 @@ _LEAST = 5e-4  # standard error at least, in standard deviations: of the window'
 _UNSURE = 0.25  # standard error at most, in standard deviations of the spot
 _STANDS_OUT = 0.25  # scatter of the surroundings at most, in parts of the peak
 _NEAR = 4.8  # standard deviations within which a second spot is looked for in the light itself
+_HIDDEN = 0.8  # of a bright place, which is then no light
 _VALLEY = 0.15  # depth of the valley between two spots, in parts of the fainter one
 REACH_OF_SHAPE = 0.5  # part of the window in which the place is taken once more, for the doubt of the shape
 
@@ -127,6 +141,14 @@ class Spot:
         """The shorter D4-sigma width over the longer one: 1 for a round beam."""
         return self.d4_short / self.d4_long if self.d4_long else 1.0
 
+    @property
+    def covariance(self) -> NDArray[np.float64]:
+        """Of the Gaussian of its size, px², with the axes of the D4-sigma widths."""
+        longer = (1 - self.ellipticity**2) / (1 + self.ellipticity**2)  # of the variances: difference over sum
+        across = longer * (self.width**2 + self.height**2) / 2 * math.sin(math.radians(2 * self.angle))
+        across = max(min(across, 0.95 * self.width * self.height), -0.95 * self.width * self.height)
+        return np.array([[self.width**2, across], [across, self.height**2]])
+
 
 @dataclass(frozen=True, slots=True)
 class NoSpot:
@@ -143,21 +165,88 @@ class NoSpot:
 
 
 def find_spot(
-    frame: "Image | NDArray[np.uint8] | NDArray[np.uint16]", dark: "Dark | NDArray | None" = None
+    frame: "Image | NDArray[np.uint8] | NDArray[np.uint16]",
+    dark: "Dark | NDArray | None" = None,
+    *,
+    region: tuple[int, int, int, int] | None = None,
+    mask: "NDArray[np.bool_] | None" = None,
+    channel: str | None = None,
+    contrast: float | None = None,
 ) -> Spot | NoSpot:
-    """The spot in an image or array, (rows, columns) or (rows, columns, channels), 8 or 16 bit.
+    """The spot in an image or array, (rows, columns) or (rows, columns, channels: blue, green, red), 8 or 16 bit.
 
-    dark: a picture without the beam, or a Dark, whose hot pixels are not used. Raises BadValue for an array of another
-    form, or a dark picture of another size.
+    dark: a picture without the beam, or a Dark, whose hot pixels are not used. region: x, y, width and height of what
+    is looked at; mask: True where nothing is; channel: red, green, blue, grey or automatic; contrast: grey values of
+    the peak above its surroundings, at least (Selection). What is not given is as the image's camera has it. Places are
+    in pixels of the whole picture. Raises BadValue for an array of another form, a dark picture or a mask of another
+    size, a region that is not in the picture, a channel that is not known or that a grey picture has not.
     """
-    picture = grey(frame)
+    given = {"region": region, "mask": mask, "channel": channel, "contrast": contrast}
+    given = {name: value for name, value in given.items() if value is not None}
+    # a camera's image is in one channel already
+    selection = replace(getattr(frame, "selection", WHOLE), **{"channel": AUTOMATIC, **given})
+    array: Any = getattr(frame, "image", frame)
+    whole, _ = in_one_channel(array, selection)
+    if selection.is_whole and not selection.contrast:
+        return _found(grey(whole), None if dark is None else Dark.of(dark).hot_in(whole), None)
+    rows, columns, hidden = selection.part(whole.shape)
+    hot = None if dark is None else Dark.of(dark).hot_in(whole)[rows, columns]
+    found = _found(grey(np.ascontiguousarray(whole[rows, columns]), hidden), hot, hidden)
+    if hidden is not None:
+        found = _beside(hidden, found)
+    seen = found.detection and found.detection.moved(columns.start, rows.start)
+    if isinstance(found, NoSpot):
+        of_edge = found.reason in (NoSpotReason.EDGE, NoSpotReason.WIDE)
+        return NoSpot(_cut_by(selection, whole.shape, seen) or found.reason if of_edge else found.reason, seen)
+    if found.peak < selection.contrast:
+        return NoSpot(NoSpotReason.CONTRAST, seen)
+    return replace(found, x=found.x + columns.start, y=found.y + rows.start, detection=seen)
+
+
+def _beside(hidden: NDArray, found: Spot | NoSpot) -> Spot | NoSpot:
+    """What was found beside a mask: refused where it hides the beam; what it may hide of its rim is in the error."""
+    seen = found.detection
+    if found:
+        moved = hides(hidden, (found.x, found.y), found.covariance)
+        if moved is not None:
+            sigmas = math.hypot(found.sigma_x, moved[0]), math.hypot(found.sigma_y, moved[1])
+            return replace(found, sigma_x=sigmas[0], sigma_y=sigmas[1])
+    elif seen is None or not seen.blobs:
+        return found
+    else:  # a beam that is cut has no shape of a spot, and other such reasons
+        first = seen.blobs[0]
+        if hides(hidden, (first.x, first.y), first.start[1]) is not None:
+            return found
+    return NoSpot(NoSpotReason.MASK, seen)
+
+
+def _cut_by(selection: Selection, shape: tuple[int, ...], seen: blobs.Detection | None) -> NoSpotReason | None:
+    """What cuts a spot, if its nearest edge is not that of the picture."""
+    if selection.is_whole:
+        return None
+    if not seen or not seen.blobs:
+        return NoSpotReason.REGION if selection.region else NoSpotReason.MASK
+    rows, columns, _ = selection.part(shape)
+    whose = {"picture": None, "region": NoSpotReason.REGION, "mask": NoSpotReason.MASK}
+    blob = seen.blobs[0]
+    ways = (blob.y, blob.width_y, rows, 0), (blob.x, blob.width_x, columns, 1)
+    edges = [(abs(at - edge) / width, edge, axis) for at, width, part, axis in ways for edge in (part.start, part.stop)]
+    _, edge, axis = min(edges)
+    return whose[selection.edge_of(edge, shape, axis)]
+
+
+def _found(picture: Grey, hot: NDArray | None, hidden: NDArray | None) -> Spot | NoSpot:
+    """The spot in a grey picture. hot: pixels that are not used. hidden: those that a mask hides."""
     image = picture.image
     if picture.flat:
         return NoSpot(NoSpotReason.FLAT)
-    if dark is not None:
-        image = np.where(Dark.of(dark).hot_in(image), cv2.medianBlur(image, 5), image)
+    if hot is not None:
+        image = np.where(hot, cv2.medianBlur(image, 5), image)
     seen = blobs.detect(image)
     wide = blobs.wide(seen)
+    if hidden is not None:
+        seen = replace(seen, blobs=[blob for blob in seen.blobs if not _is_hidden(blob, hidden)])
+        wide = wide and (None if _is_hidden(wide, hidden) else wide)
     start = _start(seen, wide)
     if isinstance(start, NoSpotReason):
         return NoSpot(NoSpotReason.SATURATED if picture.saturated.mean() > 0.2 else start, seen)
@@ -165,6 +254,14 @@ def find_spot(
     if found is None:
         return NoSpot(NoSpotReason.SATURATED if picture.saturated.mean() > 0.05 else NoSpotReason.SHAPE, seen)
     return _judge(found, picture, seen)
+
+
+def _is_hidden(blob: blobs.Blob, hidden: NDArray) -> bool:
+    """Whether a bright place is one of what a mask was filled with."""
+    half_x, half_y = 1.5 * blob.width_x, 1.5 * blob.width_y
+    rows = slice(max(int(blob.y - half_y), 0), int(blob.y + half_y) + 2)
+    columns = slice(max(int(blob.x - half_x), 0), int(blob.x + half_x) + 2)
+    return float(hidden[rows, columns].mean()) > _HIDDEN
 
 
 def _start(seen: blobs.Detection, wide: blobs.Blob | None) -> tuple[NDArray, NDArray, float] | NoSpotReason:

@@ -25,6 +25,7 @@
       this.box = box;
       this.canvas = box.querySelector("canvas.picture");
       this.profile = box.querySelector("canvas.profile");
+      this.cuts = box.querySelector("canvas.cuts");
       this.image = null;
       this.seen = null;
       this.trail = [];
@@ -57,6 +58,8 @@
             this.image?.close();
             this.image = image;
             this.profiled = seen.profile ?? null;
+            this.cut = seen.cuts ?? [];
+            this.exposure = seen.exposure ?? "";
             after = seen.n;
           }
           this.take(seen);
@@ -90,6 +93,7 @@
       const at = age === null ? "" : ` The picture is ${age < 100 ? age.toFixed(old ? 0 : 1) : Math.round(age)} s old.`;
       this.line(".camera-trouble", trouble ? `${trouble}.${at}` : old && seen ? at : "");
       this.line(".camera-says", old ? "" : (seen?.says ?? ""));
+      this.line(".camera-exposure", old ? "" : (this.exposure ?? ""));
       this.line(".camera-off", old ? "" : (seen?.off ?? ""));
       this.line(".camera-doing", seen?.doing ?? "");
       const also = [seen?.also, seen?.note, age === null || old ? "" : `picture ${age.toFixed(1)} s old`];
@@ -137,6 +141,7 @@
       }
       if (seen.unit) this.bar(pen, seen.unit, scale, wide, canvas.height);
       if (this.profile) this.drawProfile();
+      if (this.cuts) this.drawCuts();
     }
 
     ring(pen, [x, y], [width, height], scale, dashes) {
@@ -173,22 +178,54 @@
       pen.fillRect(x, y - size / 5, long, size / 5);
     }
 
-    // One row through the spot, or through the brightest place: white; what it would have to exceed: orange.
-    drawProfile() {
-      const canvas = this.profile;
+    // An empty canvas as wide as its place on the page: its pen, width and height.
+    empty(canvas, ratio) {
       const wide = Math.round(canvas.clientWidth * (window.devicePixelRatio || 1));
-      const high = Math.round(wide / 4);
+      const high = Math.round(wide / ratio);
       if (canvas.width !== wide) [canvas.width, canvas.height] = [wide, high];
       const pen = canvas.getContext("2d");
-      const style = getComputedStyle(canvas);
-      pen.fillStyle = style.getPropertyValue("--screen");
+      pen.fillStyle = getComputedStyle(canvas).getPropertyValue("--screen");
       pen.fillRect(0, 0, wide, high);
+      pen.lineWidth = Math.max(1, wide / 420);
+      return [pen, wide, high];
+    }
+
+    // Along the longer axis of the beam, left, and the shorter one, right: white dots; Gaussians of the same size: a green line.
+    drawCuts() {
+      const [pen, wide, high] = this.empty(this.cuts, 3);
+      const size = Math.max(11, wide / 50);
+      pen.font = `${size}px system-ui`;
+      const half = wide / 2;
+      const most = Math.max(20, ...this.cut.flatMap((cut) => [...cut.light, ...cut.gaussian])) * 1.4;
+      const reach = Math.max(1, ...this.cut.map((cut) => 4.5 * cut.sigma)); // both in one scale
+      this.cut.forEach((cut, side) => {
+        const x = (at) => side * half + half / 2 + (at / reach) * (half / 2);
+        const y = (value) => (high - 1.6 * size) * (1 - value / most);
+        pen.strokeStyle = "#51cf66";
+        pen.beginPath();
+        cut.gaussian.forEach((value, i) => pen.lineTo(x(cut.at[i]), y(value)));
+        pen.stroke();
+        pen.fillStyle = "#fff";
+        const dot = 2.4 * pen.lineWidth;
+        cut.light.forEach((value, i) => pen.fillRect(x(cut.at[i]) - dot / 2, y(value) - dot / 2, dot, dot));
+        const name = side ? "shorter" : "longer";
+        pen.fillText(`${name} axis, at ${cut.angle}°`, side * half + size / 2, 1.3 * size);
+        pen.fillText(`−${Math.round(reach)} px`, side * half + size / 2, high - size / 3);
+        const end = `${Math.round(reach)} px`;
+        pen.fillText(end, (side + 1) * half - pen.measureText(end).width - size / 2, high - size / 3);
+        pen.fillStyle = "#51cf66";
+        pen.fillText(`Gaussian, D4-sigma ${(4 * cut.sigma).toFixed(1)} px`, side * half + size / 2, 2.6 * size);
+      });
+    }
+
+    // One row through the spot, or through the brightest place: white; what it would have to exceed: orange.
+    drawProfile() {
+      const [pen, wide, high] = this.empty(this.profile, 4);
       if (!this.profiled) return;
       const { light, threshold, row } = this.profiled;
       const most = Math.max(20, ...light, ...threshold) * 1.1;
       for (const [values, colour] of [[threshold, "#ffa94d"], [light, "#fff"]]) {
         pen.strokeStyle = colour;
-        pen.lineWidth = Math.max(1, wide / 420);
         pen.beginPath();
         values.forEach((value, i) => pen.lineTo((i / (values.length - 1)) * wide, high - (value / most) * high));
         pen.stroke();
