@@ -21,7 +21,8 @@ from mirrormount.transport.link import Link
 from mirrormount_sim.bench import Bench
 from mirrormount_sim.board import LockstepPort, Options, make_simulation
 from mirrormount_sim.demo import MEASURED_MRAD, closure, square, take_up_by_steps
-from mirrormount_sim.mechanics import COUNTS_A_REV, PROFILES
+from mirrormount_sim.mechanics import COUNTS_A_REV
+from mirrormount_sim.profiles import PROFILES
 
 PER_STEP = 280
 SUPPLIES = (0.8, 1.0, 1.2)

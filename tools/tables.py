@@ -1,7 +1,8 @@
 """Write the tables and lists that follow from declarations: .venv/bin/python tools/tables.py [--check]
 
 Errors and reasons (docs/errors.md), settings (docs/protocol.md, the attributes of an axis on the board and its
-properties on the host), boards (docs/versions.md), the grammar of a line (dialect/line.py of the firmware).
+properties on the host), boards (docs/versions.md), the profiles of virtual mounts (docs/mechanics.md), the grammar of
+a line (dialect/line.py of the firmware).
 --check changes nothing and fails if one of them differs.
 """
 
@@ -16,6 +17,7 @@ from mirrormount import errors
 from mirrormount.deploy.firmware import boards, firmware
 from mirrormount.device.settings import ENCODER, SETTINGS
 from mirrormount.errors import doc_texts, one_line
+from mirrormount_sim.profiles import PROFILES, facts
 from mountfw import codes
 from mountfw.board_file import FILE_OF
 from mountfw.wire.frame import PROBE
@@ -74,6 +76,15 @@ def _number(n: float) -> str:
     """A number with its thousands apart, and the minus sign of a text."""
     text = f"{n:,}".replace(",", " ")
     return "\N{MINUS SIGN}" + text[1:] if text.startswith("-") else text
+
+
+def profiles() -> Rows:
+    """What the profiles of virtual mounts differ by."""
+    yield "", *(f"`{name}`" for name in PROFILES), "source of `hardware`"
+    for name, what, source in facts():
+        values = [getattr(profile, name) for profile in PROFILES.values()]
+        cells = [("no", "yes")[v] if isinstance(v, bool) else f"{v:.3g}" for v in values]
+        yield f"`{name}`: {what}", *cells, source
 
 
 def attributes() -> Iterator[str]:
@@ -140,6 +151,7 @@ def transitions() -> Iterator[str]:
 Maker = Callable[[], Rows] | Callable[[], Iterator[str]]
 WRITTEN: dict[str, tuple[Maker, ...]] = {
     "docs/errors.md": (board_errors, reasons, host_errors),
+    "docs/mechanics.md": (profiles,),
     "docs/protocol.md": (settings,),
     "docs/versions.md": (board_files,),
     "firmware_py/mountfw/dialect/line.py": (classes, transitions),

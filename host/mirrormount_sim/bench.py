@@ -13,11 +13,12 @@ bench must not learn from the firmware what the firmware should have driven.
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from mirrormount_sim.mechanics import SMOOTH, SWITCH_REV, Drivetrain, Encoder, Profile
+from mirrormount_sim.mechanics import Drivetrain, Encoder, Pwm, copied, mirror_angles
+from mirrormount_sim.profiles import SMOOTH, SWITCH_REV, Profile
 
 DRIVES = {
     2: "m1_en",
@@ -62,8 +63,9 @@ STEP_Y_MRAD = 0.47  # the paper, section III
 BACKLASH_X_MRAD = 0.64  # the paper, section III
 BACKLASH_Y_MRAD = 0.70  # the paper, section III
 
-# The rest is not in the paper; mechanics.py has the motors' and the screws'.
+# The rest is not in the paper; profiles.py has the motors' and the screws'.
 INCIDENCE = math.radians(45)  # a folding mirror
+# Equal levers would give steps in y of 0.71 of those in x, and the paper has 1.09: docs/mechanics.md, doubtful.
 LEVER_X_MM = 34.524  # screw to pivot, as seen by the yaw; fitted to STEP_X_MRAD
 LEVER_Y_MM = 22.341  # as seen by the pitch; fitted to STEP_Y_MRAD
 HAND_REV, HAND_S = 0.05, 0.5  # how far and how long a hand turns a knob; assumed
@@ -113,6 +115,7 @@ class Bench:
         self.has_switches = switches
         self.broken: set[str] = set()  # switch wires that are cut; set from outside
         self._duty = dict.fromkeys(self.wires.values(), 0.0)
+        self._hz = dict.fromkeys(self.wires.values(), 0)
         self.two_pwm = two_pwm
         self.us = 0  # the time up to which everything has moved
         self.encoders: dict[str, Encoder] = {}
@@ -127,21 +130,30 @@ class Bench:
         self._rests: dict[str, tuple[int, dict[str, float]]] = {}  # which may still turn out to be a pause
         self._off_us: dict[str, int] = {}  # when each drive ended
 
-    def edge(self, t_us: int, pin: str, duty: int) -> None:
-        """Pin `pin` has the duty 0 ... 65535 from t_us on."""
+    def edge(self, t_us: int, pin: str, duty: int, hz: int = 0) -> None:
+        """Pin `pin` has the duty 0 ... 65535 from t_us on, by a PWM of so many Hz (0: not known)."""
         self.advance(t_us)
         motor = pin[:2]
         before = self.drive(motor)
         self._duty[pin] = duty / 65535
+        self._hz[pin] = hz
         after = self.drive(motor)
+        self.trains[motor].pwm = self.pwm(motor)
         if before is None and after is not None:
-            self.trains[motor].begin(after, self._noise)
+            self._begin(motor, after)
         if after != before and motor in self.encoders:
             self.encoders[motor].cut(self.us)
         if after and not before:
             self._resume(motor)
         elif before and not after:
             self._off_us[motor] = self.us
+
+    def _begin(self, motor: str, drive: float) -> None:
+        """A motor starts: what it draws, the others lack, and it lacks what they draw."""
+        others = [train for name, train in self.trains.items() if name != motor and self.drive(name)]
+        self.trains[motor].begin(drive, self._noise, sum(train.current for train in others))
+        for train in others:
+            train.lacking += self.profile.sag
 
     def duties(self) -> dict[str, float]:
         """Duty of every drive pin, 0 ... 1."""
@@ -153,6 +165,20 @@ class Bench:
         if self.two_pwm:
             return pos - neg if pos or neg else None
         return (pos - neg) * enable if enable else None
+
+    def pwm(self, motor: str) -> Pwm:
+        """How the bridge makes the duty of a motor, by the pin that has one: an enable in its pauses opens the bridge.
+
+        So does a leg of a DRV8833 beside one that is low. A leg beside one that is high, or of an SN754410 that stays
+        enabled, short-circuits the motor.
+        """
+        pins = [f"{motor}_{leg}" for leg in ("en", "pos", "neg")]
+        parts = [pin for pin in pins if 0 < self._duty[pin] < 1]
+        if not parts:
+            return Pwm()
+        enable, *legs = pins
+        fast = all(self._duty[leg] < 1 for leg in legs) if self.two_pwm else enable in parts
+        return Pwm(self._hz[parts[0]], not fast)
 
     def advance(self, t_us: int) -> None:
         """Let everything move on to t_us."""
@@ -239,8 +265,7 @@ class Bench:
     def mirrors_rad(self, t_us: int | None = None) -> list[tuple[float, float]]:
         """Yaw and pitch of each mirror in radians: now, or at t_us if no pin changes until then."""
         trains = list(self.trains.values()) if t_us is None else self._ahead(max(0, t_us - self.us))
-        angles = [train.mirror_rad for train in trains]
-        return list(zip(angles[1::2], angles[::2], strict=True))
+        return [mirror_angles(yaw, pitch) for pitch, yaw in zip(trains[::2], trains[1::2], strict=True)]
 
     def spot_mm(self) -> tuple[float, float]:
         """The spot on the screen: (right, up) of where it is with both screws at zero, in mm.
@@ -250,7 +275,7 @@ class Bench:
         """
         s, c = math.sin(INCIDENCE), math.cos(INCIDENCE)
         beam = np.array([s, 0.0, -c])  # comes in at INCIDENCE to the normal, which is z
-        yaw, pitch = self.horizontal.mirror_rad, self.vertical.mirror_rad
+        yaw, pitch = mirror_angles(self.horizontal, self.vertical)
         normal = np.array([math.sin(yaw) * math.cos(pitch), math.sin(pitch), math.cos(yaw) * math.cos(pitch)])
         ray = beam - 2 * (beam @ normal) * normal
         ahead, right, up = np.array([s, 0, c]), np.array([c, 0, -s]), np.array([0, 1, 0])
@@ -288,7 +313,7 @@ class Bench:
         """Copies of the actuators, us microseconds from now if no pin changes until then."""
         copies = []
         for motor, train in self.trains.items():
-            copies.append(replace(train))
+            copies.append(copied(train))
             copies[-1].advance(us * 1e-6, self.drive(motor))
         return copies
 

@@ -3,8 +3,8 @@
 virtual://                      in real time, as a real board would behave
 virtual://?speed=max            in lockstep with the caller: fast, exact, the same every time
 …&machine=cpython|micropython|rp2040|circuitpython  &bench=paper|switches  &board=pico|pico_drv8833
-…&profile=smooth|rough  &seed=N  &supply=VOLTAGE, of the nominal one  &axes=2|4
-…&encoder=motor|shaft  &fault=NAME[@SECONDS],…  &truth=FILE
+…&profile=smooth|rough|hardware  &seed=N  &supply=VOLTAGE, of the nominal one  &axes=2|4
+…&encoder=motor|shaft  &fault=NAME[@SECONDS],…  &truth=FILE  &emi=0|1 (1: motors that start disturb the USB cable)
 …&edges=FILE  &files=FOLDER  &image=FILE  &flash=FILE
 """
 
@@ -28,9 +28,10 @@ from mirrormount_sim.bench import Bench, Order
 from mirrormount_sim.clocks import Lockstep, serve
 from mirrormount_sim.emulator import is_circuitpython
 from mirrormount_sim.machines import THIS, board_text, firmware_with, new_files
-from mirrormount_sim.mechanics import FAULTS, KINDS, OF_WIRES, PROFILES, SMOOTH, Profile
+from mirrormount_sim.mechanics import FAULTS, KINDS, OF_WIRES
 from mirrormount_sim.ports import PairPort
-from mirrormount_sim.simulation import START_US, BoardGone, Simulation
+from mirrormount_sim.profiles import PROFILES, SMOOTH, Profile
+from mirrormount_sim.simulation import START_US, BoardGone, Interference, Simulation
 from mirrormount_sim.truth import Truth
 
 BENCHES = ("paper", "switches")
@@ -54,8 +55,8 @@ class Options:
     (False: all of the flash is as fast as RAM) are the rp2040 machine's. firmware: the folder that holds `mountfw`
     (cpython, circuitpython; default: the installed one). axes: 2, or 4 on the cpython machine. unit: gives a board of
     that machine a unique id of its own. encoder: a kind of mechanics.KINDS on motors 1 and 2; orders: its faults;
-    truth: a file that gets the screws' turns at each end of a motion. A folder of files that has something in it keeps
-    its board file."""
+    truth: a file that gets the screws' turns at each end of a motion. emi: motors that start disturb the USB cable. A
+    folder of files that has something in it keeps its board file."""
 
     machine: str = "cpython"
     bench: str = "paper"
@@ -73,6 +74,7 @@ class Options:
     flash: Path | None = None
     flash_cache: bool = True
     firmware: Path | None = None
+    emi: bool = False
 
     def check(self) -> None:
         """Raises BadAddress for an unknown machine, bench or board, and for what does not go together."""
@@ -193,7 +195,16 @@ def make_simulation(options: Options | None = None, bench: Bench | None = None) 
         orders=[replace(order, us=START_US + order.us) for order in options.orders],
     )
     emulated = options.machine == "rp2040"
-    simulation = Simulation(command, bench, edges=file, truth=truth, scratch=scratch, start_us=start_us, quiet=emulated)
+    simulation = Simulation(
+        command,
+        bench,
+        edges=file,
+        truth=truth,
+        scratch=scratch,
+        start_us=start_us,
+        quiet=emulated,
+        interference=Interference(options.seed) if options.emi else None,
+    )
     try:
         if emulated:  # a real image starts slowly: in lockstep, not in real time
             board = Lockstep(simulation)
@@ -255,13 +266,13 @@ def open_virtual(url: str) -> "RealtimePort | LockstepPort":
     profile = profile_named(given.pop("profile", SMOOTH.name), given.pop("supply", None))
     seed, axes = seed_of(given.pop("seed", "1")), given.pop("axes", "2")
     encoder = given.pop("encoder", None)
-    orders = orders_of(given.pop("fault", ""))
-    if given or speed not in ("1", "max") or axes not in ("2", "4"):
+    orders, emi = orders_of(given.pop("fault", "")), given.pop("emi", "0")
+    if given or speed not in ("1", "max") or axes not in ("2", "4") or emi not in ("0", "1"):
         raise BadAddress(
             f"{printable(url)}: options are speed=1|max, machine=, bench=, board=, profile=, seed=NUMBER, supply=,"
-            " axes=2|4, encoder=motor|shaft, fault=, truth=, edges=, files=, image=, flash="
+            " axes=2|4, encoder=motor|shaft, fault=, truth=, edges=, files=, image=, flash=, emi=0|1"
         )
-    options = Options(seed=seed, profile=profile, axes=int(axes), encoder=encoder, orders=orders)
+    options = Options(seed=seed, profile=profile, axes=int(axes), encoder=encoder, orders=orders, emi=emi == "1")
     simulation = make_simulation(replace(options, **texts, **paths))
     try:
         return LockstepPort(simulation) if speed == "max" else RealtimePort(simulation)
@@ -332,6 +343,7 @@ class LockstepPort:
         self.simulation = simulation
         self._lockstep = board or Lockstep(simulation)
         self._run = run or self._lockstep.run
+        self._gone = False
 
     def monotonic(self) -> float:
         """Seconds of the board's time."""
@@ -344,6 +356,7 @@ class LockstepPort:
     def read(self, timeout_s: float) -> bytes:
         """Bytes that are there, or come within timeout_s of the board's time; may be none."""
         received = self._lockstep.received
+        self._check_there()
         self._pass(timeout_s, lambda: bool(received))
         data = bytes(received)
         received.clear()
@@ -351,7 +364,14 @@ class LockstepPort:
 
     def write(self, data: bytes) -> None:
         """Send bytes."""
+        self._check_there()
         self._lockstep.send(data)
+
+    def _check_there(self) -> None:
+        """Raises ConnectionLost once interference has taken the port away."""
+        self._gone = self._gone or self.simulation.disturbed
+        if self._gone:
+            raise ConnectionLost("the virtual board's port has gone")
 
     def close(self) -> None:
         """Power off."""

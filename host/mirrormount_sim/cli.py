@@ -50,6 +50,7 @@ def virtual_arguments(parser: argparse.ArgumentParser) -> None:
         help="of both encoders (m1:NAME: of one), S seconds after power-up:"
         " lost, swapped, broken, noise, hand (turns the knob), jammed",
     )
+    parser.add_argument("--emi", action="store_true", help="a motor that starts disturbs the USB cable")
     parser.add_argument(
         "--truth", type=Path, metavar="FILE", help="write the screws' true turns to FILE at each end of a motion"
     )
@@ -59,7 +60,7 @@ def run_virtual(args: argparse.Namespace) -> None:
     """Serve the board until a signal ends it. Raises BadAddress, BadValue, MountError."""
     from mirrormount_sim.board import Options, make_simulation, orders_of, profile_named, seed_of
     from mirrormount_sim.clocks import Lockstep, serve
-    from mirrormount_sim.mechanics import SMOOTH
+    from mirrormount_sim.profiles import SMOOTH
     from mirrormount_sim.simulation import BoardGone
 
     signal.signal(signal.SIGTERM, _end)
@@ -70,7 +71,7 @@ def run_virtual(args: argparse.Namespace) -> None:
             raise BadAddress(f"--{name} needs a file's name")
     ports = _ports(args)
     try:
-        names = ("machine", "bench", "board", "edges", "files", "image", "flash", "encoder", "truth")
+        names = ("machine", "bench", "board", "edges", "files", "image", "flash", "encoder", "truth", "emi")
         given = {name: getattr(args, name) for name in names}
         profile = profile_named(args.profile or SMOOTH.name, args.supply)
         mechanics = {"profile": profile, "seed": seed_of(args.seed or "1"), "orders": orders_of(args.fault)}

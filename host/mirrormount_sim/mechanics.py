@@ -1,11 +1,10 @@
-"""The mechanics of a virtual mount: its profile, the actuators, and the encoders on them.
+"""The mechanics of a virtual mount: the motor at its bridge, the actuators, and the encoders on them.
 
-`smooth` is kind and gives the paper's figures; `rough` is a mount of hobby parts. Every number of `rough` is assumed: a
-trial on paper-size models found its results insensitive to them. docs/virtual-board.md has both in one table.
-
+profiles.py has what differs between mounts: `smooth`, `rough` and `hardware` are the same equations with other numbers.
 The gap is the play of the gears and that of the coupler; the gearbox's output shaft is between the two.
 The motion between two changes of the drive is solved in closed form, so there is no time step to choose.
-Units: seconds; revolutions of the gearbox's output shaft, also for the motor in front of it.
+Units: seconds; revolutions of the gearbox's output shaft, also for the motor in front of it. Voltages, currents and
+torques of the motor are shares of those at full duty and nominal supply with the rotor stalled.
 
 Encoders tell the board each change at its true microsecond.
 motor: a magnetic disc with two Hall sensors on the motor's rear shaft, before the gears, wires A and B in quadrature.
@@ -21,65 +20,47 @@ from typing import NamedTuple
 
 import numpy as np
 
-# ---- the profile of a mount
-
-
-@dataclass(frozen=True)
-class Profile:
-    """What differs between kind and real mechanics. Fractions are of 1, times in seconds."""
-
-    name: str
-    pulse_noise: float  # relative spread of the speed from pulse to pulse, one standard deviation
-    short_noise: float = 0.0  # further spread of a pulse of length 0 ...
-    short_s: float = 0.02  # ... which fades with the pulse's length T as exp(-T / short_s)
-    breakaway_s: float = 0.0  # from the begin of a drive at rest to the first motion: mean ...
-    breakaway_spread_s: float = 0.0  # ... and standard deviation
-    negative_slower: float = 0.0  # how much slower the negative direction is
-    periodic: float = 0.0  # amplitude of the mirror's speed over one turn of the screw
-    gap_spread: float = 0.0  # relative spread of the gap from reversal to reversal
-    loose_start: bool = False  # the shaft starts anywhere in the gap, not in its middle
-    creep: float = 0.0  # share of a motion that comes later ...
-    creep_s: float = 1.0  # ... with this time constant
-    supply: float = 1.0  # the motors' voltage, of the nominal one: the speed is proportional to it
-
-    def warped(self, screw_rev: float, phase_rad: float) -> float:
-        """The turn, in revolutions, to which the mirror has followed a screw with a periodic error."""
-        if not self.periodic:
-            return screw_rev
-        turn = 2 * math.pi
-        wave = math.sin(turn * screw_rev + phase_rad) - math.sin(phase_rad)
-        return screw_rev + self.periodic / turn * wave
-
-
-SMOOTH = Profile("smooth", pulse_noise=0.005)  # assumed
-ROUGH = Profile(
-    "rough",
-    pulse_noise=0.05,
-    short_noise=0.25,
-    breakaway_s=3e-3,
-    breakaway_spread_s=1.5e-3,
-    negative_slower=0.15,
-    periodic=0.10,
-    gap_spread=0.03,
-    loose_start=True,
-    creep=0.01,
-    creep_s=15.0,
+from mirrormount_sim.profiles import (
+    DETENTS_REV,
+    GAP_REV,
+    GEAR_SHARE,
+    GEARS,
+    PITCH_MM,
+    SMOOTH,
+    SWITCH_REV,
+    TRAVEL_REV,
+    Profile,
 )
-PROFILES = {profile.name: profile for profile in (SMOOTH, ROUGH)}
 
-
-# The paper gives none of these. A profile has what differs between mounts.
-SPEED_REV_S = 0.125  # a 1000:1 gearmotor of 14 rpm at 6 V, with what the bridge leaves of 5 V
-SPIN_UP_S = 0.02  # time constant of a motor under drive; assumed
-COAST_S = 0.02  # time constant of viscous friction without drive; assumed
-COAST_REV_S2 = 5.0  # deceleration by dry friction without drive; assumed
-PITCH_MM = 25.4 / 80  # a fine adjustment screw of 80 threads an inch; assumed
-GAP_REV = 0.03481  # play between shaft and screw: fitted, with the levers of bench.py, to step and backlash
-GEAR_SHARE = 0.4  # of that gap is in the gears, 5 degrees; the rest is in the coupler; assumed
-TRAVEL_REV = 12.0  # hard ends of the screw either way; assumed
-SWITCH_REV = 1.5  # where the optional switches sit, either way; about 64 steps
 _TOUCHES = 1e-9  # of half a gap: rounding, by which a shaft in contact may seem to be apart
 _MOST_SIGMA = 3.0  # of a pulse's scatter: a pulse of normal length never turns the shaft backwards
+_KICK_S = 3e-3  # a pulse that is longer lifts the rotor over half a detent before it ends (at full torque: 3 to 4 ms)
+
+
+# ---- the motor at its bridge
+
+
+class Pwm(NamedTuple):
+    """How the bridge makes a duty: slow decay short-circuits the motor in the pauses, fast decay opens the bridge."""
+
+    hz: int = 0
+    slow: bool = True
+
+
+def mean_current(duty: float, emf: float, pwm: Pwm, electrical_s: float) -> float:
+    """The motor's mean current over a period of the PWM, for an emf that is the same share of the full voltage.
+
+    Slow decay, a full duty, or a motor without inductance: duty less emf. Fast decay: the diodes return the current to
+    the supply, against its voltage, until there is none left; that costs torque the more, the shorter the period is
+    beside electrical_s.
+    """
+    if pwm.slow or not pwm.hz or not electrical_s or duty >= 1:
+        return duty - emf
+    period = 1 / (pwm.hz * electrical_s)
+    on = duty * period
+    reached = (1 - emf) * -math.expm1(-on)
+    falls = min(period - on, math.log1p(max(0.0, reached) / (1 + emf)))
+    return ((1 - emf) * on - (1 + emf) * falls) / period
 
 
 # ---- the actuator
@@ -92,16 +73,23 @@ class Drivetrain:
     lever_mm: float
     gap_rev: float = GAP_REV
     pitch_mm: float = PITCH_MM
-    speed_rev_s: float = SPEED_REV_S
     noise: float = SMOOTH.pulse_noise  # relative spread of the speed from pulse to pulse
     travel_rev: float = TRAVEL_REV
     profile: Profile = SMOOTH
     phase_rad: float = 0.0  # of the periodic error, with the screw at 0
+    gap_phase_rad: float = 0.0  # of the gap's wave
+    chance: int = 0  # by which the places where the tip slips differ from train to train
     shaft_rev: float = 0.0
     screw_rev: float = 0.0
     rev_s: float = 0.0
+    pwm: Pwm = field(default=Pwm(), repr=False)  # of the drive that there is
     pull: float = field(default=1.0, repr=False)  # this pulse's share of the noise
+    friction: float = field(default=0.0, repr=False)  # this pulse's, a share of the stalled torque
+    lacking: float = field(default=0.0, repr=False)  # the voltage that motors which started at once take from this one
     late_rev: float = field(default=0.0, repr=False)  # the screw's turn that creep has followed
+    tip_rev: float = field(default=0.0, repr=False)  # the screw's turn that its sticking tip has followed
+    slips: int = field(default=0, repr=False)  # of the tip so far
+    twist_rad: float = field(default=0.0, repr=False)  # of the motors' plate, while this motor drives
     held_s: float = field(default=0.0, repr=False)  # until this pulse breaks the motor away
     pulse_s: float = field(default=0.0, repr=False)  # this pulse's drive so far
     meant_rev: float = field(default=0.0, repr=False)  # this pulse's turn so far, without the scatter of short pulses
@@ -114,6 +102,13 @@ class Drivetrain:
     hand_s: float = field(default=0.0, repr=False)  # ... for so long still
     jammed: bool = field(default=False, repr=False)  # the screw does not turn: a motor that drives it stalls
 
+    def __post_init__(self) -> None:
+        profile = self.profile
+        self.friction = profile.friction_v / profile.volts
+        self._cogging = profile.cogging_v / profile.volts
+        self.speed_rev_s = profile.speed_rev_s
+        self._ideal_rev_s = profile.speed_rev_s / (1 - self.friction)  # without friction
+
     @classmethod
     def new(cls, lever_mm: float, profile: Profile, noise: np.random.Generator) -> "Drivetrain":
         """A drivetrain whose places nobody knows, where the profile says so, are drawn from noise."""
@@ -123,10 +118,14 @@ class Drivetrain:
         if profile.loose_start:
             train.shaft_rev = train.gap_rev * float(noise.uniform(-0.5, 0.5))
             train.output_rev = train.shaft_rev * (1 - GEAR_SHARE)
+        if profile.gap_wave:
+            train.gap_phase_rad = float(noise.uniform(0, 2 * math.pi))
+        if profile.stick_um:
+            train.chance = int(noise.integers(1 << 62))
         return train
 
-    def begin(self, drive: float, noise: np.random.Generator) -> None:
-        """A drive begins: draw what differs from pulse to pulse."""
+    def begin(self, drive: float, noise: np.random.Generator, others: float = 0.0) -> None:
+        """A drive begins: draw what differs from pulse to pulse. others: the current that other motors draw now."""
         z = float(noise.standard_normal())
         profile = self.profile
         if profile.short_noise:
@@ -137,8 +136,21 @@ class Drivetrain:
         if profile.breakaway_s:
             held = abs(profile.breakaway_s + profile.breakaway_spread_s * float(noise.standard_normal()))
             self.held_s = held if not self.rev_s else 0.0
-        if profile.gap_spread:
-            self._new_contact(drive, math.sqrt(2) * profile.gap_spread * float(noise.standard_normal()))
+        if profile.friction_spread:
+            z = min(max(float(noise.standard_normal()), -_MOST_SIGMA), _MOST_SIGMA)
+            self.friction = profile.friction_v / profile.volts * (1 + profile.friction_spread * z)
+        self.lacking = profile.sag * others
+        if profile.gap_spread or profile.gap_wave:
+            deviation = math.sqrt(2) * profile.gap_spread * float(noise.standard_normal())
+            self._new_contact(drive, deviation + profile.gap_wave * self._wave())
+
+    def _wave(self) -> float:
+        return math.sin(2 * math.pi * self.screw_rev + self.gap_phase_rad)
+
+    @property
+    def current(self) -> float:
+        """What a motor at full duty draws at this speed."""
+        return max(0.0, 1 - abs(self.rev_s) / self._ideal_rev_s)
 
     def _new_contact(self, drive: float, deviation: float) -> None:
         """Where the shaft will meet the screw, unless it does already. Each gap has two such contacts."""
@@ -160,41 +172,101 @@ class Drivetrain:
             self.pulse_s += held
             dt -= held
         if drive is not None:
-            target = drive * self.speed_rev_s * self.pull * self.profile.supply
-            if drive < 0:
-                target *= 1 - self.profile.negative_slower
-            if self.rev_s * (target - self.rev_s) < 0 and self.rev_s * target <= 0:
-                # it turns round (or comes to rest) on the way: the gap must see the farthest point
-                turn = SPIN_UP_S * math.log((self.rev_s - target) / -target) if target else math.inf
-                if turn < dt:
-                    self._driven(turn, target)
-                    self.rev_s = 0.0
-                    dt -= turn
-            self._driven(dt, target)
+            self._under_drive(dt, drive)
         elif self.rev_s:
             self._coasting(dt)
+        self.twist_rad = math.copysign(self.profile.twist_urad * 1e-6, drive) if drive else 0.0
+        self._slip()
         if self.profile.creep:
             # exact for a screw at rest; in a motion, which is short beside creep_s, its mean place counts
             mean = (screw + self.screw_rev) / 2
             self.late_rev = mean + (self.late_rev - mean) * math.exp(-whole / self.profile.creep_s)
 
-    def _driven(self, dt: float, target: float) -> None:
-        fade = math.exp(-dt / SPIN_UP_S)
+    def _under_drive(self, dt: float, drive: float) -> None:
+        while dt > 0 and (self.rev_s or self._starts(drive)):
+            way = 1.0 if (self.rev_s or drive) > 0 else -1.0
+            target, time_s = self._steady(drive, way)
+            after = math.inf
+            if self.rev_s and way * target < 0:
+                # it comes to rest on the way, and may turn round: the gap must see the farthest point
+                after = time_s * math.log((self.rev_s - target) / -target)
+            self._driven(min(dt, after), target, time_s)
+            if after <= dt:
+                self.rev_s = 0.0
+                self._rest()
+            dt -= after
+
+    def _starts(self, drive: float) -> bool:
+        """True if the motor starts from rest: a period of the PWM that is short for the rotor counts by its mean."""
+        duty = abs(drive)
+        kicks = self.pwm.hz and duty / self.pwm.hz > _KICK_S
+        torque = 1.0 if kicks else mean_current(duty, 0.0, self.pwm, self.profile.electrical_s)
+        return bool(drive) and torque * self.profile.supply > self.friction + self._cogging
+
+    def _steady(self, drive: float, way: float) -> tuple[float, float]:
+        """The speed that a motor comes to which turns that way, and its time constant.
+
+        The line of torque over speed goes through the torque at rest, and the speed at which friction takes it all.
+        """
+        profile, duty = self.profile, drive * way
+        linear = duty * profile.supply - self.friction
+        stalled = linear
+        if duty > 0:
+            stalled = profile.supply * mean_current(duty, 0.0, self.pwm, profile.electrical_s) - self.friction
+        share = self._balanced(duty) if 0 < stalled != linear else stalled
+        target = way * share * self._ideal_rev_s * self.pull
+        if drive < 0:
+            target *= 1 - profile.negative_slower
+        return target, profile.spin_up_s * (share / stalled if stalled > 0 else 1.0)
+
+    def _balanced(self, duty: float) -> float:
+        """The emf at which the current's torque is the friction, by bisection."""
+        supply, low, high = self.profile.supply, 0.0, self.profile.supply
+        for _ in range(30):
+            emf = (low + high) / 2
+            torque = supply * mean_current(duty, emf / supply, self.pwm, self.profile.electrical_s)
+            low, high = (emf, high) if torque > self.friction else (low, emf)
+        return low
+
+    def _driven(self, dt: float, target: float, time_s: float) -> None:
+        ratio = dt / time_s
+        fade = math.exp(-ratio)
         excess = self.rev_s - target
-        self.rev_s = target + excess * fade
+        lacking = self.lacking * target
+        self.rev_s = target + (excess - lacking * ratio) * fade
+        self.lacking *= fade
         self.pulse_s += dt
-        self._turn(target * dt + excess * SPIN_UP_S * (1 - fade))
+        self.turn(target * dt + excess * time_s * (1 - fade) - lacking * time_s * (1 - fade * (1 + ratio)))
 
     def _coasting(self, dt: float) -> None:
         way, speed = math.copysign(1.0, self.rev_s), abs(self.rev_s)
-        floor = COAST_REV_S2 * COAST_S
+        viscous_s = self.profile.coast_s
+        floor = self._braking * viscous_s
         rest = self.coast_s
         t = min(dt, rest)
-        fade = math.exp(-t / COAST_S)
+        fade = math.exp(-t / viscous_s)
         self.rev_s = 0.0 if t == rest else way * ((speed + floor) * fade - floor)
-        self._turn(way * ((speed + floor) * COAST_S * (1 - fade) - floor * t))
+        self.turn(way * ((speed + floor) * viscous_s * (1 - fade) - floor * t))
+        if not self.rev_s:
+            self._rest()
 
-    def _turn(self, rev: float) -> None:
+    @property
+    def _braking(self) -> float:
+        """What dry friction takes from the speed in a second."""
+        return self.profile.coast_rev_s2 + self.friction * self._ideal_rev_s / self.profile.spin_up_s
+
+    def _rest(self) -> None:
+        """The rotor has come to rest: its magnets pull it towards a detent, as far as they overcome the friction."""
+        if self._cogging <= self.friction:
+            return
+        place = self.shaft_rev * DETENTS_REV
+        off = place - round(place)
+        held = math.asin(self.friction / self._cogging) / (2 * math.pi)
+        if abs(off) > held:
+            self.turn((math.copysign(held, off) - off) / DETENTS_REV)
+
+    def turn(self, rev: float) -> None:
+        """The motor has turned so far."""
         if self.short:
             # a pulse as a whole is scattered by its length: its turn so far is the function of its length so far
             self.meant_rev += rev
@@ -209,7 +281,19 @@ class Drivetrain:
         if screw != self.screw_rev:
             self.shaft_rev = self.screw_rev + (half * self.ahead if screw > self.screw_rev else -half * self.behind)
             self.rev_s = 0.0
+        self._slip()
         self._follow()
+
+    def _slip(self) -> None:
+        """The screw's tip sticks to the mirror's plate until it lags by a threshold, and then follows at once."""
+        if not self.profile.stick_um:
+            self.tip_rev = self.screw_rev
+            return
+        # A function of the number of slips, so that a copy of a train slips where the train itself will.
+        most = 2 * self.profile.stick_um * 1e-3 / self.pitch_mm / 2**64
+        while abs(lag := self.screw_rev - self.tip_rev) > (threshold := most * _scrambled(self.chance + self.slips)):
+            self.tip_rev += math.copysign(threshold, lag)
+            self.slips += 1
 
     def _follow(self) -> None:
         """The output shaft stays within the gears' play of the motor and within the coupler's of the screw."""
@@ -234,7 +318,8 @@ class Drivetrain:
     @property
     def coast_s(self) -> float:
         """How long it turns on without a drive."""
-        return COAST_S * math.log(1 + abs(self.rev_s) / (COAST_REV_S2 * COAST_S))
+        viscous_s = self.profile.coast_s
+        return viscous_s * math.log(1 + abs(self.rev_s) / (self._braking * viscous_s))
 
     def is_still(self, drive: float | None) -> bool:
         """True if nothing moves, as long as the drive is this one."""
@@ -243,17 +328,37 @@ class Drivetrain:
     def far_from_switch(self, us: int) -> bool:
         """True if no switch can be reached within us microseconds, however it is driven."""
         fastest = 1.1 + _MOST_SIGMA * (self.noise + self.profile.short_noise)
-        reach = fastest * max(1.0, self.profile.supply) * self.speed_rev_s * us * 1e-6
+        reach = fastest * max(1.0, self.profile.supply) * self._ideal_rev_s * us * 1e-6
         return abs(abs(self.screw_rev) - SWITCH_REV) > reach
 
     @property
     def mirror_rad(self) -> float:
         """The angle by which the screw has turned the mirror, in radians."""
-        screw = self.screw_rev - self.profile.creep * (self.screw_rev - self.late_rev)
-        return self.profile.warped(screw, self.phase_rad) * self.pitch_mm / self.lever_mm
+        profile = self.profile
+        tip = self.tip_rev if profile.stick_um else self.screw_rev
+        rev = tip - profile.creep * (tip - self.late_rev)
+        if profile.periodic:
+            turn = 2 * math.pi
+            rev += profile.periodic / turn * (math.sin(turn * rev + self.phase_rad) - math.sin(self.phase_rad))
+        return rev * self.pitch_mm / self.lever_mm + self.twist_rad
 
 
-GEARS = 986.41  # of the paper's motor, Pololu #1595
+def mirror_angles(yaw: Drivetrain, pitch: Drivetrain) -> tuple[float, float]:
+    """Yaw and pitch of a mirror that two actuators turn, in radians: each has a part of the other's."""
+    x, y, cross = yaw.mirror_rad, pitch.mirror_rad, yaw.profile.cross
+    return x + cross * y, y + cross * x
+
+
+def _scrambled(n: int) -> int:
+    """64 bits that look random (the finalizer of splitmix64; Steele, Lea, Flood, OOPSLA 2014)."""
+    n = (n * 0x9E3779B97F4A7C15) & 0xFFFFFFFFFFFFFFFF
+    n = ((n ^ n >> 30) * 0xBF58476D1CE4E5B9) & 0xFFFFFFFFFFFFFFFF
+    n = ((n ^ n >> 27) * 0x94D049BB133111EB) & 0xFFFFFFFFFFFFFFFF
+    return n ^ n >> 31
+
+
+# ---- encoders
+
 EDGES_A_TURN = 12  # of its rear shaft: a disc of six poles, two sensors
 COUNTS_A_REV = {"motor": GEARS * EDGES_A_TURN, "shaft": 4096.0}
 KINDS = tuple(COUNTS_A_REV)
@@ -331,7 +436,7 @@ class Encoder:
 
     def extend(self, until_us: int, drive: float | None) -> None:
         """Find the changes up to a time, with the drive that there is."""
-        lead = self._lead or _copy(self._train)
+        lead = self._lead or copied(self._train)
         count = self.count(lead)
         if count != self._changes[-1].counts:  # a cut fell on the very microsecond of a change
             self._add(self._us, count)
@@ -398,7 +503,7 @@ def _time(change: Change) -> int:
     return change.us
 
 
-def _copy(train: Drivetrain) -> Drivetrain:
+def copied(train: Drivetrain) -> Drivetrain:
     """The same state; dataclasses.replace() would take four times as long."""
     copy = object.__new__(Drivetrain)
     copy.__dict__.update(train.__dict__)
@@ -406,7 +511,7 @@ def _copy(train: Drivetrain) -> Drivetrain:
 
 
 def _after(train: Drivetrain, us: float, drive: float | None) -> Drivetrain:
-    copy = _copy(train)
+    copy = copied(train)
     copy.advance(us * 1e-6, drive)
     return copy
 

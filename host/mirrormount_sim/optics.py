@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrormount_sim.beams import GAUSSIAN, GOOD, Beam, Defects, Window, expose, patch, window_light
+from mirrormount_sim.profiles import DAY_S
 
 SPOT_MM = 2.0  # radius of the spot (one standard deviation); assumed
 _NOISE = 2.0  # read noise, grey levels; assumed
@@ -276,7 +277,7 @@ GRID_S = 0.01  # the walk's step; a jitter stays as long
 _MOST = 100_000  # steps drawn at once
 
 
-# ---- the drift of the laser
+# ---- the drift of the laser and of the mirrors
 
 
 class Drift:
@@ -303,3 +304,16 @@ class Drift:
             self._steps += len(drawn)
             missing -= len(drawn)
         return float(self._walk[0] + self._jitter[0]), float(self._walk[1] + self._jitter[1])
+
+
+@dataclass(frozen=True)
+class Day:
+    """The drift of an angle with the room's temperature over a day, from the table's beginning on."""
+
+    urad: float
+    phase_rad: float
+
+    def at(self, time_s: float) -> float:
+        """Radians."""
+        turn = 2 * math.pi * time_s / DAY_S
+        return self.urad * 1e-6 * (math.sin(turn + self.phase_rad) - math.sin(self.phase_rad))

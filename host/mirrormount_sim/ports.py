@@ -99,13 +99,14 @@ class PairPort:
         self.address = "virtual://"
 
     def watched(self) -> list[int]:
-        return [self._end.fileno()]
+        return [self._end.fileno()] if self.connected() else []
 
     def connected(self) -> bool:
-        return True
+        return self._end.fileno() >= 0
 
     def plug(self, there: bool) -> None:
-        pass
+        if not there:
+            self._end.close()
 
     def take(self, most: int, *, at_prompt: bool = False) -> bytes:
         try:

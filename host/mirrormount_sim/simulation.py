@@ -8,6 +8,7 @@ clocks.py chooses the length of the interval: as far as the caller waits, or by 
 import contextlib
 import json
 import os
+import random
 import struct
 import subprocess
 import threading
@@ -18,6 +19,7 @@ from typing import IO
 
 from mirrormount.errors import CannotOpen, CannotWrite
 from mirrormount_sim.bench import BUS, ENCODERS, LED, SWITCHES, Bench
+from mirrormount_sim.profiles import EMI_GONE, EMI_GONE_S, EMI_LOST, EMI_S
 from mirrormount_sim.truth import Truth
 
 _KEPT = 4096  # bytes: a firmware may make an emulator complain for a week
@@ -49,6 +51,34 @@ class StderrTail:
 
 # records of the seam; virtual/fakes/_seam.py explains them
 _CHANGE, _ENDS = b"QN"
+
+
+# ---- interference
+
+
+class Interference:
+    """The brushes of motors that start disturb the board's USB cable: bytes to the board are lost, or the port goes."""
+
+    def __init__(self, seed: int) -> None:
+        self._noise = random.Random(seed)
+        self._until_us = self._back_us = 0
+
+    def start(self, us: int) -> None:
+        """A motor starts."""
+        self._until_us = us + round(EMI_S * 1e6)
+        if self._noise.random() < EMI_GONE:
+            self._back_us = us + round(EMI_GONE_S * 1e6)
+
+    def gone(self, us: int) -> bool:
+        """True while the port is not there."""
+        return us < self._back_us
+
+    def left(self, us: int, received: bytes | bytearray) -> bytes:
+        """What comes of bytes that the host has sent."""
+        if self.gone(us):
+            return b""
+        lost = EMI_LOST if us < self._until_us else 0.0
+        return bytes(c for c in received if not lost or self._noise.random() >= lost)
 
 
 # ---- the wires of encoders
@@ -129,7 +159,8 @@ class Simulation:
     on_sent is called with each byte that the board sends, on_console with those of a console beside its port.
     probes, {GPIO number: name}, may be filled with other pins whose edges are to be kept; nothing is connected to
     those.
-    usb says whether the board's port is there: a machine that resets itself takes it away meanwhile.
+    usb says whether the board's port is there: a machine that resets itself takes it away meanwhile, and so may
+    interference.
     """
 
     def __init__(
@@ -142,6 +173,7 @@ class Simulation:
         scratch: Iterable[TemporaryDirectory] = (),
         start_us: int = START_US,
         quiet: bool = False,
+        interference: Interference | None = None,
     ) -> None:
         self.bench = bench or Bench()
         self.bench.advance(start_us)
@@ -151,6 +183,7 @@ class Simulation:
         self.on_console: Callable[[int], None] = lambda _c: None
         self._edges_file = edges
         self._truth = truth
+        self._interference = interference
         if truth:
             truth.watch(self.bench)
         self._scratch = scratch
@@ -158,7 +191,7 @@ class Simulation:
         self._encoder_wires = EncoderWires(self.bench) if self.bench.encoders else None
         self._collects = True
         self._opened = True
-        self.usb = True
+        self._plugged = True
         self.flash_operations = 0  # erases and programs so far, of a machine that has a flash
         self.landed = 0, 0  # the last packet's, in an emulated board: (us since power-up, bytes that still waited)
         self._wants_us: int | None = None  # while the firmware waits to go on
@@ -184,6 +217,16 @@ class Simulation:
     def us(self) -> int:
         """Microseconds since the power-up of a board that started with its bench."""
         return self.now_us - START_US
+
+    @property
+    def usb(self) -> bool:
+        """True while the board's port is there."""
+        return self._plugged and not self.disturbed
+
+    @property
+    def disturbed(self) -> bool:
+        """True while interference has taken the port away."""
+        return self._interference is not None and self._interference.gone(self.now_us)
 
     @property
     def wall_us(self) -> int:
@@ -222,14 +265,14 @@ class Simulation:
                     self._watch_prompt(a)
                 (self.on_console if b else self.on_sent)(a)
             elif kind == _USB:
-                self.usb = bool(a)
-                self.at_prompt = self.at_prompt and self.usb
+                self._plugged = bool(a)
+                self.at_prompt = self.at_prompt and self._plugged
             elif kind == _FLASH:
                 self.flash_operations += 1
             elif kind == _LANDED:
                 self.landed = t - START_US, b
             elif kind == _EDGE and a in self.bench.wires:
-                self._edge(t, self.bench.wires[a], b)
+                self._edge(t, self.bench.wires[a], b, dt)
             elif kind == _EDGE and a == LED:
                 self.lit = b > 0
             elif kind == _EDGE and a in self.probes:
@@ -264,6 +307,8 @@ class Simulation:
                 out += _RECORD.pack(_PIN, number, level, 0, 0)
             elif name not in self._sent_levels:
                 self._sent_levels[name] = level
+        if self._interference:
+            received = self._interference.left(t_us, received)
         if self._truth and received:
             self._truth.hear(received)
         for c in received:
@@ -353,11 +398,14 @@ class Simulation:
         if len(self.edges) >= 2 * EDGES_KEPT:
             del self.edges[:EDGES_KEPT]
 
-    def _edge(self, t: int, pin: str, duty: int) -> None:
+    def _edge(self, t: int, pin: str, duty: int, hz: int = 0) -> None:
         if round(self.bench.duties()[pin] * 65535) == duty:  # a reset drops every pin, whether it was up or not
             return
+        stood = not self.bench.drive(pin[:2])
         with self._looking:
-            self.bench.edge(t, pin, duty)
+            self.bench.edge(t, pin, duty, hz)
+        if self._interference and stood and self.bench.drive(pin[:2]):
+            self._interference.start(t)
         self._note(t, pin, duty)
         if self._edges_file:
             carries_duty = pin.endswith("_en") or self.bench.two_pwm

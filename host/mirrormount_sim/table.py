@@ -2,8 +2,9 @@
 
 virtual-table://                 two mounts, each on a board of its own, and two cameras; as fast as it goes
 …?mounts=1|2  &cameras=1|2  &encoder=motor|shaft
-…&profile=smooth|rough  &seed=N  &supply=VOLTAGE, of the nominal one  &off=MILLIMETRES, by which the laser is displaced
-…&window=0|1  (1: a window or a lamp in each camera's view)  &speed=max|1  (1: in real time)
+…&profile=smooth|rough|hardware  &seed=N  &supply=VOLTAGE, of the nominal one
+…&off=MILLIMETRES, by which the laser is displaced
+…&window=0|1  (1: a window or a lamp in each camera's view)  &emi=0|1  &speed=max|1  (1: in real time)
 
 A test may ask the table for the truth (spots_mm, mirrors_urad); the product sees it through cameras only, and moves it
 by pins only. Units: millimetres in the cameras' planes, microradians of a mirror, seconds of the table's time.
@@ -39,8 +40,9 @@ from mirrormount_sim.beams import draw_beam, draw_defects, draw_window
 from mirrormount_sim.bench import INCIDENCE
 from mirrormount_sim.board import LockstepPort, Options, RealtimePort, make_simulation, profile_named, seed_of
 from mirrormount_sim.clocks import Lockstep
-from mirrormount_sim.mechanics import KINDS, SMOOTH, Profile
-from mirrormount_sim.optics import DEFAULT, BeamPath, Drift, Geometry, Sensor, Spot
+from mirrormount_sim.mechanics import KINDS
+from mirrormount_sim.optics import DEFAULT, BeamPath, Day, Drift, Geometry, Sensor, Spot
+from mirrormount_sim.profiles import SMOOTH, Profile
 from mirrormount_sim.simulation import START_US, BoardGone, Simulation
 
 Event = Callable[[], None]
@@ -421,16 +423,20 @@ class Table:
     """Laser, mirrors, planes.
 
     mounts: for each board, in the order of the beam, what returns yaw and pitch of its mirrors now, in radians;
-    mirrors: how many they are together.
+    mirrors: how many they are together. day_urad: amplitude of each mirror's drift over a day.
     """
 
-    def __init__(self, mounts: Sequence[Mount], mirrors: int, geometry: Geometry, seed: int) -> None:
+    def __init__(
+        self, mounts: Sequence[Mount], mirrors: int, geometry: Geometry, seed: int, day_urad: float = 0.0
+    ) -> None:
         sources = [np.random.default_rng(source) for source in np.random.SeedSequence(seed).spawn(1 + mirrors)]
         self._mounts = mounts
         self.geometry = geometry
         self.laser = Laser(Drift(sources[0], LASER_DRIFT_URAD, LASER_JITTER_URAD))
         self.vibrations = [Drift(source, MOUNT_DRIFT_URAD, MOUNT_JITTER_URAD) for source in sources[1:]]
         self._knocked = [(0.0, 0.0)] * mirrors
+        phases = np.random.default_rng([seed, 0xDA]).uniform(0, 2 * math.pi, (mirrors, 2))
+        self._days = [(Day(day_urad, float(yaw)), Day(day_urad, float(pitch))) for yaw, pitch in phases]
         self._path = BeamPath(mirrors, geometry)
 
     def bump(self, mirror: int, yaw_urad: float, pitch_urad: float) -> None:
@@ -468,11 +474,11 @@ class Table:
         """Yaw and pitch of each mirror."""
         driven = [angles for mount in self._mounts for angles in mount()]
         angles = []
-        for (yaw, pitch), (knocked_yaw, knocked_pitch), drift in zip(
-            driven, self._knocked, self.vibrations, strict=True
-        ):
-            shaken_yaw, shaken_pitch = drift.at(time_s)
-            angles.append((yaw + knocked_yaw + shaken_yaw, pitch + knocked_pitch + shaken_pitch))
+        for (yaw, pitch), knocked, drift, day in zip(driven, self._knocked, self.vibrations, self._days, strict=True):
+            shaken = drift.at(time_s)
+            yaw += knocked[0] + shaken[0] + day[0].at(time_s)
+            pitch += knocked[1] + shaken[1] + day[1].at(time_s)
+            angles.append((yaw, pitch))
         return angles
 
     def spots_mm(self, time_s: float) -> list[Spot]:
@@ -507,6 +513,7 @@ class Kind:
     encoder: str | None = None
     geometry: Geometry = DEFAULT
     window: bool = False
+    emi: bool = False
 
 
 class VirtualTable:
@@ -526,6 +533,7 @@ class VirtualTable:
                 unit=unit,
                 files=kept / str(unit),
                 encoder=kind.encoder,
+                emi=kind.emi,
             )
             for unit in range(kind.mounts)
         ]
@@ -543,7 +551,7 @@ class VirtualTable:
             self._files.cleanup()
             raise
         mounts = [partial(self._mirrors, number) for number in range(len(self._boards))]
-        self.truth = Table(mounts, kind.mounts, _geometry(kind), int(seeds[2]))
+        self.truth = Table(mounts, kind.mounts, _geometry(kind), int(seeds[2]), kind.profile.day_urad)
         noise = np.random.default_rng(int(seeds[3]))
         if kind.off_mm:
             self.truth.misalign(kind.off_mm, noise)
@@ -637,13 +645,14 @@ def open_table(url: str) -> VirtualTable:
     profile = profile_named(given.pop("profile", SMOOTH.name), given.pop("supply", None))
     seed, off = seed_of(given.pop("seed", "1")), given.pop("off", "0")
     mounts, cameras, speed = given.pop("mounts", "2"), given.pop("cameras", "2"), given.pop("speed", "max")
-    encoder, window = given.pop("encoder", None), given.pop("window", "0")
+    encoder, window, emi = given.pop("encoder", None), given.pop("window", "0"), given.pop("emi", "0")
     off_mm = float(off) if off.isascii() and off.replace(".", "", 1).isdecimal() else math.nan
     if (
         given
         or mounts not in ("1", "2")
         or cameras not in ("1", "2")
         or window not in ("0", "1")
+        or emi not in ("0", "1")
         or speed not in ("1", "max")
         or encoder not in (None, *KINDS)
         or not off_mm <= MOST_OFF_MM
@@ -651,7 +660,7 @@ def open_table(url: str) -> VirtualTable:
         raise BadAddress(
             f"{printable(url)}: options are mounts=1|2, cameras=1|2, profile=, seed=NUMBER, supply=,"
             " encoder=motor|shaft,"
-            f" off=0 … {MOST_OFF_MM:g} (mm), window=0|1, speed=max|1"
+            f" off=0 … {MOST_OFF_MM:g} (mm), window=0|1, emi=0|1, speed=max|1"
         )
-    kind = Kind(int(mounts), int(cameras), profile, seed, off_mm, speed == "1", encoder=encoder, window=window == "1")
-    return VirtualTable(kind)
+    options = {"encoder": encoder, "window": window == "1", "emi": emi == "1", "realtime": speed == "1"}
+    return VirtualTable(Kind(int(mounts), int(cameras), profile, seed, off_mm, **options))

@@ -8,7 +8,7 @@ from mirrormount.errors import ConnectionLost
 from mirrormount.transport.link import Link
 from mirrormount_beam.control.response import belongs_to
 from mirrormount_beam.table import LocalTable
-from mirrormount_sim.mechanics import PROFILES
+from mirrormount_sim.profiles import PROFILES
 from mirrormount_sim.table import Kind, VirtualTable
 
 

@@ -10,7 +10,8 @@ import numpy as np
 
 from mirrormount_beam.experiments.rig import Vector
 from mirrormount_beam.observe import FRAMES, Sighting
-from mirrormount_sim.mechanics import Drivetrain, Profile
+from mirrormount_sim.mechanics import Drivetrain
+from mirrormount_sim.profiles import Profile
 
 PX_PER_RAD = 16_000.0  # of the mirror: 0.4 m, 0.05 mm a pixel, the beam turning twice as far
 STEP_US = 200_000

@@ -15,8 +15,9 @@ from mirrormount_beam.errors import CameraGone
 from mirrormount_beam.spot.find import NoSpot, NoSpotReason, Spot
 from mirrormount_beam.table import TargetCamera
 from mirrormount_sim.bench import LEVER_X_MM, LEVER_Y_MM
-from mirrormount_sim.mechanics import PROFILES, Drivetrain
+from mirrormount_sim.mechanics import Drivetrain, mirror_angles
 from mirrormount_sim.optics import DEFAULT, Geometry
+from mirrormount_sim.profiles import PROFILES
 from mirrormount_sim.table import Table
 
 FRAME_S = 1 / 30
@@ -58,7 +59,8 @@ class FastActuator:
         self.pulses += 1
         self.follow(self.table.now_s())
         drive = math.copysign(1.0, us) * self.sign
-        self.train.begin(drive, self.table.noise)
+        now_s, others = self.table.now_s(), [a for a in self.table.actuators if a.board_id == self.board_id]
+        self.train.begin(drive, self.table.noise, sum(a.busy_s > now_s for a in others if a is not self))
         self.train.advance(abs(us) * 1e-6, drive)
         self.train.advance(REST_S, None)
         self.at_s += abs(us) * 1e-6 + REST_S
@@ -155,12 +157,12 @@ class FastTable:
                 train = Drivetrain.new(lever, kind, self.noise)
                 self.actuators.append(FastActuator(self, f"{mount}.{axis}", f"board of {mount}", train))
         self.wired = list(self.actuators)  # whose motors turn the mirrors: x and y of the first, x and y of the second
-        self.truth = Table([self._mirrors], mounts, geometry, seed)
+        self.truth = Table([self._mirrors], mounts, geometry, seed, kind.day_urad)
         if off_mm:
             self.truth.misalign(off_mm, self.noise)
         self.cameras = []
         for number in range(len(geometry.cameras_m)):
-            rough = profile == "rough"
+            rough = profile != "smooth"
             rotation = math.radians(self.noise.uniform(-3, 3)) if rough else 0.0
             off = self.noise.uniform(-25, 25, 2) if rough else (0.0, 0.0)
             self.cameras.append(FastCamera(self, number, rotation, (319.5 + off[0], 239.5 + off[1])))
@@ -168,8 +170,8 @@ class FastTable:
     def _mirrors(self):
         for actuator in self.actuators:
             actuator.follow(self._now_s)
-        angles = [actuator.train.mirror_rad for actuator in self.wired]
-        return list(zip(angles[::2], angles[1::2], strict=True))
+        trains = [actuator.train for actuator in self.wired]
+        return [mirror_angles(x, y) for x, y in zip(trains[::2], trains[1::2], strict=True)]
 
     def spots_mm(self):
         return self.truth.spots_mm(self._now_s)

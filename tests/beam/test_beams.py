@@ -8,8 +8,8 @@ import pytest
 import scenes
 
 from mirrormount_sim import beams
-from mirrormount_sim.mechanics import ROUGH, SMOOTH
 from mirrormount_sim.optics import EXPOSURE_S, Sensor
+from mirrormount_sim.profiles import ROUGH, SMOOTH
 from mirrormount_sim.table import new_webcam
 
 DARK = np.zeros((480, 640), np.float32)

@@ -12,7 +12,7 @@ from mirrormount_beam.errors import NotMeasurable
 from mirrormount_beam.estimates import Estimate, Result, mean, student
 from mirrormount_beam.experiments import backlash, drift, square, steps
 from mirrormount_beam.experiments.steps import AT_REST, Ended, Log
-from mirrormount_sim.mechanics import GAP_REV, PROFILES, ROUGH, SMOOTH
+from mirrormount_sim.profiles import GAP_REV, PROFILES, ROUGH, SMOOTH
 
 SEEDS = range(200)
 ROTATION_RAD = 0.05  # of the camera

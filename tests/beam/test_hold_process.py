@@ -27,9 +27,9 @@ from mirrormount_beam.control.response import save
 from mirrormount_beam.scale import Scale
 from mirrormount_sim.board import Options, make_simulation
 from mirrormount_sim.clocks import serve
-from mirrormount_sim.mechanics import SMOOTH
 from mirrormount_sim.optics import DEFAULT
 from mirrormount_sim.ports import PtyPort
+from mirrormount_sim.profiles import SMOOTH
 from mirrormount_sim.table import RealtimeClock, Table, TableCamera, new_webcam
 
 pytestmark = pytest.mark.wall_clock  # on a busy computer a board in real time answers later than the loop waits

@@ -23,7 +23,7 @@ from mirrormount_beam.control.hold import Hold
 from mirrormount_beam.control.interlocks import BOARD
 from mirrormount_beam.control.response import belongs_to
 from mirrormount_beam.table import SharedTable
-from mirrormount_sim.mechanics import PROFILES
+from mirrormount_sim.profiles import PROFILES
 from mirrormount_sim.table import Kind, VirtualTable
 
 OFF_S = KEEP_ALIVE_MS / 1000 + 0.002  # the board looks at its clock once a millisecond

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 from test_memory import SESSION
 
-from mirrormount_sim.mechanics import SMOOTH
+from mirrormount_sim.profiles import SMOOTH
 from mirrormount_sim.simulation import START_US
 
 FAST = 2.03  # times the motors' nominal voltage: 3000 edges a second

@@ -5,7 +5,7 @@ import random
 import pytest
 from lab import on_times_us
 
-from mirrormount_sim.mechanics import SWITCH_REV
+from mirrormount_sim.profiles import SWITCH_REV
 
 STEP_US = 200_000
 LATE_US = 400  # from a deadline to the pin: some calls of Python

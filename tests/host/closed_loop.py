@@ -7,7 +7,8 @@ from mirrormount.device.mount import Mount
 from mirrormount.transport.link import Link
 from mirrormount_sim.board import LockstepPort, Options, make_simulation
 from mirrormount_sim.machines import THIS, board_text, new_files
-from mirrormount_sim.mechanics import COUNTS_A_REV, PROFILES
+from mirrormount_sim.mechanics import COUNTS_A_REV
+from mirrormount_sim.profiles import PROFILES
 
 PER_STEP = 280
 SETTLED_S = 0.15

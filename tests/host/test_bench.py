@@ -4,7 +4,8 @@ import pytest
 from pulsed_bench import Driver
 
 from mirrormount_sim.bench import Bench
-from mirrormount_sim.mechanics import GAP_REV, Drivetrain
+from mirrormount_sim.mechanics import Drivetrain
+from mirrormount_sim.profiles import GAP_REV
 
 
 @pytest.mark.parametrize(("motor", "component", "mrad"), [("m2", 0, 0.43), ("m1", 1, 0.47)])

@@ -8,7 +8,8 @@ from encoder_reader import Reader
 from mirrormount.errors import BadAddress
 from mirrormount_sim.bench import Bench, Order
 from mirrormount_sim.board import open_virtual
-from mirrormount_sim.mechanics import COUNTS_A_REV, NOISE_BITS, PROFILES, ROUGH, SMOOTH
+from mirrormount_sim.mechanics import COUNTS_A_REV, NOISE_BITS
+from mirrormount_sim.profiles import PROFILES, ROUGH, SMOOTH
 
 LETTERS = (b"f", b"r", b"F", b"R", b"fF", b"rF", b"fR", b"oO", b"o", b"O")
 

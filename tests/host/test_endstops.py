@@ -4,7 +4,7 @@ import pytest
 
 from mirrormount import errors
 from mirrormount.device.mount import Mount
-from mirrormount_sim.mechanics import SWITCH_REV
+from mirrormount_sim.profiles import SWITCH_REV
 
 
 @pytest.fixture

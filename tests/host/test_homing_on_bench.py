@@ -5,7 +5,7 @@ import pytest
 from mirrormount import errors
 from mirrormount.device.mount import Mount
 from mirrormount.device.status import Limits
-from mirrormount_sim.mechanics import SWITCH_REV
+from mirrormount_sim.profiles import SWITCH_REV
 
 REV_A_STEP = 0.025  # of the bench's motor, nearly
 ALL = 3  # switches

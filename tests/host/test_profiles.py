@@ -13,7 +13,8 @@ from mirrormount.device.mount import Mount
 from mirrormount.errors import BadAddress
 from mirrormount_sim.bench import Bench
 from mirrormount_sim.board import profile_named
-from mirrormount_sim.mechanics import ROUGH, SMOOTH, Drivetrain, Profile
+from mirrormount_sim.mechanics import Drivetrain
+from mirrormount_sim.profiles import ROUGH, SMOOTH, Profile
 
 # where the spot of a bench with seed 1 was, in mm, after each of these, before there were profiles
 SMOOTH_WAY = (

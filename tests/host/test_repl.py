@@ -10,7 +10,7 @@ import pytest
 from mirrormount.errors import REASONS, EmulatorMissing
 from mirrormount_sim.board import Options, make_simulation
 from mirrormount_sim.clocks import Lockstep
-from mirrormount_sim.mechanics import SWITCH_REV
+from mirrormount_sim.profiles import SWITCH_REV
 
 README = Path(__file__).parent.parent.parent / "README.md"
 STEP_US = 200_000

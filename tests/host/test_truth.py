@@ -9,7 +9,7 @@ from mirrormount.device.mount import Mount
 from mirrormount.errors import BadAddress, MountError
 from mirrormount_sim.bench import Bench
 from mirrormount_sim.board import open_virtual
-from mirrormount_sim.mechanics import SWITCH_REV
+from mirrormount_sim.profiles import SWITCH_REV
 from mirrormount_sim.truth import Orders
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from mirrormount_beam.experiments import drift
 from mirrormount_sim.bench import STEP_X_MRAD, STEP_Y_MRAD
-from mirrormount_sim.mechanics import ROUGH, SMOOTH
+from mirrormount_sim.profiles import ROUGH, SMOOTH
 
 
 def test_the_true_step_is_that_of_the_paper_and_slower_to_negative_on_the_rough_profile():

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from lab import ENABLES, LOST, Board, first_low_us, last_fall_us, on_times_us
 
 from mirrormount.device.mount import encode_frame
-from mirrormount_sim.mechanics import SWITCH_REV
+from mirrormount_sim.profiles import SWITCH_REV
 
 # ---- messages, good and bad; all choices are the given generator's
 

@@ -31,8 +31,9 @@ from mirrormount_beam.experiments.rig import MountRig, Vector
 from mirrormount_beam.experiments.steps import AT_REST
 from mirrormount_beam.observe import FRAMES, Sighting, SpotObserver
 from mirrormount_sim.bench import LEVER_X_MM, LEVER_Y_MM
-from mirrormount_sim.mechanics import GAP_REV, PROFILES, Drivetrain, Profile
+from mirrormount_sim.mechanics import Drivetrain
 from mirrormount_sim.optics import DEFAULT, BeamPath
+from mirrormount_sim.profiles import GAP_REV, PROFILES, Profile
 from mirrormount_sim.table import LASER_DRIFT_URAD, MOUNT_DRIFT_URAD, Kind, VirtualTable
 
 STEP_US = 200_000

@@ -70,7 +70,7 @@ def main() -> None:
     """All seeds, and the worst of each figure."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--virtual", action="store_true")
-    parser.add_argument("--profile", choices=("smooth", "rough"), action="append")
+    parser.add_argument("--profile", choices=("smooth", "rough", "hardware"), action="append")
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--first", type=int, default=1)
     parser.add_argument("--duration", type=float, default=600.0)

@@ -108,8 +108,9 @@ def profile_options(parser: argparse.ArgumentParser) -> None:
     """--profile and --seed of a virtual board."""
     parser.add_argument(
         "--profile",
-        choices=("smooth", "rough"),
-        help="virtual: kind mechanics (smooth, unless named), or those of a mount of hobby parts",
+        choices=("smooth", "rough", "hardware"),
+        help="virtual: kind mechanics, those of a mount of hobby parts, or those of real actuators as far as they are"
+        " known (default: smooth)",
     )
     parser.add_argument("--seed", metavar="N", help="virtual: another seed is another mount of that profile (1)")
 

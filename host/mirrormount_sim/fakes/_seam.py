@@ -1,7 +1,7 @@
 """The board's side of the one seam to the simulation: time, pins and bytes. Runs on CPython and MicroPython.
 
 Fixed 16-byte records "<BBHIQ": kind, a, b, dt, t.
-    to the simulation    E pin a has duty b at t      T byte a was sent at t
+    to the simulation    E pin a has duty b at t, by a PWM of dt Hz (0: none)      T byte a was sent at t
                     S at t the firmware waits, until t + dt unless something happens, b bytes unread: then it blocks
     from the simulation  R byte a was received        P pin a has level b
                     W the host collects (a = 1) or not (0)
@@ -40,7 +40,7 @@ class Seam:
         self._tail = 0
         self.collects = True
         self.opened = True
-        self.latched = []  # (when, pin, duty): what a PWM will show when its period is over
+        self.latched = []  # (when, pin, duty, hz): what a PWM will show when its period is over
         self.levels = {}  # of input pins that something drives
         self.handlers = {}  # of input pins: what to call when they rise
         self.coming = []  # (when, input, level): what will change, while no drive does
@@ -85,17 +85,17 @@ class Seam:
             self._interrupted = False
             raise KeyboardInterrupt
 
-    def edge(self, pin, duty):
-        """Pin `pin` has duty 0 ... 65535 from now on."""
+    def edge(self, pin, duty, hz=0):
+        """Pin `pin` has duty 0 ... 65535 from now on, by a PWM of hz."""
         if pin in self._ends:
             self._grant = self.t
-        self._record(EDGE, pin, duty)
+        self._record(EDGE, pin, duty, hz)
 
-    def latch(self, t, pin, duty):
+    def latch(self, t, pin, duty, hz):
         """The same from t on, unless something else is latched for that pin before."""
         locks = self._unlock()
         self.unlatch(pin)
-        self.latched = sorted(self.latched + [(t, pin, duty)])
+        self.latched = sorted(self.latched + [(t, pin, duty, hz)])
         self._lock(locks)
 
     def unlatch(self, pin):
@@ -105,8 +105,8 @@ class Seam:
     def _show_latched(self):
         now = self.t
         while self.latched and self.latched[0][0] <= now:
-            self.t, pin, duty = self.latched.pop(0)
-            self.edge(pin, duty)
+            self.t, pin, duty, hz = self.latched.pop(0)
+            self.edge(pin, duty, hz)
         self.t = now
 
     def _show_coming(self):
@@ -146,10 +146,10 @@ class Seam:
         self._tail = (self._tail + 1) % len(self._rx)
         return c
 
-    def _record(self, kind, a, b):
+    def _record(self, kind, a, b, dt=0):
         locks = self._unlock()
         try:
-            self._send(kind, a, b, 0)
+            self._send(kind, a, b, dt)
         finally:
             self._lock(locks)
 

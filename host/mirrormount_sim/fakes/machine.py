@@ -45,14 +45,14 @@ class Pin:
     ALT_PWM = 4
     IRQ_RISING = 8
 
-    _gpio = {}  # number: [mode, output level, PWM duty, shown duty, pull]
+    _gpio = {}  # number: [mode, output level, PWM duty, shown duty, pull, PWM frequency]
 
     def __init__(self, id, mode=-1, pull=-1, *, value=None, alt=-1):
         number = id.number if isinstance(id, Pin) else _NAMED.get(id, id)
         if not isinstance(number, int) or not 0 <= number <= 29:
             raise ValueError("invalid pin")
         self.number = number
-        Pin._gpio.setdefault(number, [Pin.IN, 0, 0, 0, 0])
+        Pin._gpio.setdefault(number, [Pin.IN, 0, 0, 0, 0, 0])
         if mode != -1:
             self.init(mode, pull, value=value, alt=alt)
 
@@ -98,7 +98,7 @@ class Pin:
         shown = {Pin.OUT: gpio[1] * 65535, Pin.ALT: gpio[2]}.get(gpio[0], 0)
         if shown != gpio[3]:
             gpio[3] = shown
-            _seam.seam.edge(self.number, shown)
+            _seam.seam.edge(self.number, shown, gpio[5] if gpio[0] == Pin.ALT else 0)
 
 
 def _level(value):
@@ -114,6 +114,7 @@ class PWM:
         self._pin = pin
         if not 8 <= freq <= 62_500_000:
             raise ValueError("freq out of range")
+        Pin._gpio[pin.number][5] = freq
         if duty_u16 != -1:
             self.duty_u16(duty_u16)
         pin.init(Pin.ALT, alt=Pin.ALT_PWM)

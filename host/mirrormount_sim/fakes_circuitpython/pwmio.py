@@ -25,7 +25,7 @@ class PWMOut:
         self._period_us = max(1, 1_000_000 // frequency)
         self._since = _seam.seam.t  # a period begins
         self._duty = duty_cycle
-        _seam.seam.edge(pin.number, duty_cycle)
+        _seam.seam.edge(pin.number, duty_cycle, frequency)
 
     def deinit(self):
         if self._pin is None:
@@ -50,7 +50,7 @@ class PWMOut:
         s.tick(5)
         self._duty = duty
         periods = (s.t - self._since) // self._period_us + 1
-        s.latch(self._since + periods * self._period_us, self._pin.number, duty)
+        s.latch(self._since + periods * self._period_us, self._pin.number, duty, self.frequency)
 
     def _check(self):
         if self._pin is None:
