@@ -179,6 +179,30 @@ def test_a_stop_between_two_motions_is_not_lost(supervisor, loop, board):
     assert len(board.edges()) == edges
 
 
+def test_a_program_that_retakes_control_in_an_outcome_has_been_told_of_the_stop(supervisor, loop, board, told):
+    motion = loop.jog("x", 0.5)
+    drives(board)
+    at_outcome = []
+
+    def retake(_future):
+        at_outcome.extend(told)
+        loop.take_control()
+
+    motion.future.add_done_callback(retake)
+    supervisor.stop("the test")
+    wait_for(lambda: at_outcome == ["stopped: the test"], "the cause, before the outcome")
+    wait_for(lambda: loop.in_control, "control again")
+
+
+def test_a_program_that_retakes_control_before_the_stop_is_confirmed_is_told_of_it(supervisor, loop, told):
+    busy = threading.Event()
+    supervisor.ask(lambda mount: busy.wait(PATIENCE_S))
+    supervisor.stop("the test")
+    loop.take_control()
+    assert told == ["stopped: the test"]
+    busy.set()
+
+
 @pytest.mark.skipif(not stop_socket.supported(), reason="no Unix sockets")
 def test_mirrormount_stop_ends_the_motion_of_a_program(supervisor, loop, board):
     motion = loop.jog("x", 0.5)

@@ -394,7 +394,12 @@ class Worker:
     # ---- for clients: any thread
 
     def take_control(self, client: Client) -> None:
-        """Give a client control; motion of the client before it is stopped. Raises NotInControl, as Lease.claim()."""
+        """Give a client control; motion of the client before it is stopped. Raises NotInControl, as Lease.claim().
+
+        A holder whose control a stop has ended is told first, also if it is this client: it must never go on as if
+        nothing had happened.
+        """
+        self.lease.end_stopped(f"stopped: {self.stop_cause}")
         if self.lease.claim(client):
             self.stop(f"{client.name} took control", counted=True)
 
@@ -556,11 +561,11 @@ class Worker:
         """Make sure that the stops requested so far have stopped the mount."""
         stops = self.lease.stops
         mount.stop()
+        self.lease.end_stopped(f"stopped: {self.stop_cause}")  # first: an outcome may make its client take control
         self._motions.poll(mount, mount.status(), ())  # before another motion of the same axis begins
         self._confirmed, self.driver = stops, None
         self._pad.reset()
         self.state.targets = {}
-        self.lease.end_stopped(f"stopped: {self.stop_cause}")
 
     # ---- coming and going of the board
 
