@@ -16,7 +16,7 @@ ENDING = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if h
 # not in the quick level: these folders and files, and what has a board in real time
 SLOW = ("compat", "emulated", "panel", "test_micropython.py", "test_versions.py")
 REAL_TIME = {"board", "boot", "browser", "deployed", "holder", "serve", "supervisor", "timed", "worker"}
-ON_THE_HOST = ("beam", "host", "supervise", "repo")  # elsewhere, a fixture `board` is in lockstep
+ON_THE_HOST = ("beam", "epics", "host", "supervise", "repo")  # elsewhere, a fixture `board` is in lockstep
 
 
 def pytest_itemcollected(item):

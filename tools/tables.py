@@ -1,8 +1,13 @@
 """Write the tables and lists that follow from declarations: .venv/bin/python tools/tables.py [--check]
 
 Errors and reasons (docs/errors.md), settings (docs/protocol.md, the attributes of an axis on the board and its
+<<<<<<< HEAD
 properties on the host), boards (docs/versions.md), the profiles of virtual mounts (docs/mechanics.md), the grammar of
 a line (dialect/line.py of the firmware).
+=======
+properties on the host), boards (docs/versions.md), records (docs/control-systems.md), the grammar of a line
+(dialect/line.py of the firmware).
+>>>>>>> epics
 --check changes nothing and fails if one of them differs.
 """
 
@@ -17,7 +22,11 @@ from mirrormount import errors
 from mirrormount.deploy.firmware import boards, firmware
 from mirrormount.device.settings import ENCODER, SETTINGS
 from mirrormount.errors import doc_texts, one_line
+<<<<<<< HEAD
 from mirrormount_sim.profiles import PROFILES, facts
+=======
+from mirrormount_epics import fields
+>>>>>>> epics
 from mountfw import codes
 from mountfw.board_file import FILE_OF
 from mountfw.wire.frame import PROBE
@@ -70,6 +79,24 @@ def board_files() -> Rows:
             raise SystemExit(f"mountfw/boards/{name}.py does not say what it was tried on")
         names = [f"`{other}`" for other, file in FILE_OF.items() if file == name] or ["–"]
         yield f"`{name}`", module.NAME.decode(), ", ".join(names), tried[0].rstrip(".")
+
+
+def motor_fields() -> Rows:
+    """The fields of a motor record."""
+    return _fields(fields.MOTOR)
+
+
+def mount_fields() -> Rows:
+    """The fields of a mount record."""
+    return _fields(fields.MOUNT)
+
+
+def _fields(table: Iterable[fields.Field]) -> Rows:
+    yield "field", "by a client", "meaning"
+    may = {fields.READ: "read", fields.WRITE: "write", fields.ACT: "order"}
+    yield from ((f"`.{field.name}`", may[field.access], field.what) for field in table if field.what)
+    if always := [f"`.{field.name}`" for field in table if not field.what]:
+        yield " ".join(always), "read", "always the same; clients of motor records read them"
 
 
 def _number(n: float) -> str:
@@ -150,6 +177,7 @@ def transitions() -> Iterator[str]:
 
 Maker = Callable[[], Rows] | Callable[[], Iterator[str]]
 WRITTEN: dict[str, tuple[Maker, ...]] = {
+    "docs/control-systems.md": (motor_fields, mount_fields),
     "docs/errors.md": (board_errors, reasons, host_errors),
     "docs/mechanics.md": (profiles,),
     "docs/protocol.md": (settings,),

@@ -112,10 +112,10 @@ class CannotListen(MountError):
 
 
 class AllowNeeded(MountError):
-    """`mirrormount serve` should listen to more than this computer, and nobody has said who may drive the mount; or
-    a board is served that this computer may not drive.
-    Remedy: `--allow ADDRESS-OR-NETWORK` where the board is served; or serve on 127.0.0.1 and go through `ssh -L`:
-    [network.md](network.md).
+    """`mirrormount serve` or `mirrormount ioc` should listen to more than this computer, and nobody has said who may
+    drive the mount; or a board is served that this computer may not drive.
+    Remedy: `--allow ADDRESS-OR-NETWORK` where the board is served; `ioc`: `--acf FILE` or `--read-only`. Or serve
+    on 127.0.0.1 and go through `ssh -L`: [network.md](network.md).
     """
 
 
@@ -204,6 +204,13 @@ class SupervisorFault(MountError):
 class PanelFault(MountError):
     """The panel's own program failed. The motors were stopped; it connects to the board again by itself.
     Remedy: Report it, with the file that the line in the terminal names.
+    """
+
+
+class EpicsFailed(MountError):
+    """EPICS base, on which `mirrormount ioc` runs, does not start: a file of rules that it cannot read, or another
+    version of it than was tried.
+    Remedy: Correct the file; `pip install "epicscorelibs>=7.0.10,<7.1"`.
     """
 
 

@@ -77,6 +77,7 @@ class Geometry(Protocol):
 
 
 STEPS = "steps"
+MOST_AMOUNT = 1_000_000_000  # the largest amount of any unit
 
 
 def _mirror(_geometry: Geometry, mirror_mrad: float) -> float:

@@ -1,13 +1,11 @@
-"""The board's settings for all clients: read once, cached until a change, kept for an undo."""
+"""The board's settings for all pages: changed, replaced, and kept for an undo."""
 
 import asyncio
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 from mirrormount.device.mount import Mount
 from mirrormount.errors import MountError
-from mirrormount.supervise.worker import Worker
-
-Settings = Mapping[str, Mapping[str, int | float]]
+from mirrormount.supervise.worker import Settings, Worker
 
 
 class BoardSettings:
@@ -15,8 +13,6 @@ class BoardSettings:
 
     def __init__(self, worker: Worker) -> None:
         self._worker = worker
-        self._known: tuple[Mount, Settings] | None = None
-        self._reading: asyncio.Future[Settings] | None = None
         self._before: tuple[str, Settings] | None = None  # of which board
 
     @property
@@ -32,23 +28,11 @@ class BoardSettings:
 
     async def read(self) -> Settings:
         """The present settings; clients that ask at the same time share one exchange. Raises MountError."""
-        if self._known and self._known[0] is self._worker.mount:
-            return self._known[1]
-        if self._reading is None:
-            self._reading = asyncio.wrap_future(self._worker.call(self._ask))
-            self._reading.add_done_callback(self._done)
-        return await asyncio.shield(self._reading)
+        return await asyncio.wrap_future(self._worker.settings())
 
     async def change(self, work: Callable[[Mount], object]) -> None:
         """Run work(mount), which may change settings. Raises MountError."""
-
-        def change(mount: Mount) -> None:
-            try:
-                work(mount)
-            finally:
-                self._known = None
-
-        await asyncio.wrap_future(self._worker.call(change, changes=True))
+        await asyncio.wrap_future(self._worker.call(work, changes=True))
 
     async def replace(self, work: Callable[[Mount], object]) -> None:
         """Run work(mount), which replaces all settings (factory, saved); it can be undone. Raises MountError."""
@@ -69,13 +53,3 @@ class BoardSettings:
             raise MountError("nothing was done: there is nothing to undo")
         await self.change(lambda mount: mount.apply(before))
         self._before = None
-
-    def _ask(self, mount: Mount) -> Settings:
-        settings = mount.settings()
-        self._known = mount, settings
-        return settings
-
-    def _done(self, reading: "asyncio.Future[Settings]") -> None:
-        self._reading = None
-        if not reading.cancelled():
-            reading.exception()  # raised where it is awaited

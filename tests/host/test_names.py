@@ -90,7 +90,7 @@ def test_what_is_written_is_read(table):
         ('[mount.near]\nport = "x"', "mount.*not known"),
         ('[mounts."a b"]\nport = "x"', "a name is a letter"),
         ('[mounts.com3]\nport = "x"', "no COM port"),
-        ("mounts = 3", "at most 8 tables"),
+        ("mounts = 3", "at most 64 tables"),
         ("[mounts]\nnear = 3", "not a table"),
         ("[mounts.near]\n", "one of them"),
         ('[mounts.near]\nport = "x"\nboard = "y"', "one of them"),

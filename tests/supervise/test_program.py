@@ -4,6 +4,7 @@ import threading
 
 import pytest
 from served import PATIENCE_S, ServedBoard, run_process, wait_for
+from supervised import sent
 from three_axes import make_board_files
 
 from mirrormount.errors import BadValue, BoardError, ConnectionLost, MoveEnded, NotInControl
@@ -24,6 +25,14 @@ def rests(board):
 def pulses(board, pin):
     """Pulses of an enable that are over."""
     return sum(1 for e in board.edges() if e["pin"] == pin and e["duty"] == 0)
+
+
+def occupied(supervisor):
+    """Keep the mount's thread busy, from now until the event that is returned is set."""
+    began, until = threading.Event(), threading.Event()
+    supervisor.ask(lambda mount: (began.set(), until.wait(PATIENCE_S)))
+    assert began.wait(PATIENCE_S)
+    return until
 
 
 def person(supervisor):
@@ -157,8 +166,7 @@ def test_a_stop_by_anybody_ends_the_motion_and_the_control(supervisor, loop, boa
 
 def test_a_stop_wins_over_a_request_that_waits(supervisor, loop, board, monkeypatch):
     monkeypatch.setattr("mirrormount.supervise.worker.LATE_S", PATIENCE_S)
-    busy = threading.Event()
-    supervisor.ask(lambda mount: busy.wait(PATIENCE_S))
+    busy = occupied(supervisor)
     motion = loop.step("x", 3)
     supervisor.stop("the test")
     busy.set()
@@ -177,6 +185,29 @@ def test_a_stop_between_two_motions_is_not_lost(supervisor, loop, board):
         loop.step("x", 1)
     supervisor.ask(lambda mount: mount.status()).result(PATIENCE_S)
     assert len(board.edges()) == edges
+
+
+def test_a_program_that_retakes_control_in_an_outcome_has_been_told_of_the_stop(supervisor, loop, board, told):
+    motion = loop.jog("x", 0.5)
+    drives(board)
+    at_outcome = []
+
+    def retake(_future):
+        at_outcome.extend(told)
+        loop.take_control()
+
+    motion.future.add_done_callback(retake)
+    supervisor.stop("the test")
+    wait_for(lambda: at_outcome == ["stopped: the test"], "the cause, before the outcome")
+    wait_for(lambda: loop.in_control, "control again")
+
+
+def test_a_program_that_retakes_control_before_the_stop_is_confirmed_is_told_of_it(supervisor, loop, told):
+    busy = occupied(supervisor)
+    supervisor.stop("the test")
+    loop.take_control()
+    assert told == ["stopped: the test"]
+    busy.set()
 
 
 @pytest.mark.skipif(not stop_socket.supported(), reason="no Unix sockets")
@@ -209,6 +240,110 @@ def test_a_jog_that_another_one_replaces_is_superseded(loop, board):
     assert not second.done
     loop.halt("x").result(PATIENCE_S)
     second.wait(PATIENCE_S)
+
+
+def orders(supervisor, *mnemonics):
+    """The lines of these commands that have gone to the board."""
+    return [line for line in sent(supervisor.worker) if any(mnemonic in line for mnemonic in mnemonics)]
+
+
+def test_a_new_target_in_mid_move_ends_the_move_and_is_reached(loop, board):
+    first = loop.move_to("x", 1000)
+    drives(board)
+    second = loop.move_to("x", -1)
+    with pytest.raises(MoveEnded) as e:
+        first.wait(PATIENCE_S)
+    assert e.value.reason == wire.SUPERSEDED
+    assert second.wait(PATIENCE_S).reason == wire.DONE
+    assert loop.call(lambda mount: mount.x.position).result(PATIENCE_S) == -1
+
+
+def test_of_a_flood_of_targets_and_halts_the_latest_is_carried_out_and_no_halt_is_lost(supervisor, loop, board):
+    running = loop.jog("x", 0.5)
+    drives(board)
+    busy = occupied(supervisor)
+    flood = [loop.move_to("x", n) if n % 2 else loop.halt("x") for n in range(1, 2000)]
+    busy.set()
+    with pytest.raises(MoveEnded, match="superseded"):
+        running.wait(PATIENCE_S)
+    wait_for(lambda: orders(supervisor, "PA1999"), "the latest target")
+    assert not flood[-1].done
+    assert len(orders(supervisor, "PA")) == 1 and len(orders(supervisor, "ST")) == 1
+
+
+def test_a_halt_drops_the_target_that_waits(supervisor, loop, board):
+    busy = occupied(supervisor)
+    motion = loop.move_to("x", 5)
+    halted = loop.halt("x")
+    busy.set()
+    halted.result(PATIENCE_S)
+    with pytest.raises(MoveEnded) as e:
+        motion.wait(PATIENCE_S)
+    assert e.value.reason == wire.STOPPED
+    assert board.edges() == []
+
+
+def test_a_stop_wins_over_a_target_that_waits_for_the_move_before_it(supervisor, loop, board):
+    loop.move_to("x", 1000)
+    drives(board)
+    second = loop.move_to("x", 2000)
+    supervisor.stop("the test")
+    with pytest.raises(MoveEnded):
+        second.wait(PATIENCE_S)
+    rests(board)
+    supervisor.ask(lambda mount: mount.status()).result(PATIENCE_S)
+    assert len(orders(supervisor, "PA")) == 1 and not board.driving()
+
+
+def test_a_position_between_two_steps_is_reached_by_parts(loop, board):
+    loop.move_to("x", 1.5, parts=True).wait(PATIENCE_S)
+    status = loop.call(lambda mount: mount.x.status()).result(PATIENCE_S)
+    assert status.position == pytest.approx(1.5, abs=0.001)
+    with pytest.raises(BadValue, match="whole"):
+        loop.move_to("x", 1.5)
+
+
+def test_who_listens_knows_the_position_before_the_outcome_is_told(supervisor, loop):
+    seen, at_outcome = [], []
+    supervisor.listen(seen.append)
+    motion = loop.step("x", 2)
+    motion.future.add_done_callback(lambda _future: at_outcome.append(seen[-1].x))
+    motion.wait(PATIENCE_S)
+    wait_for(lambda: at_outcome, "the outcome")
+    assert (at_outcome[0].position, at_outcome[0].moving) == (2, False)
+
+
+def test_who_listens_is_told_that_the_board_has_gone_before_the_outcome(supervisor, loop, board):
+    seen, at_outcome = [], []
+    supervisor.listen(seen.append)
+    motion = loop.jog("x", 0.5)
+    drives(board)
+    motion.future.add_done_callback(lambda _future: at_outcome.append(seen[-1]))
+    board.end()
+    wait_for(lambda: at_outcome == [None], "the loss, before the outcome")
+
+
+def test_the_end_of_a_motion_does_not_wait_for_the_slow_poll(supervisor, loop, monkeypatch):
+    monkeypatch.setattr("mirrormount.supervise.worker.POLL_S", 10 * PATIENCE_S)
+    assert loop.step("x", 2).wait(PATIENCE_S).steps == 2
+
+
+@pytest.mark.parametrize("patience_s", [0.35])
+def test_a_program_may_have_a_patience_of_its_own(supervisor, loop, board):
+    loop.leave()
+    with supervisor.join("slow", patience_s=60.0) as slow:
+        slow.take_control()
+        assert slow.step("x", 6).future.result(PATIENCE_S).steps == 6  # 3 s without a beat
+
+
+def test_settings_are_read_once_and_again_after_a_change(supervisor, loop):
+    read = supervisor.worker.settings
+    before = read().result(PATIENCE_S)
+    assert before["x"]["soft_maximum"] > 7
+    lines = len(sent(supervisor.worker))
+    assert read().result(PATIENCE_S) is before and len(sent(supervisor.worker)) == lines
+    loop.call(lambda mount: mount.apply({"x": {"soft_maximum": 7}}), changes=True).result(PATIENCE_S)
+    assert read().result(PATIENCE_S)["x"]["soft_maximum"] == 7
 
 
 def test_a_wait_that_is_over_too_early_leaves_the_motion_alone(loop, board):

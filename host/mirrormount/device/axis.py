@@ -17,7 +17,7 @@ from mirrormount.device import calibration, settings
 from mirrormount.device.session import Session
 from mirrormount.device.status import AxisStatus, Ended, Homed, Limits, table
 from mirrormount.errors import BadValue, BoardError, EncoderFault, MoveEnded, NoAnswer, NotAMount, NotSupported
-from mirrormount.values import jog_duty, positive_numbers, real_number, whole_number, whole_numbers
+from mirrormount.values import MOST_AMOUNT, jog_duty, positive_numbers, real_number, whole_number, whole_numbers
 from mountfw import codes as wire
 from mountfw.settings import MAX_STEPS
 
@@ -29,7 +29,6 @@ _SLACK_S = 4.0  # beyond the computed time of a move before it counts as stuck; 
 _SIGHT_REST_US = 50_000  # after a pulse by sight: by then the motor has come to rest
 _LEAST_REST_US = 1000  # the shortest rest that the board makes between two pulses
 _SHORTEST_US, _LONGEST_US = 200, 2_000_000  # limits of a pulse of its own length (XU)
-_MOST_AMOUNT = 1_000_000_000  # the largest amount of any unit
 _SOFT_LIMITS_CHECKED = 8  # the bit of ZH
 
 _WRAP = 1 << 20  # the board's counts wrap here
@@ -255,7 +254,7 @@ class Axis:
         that direction in the calibration file (docs/calibration.md). Raises NotCalibrated without one that belongs to
         the board's present step, BadFile, and as step() does.
         """
-        amount = real_number(amount, _MOST_AMOUNT, f"an amount in {values.check(unit)}")
+        amount = real_number(amount, MOST_AMOUNT, f"an amount in {values.check(unit)}")
         if unit == values.STEPS and (not wait or isinstance(amount, int)):
             self.step(whole_number(amount, MAX_STEPS, "steps"), wait=wait, progress=progress)
             return amount
@@ -273,7 +272,7 @@ class Axis:
 
         whole: in whole steps, the nearest. Raises BadValue, NotCalibrated, BadFile, ConnectionLost, NoAnswer.
         """
-        amount = real_number(amount, _MOST_AMOUNT, f"an amount in {values.check(unit)}")
+        amount = real_number(amount, MOST_AMOUNT, f"an amount in {values.check(unit)}")
         pulse_us, duty, inverted = self.ask_whole("XP?", "XD?", "XI?")
         per_step = 1.0 if unit == values.STEPS else self._per_step(unit, amount, (pulse_us, duty, inverted))
         steps = real_number(amount / per_step, MAX_STEPS, f"{amount:g} {unit} in steps")
@@ -357,7 +356,7 @@ class Axis:
     def _steps_of(self, position: float, unit: str) -> float:
         if values.check(unit) == values.STEPS:
             return position
-        amount = real_number(position, _MOST_AMOUNT, f"a position in {unit}")
+        amount = real_number(position, MOST_AMOUNT, f"a position in {unit}")
         return real_number(amount / self.per_step(unit), MAX_STEPS, f"{amount:g} {unit} in steps")
 
     def _per_step(self, unit: str, amount: float, step: tuple[int, int, int]) -> float:

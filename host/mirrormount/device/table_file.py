@@ -106,7 +106,7 @@ def x_axis_of(place: MountPort, asked: int | None) -> int:
 # ---- the file
 
 _LONGEST_MM = 1e6
-_MOST = 8  # mounts, or cameras
+_MOST = 64  # mounts, or cameras
 _HEADING = """mirrormount: the names of an optical table (docs/hold.md).
 Mounts stand in the order of the beam. board: the unique id of the board; port: an address, instead. x_axis: the
 board's axis that is x. distance_mm: along the beam, from the mirror before. target_x_px, target_y_px: where the spot

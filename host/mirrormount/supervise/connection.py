@@ -69,7 +69,8 @@ def _converted(scale: calibration.Scale, mirror_mrad: float, unit: str, name: st
 
 # ---- the last known state
 
-POLL_S = 0.05  # period of the status polls
+POLL_S = 0.05  # period of the status polls, and of the positions that are kept
+MOVING_POLL_S = 0.02  # the same while something moves: its end is told so much later at most
 _KNOWN_S = 0.6  # An older status is not shown as the present one.
 _KEPT_S = 120.0  # positions of so long are kept for the plot
 
@@ -118,7 +119,9 @@ class State:
             else:
                 self.stopped_by.setdefault(name, stop_cause)
         self.seen_s = self._clock()
-        self.positions.append((self.seen_s, tuple(axis.position for axis in status.by_name.values())))
+        kept_s = self.positions[-1][0] if self.positions else float("-inf")
+        if self.seen_s - kept_s >= POLL_S:
+            self.positions.append((self.seen_s, tuple(axis.position for axis in status.by_name.values())))
         self.status = self.last = status
 
     def lose(self) -> None:

@@ -25,12 +25,14 @@ class Client:
     """A client of the mount.
 
     is_person: may take control from any other. seen_s: the lease's time of its last sign of life.
+    patience_s: silence after which it is not alive; None: the lease's.
     connection: what it is connected by, None while it is not. notices: refusals, to be shown to this client only.
     claimed_at: how many stops there had been when it took control.
     """
 
     name: str
     is_person: bool = False
+    patience_s: float | None = None
     seen_s: float = float("-inf")
     connection: object = None
     claimed_at: int = 0
@@ -60,7 +62,7 @@ class Question:
 class Lease:
     """All connected clients, and who has control (holder). Any thread may call it.
 
-    patience_s: silence after which a client is not alive.
+    patience_s: silence after which a client is not alive that has no patience of its own.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic, patience_s: float = PATIENCE_S) -> None:
@@ -113,7 +115,11 @@ class Lease:
             return False
         seen_s = max(0, min(tick, self.tick())) / 1000
         client.seen_s = max(client.seen_s, seen_s)
-        return self._clock() - seen_s <= self.patience_s
+        return self._clock() - seen_s <= self.patience_of(client)
+
+    def patience_of(self, client: Client) -> float:
+        """Silence of this client after which it is not alive, in seconds."""
+        return self.patience_s if client.patience_s is None else client.patience_s
 
     def beat(self, client: Client) -> None:
         """A sign of life of a client in this process."""
@@ -121,15 +127,16 @@ class Lease:
 
     def alive(self, client: Client) -> bool:
         """True if the client is connected and its last sign of life is fresh."""
-        return client.connected and self._clock() - client.seen_s <= self.patience_s
+        return client.connected and self._clock() - client.seen_s <= self.patience_of(client)
 
     def silence_of(self, client: Client) -> str:
         """What is told of a client that is not alive while it moves something: it has left; or cause and remedy."""
         if not client.connected:
             return f"{client.name}, which had asked for the motion, has gone"
         return (
-            f"{client.name}, which had asked for the motion, is out of touch (silent for more than {self.patience_s:g}"
-            " s): end what keeps computer or network busy, or wait longer for it: --patience S"
+            f"{client.name}, which had asked for the motion, is out of touch (silent for more than"
+            f" {self.patience_of(client):g} s): end what keeps computer or network busy, or wait longer for it:"
+            " --patience S"
         )
 
     def claim(self, client: Client) -> bool:

@@ -90,7 +90,8 @@ class Motion:
 class Asked:
     """A request that waits. stops: how many stops had been requested by then. motion: its outcome is awaited.
 
-    rest: what is begun when the request is done, for the part of a step.
+    rest: what is begun when the request is done, for the part of a step. made: steps of the first part, if this is a
+    rest. superseded: a later request waits for its end.
     """
 
     client: Client
@@ -99,6 +100,8 @@ class Asked:
     at_s: float
     motion: Motion | None = None
     rest: Pulse | None = None
+    made: int = 0
+    superseded: bool = False
 
     def refuse(self, why: MountError) -> None:
         """Tell the client that it is not carried out."""
@@ -113,17 +116,34 @@ class Asked:
             stopped = MoveEnded(self.motion.axis, wire.ABORTED, 0, None, ["stopped before it began"])
             self.motion.fail(why or stopped)
 
+    def end(self, reason: int) -> None:
+        """A later order has come before it began."""
+        _end(self, Ended(reason, self.made, 0.0))
+
+
+# A program's request of this kind replaces the motion that is under way; any other is refused by the board meanwhile.
+REPLACING = (GoTo, MoveTo, Jog, Home)
+
 
 class Motions:
     """The motions that were begun and are awaited, or have a rest; at most one an axis. For the worker's thread.
 
-    begin_rest(asked): called with the rest of a request when its first part was done, with the time by the clock.
+    begin_rest(axis, asked): called with the rest of a request when its first part was done, with the time by the clock.
     """
 
-    def __init__(self, clock: Callable[[], float], begin_rest: Callable[[Asked], object]) -> None:
+    def __init__(self, clock: Callable[[], float], begin_rest: Callable[[str, Asked], object]) -> None:
         self._begun: dict[str, Asked] = {}
         self._clock = clock
         self._begin_rest = begin_rest
+
+    def __contains__(self, axis: str) -> bool:
+        """True while a motion of this axis is under way."""
+        return axis in self._begun
+
+    def supersede(self, axis: str) -> bool:
+        """The motion of this axis is to be halted for a later one. True if it was not before."""
+        before, self._begun[axis].superseded = self._begun[axis].superseded, True
+        return not before
 
     def begin(self, asked: Asked) -> None:
         """This request was begun: it supersedes a motion of the same axis."""
@@ -137,8 +157,11 @@ class Motions:
         """End those whose axes are at rest. Raises ConnectionLost, NoAnswer."""
         for axis in [axis for axis in self._begun if not status.by_name[axis].moving]:
             ended, asked = mount.axis(axis).last_move(), self._begun.pop(axis)
-            if asked.rest and ended.reason == wire.DONE:
-                self._begin_rest(replace(asked, request=asked.rest, rest=None, at_s=self._clock()))
+            if asked.superseded and (ended.reason == wire.STOPPED or (asked.rest and ended.reason == wire.DONE)):
+                _end(asked, replace(ended, reason=wire.SUPERSEDED), errors)
+            elif asked.rest and ended.reason == wire.DONE:
+                rest = replace(asked, request=asked.rest, rest=None, made=ended.steps, at_s=self._clock())
+                self._begin_rest(axis, rest)
             else:
                 _end(asked, ended, errors)
 
@@ -177,10 +200,14 @@ def start(mount: Mount, asked: Asked, state: State) -> None:
             targets[axis] = None
             n, part_us, _ = mount.axis(axis).parts_of(amount, unit)
             asked.rest = _start_parts(mount, axis, n, part_us)
-        case MoveTo(axis, position, unit):
+        case MoveTo(axis, position, unit, parts):
             motor = mount.axis(axis)
             steps = real_number(position / motor.per_step(unit), MOST_STEPS, f"{position:g} {unit} in steps")
-            asked.rest = _start_parts(mount, axis, *motor.parts_to(steps))
+            if parts:
+                asked.rest = _start_parts(mount, axis, *motor.parts_to(steps))
+            else:
+                steps = round(steps)
+                motor.move_to(steps, wait=False, feed=False)
             targets[axis] = round(steps, 3)
         case Jog(axis, speed):
             targets[axis] = None

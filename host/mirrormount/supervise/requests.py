@@ -75,11 +75,15 @@ class MoveBy:
 
 @dataclass(frozen=True)
 class MoveTo:
-    """Move to a position in one of values.UNITS, as MoveBy. Its scale is the mean of both directions."""
+    """Move to a position in one of values.UNITS, as MoveBy. Its scale is the mean of both directions.
+
+    parts: with a pulse for the part of a step; else to the nearest whole step.
+    """
 
     axis: str
     position: float
     unit: str
+    parts: bool = True
 
 
 @dataclass(frozen=True)

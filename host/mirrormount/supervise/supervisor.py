@@ -17,9 +17,19 @@ from mirrormount.errors import BadValue
 from mirrormount.supervise.connection import Address
 from mirrormount.supervise.lease import Client, Lease
 from mirrormount.supervise.motions import Motion
-from mirrormount.supervise.requests import MOST_STEPS, GoTo, Home, Jog, Pulse, Steps
+from mirrormount.supervise.requests import MOST_STEPS, GoTo, Home, Jog, MoveTo, Pulse, Steps
 from mirrormount.supervise.worker import Worker
-from mirrormount.values import PATIENCE_S, axis_name, jog_duty, paired, whole_number
+from mirrormount.values import (
+    MOST_AMOUNT,
+    PATIENCE_S,
+    STEPS,
+    axis_name,
+    check,
+    jog_duty,
+    paired,
+    real_number,
+    whole_number,
+)
 
 T = TypeVar("T")
 
@@ -32,11 +42,18 @@ class Program(Client):
     program that does not is taken for dead, and its motion is stopped. Beat in the loop that thinks, not in a thread
     of its own.
 
-    lost(cause): called when control ends otherwise than by leave(); any thread, must return at once.
+    lost(cause): called when control ends otherwise than by leave(); any thread, must return at once. patience_s: its
+    own, None: the supervisor's.
     """
 
-    def __init__(self, name: str, worker: Worker, lost: Callable[[str], object] | None = None) -> None:
-        super().__init__(name)
+    def __init__(
+        self,
+        name: str,
+        worker: Worker,
+        lost: Callable[[str], object] | None = None,
+        patience_s: float | None = None,
+    ) -> None:
+        super().__init__(name, patience_s=patience_s)
         self._worker = worker
         self._lost = lost
         worker.lease.join(self, self)
@@ -82,9 +99,16 @@ class Program(Client):
         """Give one pulse of |us| microseconds, 200 … 2 000 000, in the direction of its sign. Raises as step()."""
         return self._ask(Pulse(self._checked(axis), pulse_length(us), by_sight))
 
-    def move_to(self, axis: str, position: int) -> Motion:
-        """Move an axis to a position in whole steps. Raises as step()."""
-        return self._ask(GoTo(self._checked(axis), whole_number(position, MOST_STEPS, "position")))
+    def move_to(self, axis: str, position: float, unit: str = STEPS, *, parts: bool = False) -> Motion:
+        """Move an axis to a position in one of values.UNITS; of an axis that moves, to the latest one.
+
+        To the nearest whole step, and in steps the position is whole; with parts also between two steps, by a pulse of
+        its own length, which makes the position an estimate. Raises as step().
+        """
+        if check(unit) == STEPS and not parts:
+            return self._ask(GoTo(self._checked(axis), whole_number(position, MOST_STEPS, "position")))
+        position = real_number(position, MOST_AMOUNT, f"a position in {unit}")
+        return self._ask(MoveTo(self._checked(axis), position, unit, parts))
 
     def jog(self, axis: str, speed: float) -> Motion:
         """Run an axis at speed, -1 … 1 of full duty and not 0, until halt(), a stop, a limit, or no beat.
@@ -101,10 +125,10 @@ class Program(Client):
     def halt(self, axis: str) -> "Future[object]":
         """End the motion of one axis soon: a step that is nearly done is finished. Control stays.
 
-        Raises BadValue, NotInControl; the future has the rest.
+        A motion that waits for the axis is dropped. Raises BadValue, NotInControl; the future has the rest.
         """
-        axis = self._checked(axis)
-        return self.call(lambda mount: mount.send(f"{mount.axis(axis).number}ST"))
+        self.beat()
+        return self._worker.halt(self, self._checked(axis))
 
     def stop(self, *, keep_control: bool = False) -> None:
         """All motors off, now. With or without control; a program has to take it again afterwards.
@@ -147,11 +171,10 @@ class Program(Client):
             raise BadValue(f"an axis is {' or '.join(axes)}, not {axis!r}")
         return axis
 
-    def _ask(self, request: "Steps | Pulse | GoTo | Jog | Home", wanted: int | None = None) -> Motion:
+    def _ask(self, request: "Steps | Pulse | GoTo | MoveTo | Jog | Home", wanted: int | None = None) -> Motion:
         self.beat()
-        motion = Motion(
-            request.axis, wanted, self.beat, self._worker.lease.patience_s / 3, jog=isinstance(request, Jog)
-        )
+        every_s = self._worker.lease.patience_of(self) / 3
+        motion = Motion(request.axis, wanted, self.beat, every_s, jog=isinstance(request, Jog))
         self._worker.request(self, request, motion)
         return motion
 
@@ -192,9 +215,14 @@ class Supervisor:
     ) -> None:
         self.close()
 
-    def join(self, name: str, lost: Callable[[str], object] | None = None) -> Program:
-        """A new client, without control. lost(cause): called when its control ends; must return at once."""
-        return Program(name, self.worker, lost)
+    def join(
+        self, name: str, lost: Callable[[str], object] | None = None, *, patience_s: float | None = None
+    ) -> Program:
+        """A new client, without control. lost(cause): called when its control ends; must return at once.
+
+        patience_s: its own, for one that feeds many mounts or a slow network; None: the supervisor's.
+        """
+        return Program(name, self.worker, lost, patience_s)
 
     @property
     def status(self) -> Status | None:
@@ -204,6 +232,14 @@ class Supervisor:
     def stop(self, cause: str = "the program asked for it") -> None:
         """All motors off, now; returns at once. Any thread, with or without control."""
         self.worker.stop(cause)
+
+    def listen(self, listener: Callable[[Status | None], object]) -> None:
+        """listener(status): called with each status, and with None when the board has gone.
+
+        In the mount's thread, always before the outcome of a motion that has ended with it; it returns at once and
+        raises nothing. Loss of control is told to the program that had it: join().
+        """
+        self.worker.listeners.append(listener)
 
     def ask(self, question: Callable[[Mount], T]) -> "Future[T]":
         """Run question(mount), which must neither wait nor move, between two polls. The future raises MountError."""

@@ -1,9 +1,10 @@
 """The one thread that uses the mount, the brake beside it, and the direction buttons.
 
-Clients of the lease ask from any thread; their requests wait in a queue (Tasks) for the worker's thread. It polls the
-board's status twenty times a second, and each poll feeds the board's keep-alive. It polls on only while the client that
-asked for the motion is alive; if that client has gone, hangs or is cut off, it stops the mount. If this thread or its
-whole program hangs, the board stops by its own keep-alive.
+Clients of the lease ask from any thread; their requests wait in a queue (Tasks) for the worker's thread, those of
+programs in a Mailbox with one place for each axis. The worker polls the board's status twenty times a second, or fifty
+while it moves, and each poll feeds the board's keep-alive. It polls on only while the client that asked for the motion
+is alive; if that client has gone, hangs or is cut off, it stops the mount. If this thread or its whole program hangs,
+the board stops by its own keep-alive.
 
 A stop has a thread of its own (Brake) and waits for no other use of the mount. No request from before a stop is begun
 after it, waiting presses included.
@@ -18,12 +19,13 @@ import queue
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import TypeVar
 
 from mirrormount.device.mount import Mount
+from mirrormount.device.status import Status
 from mirrormount.errors import (
     BoardError,
     ConnectionLost,
@@ -33,13 +35,15 @@ from mirrormount.errors import (
     NotInControl,
     SupervisorFault,
 )
-from mirrormount.supervise.connection import POLL_S, Address, Connection, State
+from mirrormount.supervise.connection import MOVING_POLL_S, POLL_S, Address, Connection, State
 from mirrormount.supervise.lease import Client, Lease
 from mirrormount.supervise.log import Notices, ToNotices, WireLog
-from mirrormount.supervise.motions import Asked, Motion, Motions, start
+from mirrormount.supervise.motions import REPLACING, Asked, Motion, Motions, start
 from mirrormount.supervise.requests import Press, Request
+from mountfw import codes as wire
 
 T = TypeVar("T")
+Settings = Mapping[str, Mapping[str, int | float]]
 
 
 def _ignore(_why: MountError) -> None:
@@ -104,6 +108,83 @@ class Tasks:
         with contextlib.suppress(queue.Empty):
             while True:
                 self._waiting.get_nowait()[1](why)
+
+
+class Mailbox:
+    """The latest order of programs for each axis: a motion, and a halt before it. Any thread posts, one takes.
+
+    A flood of orders waits as one: the latest motion wins. A halt drops the motion that waits, and is never lost.
+    wake(): called when something has come into the box since deliver() began.
+    """
+
+    def __init__(self, wake: Callable[[], None]) -> None:
+        self._wake = wake
+        self._lock = threading.Lock()
+        self._woken = False
+        self._motions: dict[str, Asked] = {}
+        self._halts: dict[str, Future[object]] = {}
+
+    def post(self, axis: str, asked: Asked) -> None:
+        """A motion; the one that waits is superseded."""
+        with self._lock:
+            before = self._motions.pop(axis, None)
+            self._motions[axis] = asked
+        if before:
+            before.end(wire.SUPERSEDED)
+        self._call()
+
+    def follow(self, axis: str, rest: Asked) -> None:
+        """The rest of a motion, which any order that waits supersedes."""
+        with self._lock:
+            first = axis not in self._halts and self._motions.setdefault(axis, rest) is rest
+        if not first:
+            rest.end(wire.SUPERSEDED)
+        self._call()
+
+    def halt(self, axis: str) -> "Future[object]":
+        """End what moves, and begin nothing that waits. Halts that wait are one."""
+        with self._lock:
+            before = self._motions.pop(axis, None)
+            halted = self._halts.setdefault(axis, Future())
+        if before:
+            before.end(wire.STOPPED)
+        self._call()
+        return halted
+
+    def open(self) -> list[str]:
+        """The axes that have orders. What is posted from here on wakes again."""
+        with self._lock:
+            self._woken = False
+            return [*self._halts, *(axis for axis in self._motions if axis not in self._halts)]
+
+    def waiting(self, axis: str) -> Asked | None:
+        """The motion that waits."""
+        return self._motions.get(axis)
+
+    def take(self, axis: str) -> Asked | None:
+        """The motion that waits, which is the taker's now."""
+        with self._lock:
+            return self._motions.pop(axis, None)
+
+    def take_halt(self, axis: str) -> "Future[object] | None":
+        """The halt that waits, which is the taker's now."""
+        with self._lock:
+            halt = self._halts.pop(axis, None)
+        return halt if halt and halt.set_running_or_notify_cancel() else None
+
+    def fail(self, why: MountError) -> None:
+        """Refuse all that waits."""
+        for axis in self.open():
+            if halt := self.take_halt(axis):
+                halt.set_exception(why)
+            if asked := self.take(axis):
+                asked.refuse(why)
+
+    def _call(self) -> None:
+        with self._lock:
+            woken, self._woken = self._woken, True
+        if not woken:
+            self._wake()  # without the lock: after close() it fails at once, and empties the box
 
 
 _log = logging.getLogger("mirrormount.supervise")
@@ -338,6 +419,8 @@ class Worker:
 
     address: a port, or None for the only board. Attributes for any thread to read: connection, state, notices, log,
     driver (the client whose motion it is), stop_cause (of the last stop), gone (why the board is lost, "" while not).
+    listeners: called in the mount's thread with each status, and with None when the board has gone; each returns at
+    once and raises nothing.
     """
 
     def __init__(self, address: Address, lease: Lease, clock: Callable[[], float] = time.monotonic) -> None:
@@ -352,8 +435,11 @@ class Worker:
         self.notices = Notices()
         self._clock = clock
         self._pad = Pad(self.state, clock, self.stop)
-        self._motions = Motions(clock, lambda rest: self._tasks.add(lambda: self._begin(rest), rest.refuse))
         self._tasks = Tasks()
+        self._mail = Mailbox(lambda: self._tasks.add(self._deliver, self._refuse_mail))
+        self._motions = Motions(clock, self._mail.follow)
+        self._settings: tuple[Mount, Settings] | None = None  # as they were read, and of which mount
+        self.listeners: list[Callable[[Status | None], object]] = []
         self._confirmed = 0  # stops after which the board was seen at rest
         self._brake = Brake(lambda: self.mount)
         self._to_notices = ToNotices(self.notices)
@@ -390,11 +476,17 @@ class Worker:
         finally:
             self._motions.fail(ConnectionLost("the motion was stopped: the supervisor was closed"))
             self._tasks.close(ConnectionLost("nothing was done: the supervisor was closed"))
+            self._mail.fail(ConnectionLost("nothing was done: the supervisor was closed"))
 
     # ---- for clients: any thread
 
     def take_control(self, client: Client) -> None:
-        """Give a client control; motion of the client before it is stopped. Raises NotInControl, as Lease.claim()."""
+        """Give a client control; motion of the client before it is stopped. Raises NotInControl, as Lease.claim().
+
+        A holder whose control a stop has ended is told first, also if it is this client: it must never go on as if
+        nothing had happened.
+        """
+        self.lease.end_stopped(f"stopped: {self.stop_cause}")
         if self.lease.claim(client):
             self.stop(f"{client.name} took control", counted=True)
 
@@ -407,14 +499,23 @@ class Worker:
     def request(self, client: Client, request: Request, motion: Motion | None = None, stops: int | None = None) -> None:
         """Carry out a request; a later refusal becomes the motion's outcome, or a notice of the client.
 
-        A press during a step waits for its turn. stops: lease.stops when it was decided. Raises NotInControl.
+        A press during a step waits for its turn. A motion whose outcome is awaited replaces the one of its axis that
+        waits, and if it is one of REPLACING, the one under way, too. stops: lease.stops when it was decided.
+        Raises NotInControl.
         """
         asked = Asked(client, request, self.lease.stops if stops is None else stops, self._clock(), motion)
         self.lease.check(client)  # behind the count: control is claimed before the motion of its last holder is stopped
-        if not isinstance(request, Press):
+        if motion:
+            self._mail.post(motion.axis, asked)
+        elif not isinstance(request, Press):
             self._tasks.add(lambda: self._begin(asked), asked.refuse)
         elif self._pad.add(Hold(client, request, asked.stops, asked.at_s)):
             self._tasks.add(self._begin_next_press)
+
+    def halt(self, client: Client, axis: str) -> "Future[object]":
+        """End the motion of one axis, and drop what waits for it. Raises NotInControl; the future MountError."""
+        self.lease.check(client)
+        return self._mail.halt(axis)
 
     def release(self, client: Client) -> None:
         """The button is up: a run ends now; a step that was begun is made, and so is one that waits."""
@@ -445,7 +546,32 @@ class Worker:
 
         changes: it may change settings, and with them the size of a step.
         """
-        return self._tasks.ask(self.connection, work, self.state.read_scales if changes else lambda _: None)
+
+        def change(mount: Mount) -> T:
+            try:
+                return work(mount)
+            finally:
+                self._settings = None
+
+        if changes:
+            return self._tasks.ask(self.connection, change, self.state.read_scales)
+        return self._tasks.ask(self.connection, work, lambda _: None)
+
+    def settings(self) -> "Future[Settings]":
+        """The board's settings, read once and again after a change. The future raises MountError."""
+
+        def read(mount: Mount) -> Settings:
+            known = self._settings
+            if known is None or known[0] is not mount:  # else another client has asked for them meanwhile
+                self._settings = known = mount, mount.settings()
+            return known[1]
+
+        known = self._settings
+        if known is None or known[0] is not self.mount:
+            return self.call(read)
+        done: Future[Settings] = Future()
+        done.set_result(known[1])
+        return done
 
     def report(self, text: str, error: str = "") -> None:
         """Add a notice for all clients."""
@@ -456,8 +582,7 @@ class Worker:
     def _run(self) -> None:
         while not self._closing:
             try:
-                soon_s = _SOON_S if self.presses else POLL_S
-                self._tasks.run_next(soon_s if self.mount else _RETRY_S)
+                self._tasks.run_next(self._until_poll_s())
                 if self.mount is None:
                     self._reconnect()
                 if self.mount:
@@ -467,6 +592,44 @@ class Worker:
             except Exception as e:  # a fault of this program: the motors are stopped in any case
                 _log.exception("the worker has a fault")
                 self._lose(SupervisorFault(f"this program has a fault ({type(e).__name__}: {e}); motors were stopped"))
+
+    def _until_poll_s(self) -> float:
+        if self.mount is None:
+            return _RETRY_S
+        if self.presses:
+            return _SOON_S
+        return MOVING_POLL_S if self.state.status and self.state.status.moving else POLL_S
+
+    def _deliver(self) -> None:
+        """Carry out the orders in the mailbox. One that replaces what is under way waits for the end of that."""
+        for axis in self._mail.open():
+            halt, asked = self._mail.take_halt(axis), self._mail.waiting(axis)
+            replaces = asked is not None and isinstance(asked.request, REPLACING) and axis in self._motions
+            first = replaces and self._motions.supersede(axis)
+            if halt or first:
+                self._halt(axis, halt)
+            if asked and replaces:
+                asked.at_s = self._clock()
+            elif asked := self._mail.take(axis):
+                self._begin(asked)
+
+    def _halt(self, axis: str, halt: "Future[object] | None") -> None:
+        """Let the board end the motion of one axis. Raises ConnectionLost, NoAnswer."""
+        try:
+            if self.mount is None:
+                raise ConnectionLost(f"nothing was done: {self.connection.trouble}")
+            self.mount.send(f"{self.mount.axis(axis).number}ST")
+        except MountError as e:
+            if halt:
+                halt.set_exception(e)
+            if self.mount and isinstance(e, ConnectionLost | NoAnswer):
+                raise
+        else:
+            if halt:
+                halt.set_result(None)
+
+    def _refuse_mail(self, why: MountError) -> None:
+        self._mail.fail(why)
 
     def _begin_next_press(self) -> None:
         hold = self._pad.pop()
@@ -525,17 +688,28 @@ class Worker:
         if self.lease.stops != self._confirmed:
             self._confirm(mount)
         self._run_held(mount)
-        status = mount.status()
-        self.state.update(status, self.stop_cause)
+        status = self._see(mount)
         errors = mount.errors() if status.errors_waiting else []
         for error in errors:
             self.report(f"the board says {error.code}: {error.text.lower()}", str(error.code))
         if errors:
             self._pad.report_errors(status.moving)
         self._motions.poll(mount, status, errors)
+        self._deliver()
         if not status.moving and self._pad.rest():
             self.driver = None
         self._begin_next_press()
+
+    def _see(self, mount: Mount) -> Status:
+        """Read the status, and tell who listens: before the outcomes of motions, so that their positions are known."""
+        status = mount.status()
+        self.state.update(status, self.stop_cause)
+        self._tell(status)
+        return status
+
+    def _tell(self, status: Status | None) -> None:
+        for listener in self.listeners:
+            listener(status)
 
     def _run_held(self, mount: Mount) -> None:
         """A button that is held long enough runs."""
@@ -556,11 +730,11 @@ class Worker:
         """Make sure that the stops requested so far have stopped the mount."""
         stops = self.lease.stops
         mount.stop()
-        self._motions.poll(mount, mount.status(), ())  # before another motion of the same axis begins
+        self.lease.end_stopped(f"stopped: {self.stop_cause}")  # first: an outcome may make its client take control
+        self._motions.poll(mount, self._see(mount), ())  # before another motion of the same axis begins
         self._confirmed, self.driver = stops, None
         self._pad.reset()
         self.state.targets = {}
-        self.lease.end_stopped(f"stopped: {self.stop_cause}")
 
     # ---- coming and going of the board
 
@@ -585,4 +759,6 @@ class Worker:
         self.presses.drop()
         self.report(f"{why}; the port is tried every second, and no motion is resumed", type(why).__name__)
         self.connection.lose(why)
+        self._tell(None)
         self._motions.fail(why)
+        self._mail.fail(why)

@@ -1,0 +1,195 @@
+"""`mirrormount ioc`: mounts as EPICS motor records, for clients of Channel Access and PVAccess.
+
+EPICS base is imported where it is started, so that the help of the command and its lists are quick.
+"""
+
+import argparse
+import contextlib
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from mirrormount import files
+from mirrormount.cli.arguments import Command, port_options, virtual_address, virtual_options
+from mirrormount.device import table_file
+from mirrormount.errors import AllowNeeded, BadFile, BadValue
+from mirrormount.supervise.supervisor import Supervisor, supervised
+from mirrormount.terminal import Terminated, ended_in_order
+from mirrormount.values import PATIENCE_S, is_name
+from mirrormount_epics import fields
+from mirrormount_epics.screen import screen
+
+if TYPE_CHECKING:
+    from mirrormount_epics.mount import Board
+    from mirrormount_epics.pump import Pump
+
+_LOOPBACK = "127.0.0.1"
+_LONGEST_PREFIX = 25  # characters: a record's name has 60, a mount's 31
+READ_ONLY = "ASG(DEFAULT) { RULE(1, READ) RULE(0, WRITE) }"  # level 0 is .STOP: everybody may stop
+_AXES = ("x", "y")
+
+
+@dataclass(frozen=True)
+class Mount:
+    """A mount record. axes: the labels of its motor records, and the board's names of these axes."""
+
+    name: str
+    supervisor: Supervisor
+    axes: Mapping[str, str]
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """Which mounts, under which names, and who may write."""
+    parser.add_argument(
+        "at", nargs="*", metavar="PORT", help="serial ports, or mounts' names (default: all of the table)"
+    )
+    port_options(parser)
+    virtual_options(parser, "a virtual board; no hardware needed")
+    parser.add_argument("--prefix", default="", metavar="P", help="in front of each record's name, such as LAB:")
+    parser.add_argument(
+        "--host", default=_LOOPBACK, help="on which address to listen; others need --acf or --read-only"
+    )
+    parser.add_argument("--read-only", action="store_true", help="clients may stop, and write nothing else")
+    parser.add_argument("--acf", type=Path, metavar="FILE", help="who may write: EPICS's file of access security")
+    parser.add_argument("--list", action="store_true", help="print every record and field with its meaning, and end")
+    parser.add_argument("--screen", type=Path, metavar="FILE", help="write a screen for Phoebus (.bob), and end")
+
+
+def run(args: argparse.Namespace) -> None:
+    """Serve until a signal ends it. Raises MountError."""
+    rules = _rules(args)
+    _check_prefix(args.prefix)
+    mounts = _mounts(args)
+    names = {args.prefix + mount.name: tuple(mount.axes) for mount in mounts}
+    if args.list:
+        print("\n".join(fields.listed(names)))
+    elif args.screen:
+        files.write_atomic(args.screen, screen(names))
+    else:
+        with contextlib.suppress(Terminated), ended_in_order():  # a signal is how it is meant to end
+            _serve(args, mounts, rules)
+
+
+def _check_prefix(prefix: str) -> None:
+    if len(prefix) > _LONGEST_PREFIX or not all(one.isascii() and (one.isalnum() or one in "_-:") for one in prefix):
+        raise BadValue(f"--prefix is at most {_LONGEST_PREFIX} letters, digits, _, - and :, not {prefix[:60]!r}")
+
+
+def _rules(args: argparse.Namespace) -> str | None:
+    """The rules of access security; None: whoever reaches it may write. Raises AllowNeeded, BadValue, BadFile."""
+    if args.read_only and args.acf:
+        raise BadValue("--read-only and --acf: one of them")
+    if args.acf:
+        try:
+            return args.acf.read_text("utf-8")
+        except (OSError, UnicodeDecodeError) as e:
+            raise BadFile(f"{args.acf}: {getattr(e, 'strerror', None) or 'not a text file'}") from e
+    if args.read_only:
+        return READ_ONLY
+    if args.host != _LOOPBACK and not args.list and not args.screen:
+        raise AllowNeeded(
+            f"{args.host} is more than this computer, and whoever reaches it could drive the mounts: say who may,"
+            " --acf FILE, or --read-only; or listen on 127.0.0.1"
+        )
+    return None
+
+
+def _mounts(args: argparse.Namespace) -> list[Mount]:
+    """The mounts, not open yet. Raises BadFile, BadValue."""
+    virtual = virtual_address(args)
+    if virtual and args.at:
+        raise BadValue("--virtual is a board of its own: leave the port out")
+    named: list[str | None] = [virtual] if virtual else args.at or ([args.port] if args.port else [])
+    table = table_file.read().mounts
+    if not named and table:
+        of_table = supervised(table, PATIENCE_S)
+        return [Mount(name, board, dict(zip(_AXES, axes, strict=True))) for name, (board, axes) in of_table.items()]
+    mounts = []
+    for i, port in enumerate(named or [None], 1):
+        name = port if port and is_name(port) and port in table else f"m{i}"
+        mounts.append(Mount(name, Supervisor(port), dict(zip(_AXES, _AXES, strict=True))))
+    return mounts
+
+
+def _serve(args: argparse.Namespace, mounts: list[Mount], rules: str | None) -> None:
+    from mirrormount_epics import base
+    from mirrormount_epics.motor import Motor
+    from mirrormount_epics.mount import Board, MountRecord, saver
+    from mirrormount_epics.pump import Pump
+
+    pump = Pump()
+    motors: dict[str, tuple[Motor, base.Record]] = {}
+    records: dict[str, MountRecord] = {}
+
+    def make_motor(record: base.Record) -> Motor:
+        motors[record.name] = Motor(record.name, record), record
+        return motors[record.name][0]
+
+    def make_mount(record: base.Record) -> MountRecord:
+        records[record.name] = MountRecord(record)
+        return records[record.name]
+
+    supervisors = dict.fromkeys(mount.supervisor for mount in mounts)
+    with contextlib.ExitStack() as opened:
+        for supervisor in supervisors:
+            opened.enter_context(contextlib.closing(supervisor.open(absent=len(mounts) > 1)))
+            trouble = supervisor.worker.connection.trouble
+            if trouble:
+                print(f"mirrormount: warning: {trouble}", file=sys.stderr)
+        base.start_database()
+        types = fields.record_types()
+        base.RecordType("motor", types["motor"], make_motor)
+        base.RecordType("mount", types["mount"], make_mount)
+        base.load("".join(fields.records(args.prefix + mount.name, tuple(mount.axes)) for mount in mounts))
+        base.serve(args.host, rules)
+        boards = []
+        for supervisor in supervisors:
+            own = [mount for mount in mounts if mount.supervisor is supervisor]
+            boards.append(
+                Board(
+                    supervisor,
+                    pump,
+                    [records[args.prefix + mount.name] for mount in own],
+                    {
+                        axis: motors[f"{args.prefix}{mount.name}:{label}"]
+                        for mount in own
+                        for label, axis in mount.axes.items()
+                    },
+                )
+            )
+        pump.seldom.append(saver(boards))
+        pump.often.append(_once_ready(boards, [args.prefix + mount.name for mount in mounts]))
+        status = _until_signal(pump)
+    base.leave(status)
+
+
+def _until_signal(pump: "Pump") -> int:
+    """Run the pump. Returns the exit status."""
+    try:
+        pump.run()
+    except Terminated:
+        return 0
+    except KeyboardInterrupt:
+        print("mirrormount: stopped", file=sys.stderr)
+    return 130
+
+
+def _once_ready(boards: "list[Board]", names: list[str]) -> Callable[[], None]:
+    """What prints one line when clients may come: every board that was there at the start is on its records."""
+    told = []
+
+    def tell() -> None:
+        if not told and all(board.connected or not board.supervisor.worker.mount for board in boards):
+            told.append(True)
+            print(f"ready {' '.join(names)}", flush=True)
+
+    return tell
+
+
+COMMANDS = (
+    Command(
+        "ioc", "put mounts into EPICS as motor records, until Ctrl-C (Channel Access and PVAccess)", run, arguments
+    ),
+)

@@ -1,0 +1,222 @@
+"""The table of fields of the record types `motor` and `mount`.
+
+The record types, `mirrormount ioc --list`, docs/control-systems.md and the screen are made of it. The names are those
+of EPICS's motor record (github.com/epics-modules/motor, motorRecord.dbd), so that its clients find what they look for.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+# ---- the form of a row
+
+READ = "r"  # clients read it
+WRITE = "w"  # a put sets it
+ACT = "a"  # a put of it is an order: the record is processed, and a put-callback waits for the end of what it began
+
+_TYPES = {"D": "DOUBLE", "S": "SHORT", "L": "LONG", "U": "ULONG", "F": "FLOAT", "O": "OUTLINK"}
+_TEXT = "T"  # and its size in bytes, with the final zero
+
+
+@dataclass(frozen=True)
+class Field:
+    """One field. kind: a letter of _TYPES, T and a size, or a menu's name. initial: its value at first.
+
+    what: its meaning for a person; "" for one that only stands there because clients of the motor record read it, and
+    has the same value always.
+    """
+
+    name: str
+    kind: str
+    access: str
+    initial: str
+    what: str
+
+    @property
+    def numeric(self) -> bool:
+        """True for a real number."""
+        return self.kind in "DF"
+
+
+MENUS = {
+    "motorDIR": ("Pos", "Neg"),
+    "motorSET": ("Use", "Set"),
+    "motorFOFF": ("Variable", "Frozen"),
+    "motorSPMG": ("Stop", "Pause", "Move", "Go"),
+    "motorUEIP": ("No", "Yes"),
+    "motorTORQ": ("Disable", "Enable"),
+    "motorCERT": ("unknown", "counted", "homed", "estimated", "measured"),
+}
+
+
+def _rows(text: str) -> tuple[Field, ...]:
+    """Lines: NAME kind access [initial] | what it means."""
+    fields = []
+    for line in filter(None, map(str.strip, text.splitlines())):
+        head, _, what = line.partition("|")
+        name, kind, access, *initial = head.split()
+        fields.append(Field(name, kind, access, initial[0] if initial else "", what.strip()))
+    return tuple(fields)
+
+
+# ---- the tables
+
+MOTOR = _rows("""
+    VAL D a | where it shall go, user coordinates: the nearest whole step is gone to; it stays as it was asked
+    RBV D r | where it is, user coordinates: as the board counts
+    DVAL D a | VAL in dial coordinates: VAL = DVAL (times -1 if DIR is Neg) + OFF
+    DRBV D r | RBV in dial coordinates
+    RVAL L a | the same in whole steps of the board
+    RRBV L r | RBV in whole steps
+    RLV D a | go by so much
+    TWV D w 1 | size of a tweak
+    TWF S a | 1: go forward by TWV
+    TWR S a | 1: go back by TWV
+    DIFF D r | DVAL - DRBV
+    RDIF L r | RVAL - RRBV
+    LVAL D r | the last VAL that was accepted
+    DMOV S r 1 | 1: done; 0 before a put returns, and 1 only after RBV is told
+    MOVN S r | 1: the board says that it moves
+    MIP S r | 1: a motion is under way
+    STOP S a | 1: end the motion of this axis; VAL becomes RBV. A pulse with less than 250 ms left is finished
+    SPMG motorSPMG a Go | Stop, Pause (keeps the target), Move (one move, then Pause), Go. A stop by others sets Stop
+    JOGF S a | 1: run forward at the board's run duty, until 0 or STOP
+    JOGR S a | 1: run back
+    HOMF S a | 1: find the home that the board's settings say
+    HOMR S a | 1: the same
+    HLM D w | high limit, user coordinates: the board's soft limit
+    LLM D w | low limit, user coordinates
+    DHLM D w | high limit, dial coordinates
+    DLLM D w | low limit, dial coordinates
+    LVIO S r | 1: the last target was beyond the limits, and was refused
+    HLS S r | 1: at the end-stop in the direction of high user coordinates
+    LLS S r | 1: at the other one
+    RHLS S r | 1: at the board's positive end-stop
+    RLLS S r | 1: at the board's negative end-stop
+    OFF D a | user coordinates minus (directed) dial coordinates
+    DIR motorDIR a | direction of the user coordinates
+    FOFF motorFOFF w | what changes when a position is defined or DIR changes: OFF (Variable), or the board (Frozen)
+    SET motorSET w | Set: a put of VAL, DVAL or RVAL defines the present position, and nothing moves
+    SSET S w | 1: SET becomes Set
+    SUSE S w | 1: SET becomes Use
+    FOF S w | 1: FOFF becomes Frozen
+    VOF S w | 1: FOFF becomes Variable
+    SYNC S w | 1: VAL becomes RBV
+    VELO D w 1 | EGU per second, rests between steps included
+    VMAX D r 1 | the most that the board's pulses allow
+    ACCL D r | seconds for which the backlash is taken up, once a move
+    EGU T16 r steps | unit: steps, or mrad of the mirror where it is calibrated
+    MRES D r 1 | EGU of one step
+    RDBD D r 0.5 | half a step: a move ends within it
+    SPDB D r 0.5 | the same
+    PREC S w 3 | digits after the point, for displays
+    MSTA U r 2 | bits of the motor's state, as in the motor record
+    CDIR S r | 1: the board moves, or moved last, in its positive direction
+    TDIR S r | the same for user coordinates
+    CERT motorCERT r | how certain the position is (its own record has the alarm)
+    WHY S r | the board's reason for the end of the last motion (docs/errors.md)
+    ESTP T120 r | why the last order was refused or ended early; "" if it was not. Longer than 39: as .ESTP$
+    VERS F r 7.3 |
+    HOPR D r |
+    LOPR D r |
+    MISS S r |
+    RCNT S r |
+    ATHM S r |
+    ERES D r 1 |
+    SREV L r 200 |
+    UREV D r 200 |
+    RRES D r |
+    UEIP motorUEIP r |
+    URIP motorUEIP r |
+    VBAS D r |
+    S D r |
+    SBAS D r |
+    SMAX D r |
+    BVEL D r 1 |
+    BACC D r |
+    BDST D r |
+    HVEL D r 1 |
+    JVEL D r 1 |
+    JAR D r 1 |
+    CNEN motorTORQ r Enable |
+    DLY D r |
+    RTRY S r |
+    FRAC F r 1 |
+    PCOF D r |
+    ICOF D r |
+    DCOF D r |
+    CARD S r |
+    OUT O r |
+""")
+MOUNT = _rows("""
+    VAL S r | 1: the board is there
+    STOP S a | 1: all motors of this board off, at once
+    CONN S r | 1: the board is there
+    MSG T120 r | what has happened last: who has stopped it, why the board is not there
+    IDN T120 r | the board's identity
+""")
+_STOPS = ("STOP",)  # access level 0: --read-only leaves them, for everybody may stop
+
+# ---- record types
+
+
+def record_types() -> dict[str, str]:
+    """The definitions of both record types, as EPICS reads them (.dbd), by name."""
+    menus = "".join(f"menu({name}){{{_choices(name, words)}}}\n" for name, words in MENUS.items())
+    return {"motor": menus + _record_type("motor", MOTOR), "mount": _record_type("mount", MOUNT)}
+
+
+def _choices(name: str, words: tuple[str, ...]) -> str:
+    return " ".join(f'choice({name}_{i},"{word}")' for i, word in enumerate(words))
+
+
+def _record_type(name: str, table: tuple[Field, ...]) -> str:
+    return f'recordtype({name}){{ include "dbCommon.dbd"\n' + "".join(map(_definition, table)) + "}\n"
+
+
+def _definition(field: Field) -> str:
+    special = {READ: "special(SPC_NOMOD)", WRITE: "special(SPC_MOD)", ACT: "special(SPC_MOD) pp(TRUE)"}[field.access]
+    body = [f'prompt("{field.name}")', f"asl(ASL{0 if field.name in _STOPS else 1})", special]
+    if field.kind[0] == _TEXT and field.kind[1:].isdigit():
+        kind = "STRING"
+        body.append(f"size({field.kind[1:]})")
+    elif field.kind in _TYPES:
+        kind = _TYPES[field.kind]
+    else:
+        kind = "MENU"
+        body.append(f"menu({field.kind})")
+    if field.initial:
+        body.append(f'initial("{field.initial}")')
+    return f"field({field.name},DBF_{kind}){{{' '.join(body)}}}\n"
+
+
+# ---- records
+
+_ALARM = {"unknown": "MINOR", "estimated": "MINOR"}
+_MBBI = ("ZR", "ON", "TW", "TH", "FR")  # the first states of EPICS's mbbi
+
+
+def records(mount: str, axes: tuple[str, ...]) -> str:
+    """The records of a mount, as EPICS loads them (.db). mount: prefix and name; axes: those that it has."""
+    lines = [f'record(mount,"{mount}"){{field(DESC,"mirror mount")}}']
+    for axis in axes:
+        name = f"{mount}:{axis}"
+        lines.append(f'record(motor,"{name}"){{field(DESC,"mirror mount, axis {axis}")}}')
+        states = "".join(
+            f'field({state}ST,"{word}")field({state}VL,"{i}")field({state}SV,"{_ALARM.get(word, "NO_ALARM")}")'
+            for i, (state, word) in enumerate(zip(_MBBI, MENUS["motorCERT"], strict=True))
+        )
+        lines.append(f'record(mbbi,"{name}:certainty"){{field(INP,"{name}.CERT CP"){states}}}')
+    return "\n".join(lines) + "\n"
+
+
+def listed(mounts: dict[str, tuple[str, ...]]) -> Iterator[str]:
+    """Lines that tell every record and field. mounts: names with their prefix, and their axes."""
+    for mount, axes in mounts.items():
+        yield f"{mount}  a mount"
+        yield from (f"{mount}:{axis}  a motor; its position's certainty is {mount}:{axis}:certainty" for axis in axes)
+    for title, table in (("of a motor", MOTOR), ("of a mount", MOUNT)):
+        yield f"fields {title} (r: read, w: write, a: act):"
+        yield from (f"  .{field.name:<5}{field.access}  {field.what}" for field in table if field.what)
+        only = [field.name for field in table if not field.what]
+        if only:
+            yield f"  there for clients that read them, always the same: {' '.join(only)}"

@@ -1,0 +1,65 @@
+"""A screen for Phoebus (.bob) with the records of `mirrormount ioc`: a row for each motor, a STOP for each mount."""
+
+from collections.abc import Iterator, Mapping
+from xml.sax.saxutils import escape
+
+_ROW_PX, _LEFT_PX = 30, 10
+# what stands in a motor's row: the widget, the field, its left edge and width in pixels
+_COLUMNS = (
+    ("textupdate", "RBV", 150, 90),
+    ("textentry", "VAL", 245, 90),
+    ("textupdate", "EGU", 340, 50),
+    ("action", "TWR", 395, 35),
+    ("textentry", "TWV", 435, 60),
+    ("action", "TWF", 500, 35),
+    ("led", "MOVN", 545, 20),
+    ("action", "STOP", 575, 60),
+    ("combo", "SPMG", 640, 80),
+    ("textupdate", "CERT", 725, 90),
+    ("textupdate", "ESTP$", 820, 400),
+)
+_LABELS = {"TWR": "<", "TWF": ">", "STOP": "STOP"}
+
+
+def screen(mounts: Mapping[str, tuple[str, ...]]) -> str:
+    """The screen, as XML. mounts: names of the mount records with their prefix, and their axes."""
+    widgets, y = [], 10
+    for mount, axes in mounts.items():
+        widgets += [
+            _widget("label", mount, _LEFT_PX, y, 130, text=mount),
+            _button("STOP all", f"{mount}.STOP", 150, y, 90),
+            _widget("led", mount, 245, y, 20, pv_name=f"{mount}.CONN"),
+            _widget("textupdate", mount, 275, y, 540, pv_name=f"{mount}.MSG$"),
+        ]
+        for axis in axes:
+            y += _ROW_PX
+            widgets += [_widget("label", axis, _LEFT_PX + 20, y, 110, text=axis), *_row(f"{mount}:{axis}", y)]
+        y += _ROW_PX * 3 // 2
+    body = "\n".join(widgets)
+    return (
+        '<?xml version="1.0" encoding="UTF-8"?>\n<display version="2.0.0">\n<name>mirror mounts</name>\n'
+        f"<width>1230</width>\n<height>{y}</height>\n{body}\n</display>\n"
+    )
+
+
+def _row(motor: str, y: int) -> Iterator[str]:
+    for kind, field, x, width in _COLUMNS:
+        pv = f"{motor}.{field}"
+        yield (
+            _button(_LABELS[field], pv, x, y, width) if kind == "action" else _widget(kind, pv, x, y, width, pv_name=pv)
+        )
+
+
+def _widget(kind: str, name: str, x: int, y: int, width: int, inner: str = "", **texts: str) -> str:
+    texts = {"name": name, "x": str(x), "y": str(y), "width": str(width), "height": "20", **texts}
+    return f'<widget type="{kind}" version="2.0.0">{_elements(texts)}{inner}</widget>'
+
+
+def _button(label: str, pv: str, x: int, y: int, width: int) -> str:
+    """A button that writes a 1."""
+    action = f'<actions><action type="write_pv"><pv_name>{escape(pv)}</pv_name><value>1</value></action></actions>'
+    return _widget("action_button", pv, x, y, width, action, text=label)
+
+
+def _elements(texts: Mapping[str, str]) -> str:
+    return "".join(f"<{key}>{escape(text)}</{key}>" for key, text in texts.items())

@@ -1,0 +1,256 @@
+"""What goes wrong around an IOC: it dies or hangs, its board goes, clients flood it, send rubbish or may not write."""
+
+import contextlib
+import random
+import signal
+import socket
+import time
+from pathlib import Path
+
+import pytest
+from iocs import Ioc
+from served import ServedBoard, run_cli, wait_for
+
+from mirrormount.device.mount import Mount
+from mirrormount_epics import fields
+from mountfw import codes as wire
+
+IN_MOTION = """
+import epics
+epics.caput(P + "m1:x.{field}", {value})
+wait_for(lambda: epics.caget(P + "m1:x.MOVN") == 1, "the motion")
+event("moving")
+"""
+
+
+@pytest.mark.wall_clock  # the time from the death of a process to a pin is between two clocks
+@pytest.mark.parametrize("with_signal", [signal.SIGKILL, signal.SIGSTOP])
+@pytest.mark.parametrize(("field", "value"), [("JOGF", 1), ("VAL", 5000)])
+def test_an_ioc_that_dies_or_hangs_in_mid_motion_leaves_nothing_running(ioc, board, drives, field, value, with_signal):
+    client = ioc.client(IN_MOTION.format(field=field, value=value))
+    client.until("moving")
+    drives()
+    ioc.process.send_signal(with_signal)
+    died_s = time.monotonic()
+    before = len(board.edges())
+    time.sleep(0.7)  # 0.5 s and what a busy computer needs to write the edges down
+    after_s = time.monotonic() - died_s
+    edges = len(board.edges())
+    wait_for(lambda: not board.driving(), "the motors to rest")
+    time.sleep(1.0)
+    assert len(board.edges()) == edges, f"{edges - before} edges in {after_s:.2f} s, then more"
+    client.process.kill()
+    client.process.communicate()
+    ioc.process.kill()
+    ioc.process.wait()
+    with Mount.open(str(board.link)) as mount:
+        assert mount.x.last_move().reason == wire.KEEP_ALIVE
+
+
+def test_who_waits_across_a_restart_of_the_ioc_knows_that_its_move_was_cut(ioc, board, drives):
+    client = ioc.client("""
+        import epics
+        from ophyd import EpicsMotor
+        x = EpicsMotor(P + "m1:x", name="x"); x.wait_for_connection(timeout=30)
+        status = x.set(50)
+        wait_for(lambda: x.moving, "the move")
+        event("moving")
+        wait_for(lambda: status.done, "its end")
+        assert not status.success
+        assert x.user_setpoint.get() == x.position
+        assert x.move(round(x.position) + 1, timeout=30).success
+    """)
+    client.until("moving")
+    ioc.process.kill()
+    ioc.process.wait()
+    with Ioc(str(board.link), environment=ioc.environment):
+        client.go_on()
+        client.end()
+
+
+def test_a_board_that_goes_in_mid_move_is_an_alarm_and_comes_back_at_rest(ioc, board, drives):
+    client = ioc.client("""
+        import epics
+        axis = P + "m1:x."
+        epics.caput(axis + "VAL", 50); wait_for(lambda: epics.caget(axis + "MOVN") == 1, "the move")
+        event("moving")
+        wait_for(lambda: epics.caget(axis + "SEVR") == 3 and epics.caget(axis + "DMOV") == 1, "the alarm")
+        assert epics.caget(P + "m1.CONN") == 0 and epics.caget(axis + "STAT") == 9
+        epics.caput(axis + "VAL", 1, wait=True, timeout=5)
+        assert "board" in epics.caget(axis + "ESTP")
+        event("gone")
+        wait_for(lambda: epics.caget(P + "m1.CONN") == 1, "the board")
+        epics.caput(axis + "VAL", 1, wait=True, timeout=5)
+        assert "Go" in epics.caget(axis + "ESTP") and epics.caget(axis + "SPMG") == 0
+        event("back")
+        assert epics.caput(axis + "SPMG", 3, wait=True, timeout=5) == 1
+        assert epics.caput(axis + "VAL", 1, wait=True, timeout=30) == 1
+        assert epics.caget(axis + "RBV") == 1 and epics.caget(axis + "SEVR") == 0
+    """)
+    client.until("moving")
+    folder = board.link.parent
+    board.kill()
+    client.go_on()
+    client.until("gone")
+    with ServedBoard(folder) as again:
+        again_edges = len(again.edges())
+        client.go_on()
+        client.until("back")
+        assert len(again.edges()) == again_edges
+        client.go_on()
+        client.end()
+
+
+def test_a_flood_of_puts_ends_with_a_stop_that_is_not_lost(ioc, board, rests):
+    ioc.run("""
+        import random, epics
+        random.seed(1)
+        fields = ("VAL", "DVAL", "RLV", "TWF", "JOGF", "JOGR", "STOP", "SPMG", "OFF", "DIR", "HLM")
+        pvs = {field: epics.PV(P + "m1:x." + field) for field in fields}
+        assert all(pv.wait_for_connection(30) for pv in pvs.values())
+        odd = (float("nan"), float("inf"), 1e300, 3.7, -2.2)
+        for n in range(3000):
+            field = random.choice(fields)
+            value = {"VAL": random.choice(odd), "DVAL": random.uniform(-5, 5), "RLV": random.uniform(-2, 2),
+                     "SPMG": random.choice((0, 1, 2, 3)), "OFF": random.uniform(-1, 1), "DIR": n % 2,
+                     "HLM": random.choice((-3, 3, 1e5))}.get(field, 1)
+            pvs[field].put(value)
+        pvs["SPMG"].put(3)
+        assert pvs["STOP"].put(1, wait=True, timeout=30) == 1
+        wait_for(lambda: epics.caget(P + "m1:x.DMOV") == 1 and epics.caget(P + "m1:x.MOVN") == 0, "rest")
+    """)
+    rests()
+    edges = len(board.edges())
+    assert ioc.run('import epics; print(epics.caget(P + "m1:x.DMOV"))')[-1] == "1"
+    assert len(board.edges()) == edges and ioc.process.poll() is None
+    assert not any("fault" in line for line in ioc.errors), ioc.errors
+
+
+def rubbish(rng: random.Random, n: int, protocol: str) -> bytes:
+    """Random bytes, most of them behind the beginning of a message that the server knows."""
+    body = rng.randbytes(rng.randrange(0, 200))
+    if rng.random() < 0.3:
+        return body
+    if protocol == "PVA":
+        flags, command = rng.choice((0, 0x40, 0x80)), rng.randrange(0, 24)
+        size = rng.choice((len(body), rng.randrange(0, 1 << 32)))
+        return (
+            bytes((0xCA, rng.choice((1, 2)), flags, command)) + size.to_bytes(4, rng.choice(("little", "big"))) + body
+        )
+    command, size = rng.randrange(0, 30), rng.choice((len(body) // 8 * 8, rng.randrange(0, 1 << 16)))
+    numbers = [rng.randrange(0, 1 << 16), rng.randrange(0, 1 << 16)]
+    head = b"".join(number.to_bytes(2, "big") for number in (command, size, *numbers))
+    return head + rng.randbytes(8) + body
+
+
+@pytest.mark.parametrize(
+    ("protocol", "n"),
+    [
+        ("CA", 300),
+        ("PVA", 40),  # fewer: after such packets EPICS base is slow to accept the next connection
+        pytest.param("CA", 100_000, marks=pytest.mark.full),
+        pytest.param("PVA", 1000, marks=pytest.mark.full),
+    ],
+)
+def test_malformed_packets_move_nothing_and_the_ioc_goes_on(ioc, board, protocol, n):
+    rng = random.Random(n)
+    where = ("127.0.0.1", ioc.port(protocol))
+    with socket.socket(type=socket.SOCK_DGRAM) as udp:
+        for _ in range(n // 10):
+            with contextlib.suppress(OSError), socket.create_connection(where, timeout=5) as tcp:  # it may hang up
+                for _ in range(9):
+                    tcp.sendall(rubbish(rng, n, protocol))
+            udp.sendto(rubbish(rng, n, protocol), where)
+    assert board.edges() == [] and ioc.process.poll() is None
+    ioc.run("""
+        import epics
+        assert epics.caget(P + "m1:x.RBV") == 0
+        assert epics.caput(P + "m1:x.VAL", 1, wait=True, timeout=30) == 1
+    """)
+
+
+DENIED = """
+import epics
+from p4p.client.thread import Context
+context = Context("pva")
+def denied(put):
+    try:
+        put()
+    except Exception as e:
+        return "permitted" in str(e) or "denied" in str(e).lower()
+    return False
+for field in ("VAL", "JOGF", "HLM", "SPMG", "OFF"):
+    assert denied(lambda: epics.caput(P + "m1:x." + field, 1, wait=True, timeout=5)), field
+    assert denied(lambda: context.put(P + "m1:x." + field, 1, timeout=5)), field
+assert epics.caget(P + "m1:x.RBV") == float(context.get(P + "m1:x.RBV")) == 0
+context.close()
+"""
+
+
+def test_read_only_denies_each_put_but_a_stop(board):
+    with Ioc(str(board.link), "--read-only") as ioc:
+        ioc.run(DENIED + 'assert epics.caput(P + "m1:x.STOP", 1, wait=True, timeout=5) == 1\n')
+    assert board.edges() == []
+
+
+def test_rules_of_access_are_those_of_the_file(board, tmp_path):
+    rules = tmp_path / "rules.acf"
+    rules.write_text("UAG(operators) {nobody-here}\nASG(DEFAULT) {RULE(1, READ) RULE(1, WRITE) {UAG(operators)}}\n")
+    with Ioc(str(board.link), "--acf", str(rules)) as ioc:
+        ioc.run(DENIED)
+    assert board.edges() == []
+
+
+@pytest.mark.skipif(not Path("/proc/net/tcp").exists(), reason="Linux tells who listens")
+def test_it_listens_on_loopback_only(ioc):
+    listening = set()
+    for line in Path("/proc/net/tcp").read_text().splitlines()[1:]:
+        _, where, _, state = line.split()[:4]
+        address, _, port = where.partition(":")
+        if state == "0A" and int(port, 16) in (ioc.port("CA"), ioc.port("PVA")):
+            listening.add((address, int(port, 16)))
+    assert listening == {("0100007F", ioc.port("CA")), ("0100007F", ioc.port("PVA"))}
+
+
+# ---- the command
+
+
+def test_the_list_has_every_field_with_its_meaning():
+    done = run_cli("ioc", "--list", "--prefix", "LAB:", "--virtual")
+    assert done.returncode == 0 and "LAB:m1:x:certainty" in done.stdout
+    for field in (*fields.MOTOR, *fields.MOUNT):
+        assert f" .{field.name}" in done.stdout or f" {field.name}" in done.stdout
+
+
+def test_the_screen_has_every_motor_and_the_stop(tmp_path):
+    import xml.etree.ElementTree as xml
+
+    done = run_cli("ioc", "--virtual", "--prefix", "LAB:", "--screen", str(tmp_path / "mounts.bob"))
+    assert done.returncode == 0, done.stderr
+    named = {element.text for element in xml.parse(tmp_path / "mounts.bob").iter("pv_name")}
+    assert {"LAB:m1.STOP", "LAB:m1:x.VAL", "LAB:m1:y.STOP"} <= named
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("--host", "0.0.0.0"), "--acf"),
+        (("--read-only", "--acf", "x"), "one of them"),
+        (("--acf", "/nowhere/x"), "/nowhere/x"),
+        (("--prefix", "a b"), "--prefix"),
+    ],
+)
+def test_what_cannot_be_served_is_told_in_one_line(words, told):
+    done = run_cli("ioc", "--virtual", *words)
+    assert done.returncode == 1 and told in done.stderr and done.stderr.count("\n") == 1
+
+
+def test_a_file_of_rules_that_epics_cannot_read_starts_nothing(board, tmp_path):
+    import subprocess
+    import sys
+
+    rules = tmp_path / "rules.acf"
+    rules.write_text("ASG(DEFAULT) { RULE(")
+    command = [sys.executable, "-m", "mirrormount", "ioc", str(board.link), "--acf", str(rules)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 1 and "mirrormount:" in done.stderr and "ready" not in done.stdout
