@@ -120,6 +120,12 @@ class Axis:
     """Pulse and speed: kept for other programs; pulses do not ramp"""
     run_duty = Property[int]()
     """Pulse and speed: duty of a run, 1 … 255"""
+    start_duty = Property[int]()
+    """Pulse and speed: least duty that starts the motor; 0: not measured"""
+    pwm_hz = Property[int]()
+    """Pulse and speed: PWM frequency, Hz; 0: the board file's"""
+    slow_decay = Property[int]()
+    """Pulse and speed: 1: slow decay, brakes in the PWM's pauses"""
     take_up_us = Property[int]()
     """Take-up: drive that takes up the backlash, us; 0: off"""
     checking = Property[int]()
