@@ -40,6 +40,7 @@ _CARRIER = const(6)  # bit of the pin that carries the duty: the enable; with sl
 _CARRIES = const(7)  # address of its CTRL
 _COUNTER = const(8)  # address of its slice's CTR
 _SHIFT = const(9)  # of its level in CC
+_CHOICES = const(10)  # from here on these four for fast decay, and for slow
 
 _CLOCK_US = const(32)  # a drive's last stretch, in which only the clock is read: more than a look for a byte takes
 _WAITING = const(0)  # the words of a Lane's log
@@ -116,21 +117,26 @@ class EnableBridge:
         self.made_hz = 0
         self._enable, self._pos = enable, pos
         words = [1 << enable.number, 1 << pos.number, 1 << neg.number, _CONTROL + 8 * enable.number, dead_time_us]
-        self.words = array("I", words + [0] * 5)
-        self._carry(enable.number)
+        words += [0] * 5
+        for pin in (enable.number, pos.number):
+            words += [1 << pin, _CONTROL + 8 * pin, _COUNTERS + 20 * (pin >> 1 & 7), 16 * (pin & 1)]
+        self.words = array("I", words)
+        self._choose(0)
 
     def tune(self, hz, slow):
         """From the next drive on: PWM frequency, and slow decay (1) or fast (0). Nothing may drive."""
         self.release()
         self._enable.set_hz(hz)
         self._pos.set_hz(hz)
-        self._carry(self._pos.number if slow else self._enable.number)
+        self._choose(slow)
 
-    def _carry(self, pin):
-        self.words[_CARRIER] = 1 << pin
-        self.words[_CARRIES] = _CONTROL + 8 * pin
-        self.words[_COUNTER] = _COUNTERS + 20 * (pin >> 1 & 7)
-        self.words[_SHIFT] = 16 * (pin & 1)
+    @micropython.viper
+    def _choose(self, slow: int):
+        words = ptr32(self.words)
+        i = 0
+        while i < 4:
+            words[_CARRIER + i] = words[_CHOICES + 4 * slow + i]
+            i += 1
 
     @micropython.viper
     def cut_at(self, us: int) -> int:
