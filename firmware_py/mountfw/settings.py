@@ -80,8 +80,8 @@ _setting(b"XJ", "start_duty", 0, 255, 0)
 _setting(b"XQ", "pwm_hz", 0, 20_000, 0, AT_REST | FROM_20)
 """Pulse and speed: PWM frequency, Hz; 0: the board file's
 
-At a low duty a motor starts better at a low frequency. 1 to 19 are refused with 7. A new duty of a drive under way shows
-when the running period is over. A board that cannot change it refuses all but 0 with n35
+At a low duty a motor starts better at a low frequency. 1 to 19 are refused with 7. A new duty of a drive under way
+shows when the running period is over. A board that cannot change it refuses all but 0 with n35
 ([which](bring-up.md#pwm-frequency-and-decay)).
 """
 

@@ -23,7 +23,7 @@ def on_us(board, pin: str, since_us: int, until_us: int) -> int:
 
 @pytest.fixture
 def slow(make_board):
-    """A board with both axes at 25 Hz and slow decay, that has driven once: then no record has to come off the flash."""
+    """A board with both axes at 25 Hz and slow decay. It has driven: no record has to come off the flash."""
     board = make_board()
     board.send(b"1XQ25;2XQ25;1XY1;2XY1\n02550255")
     board.run(100_000)

@@ -104,7 +104,7 @@ def test_a_stop_cuts_a_slow_decay_with_the_first_writes_and_no_pin_rises_after_i
         rig.ask(b"0100-100")
         del rig.port.edges[:]
         rig.ask(b"!\n")
-        assert rig.port.edges and all([duty == 0 for _, _, duty in rig.port.edges])
+        assert rig.port.edges and not any(duty for _, _, duty in rig.port.edges)
 
 
 def test_a_reversal_goes_through_off_and_the_dead_time():
@@ -147,7 +147,8 @@ def test_what_cannot_be_is_refused_and_changes_nothing():
 
 def test_a_slice_that_another_axis_uses_keeps_its_frequency_and_its_decay():
     board = Board()
-    board.AXIS_3 = {"en": 19, "pos": 20, "neg": 21, "stop_pos": None, "stop_neg": None}  # slices 1 and 2, as axes 1 and 2
+    # its enable and `pos` are at slices 1 and 2, as those of axes 1 and 2
+    board.AXIS_3 = {"en": 19, "pos": 20, "neg": 21, "stop_pos": None, "stop_neg": None}
     rig = Rig(board)
     for axis in (1, 2, 3):
         rig.ask(b"%dXQ25;%dXY1\n" % (axis, axis))

@@ -56,7 +56,8 @@ else:
         """A pin that can carry a duty.
 
         low() and high() go through the pin's function, at once. The PWM behind the pin keeps its old
-        duty to the end of its period, and shows it only while the pin's function is PWM. shows: 0 low, 1 high, 2 a duty.
+        duty to the end of its period, and shows it only while the pin's function is PWM. shows: 0 low,
+        1 high, 2 a duty.
         """
 
         def __init__(self, number, pwm_hz):
