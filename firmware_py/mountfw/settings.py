@@ -173,6 +173,7 @@ _setting(b"XG", "stall_ms", 0, 1000, 60, OF_ENCODER)
 _setting(b"XA", "stall_duty", 0, 255, 0, OF_ENCODER)
 """Encoder: duty of a search for the end by stall; 0: off
 
+At most 100 where the motor gets the whole 6 V: more may break the gears, and the host warns.
 Where no switch is fitted in that direction, `MT` and `OR` then run so until the motor stalls, off it, and again. They
 are refused with n35 where a stall is not checked (`XG0` or `ZZ1`).
 """

@@ -148,7 +148,7 @@ def test_what_cannot_be_is_refused_and_changes_nothing():
 def test_a_slice_that_another_axis_uses_keeps_its_frequency_and_its_decay():
     board = Board()
     # its enable and `pos` are at slices 1 and 2, as those of axes 1 and 2
-    board.AXIS_3 = {"en": 19, "pos": 20, "neg": 21, "stop_pos": None, "stop_neg": None}
+    setattr(board, "AXIS_3", {"en": 19, "pos": 20, "neg": 21, "stop_pos": None, "stop_neg": None})  # noqa: B010
     rig = Rig(board)
     for axis in (1, 2, 3):
         rig.ask(b"%dXQ25;%dXY1\n" % (axis, axis))

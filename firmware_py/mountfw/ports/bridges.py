@@ -100,7 +100,7 @@ class TwoPwmBridge(Bridge):
 
 
 class EnableBridge(Bridge):
-    """One enable, two direction legs: SN754410, L293D, TB6612.
+    """One enable, two direction legs: SN754410, L293D; and TB6612, which brakes while its enable is low and a leg high.
 
     Fast decay: the enable carries the duty. Slow decay: the enable is high, and `pos` carries the duty; where `neg` is
     high, its pauses are the drive.
