@@ -1,13 +1,8 @@
 """Write the tables and lists that follow from declarations: .venv/bin/python tools/tables.py [--check]
 
 Errors and reasons (docs/errors.md), settings (docs/protocol.md, the attributes of an axis on the board and its
-<<<<<<< HEAD
-properties on the host), boards (docs/versions.md), the profiles of virtual mounts (docs/mechanics.md), the grammar of
-a line (dialect/line.py of the firmware).
-=======
-properties on the host), boards (docs/versions.md), records (docs/control-systems.md), the grammar of a line
-(dialect/line.py of the firmware).
->>>>>>> epics
+properties on the host), boards (docs/versions.md), the profiles of virtual mounts (docs/mechanics.md), records
+(docs/control-systems.md), the grammar of a line (dialect/line.py of the firmware).
 --check changes nothing and fails if one of them differs.
 """
 
@@ -22,11 +17,8 @@ from mirrormount import errors
 from mirrormount.deploy.firmware import boards, firmware
 from mirrormount.device.settings import ENCODER, SETTINGS
 from mirrormount.errors import doc_texts, one_line
-<<<<<<< HEAD
-from mirrormount_sim.profiles import PROFILES, facts
-=======
 from mirrormount_epics import fields
->>>>>>> epics
+from mirrormount_sim.profiles import PROFILES, facts
 from mountfw import codes
 from mountfw.board_file import FILE_OF
 from mountfw.wire.frame import PROBE

@@ -50,6 +50,8 @@ NOTES = """
     “pos” is the leg that is high for a positive number.
 •  R1 and R2 keep the motors off while the board starts or is flashed: 10 kΩ; on a Pico 2, at most 8.2 kΩ.
 •  C1 and C2 stand next to the bridge, between pin 8 and its ground pins; C3 stands at pin 16.
+•  C4 and C5 are soldered to the terminals of the motors, and each motor gets two more of 100 nF, from either terminal
+    to its case (not drawn). Twist the two leads of a motor.
 •  USB feeds the Pico and pin 16; the motor supply feeds pin 8 and nothing else.
     The two share only the ground. No GP pin may see more than 3.3 V.
 •  The emergency stop has two normally closed contacts: one breaks the motors' supply, the other
@@ -149,10 +151,12 @@ def signals(d) -> None:
 
 def motors(d) -> None:
     """The motors between the bridge's outputs."""
-    for words, color, upper, lower in MOTORS:
+    for capacitor, (words, color, upper, lower) in zip(("C4", "C5"), MOTORS, strict=True):
         for name, number, y in (upper, lower):
             pin(d, (BRIDGE_RIGHT, y), "right", name, number)
             wire(d, (BRIDGE_RIGHT, y), (MOTOR, y), color=color)
+        d += elm.Capacitor().at((MOTOR - 0.85, upper[2])).to((MOTOR - 0.85, lower[2])).color(color)
+        write(d, (MOTOR - 0.95, (upper[2] + lower[2]) / 2 + 0.7), f"{capacitor}\n100 nF", SMALL, color, align="right")
         d += elm.Motor().at((MOTOR, upper[2])).to((MOTOR, lower[2])).color(color)
         write(d, (MOTOR, (upper[2] + lower[2]) / 2), "M", NORMAL, color)
         write(d, (MOTOR + 0.8, (upper[2] + lower[2]) / 2), words, NORMAL, color, align="left")

@@ -21,8 +21,12 @@ FILE_OF = {
     "adafruit_feather_esp32s3_nopsram": "adafruit_feather_esp32s3",
 }
 
-# each bridge: its class in bridges.py, and which pins of an axis carry its duty
-BRIDGES = {"enable": ("EnableBridge", ("en",)), "two-pwm": ("TwoPwmBridge", ("pos", "neg"))}
+# each bridge: its class in bridges.py, which pins of an axis are low while it has no drive and carry its duty, and
+# which may carry it if the decay can be chosen
+BRIDGES = {
+    "enable": ("EnableBridge", ("en",), ("en", "pos")),
+    "two-pwm": ("TwoPwmBridge", ("pos", "neg"), ("pos", "neg")),
+}
 STOPS = ("stop_pos", "stop_neg")
 ENCODERS = ("encoder", "shaft")  # which an axis may have: A and B on the motor's shaft; SDA and SCL of an AS5600
 REQUIRED = ("NAME", "BRIDGE", "AXIS_1", "AXIS_2", "PWM_HZ", "DEAD_TIME_US", "LED")
@@ -75,6 +79,20 @@ def led_of(board, radio):
 def gate_pins(board):
     """The pins of each axis of a board file that are low while it has no drive: those that carry its duty."""
     return [tuple([pins[name] for name in BRIDGES[board.BRIDGE][1]]) for pins in axes(board)]
+
+
+def tunable(board, pins):
+    """May an axis with these pins of a board file have a PWM frequency and a decay of its own, on an RP2040 or RP2350?
+
+    Not where another axis has a pin at the same slice: its two outputs have one frequency.
+    """
+    names = BRIDGES[board.BRIDGE][2]
+    own = [_pwm_output(pins[name]) >> 1 for name in names]
+    for other in axes(board):
+        for name in names:
+            if other is not pins and _pwm_output(other[name]) >> 1 in own:
+                return False
+    return True
 
 
 def values(board):

@@ -57,13 +57,18 @@ def build(port, board):
 
 def make_bridge(port, board, pins):
     """The bridge of one axis, on these pins of a board file."""
-    kind, duties = BRIDGES[board.BRIDGE]
+    kind, duties, tuned = BRIDGES[board.BRIDGE]
     make = getattr(port, kind, None)  # the port may have one of its platform's own
     if not make:
         make = getattr(bridges, kind)
     names = [name for name in DRIVES if pins[name] is not None]
+    tunable = getattr(port, "TUNABLE", False) and board_file.tunable(board, pins)
+    if tunable:
+        duties = tuned
     parts = [port.output(pins[name], board.PWM_HZ if name in duties else 0) for name in names]
-    return make(*(parts + [board.DEAD_TIME_US, port.pause_us, port.ticks_us]))
+    bridge = make(*(parts + [board.DEAD_TIME_US, port.pause_us, port.ticks_us]))
+    bridge.made_hz = board.PWM_HZ if tunable else 0
+    return bridge
 
 
 def make_axis(number, pins, port, board, error_queue, receiver):

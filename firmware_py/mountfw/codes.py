@@ -184,9 +184,9 @@ Remedy: Wait until it is at rest (`MD?` is 1), or stop it.
 """
 
 AXIS_NOT_FITTED = _axis_error(35, b"NOT FITTED OR SWITCHED OFF")
-"""A switch was declared fitted for which the board has no input; or a search (`MT`, `OR`) needs a switch that is not
-fitted (`XL`) or is ignored (`ZH1`); or a closed loop was asked for, and there is no encoder, or the counts of a step
-(`XN`) are not set.
+"""A switch was declared fitted for which the board has no input; or a PWM frequency or a decay was set (`XQ`, `XY`)
+where it cannot be changed; or a search (`MT`, `OR`) needs a switch that is not fitted (`XL`) or is ignored (`ZH1`); or
+a closed loop was asked for, and there is no encoder, or the counts of a step (`XN`) are not set.
 
 Remedy: Say what is fitted, on that axis: `mirrormount setup`, or `mirrormount config set x.switches 3` (`XL`). The
 board's file has its inputs. In the closed loop a search may end where the motor stalls: `stall_duty` (`XA`).

@@ -21,6 +21,7 @@ BITS = 2  # a sum of bits: any of those in its greatest value; a switch, 0 or 1,
 AT_REST = 4  # refused (n14) while the axis moves; other changes count from the next move on
 # Only an axis with an encoder has it. On another axis its query says 0, and anything but 0 is refused with n35.
 OF_ENCODER = 8
+FROM_20 = 16  # 0, or 20 at least
 
 SETTINGS = []  # (mnemonic, name, least, most, default, flags), as they are to be set: limits follow the direction
 ENCODER_SETTINGS = []  # the same, those with OF_ENCODER; a closed loop needs counts of a step, so these come first
@@ -69,6 +70,27 @@ _setting(b"AC", "acceleration", 1, 200_000, 100_000)
 
 _setting(b"XV", "run_duty", 1, 255, 255)
 """Pulse and speed: duty of a run, 1 … 255"""
+
+_setting(b"XJ", "start_duty", 0, 255, 0)
+"""Pulse and speed: least duty that starts the motor; 0: not measured
+
+`mirrormount setup` measures it. Nothing is changed by it: a run below it is made, and the host warns.
+"""
+
+_setting(b"XQ", "pwm_hz", 0, 20_000, 0, AT_REST | FROM_20)
+"""Pulse and speed: PWM frequency, Hz; 0: the board file's
+
+At a low duty a motor starts better at a low frequency. 1 to 19 are refused with 7. A new duty of a drive under way
+shows when the running period is over. A board that cannot change it refuses all but 0 with n35
+([which](bring-up.md#pwm-frequency-and-decay)).
+"""
+
+_setting(b"XY", "slow_decay", 0, 1, 0, BITS | AT_REST)
+"""Pulse and speed: 1: slow decay, brakes in the PWM's pauses
+
+0: fast decay, the motor coasts in them. At duty 255 there are no pauses, and at the end of a drive it coasts in either.
+Refused as `XQ` is.
+"""
 
 _setting(b"XB", "take_up_us", 0, 2_000_000, 0)
 """Take-up: drive that takes up the backlash, us; 0: off
@@ -151,6 +173,7 @@ _setting(b"XG", "stall_ms", 0, 1000, 60, OF_ENCODER)
 _setting(b"XA", "stall_duty", 0, 255, 0, OF_ENCODER)
 """Encoder: duty of a search for the end by stall; 0: off
 
+At most 100 where the motor gets the whole 6 V: more may break the gears, and the host warns.
 Where no switch is fitted in that direction, `MT` and `OR` then run so until the motor stalls, off it, and again. They
 are refused with n35 where a stall is not checked (`XG0` or `ZZ1`).
 """
@@ -179,6 +202,9 @@ class Settings:
     velocity: int
     acceleration: int
     run_duty: int
+    start_duty: int
+    pwm_hz: int
+    slow_decay: int
     take_up_us: int
     checking: int
     soft_minimum: int
@@ -206,9 +232,11 @@ class Settings:
         setattr(self, name, value)
         self.apply()
 
-    def can_fit(self, switches):
-        """True if the board has inputs for these switches (bits as of `switches`)."""
-        return not switches & ~(self.positive_stop.has_input | self.negative_stop.has_input << 1)
+    def has_parts_for(self, name, value):
+        """False if the setting of this name needs what the board has not: a switch's input, a PWM that can change."""
+        if name == "switches":
+            return not value & ~(self.positive_stop.has_input | self.negative_stop.has_input << 1)
+        return not value or self.drive.bridge.made_hz > 0 or (name != "pwm_hz" and name != "slow_decay")
 
     def possible_velocity(self):
         """Hundredths of a step per second: `velocity`, or less if that leaves no room for pulses and rests.
@@ -236,4 +264,6 @@ def named(name, entries=SETTINGS):
 
 def allowed(entry, value):
     """True if this setting (an item of SETTINGS) may have this value."""
+    if entry[5] & FROM_20 and 0 < value < 20:
+        return False
     return entry[2] <= value <= entry[3] and not (entry[5] & BITS and value & ~entry[3])

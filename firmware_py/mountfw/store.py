@@ -164,7 +164,7 @@ class Records:
             # an older firmware allowed a step more
             if name and name.startswith("soft_") and abs(value) == MAX_STEPS + 1:
                 value = MAX_STEPS if value > 0 else -MAX_STEPS
-            if not allowed(entry, value) or (name == "switches" and not axis.can_fit(value)):
+            if not allowed(entry, value) or not axis.has_parts_for(name, value):
                 return None
             values.append((number, name, value))
         if len(values) < len(lines):

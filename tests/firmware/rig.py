@@ -44,6 +44,8 @@ class Port:
     # brought low: nothing drives the motor, and the enable is low within a period.
     ENABLE_IS_LATE = False
 
+    TUNABLE = True
+
     clock_us = 3  # what a reading of the clock takes
 
     def __init__(self, files=None):
@@ -55,6 +57,7 @@ class Port:
         self.reading = True  # does the host collect what is sent?
         self.locked = False  # does the heap have to be unlocked for our own notes?
         self.pins = {}
+        self.hz = {}  # of the pins that have a PWM
         self.edges = []  # (us since start, pin, duty 0 ... 65535)
         self.switches = {}  # pin: 0 or 1; what is not here is pulled up
         self.lit = None
@@ -239,7 +242,9 @@ class Output:
     def __init__(self, port, number, pwm_hz):
         self._port = port
         self._number = number
-        self._pwm_hz = pwm_hz
+        self.shows = 0
+        if pwm_hz:
+            self.set_hz(pwm_hz)
         self._set(0)
 
     def _set(self, duty):
@@ -255,14 +260,22 @@ class Output:
 
     def low(self):
         self._set(0)
+        self.shows = 0
 
     def high(self):
         self._set(65535)
+        self.shows = 1
 
     def level(self, duty_u16):
-        assert self._pwm_hz, "this output has no PWM"
+        assert self._number in self._port.hz, "this output has no PWM"
         assert 0 <= duty_u16 <= 65535
         self._set(duty_u16)
+        self.shows = 2
+
+    def set_hz(self, hz):
+        self._port.unlock()
+        self._port.hz[self._number] = hz
+        self._port.lock()
 
 
 class Rig:
@@ -337,6 +350,8 @@ class Rig:
         pos = level[pins["pos"]]
         neg = level[pins["neg"]]
         if pins["en"] is None:
+            return (pos - neg) // 257
+        if level[pins["en"]] == 65535 and pos != neg:  # full, or slow decay
             return (pos - neg) // 257
         if (pos == 0) == (neg == 0):
             off = level[pins["en"]] == 0 or (pos == 0 and self.port.ENABLE_IS_LATE)

@@ -106,6 +106,7 @@ def _port_class(_seam):
         """Verbs of ports/circuitpython.py; notes as rig.Port keeps them."""
 
         ENABLE_IS_LATE = True
+        TUNABLE = False
 
         def __init__(self, files=None):
             self.seam = Seam(self)

@@ -20,6 +20,7 @@ TESTS = (
     "test_frame_in_parts",
     "test_axes",
     "test_motion",
+    "test_decay",
     "test_end_stops",
     "test_keep_alive",
     "test_axis_table",

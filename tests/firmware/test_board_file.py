@@ -119,7 +119,7 @@ def test_an_app_has_the_axes_that_the_board_file_has():
 
 
 def test_build_knows_the_bridges_that_a_board_file_may_name_and_refuses_others():
-    for kind, _ in board_file.BRIDGES.values():
+    for kind, _, _ in board_file.BRIDGES.values():
         assert hasattr(bridges, kind)
     board = Board()
     board.BRIDGE = "three-pwm"

@@ -53,7 +53,17 @@ def test_only_bridges_raise_an_output():
         for call in calls({"high", "level"})
         if not call[0].startswith(("ports/micropython", "ports/circuitpython", "ports/rp2"))
     }
-    assert found == {("ports/bridges.py", "drive", "high"), ("ports/bridges.py", "drive", "level")}
+    bridges = "ports/bridges.py"
+    assert found == {(bridges, "drive", "high"), (bridges, "_carry", "high"), (bridges, "_carry", "level")}
+    tree = ast.parse((FOLDER / bridges).read_text())
+    callers = {
+        function.name
+        for function in ast.walk(tree)
+        if isinstance(function, ast.FunctionDef)
+        for node in ast.walk(function)
+        if isinstance(node, ast.Name) and node.id == "_carry"
+    }
+    assert callers == {"drive"}
 
 
 def test_whatever_moves_an_axis_comes_by_that_function(monkeypatch):

@@ -67,6 +67,7 @@ REPLIES = {
     "Which way": Person.way,
     "End-stop switches": lambda person, question: "both",
     "Press the": Person.press,
+    "Find the least duty": lambda person, question: "no",
     "Distance": lambda person, question: f"{person.distance_mm:g}",
     "Angle": lambda person, question: "45",
     "Steps from": lambda person, question: "8",

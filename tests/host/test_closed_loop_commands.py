@@ -64,6 +64,7 @@ def test_setup_measures_anew_what_would_end_every_move_in_the_closed_loop(loop, 
         "End-stop": ["none", "none"],
         "Close the loop": ["yes"],
         "Measure again": ["without"],
+        "Find the least duty": ["yes", "no"],
         "Distance": ["0"],
         "Save this": ["yes"],
     }
@@ -71,6 +72,7 @@ def test_setup_measures_anew_what_would_end_every_move_in_the_closed_loop(loop, 
     run_course(mount.mount, lambda asked: next(a for part, a in answers.items() if part in asked).pop(0), said.append)
     assert "x: encoder, -277 counts a step, closed loop" in said[-3]
     assert "y: encoder, 280 counts a step, open loop" in said[-3]
+    assert mount.mount.x.start_duty == 15  # by the encoder, and this bench's motor starts at any duty
     for axis in mount.mount.axes:
         axis.step(1)  # raises what the board says
 

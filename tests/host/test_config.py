@@ -13,6 +13,7 @@ from mirrormount.cli.config import export, import_, load
 from mirrormount.device.mount import Mount
 from mirrormount.device.settings import ENCODER, SETTINGS
 from mirrormount.device.status import Limits
+from mirrormount.errors import SettingRefused
 
 
 @pytest.fixture
@@ -30,6 +31,9 @@ OTHER = {
     "velocity": 3.25,
     "acceleration": 10,
     "run_duty": 100,
+    "start_duty": 70,
+    "pwm_hz": 25,
+    "slow_decay": 1,
     "take_up_us": 250_000,
     "checking": 8,
     "soft_minimum": -40,
@@ -283,3 +287,22 @@ def test_get_and_set_from_the_shell(capsys):
     assert "y.velocity = 1.25 (until the board restarts" in capsys.readouterr().out
     for words in (["save"], ["restore"], ["restore", "--factory"]):
         assert main.main(["config", *words, *port]) == 0
+
+
+def test_a_search_by_stall_above_what_the_gears_bear_is_set_and_warned_of(caplog):
+    with Mount.open("virtual://?speed=max&encoder=motor") as mount:
+        mount.apply({"x": {"stall_duty": 100}})
+        assert not caplog.records
+        mount.apply({"x": {"stall_duty": 128}})
+        assert mount.x.stall_duty == 128
+    (record,) = caplog.records
+    assert record.getMessage().startswith("x.stall_duty 128: above 100 a stall may break the gears")
+
+
+def test_a_board_that_cannot_change_its_pwm_refuses_and_keeps_its_settings(tmp_path):
+    with Mount.open(f"virtual://?speed=max&machine=circuitpython&files={tmp_path}") as mount:
+        before = mount.settings()
+        for wanted in ({"slow_decay": 1}, {"pwm_hz": 25}):
+            with pytest.raises(SettingRefused, match="x not fitted"):
+                mount.apply({"x": wanted})
+        assert mount.settings() == before

@@ -242,3 +242,39 @@ def test_a_scale_that_no_such_mount_has_is_questioned_and_not_taken(mount, dista
         set_up(mount, asked, distance_mm=distance_mm)
     assert asked["Take it nevertheless"] == []
     assert not calibration.path().exists()
+
+
+def test_the_least_duty_that_starts_the_motor_is_found_by_halves_and_kept(mount):
+    # a person who sees it move from 120 on; 15 ... 255 are tried
+    seen = ["yes", "no", "again", "no", "yes"]  # at 135, 75, 105, 105, 120
+    answers = {"Find the least duty at which x": ["yes"], "Did the spot move": seen}
+    before = mount.x.position
+    duties = []
+    person = set_up(mount, answers)
+    for text in person.said:
+        if "at a duty of" in text and "for" in text:
+            duties.append(int(text.split("duty of ")[1].split()[0]))
+    assert duties == [135, 75, 105, 105, 120]
+    assert mount.x.start_duty == 120 and mount.y.start_duty == 0
+    assert abs(mount.x.position - before) < 60  # about where it was
+    mount.session.send("*RCL1")
+    assert mount.x.start_duty == 120
+
+
+def test_a_motor_that_starts_at_no_duty_is_told_and_nothing_is_set(mount):
+    person = set_up(mount, {"Find the least duty at which y": ["yes"], "Did the spot move": ["no"] * 9})
+    assert any("y started at none of them" in text for text in person.said) and mount.y.start_duty == 0
+
+
+def test_a_jog_below_that_duty_is_made_and_warns(mount, caplog):
+    mount.apply({"x": {"start_duty": 70}})
+    mount.x.jog(0.3)
+    assert not caplog.records
+    mount.stop()
+    mount.x.jog(-0.2)
+    mount.sleep(0.5)
+    assert mount.status().by_name["x"].moving
+    mount.stop()
+    assert [record.getMessage() for record in caplog.records] == [
+        "x: a duty of 51 is below 70, at which its motor starts (setting start_duty): it may not turn"
+    ]

@@ -71,9 +71,16 @@ def test_what_the_page_says_of_the_board_files_is_true():
 
 
 def test_the_page_and_the_udev_file_have_the_usb_ids_that_are_looked_for():
-    ids = [f"{vendor:04x}:{product:04x}" for vendor, product in KNOWN_IDS]
-    rules = re.findall(r'idVendor}=="(\w+)", ATTRS{idProduct}=="(\w+)"', (DOCS / "60-mirrormount.rules").read_text())
-    assert {":".join(rule) for rule in rules} == set(ids)
+    ids = {f"{vendor:04x}:{product:04x}" for vendor, product in KNOWN_IDS}
+    text = (DOCS / "60-mirrormount.rules").read_text()
+    comment, rules = text.split("ACTION==", 1)
+    found = re.findall(r'^(SUBSYSTEMS?)=.*idVendor}=="(\w+)", ATTRS{idProduct}=="([\w|]+)"', rules, re.MULTILINE)
+    of = {
+        kind: {f"{v}:{p}" for one, v, several in found if one == kind for p in several.split("|")} for kind, *_ in found
+    }
+    assert of["SUBSYSTEM"] == of["SUBSYSTEMS"] >= ids  # each may be opened, and is no modem
+    boot_loaders = {"2e8a:0003", "2e8a:000f"}
+    assert set(re.findall(r"\b[0-9a-f]{4}:[0-9a-f]{4}\b", comment)) - boot_loaders == of["SUBSYSTEM"]
     assert all(f"USB id {one}" in PAGE for one in ids)
     in_doubt = (0x239A, 0x80F2)  # of the Feather RP2040 with CircuitPython
     assert in_doubt not in KNOWN_IDS and f"{in_doubt[0]:04x}:{in_doubt[1]:04x}" in PAGE

@@ -23,7 +23,7 @@ ASKED_FOR = re.compile(r'pip install .*\[([a-z,]+)\]"')
 UNTIL_CTRL_C = ("panel", "serve")
 # what is shown in mrad says whose angle it is: the beam turns about twice as far as the mirror
 SAYS = {"measure": ("urad of the beam", "mrad a step (of the mirror)")}
-ANSWERS = {"setup": "yes\nright\nup\nnone\nnone\n0\nno\n"}
+ANSWERS = {"setup": "yes\nright\nup\nnone\nnone\nno\nno\n0\nno\n"}
 
 
 def test_the_ten_lines_of_the_readme_run(capsys):

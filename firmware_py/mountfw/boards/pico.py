@@ -24,8 +24,9 @@ AXIS_2 = {"en": 5, "pos": 6, "neg": 7, "stop_pos": 12, "stop_neg": 13}
 # An emergency stop: an input, 14 in docs/bring-up.md, with a normally closed button to ground. None: not fitted.
 EMERGENCY_STOP = None
 
-# Lower gives more torque at a low duty, higher a later whine; a new duty shows after at most one
-# period. 4 kHz keeps that within 250 us and the period far above the bridge's switching times.
+# As made; the setting `pwm_hz` goes before it. Lower gives more torque at a low duty, higher a later
+# whine; a new duty shows after at most one period. 4 kHz keeps that within 250 us and the period far
+# above the bridge's switching times.
 PWM_HZ = 4000
 
 # Between the legs' change and the enable. The SN754410 switches within about 1 us.

@@ -15,7 +15,6 @@ from mountfw.settings import AT_REST, HUNDREDTHS, MAX_STEPS, SETTINGS, allowed
 _SETTINGS = {key(entry[0]): entry for entry in SETTINGS}
 _PULSE = _SETTINGS[key(b"XP")]  # a pulse of its own length (XU) is as long as a step's may be
 _VA = key(b"VA")
-_XL = key(b"XL")
 _MD = key(b"MD")
 _XF = key(b"XF")
 _ST = key(b"ST")
@@ -273,7 +272,7 @@ class Commands:
         if entry[5] & AT_REST and self._refused(axis):
             return
         n = line.hundredths() if entry[5] & HUNDREDTHS else line.rounded()
-        if line.name == _XL and not axis.can_fit(n):
+        if not axis.has_parts_for(entry[1], n):
             axis.error(codes.AXIS_NOT_FITTED)
         elif not allowed(entry, n):
             self._errors.push(codes.OUT_OF_RANGE)

@@ -62,6 +62,7 @@ class Axis(Settings):
         self._ticks_us = ticks_us
         self.position = position or Position()
         self.drive = Drive(bridge, [negative_stop, positive_stop, negative_stop], ticks_us)  # [0] stands for none
+        self._tuned = 0  # the bridge's PWM frequency and decay, in one number; 0: as made
         self.switch_homing = self.homing = homing and homing(self)  # the homing of this axis, and the one under way
         self.has_moved = False  # has a move ended, or was its position defined, since store.py asked last?
         self.check_stop = bool  # nothing: the App sets its own, by which a stop in the middle of longer work cuts
@@ -97,6 +98,11 @@ class Axis(Settings):
         self.drive.watched = self.switches & 3 != 0 and not self.checking & 1
         self.drive.inverted = self.inverted
         self.drive.stops[1], self.drive.stops[-1] = self.stop_towards(1), self.stop_towards(-1)
+        tuned = self.pwm_hz << 1 | self.slow_decay
+        if tuned != self._tuned:  # at rest: they cannot be set in a move
+            self._tuned = tuned
+            bridge = self.drive.bridge
+            bridge.tune(self.pwm_hz or bridge.made_hz, self.slow_decay)
         self.changed = self.state != 0  # then _close() measures
         if not self.changed:
             self._measure()

@@ -34,6 +34,12 @@ _ENABLE = 1 << 30
 _SCRATCH4 = const(0x1C)
 _TIMED_OUT = 0x6AB73121  # what the SDK leaves there: the watchdog was armed, not used for a wanted reset
 
+# The PWM's counters: RP2040 data sheet 4.5.3, RP2350 data sheet 12.5.3: CH0_CTR, 20 bytes a slice, TOP 8 bytes behind
+_PWMS = {"RP2040": 0x40050008, "RP2350": 0x400A8008}
+_counters = _PWMS.get(getattr(sys.implementation, "_machine", "")[-6:])
+
+TUNABLE = True  # do outputs with a duty have set_hz() and shows?
+
 _HERE = os.getcwd().rstrip("/") + "/"  # the loop's folder: at the prompt, where a drive removes a file, it may change
 
 _led = None
@@ -50,27 +56,38 @@ else:
         """A pin that can carry a duty.
 
         low() and high() go through the pin's function, at once. The PWM behind the pin keeps its old
-        duty to the end of its period, and shows it only while the pin's function is PWM.
+        duty to the end of its period, and shows it only while the pin's function is PWM. shows: 0 low,
+        1 high, 2 a duty.
         """
 
         def __init__(self, number, pwm_hz):
             pin = Pin(number, Pin.OUT, value=0)
             self._function = pin.init
-            self._duty_u16 = PWM(pin, freq=pwm_hz, duty_u16=0).duty_u16
+            pwm = PWM(pin, freq=pwm_hz, duty_u16=0)
+            self._duty_u16 = pwm.duty_u16
+            self.set_hz = pwm.freq  # of both outputs of its slice
+            # made once: a number so large takes memory
+            self._counter = _counters and _counters + 20 * (number >> 1 & 7 if number < 32 else 8 + (number >> 1 & 3))
+            self._top = self._counter and self._counter + 8
             self.low()
 
         def low(self):
             """Pin low."""
             self._function(Pin.OUT, value=0)
+            self.shows = 0
 
         def high(self):
             """Pin high."""
             self._function(Pin.OUT, value=1)
+            self.shows = 1
 
         def level(self, duty_u16):
-            """Pin at duty_u16, 0 ... 65535."""
+            """Pin at duty_u16, 0 ... 65535: at once, or where it has a duty already, from its next period on."""
             self._duty_u16(duty_u16)
+            if self.shows != 2 and self._counter:
+                machine.mem32[self._counter] = machine.mem32[self._top]  # a period begins
             self._function(Pin.ALT, alt=Pin.ALT_PWM)
+            self.shows = 2
 
 
 def output(number, pwm_hz=0):

@@ -34,6 +34,7 @@ _FLOATS = const(0x2000)  # of OEOVER
 _OUT_TO_PAD = const(0x200)  # of STATUS
 _OUT_SET = const(0xD0000014)  # SIO, 2.3.1.7
 _OUT_CLEAR = const(0xD0000018)
+_COUNTERS = const(0x40050008)  # PWM, 4.5.3: CH0_CTR, 20 bytes a slice; TOP is 2 words behind
 _ARMED = const(0x40054020)  # TIMER, 4.6.5; bit 0 is alarm 0
 _CLOCK = const(0x40054028)  # TIMERAWL
 _TIMER = const(0x40054000)
@@ -291,8 +292,12 @@ class DutyPin:
 
     def __init__(self, number, pwm_hz):
         pin = Pin(number, Pin.OUT, value=0)
-        self._duty_u16 = PWM(pin, freq=pwm_hz, duty_u16=0).duty_u16 if pwm_hz else None
+        if pwm_hz:
+            pwm = PWM(pin, freq=pwm_hz, duty_u16=0)
+            self._duty_u16 = pwm.duty_u16
+            self.set_hz = pwm.freq  # of both outputs of its slice
         self.number = number
+        self._counter = _COUNTERS + 20 * (number >> 1 & 7)
         self._control = number << 1  # in words, from GPIO0_CTRL
         self._bit = 1 << number
         self.low()
@@ -323,12 +328,18 @@ class DutyPin:
 
     @micropython.viper
     def level(self, duty_u16) -> int:
-        """Pin at duty_u16, 0 ... 65535. Returns the time (ticks) right before."""
-        self._duty_u16(duty_u16)  # pyright: ignore[reportOptionalCall]
+        """Pin at duty_u16, 0 ... 65535: at once, or where it has a duty already, from its next period on.
+
+        Returns the time (ticks) right before.
+        """
+        self._duty_u16(duty_u16)
         control = ptr32(_CONTROL)
         flip = ptr32(_CONTROL + _XOR)
         clock = ptr32(_CLOCK)
         at = int(self._control)
+        if control[at] & 31 != _PWM:
+            pwm = ptr32(self._counter)
+            pwm[0] = pwm[2]  # a period begins
         now = clock[0]
         flip[at] = (control[at] ^ _PWM) & 31
         return now & _WRAP

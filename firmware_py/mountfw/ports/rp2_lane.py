@@ -22,7 +22,8 @@ _XOR = const(0x1000)  # alias that flips bits of a register, 2.1.2
 _CONTROL = const(0x40014004)  # IO_BANK0, 2.19.6: GPIO0_CTRL, 8 bytes a pin
 _SIO = const(5)  # FUNCSEL, 1.4.3
 _PWM = const(4)
-_OUT_SET = const(0xD0000014)  # SIO, 2.3.1.7
+_OUT = const(0xD0000010)  # SIO, 2.3.1.7
+_OUT_SET = const(0xD0000014)
 _OUT_CLEAR = const(0xD0000018)
 _CLOCK = const(0x40054028)  # TIMERAWL, 4.6.5
 _COUNTERS = const(0x40050008)  # PWM, 4.5.3: CH0_CTR, and CH0_CC and CH0_TOP after it; 20 bytes a slice
@@ -33,10 +34,13 @@ _ENABLE = const(0)  # bits of its pins
 _POS = const(1)
 _NEG = const(2)
 _FUNCTION = const(3)  # address of the enable's CTRL
-_COUNTER = const(4)  # address of its slice's CTR
-_SHIFT = const(5)  # of its level in CC
-_DEAD_US = const(6)
-_WAY = const(7)  # that its legs have: 1 or 2, 0: none
+_DEAD_US = const(4)
+_WAY = const(5)  # that its legs have: 1 or 2, 0: none
+_CARRIER = const(6)  # bit of the pin that carries the duty: the enable; with slow decay `pos`
+_CARRIES = const(7)  # address of its CTRL
+_COUNTER = const(8)  # address of its slice's CTR
+_SHIFT = const(9)  # of its level in CC
+_CHOICES = const(10)  # from here on these four for fast decay, and for slow
 
 _CLOCK_US = const(32)  # a drive's last stretch, in which only the clock is read: more than a look for a byte takes
 _WAITING = const(0)  # the words of a Lane's log
@@ -60,12 +64,15 @@ def _cut(words: ptr32, us: int) -> int:
 
 @micropython.viper
 def _drive(words: ptr32, duty: int) -> int:
-    """Drive a bridge at duty, -255 ... 255 but not 0. Returns the time (ticks) right before."""
+    """Drive a bridge at duty, -255 ... 255 but not 0. Returns the time (ticks) right before. As in bridges.py."""
     on = ptr32(_OUT_SET)
     off = ptr32(_OUT_CLEAR)
     clock = ptr32(_CLOCK)
     function = ptr32(words[_FUNCTION])
     flip = ptr32(words[_FUNCTION] + _XOR)
+    carries = ptr32(words[_CARRIES])
+    turn = ptr32(words[_CARRIES] + _XOR)
+    slow = words[_CARRIER] ^ words[_ENABLE]
     way = 1 if duty > 0 else 2
     duty = duty if duty > 0 else 0 - duty
     if way != words[_WAY]:
@@ -73,21 +80,32 @@ def _drive(words: ptr32, duty: int) -> int:
         flip[0] = (function[0] ^ _SIO) & 31
         off[0] = words[_NEG] if way == 1 else words[_POS]
         on[0] = words[_POS] if way == 1 else words[_NEG]
+        turn[0] = (carries[0] ^ _SIO) & 31
         words[_WAY] = way
         now = clock[0]
         while clock[0] - now <= words[_DEAD_US]:
             pass
-    if duty == 255:
-        now = clock[0]
-        on[0] = words[_ENABLE]
-        flip[0] = (function[0] ^ _SIO) & 31
+    if slow and way == 2:
+        duty = 255 - duty
+    now = clock[0]
+    if duty == 0:
+        off[0] = words[_CARRIER]
+        turn[0] = (carries[0] ^ _SIO) & 31
+    elif duty == 255:
+        on[0] = words[_CARRIER]
+        turn[0] = (carries[0] ^ _SIO) & 31
     else:
         pwm = ptr32(words[_COUNTER])
         level = duty * (pwm[2] + 1) // 255
         pwm[1] = (pwm[1] & (0xFFFF << (16 - words[_SHIFT]))) | level << words[_SHIFT]
-        pwm[0] = pwm[2]  # a period begins: a new level waits for that, 250 us at the worst
+        out = ptr32(_OUT)
+        if (carries[0] & 31) ^ _PWM or (slow and out[0] & words[_ENABLE] == 0):
+            pwm[0] = pwm[2]  # a period begins: else a new level waits for that. It does while the drive goes on
         now = clock[0]
-        flip[0] = (function[0] ^ _PWM) & 31
+        turn[0] = (carries[0] ^ _PWM) & 31
+    if slow:
+        now = clock[0]
+        on[0] = words[_ENABLE]
     return now & _WRAP
 
 
@@ -96,9 +114,29 @@ class EnableBridge:
 
     def __init__(self, enable, pos, neg, dead_time_us, _pause_us, _ticks_us):
         self.cut = enable.low
-        pin = enable.number
-        words = [1 << pin, 1 << pos.number, 1 << neg.number, _CONTROL + 8 * pin, _COUNTERS + 20 * (pin >> 1 & 7)]
-        self.words = array("I", words + [16 * (pin & 1), dead_time_us, 0])
+        self.made_hz = 0
+        self._enable, self._pos = enable, pos
+        words = [1 << enable.number, 1 << pos.number, 1 << neg.number, _CONTROL + 8 * enable.number, dead_time_us]
+        words += [0] * 5
+        for pin in (enable.number, pos.number):
+            words += [1 << pin, _CONTROL + 8 * pin, _COUNTERS + 20 * (pin >> 1 & 7), 16 * (pin & 1)]
+        self.words = array("I", words)
+        self._choose(0)
+
+    def tune(self, hz, slow):
+        """From the next drive on: PWM frequency, and slow decay (1) or fast (0). Nothing may drive."""
+        self.release()
+        self._enable.set_hz(hz)
+        self._pos.set_hz(hz)
+        self._choose(slow)
+
+    @micropython.viper
+    def _choose(self, slow: int):
+        words = ptr32(self.words)
+        i = 0
+        while i < 4:
+            words[_CARRIER + i] = words[_CHOICES + 4 * slow + i]
+            i += 1
 
     @micropython.viper
     def cut_at(self, us: int) -> int:
@@ -116,8 +154,11 @@ class EnableBridge:
         off = ptr32(_OUT_CLEAR)
         function = ptr32(words[_FUNCTION])
         flip = ptr32(words[_FUNCTION] + _XOR)
+        carries = ptr32(words[_CARRIES])
+        turn = ptr32(words[_CARRIES] + _XOR)
         off[0] = words[_ENABLE] | words[_POS] | words[_NEG]
         flip[0] = (function[0] ^ _SIO) & 31
+        turn[0] = (carries[0] ^ _SIO) & 31
         words[_WAY] = 0
 
     def drive(self, duty):

@@ -14,7 +14,7 @@ from typing import TypeVar
 
 from mirrormount.cli.arguments import Command, open_mount, port_options
 from mirrormount.device import calibration, settings
-from mirrormount.device.axis import Axis
+from mirrormount.device.axis import Axis, counts_between
 from mirrormount.device.calibration import Marks, Measured, Scale, Step, beam_per_mirror, measure_scale, take_up
 from mirrormount.device.mount import Mount
 from mirrormount.errors import BadValue, EncoderFault, MountError, SettingRefused, SetupEnded
@@ -300,6 +300,56 @@ def _plausible(found: Measured, axis: Axis, way: Ways, talk: Dialogue, distance_
     return talk.yes("That is unusual; was a mark misread? Take it nevertheless?")
 
 
+# ---- the least duty that starts the motor
+
+_DUTIES = tuple(range(15, 256, 15))  # those that are tried: the middle of what is left, about four of them
+_RUN_S = 1.5  # a step's way at a seventh of full duty
+_TURNS_COUNTS = 10  # an encoder that counts so many has turned: noise is 2 at most
+
+
+def starting(mount: Mount, axis: Axis, way: Ways, talk: Dialogue) -> None:
+    """Find the least duty at which the motor starts: by the encoder, or the person sees what moves."""
+    if not talk.yes(f"Find the least duty at which {axis.name} starts, by some short runs?"):
+        return
+    by_encoder = axis.has_encoder and axis.counts_per_step != 0
+    closed = axis.closed_loop if axis.has_encoder else 0
+    if closed:  # it would end a run that does not turn
+        mount.apply({axis.name: {"closed_loop": 0}})
+    axis.step(_TRIES[0])  # through the backlash: all runs go the same way
+    before = axis.position
+    low, high = 0, len(_DUTIES)  # of those from `high` on each has moved it, of those below `low` none
+    while low < high:
+        middle = (low + high) // 2
+        if _starts(mount, axis, way, talk, _DUTIES[middle], by_encoder):
+            high = middle
+        else:
+            low = middle + 1
+    axis.step(-round(axis.position - before))  # about back: a run's way is an estimate
+    if closed:
+        mount.apply({axis.name: {"closed_loop": closed}})
+    if low == len(_DUTIES):
+        talk.say(f"  {axis.name} started at none of them: look at motor supply, coupler, encoder. Not set.")
+        return
+    mount.apply({axis.name: {"start_duty": _DUTIES[low]}})
+    talk.say(f"  {axis.name} starts at a duty of {_DUTIES[low]} of 255; below it a run warns.")
+
+
+def _starts(mount: Mount, axis: Axis, way: Ways, talk: Dialogue, duty: int, by_encoder: bool) -> bool:
+    """Run at this duty for a moment, from rest. Did it move?"""
+    thing = "the spot" if way.like else axis.name
+    while True:
+        talk.say(f"{axis.name}: {way.positive} at a duty of {duty} for {_RUN_S:g} s …")
+        counts = axis.counts if by_encoder else 0
+        axis.jog(duty / 255)
+        mount.sleep(_RUN_S)
+        axis.stop()
+        if by_encoder:
+            return abs(counts_between(counts, axis.counts)) >= _TURNS_COUNTS
+        answer = talk.choice(f"Did {thing} move?", ("yes", "no", "again"))
+        if answer != "again":
+            return answer == "yes"
+
+
 # ---- encoder
 
 
@@ -397,6 +447,8 @@ def _go_through(mount: Mount, talk: Dialogue) -> dict[int, Scale]:
         switches(mount, axis, way, talk)
     for axis in axes:
         encoder(mount, axis, talk)
+    for axis, way in axes.items():
+        starting(mount, axis, way, talk)
     scales = {}
     summary = []
     mirrors = [{mount.x: axes[mount.x], mount.y: axes[mount.y]}]  # the axes of each mirror

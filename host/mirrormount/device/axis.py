@@ -8,6 +8,7 @@ that editors and type checkers know each by its name.
 """
 
 import html
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Generic, Self, TypeVar, cast, overload
@@ -20,6 +21,8 @@ from mirrormount.errors import BadValue, BoardError, EncoderFault, MoveEnded, No
 from mirrormount.values import MOST_AMOUNT, jog_duty, positive_numbers, real_number, whole_number, whole_numbers
 from mountfw import codes as wire
 from mountfw.settings import MAX_STEPS
+
+_log = logging.getLogger(__name__)
 
 N = TypeVar("N", int, float)
 Progress = Callable[[AxisStatus], None]  # called with each status during a wait
@@ -119,6 +122,12 @@ class Axis:
     """Pulse and speed: kept for other programs; pulses do not ramp"""
     run_duty = Property[int]()
     """Pulse and speed: duty of a run, 1 … 255"""
+    start_duty = Property[int]()
+    """Pulse and speed: least duty that starts the motor; 0: not measured"""
+    pwm_hz = Property[int]()
+    """Pulse and speed: PWM frequency, Hz; 0: the board file's"""
+    slow_decay = Property[int]()
+    """Pulse and speed: 1: slow decay, brakes in the PWM's pauses"""
     take_up_us = Property[int]()
     """Take-up: drive that takes up the backlash, us; 0: off"""
     checking = Property[int]()
@@ -311,6 +320,11 @@ class Axis:
         duty = jog_duty(speed)
         a, session = self.number, self._session
         stops = session.gate.last_stop()
+        if abs(duty) < (starts_at := self._starts_at()):
+            _log.warning(
+                "%s: a duty of %d is below %d, at which its motor starts (setting start_duty): it may not turn",
+                *(self.name, abs(duty), starts_at),
+            )
         if self.status().moving:  # the present move is superseded
             self.stop()
         run_duty, limit_ms = whole_numbers(session.ask(f"{a}XV?;{a}XM?"), 2, "; ")
@@ -321,6 +335,15 @@ class Axis:
             self.expect_end(limit_ms / 1000)
             if feed:
                 session.keep_alive.start()
+
+    def _starts_at(self) -> int:
+        """The duty at which the motor starts; 0: not known."""
+        try:
+            return self.start_duty
+        except BoardError as e:
+            if e.code != wire.NO_SUCH_COMMAND:
+                raise
+            return 0  # an older firmware
 
     def stop(self) -> None:
         """End this axis's move soon: a step that is nearly done is finished. Mount.stop() is immediate."""

@@ -4,6 +4,7 @@ mountfw/settings.py declares them. The board decides: if it refuses a setting, a
 """
 
 import contextlib
+import logging
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -25,6 +26,12 @@ from mirrormount.terminal import Terminated, printable
 from mirrormount.values import is_axis
 from mountfw import codes as wire
 from mountfw import settings as declared
+
+_log = logging.getLogger(__name__)
+
+# The gearbox of the 1000:1 LP motor bears 25 kg mm for a moment, and its extrapolated stall torque at 6 V is 55 kg mm
+# (Pololu's page of #3058). On a DRV8833 at 6 V a duty of 100 stalls at 22 kg mm, if the current follows the duty.
+MOST_STALL_DUTY = 100
 
 
 @dataclass(frozen=True)
@@ -163,6 +170,7 @@ def write(session: Session, wanted: Mapping[str, Mapping[str, int | float]]) -> 
     try:
         for one in _differing(session, wanted):
             _set(session, *one)
+        _warn(wanted)
     except (SettingRefused, NoAnswer, ConnectionLost) as e:
         raise type(e)(f"{e}; {_undone(session, before)}") from e
     except KeyboardInterrupt:
@@ -173,6 +181,16 @@ def write(session: Session, wanted: Mapping[str, Mapping[str, int | float]]) -> 
     except BaseException:
         _undone(session, before)
         raise
+
+
+def _warn(wanted: Mapping[str, Mapping[str, int | float]]) -> None:
+    """Tell of values that are allowed and may do harm."""
+    for axis, values in wanted.items():
+        if values.get("stall_duty", 0) > MOST_STALL_DUTY:
+            _log.warning(
+                "%s.stall_duty %d: above %d a stall may break the gears (docs/bring-up.md, Encoder)",
+                *(axis, values["stall_duty"], MOST_STALL_DUTY),
+            )
 
 
 def _undone(session: Session, before: Mapping[str, Mapping[str, int | float]]) -> str:

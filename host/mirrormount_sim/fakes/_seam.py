@@ -100,7 +100,10 @@ class Seam:
 
     def unlatch(self, pin):
         """Drop the latched level of a pin."""
-        self.latched = [item for item in self.latched if item[1] != pin]
+        if self.latched:
+            locks = self._unlock()
+            self.latched = [item for item in self.latched if item[1] != pin]
+            self._lock(locks)
 
     def _show_latched(self):
         now = self.t

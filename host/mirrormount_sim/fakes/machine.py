@@ -45,14 +45,14 @@ class Pin:
     ALT_PWM = 4
     IRQ_RISING = 8
 
-    _gpio = {}  # number: [mode, output level, PWM duty, shown duty, pull, PWM frequency]
+    _gpio = {}  # number: [mode, output level, shown duty, pull]
 
     def __init__(self, id, mode=-1, pull=-1, *, value=None, alt=-1):
         number = id.number if isinstance(id, Pin) else _NAMED.get(id, id)
         if not isinstance(number, int) or not 0 <= number <= 29:
             raise ValueError("invalid pin")
         self.number = number
-        Pin._gpio.setdefault(number, [Pin.IN, 0, 0, 0, 0, 0])
+        Pin._gpio.setdefault(number, [Pin.IN, 0, 0, 0])
         if mode != -1:
             self.init(mode, pull, value=value, alt=alt)
 
@@ -66,7 +66,7 @@ class Pin:
         if value is not None:
             gpio[1] = _level(value)
         gpio[0] = mode
-        gpio[4] = pull
+        gpio[3] = pull
         self._show()
 
     def low(self):
@@ -90,15 +90,22 @@ class Pin:
             self._show()
             return None
         if gpio[0] != Pin.IN:
-            return 1 if gpio[3] else 0
-        return s.levels.get(self.number, 1 if gpio[4] == Pin.PULL_UP else 0)
+            return 1 if gpio[2] else 0
+        return s.levels.get(self.number, 1 if gpio[3] == Pin.PULL_UP else 0)
 
     def _show(self):
         gpio = Pin._gpio[self.number]
-        shown = {Pin.OUT: gpio[1] * 65535, Pin.ALT: gpio[2]}.get(gpio[0], 0)
-        if shown != gpio[3]:
-            gpio[3] = shown
-            _seam.seam.edge(self.number, shown, gpio[5] if gpio[0] == Pin.ALT else 0)
+        _seam.seam.unlatch(self.number)
+        if gpio[0] == Pin.ALT:
+            PWM._outputs[self.number].show()
+            return
+        self._shows(gpio[1] * 65535 if gpio[0] == Pin.OUT else 0)
+
+    def _shows(self, duty, hz=0):
+        gpio = Pin._gpio[self.number]
+        if duty != gpio[2]:
+            gpio[2] = duty
+            _seam.seam.edge(self.number, duty, hz)
 
 
 def _level(value):
@@ -108,24 +115,61 @@ def _level(value):
 
 
 class PWM:
-    """The PWM behind a pin. Making one gives the pin the PWM function, as on the RP2040."""
+    """An output of a slice. Making one gives the pin the PWM function, as on the RP2040.
+
+    The slice counts all the time. A new duty shows when the running period is over, or when the counter is set to its
+    top, which begins one.
+    """
+
+    _outputs = {}  # GPIO number: its PWM
+    _slices = {}  # number: [frequency, when a period began]
 
     def __init__(self, pin, freq=0, *, duty_u16=-1):
         self._pin = pin
-        if not 8 <= freq <= 62_500_000:
-            raise ValueError("freq out of range")
-        Pin._gpio[pin.number][5] = freq
+        self._slice = PWM._slices.setdefault(pin.number >> 1 & 7, [freq, _seam.seam.t])
+        self._duty = self._next = 0
+        self._at = 0  # from when on the latter is the duty
+        self.freq(freq)
+        PWM._outputs[pin.number] = self
         if duty_u16 != -1:
             self.duty_u16(duty_u16)
+            self.begin()
         pin.init(Pin.ALT, alt=Pin.ALT_PWM)
 
+    def freq(self, hz):
+        if not 8 <= hz <= 62_500_000:
+            raise ValueError("freq out of range")
+        self._slice[0] = hz
+
     def duty_u16(self, duty):
-        _seam.seam.tick(5)
+        s = _seam.seam
+        s.tick(5)
         if not 0 <= duty <= 65535:
             raise ValueError("duty_u16 must be 0 to 65535, not %r" % (duty,))
-        Pin._gpio[self._pin.number][2] = duty
+        self._settle()
+        period_us = max(1, 1_000_000 // self._slice[0])
+        self._next = duty
+        self._at = s.t + period_us - (s.t - self._slice[1]) % period_us
         if Pin._gpio[self._pin.number][0] == Pin.ALT:
             self._pin._show()
+
+    def begin(self):
+        """A period of the slice begins."""
+        self._at = _seam.seam.t
+        if Pin._gpio[self._pin.number][0] == Pin.ALT:
+            self._pin._show()
+
+    def show(self):
+        """The pin has the PWM function."""
+        self._settle()
+        self._pin._shows(self._duty, self._slice[0])
+        if self._next != self._duty:
+            Pin._gpio[self._pin.number][2] = self._next
+            _seam.seam.latch(self._at, self._pin.number, self._next, self._slice[0])
+
+    def _settle(self):
+        if _seam.seam.t >= self._at:
+            self._duty = self._next
 
 
 class WDT:
@@ -153,16 +197,28 @@ _WATCHDOG = 0x40058000
 _SCRATCH4 = _WATCHDOG + 0x1C
 _TIMED_OUT = 0x6AB73121
 _memory = {_SCRATCH4: 0}
+_COUNTERS = 0x40050008
+_TOP = 31249
+
+
+def _is_of_pwm(address):
+    return 0 <= address - _COUNTERS < 160 and (address - _COUNTERS) % 20 == 0
 
 
 class _Mem32:
-    """The registers of the watchdog, as far as the firmware knows them."""
+    """The registers of the watchdog and of the PWM's counters, as far as the firmware knows them."""
 
     def __getitem__(self, address):
-        return _memory[address]
+        return _TOP if _is_of_pwm(address - 8) else _memory[address]
 
     def __setitem__(self, address, value):
-        if (address, value) == (_WATCHDOG + 0x3000, 1 << 30):
+        if _is_of_pwm(address) and value == _TOP:
+            number = (address - _COUNTERS) // 20
+            PWM._slices[number][1] = _seam.seam.t
+            for gpio in PWM._outputs:
+                if gpio >> 1 & 7 == number:
+                    PWM._outputs[gpio].begin()
+        elif (address, value) == (_WATCHDOG + 0x3000, 1 << 30):
             WDT.armed = None
         elif address == _SCRATCH4:
             _memory[_SCRATCH4] = value
