@@ -3,8 +3,8 @@
     .venv/bin/python tools/bench/run.py [--n N] [--only ROW[,ROW]] [--json FILE] [--update] [--check [--quick]]
 
 Needs what the rp2040 machine needs (docs/virtual-board.md). A row is named in full, or several are by how they begin:
-`--only stop`. Results repeat exactly: all moments are seeded. --update writes the rows that somebody asks for
-(ON_THE_PAGE) into docs/performance.md. --check names the rows that miss their must, and exits with 1. --quick takes 10
+`--only stop`. Results repeat exactly: all moments are seeded. --update measures the rows that somebody asks for
+(ON_THE_PAGE), and writes them into docs/performance.md. --check names the rows that miss their must, and exits with 1. --quick takes 10
 trials of the rows of stops and frames; with both, a row that has a floor (rows.py) has to keep that.
 """
 
@@ -20,6 +20,7 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from textwrap import fill
 
 from lab import Lab
 from rows import CLOSED, ON_THE_PAGE, PAPER_SOURCE, ROWS, Row
@@ -101,7 +102,8 @@ def markdown(measurements: Sequence[Measurement]) -> str:
         lines.append(
             "| " + " | ".join([m.row.what, m.row.figure.unit, str(len(m.values)), *numbers, must, m.row.paper]) + " |"
         )
-    return "\n".join([*lines, "", NOT_MODELLED, "", f"The paper's sketch: {PAPER_SOURCE}."])
+    notes = (fill(note, 100) for note in (NOT_MODELLED, f"The paper's sketch: {PAPER_SOURCE}."))
+    return "\n".join([*lines, "", "\n\n".join(notes)])
 
 
 def _text(value: float | None) -> str:
@@ -150,14 +152,14 @@ def parse(arguments: list[str]) -> argparse.Namespace:
     parser.add_argument("--check", action="store_true", help="exit with 1 if a must is missed")
     parser.add_argument("--quick", action="store_true", help="a few trials of the rows of stops and frames")
     parser.add_argument("--jobs", type=int, default=2, metavar="N", help="rows measured at a time (default 2)")
-    parser.add_argument("--update", action="store_true", help="write its rows of docs/performance.md")
+    parser.add_argument("--update", action="store_true", help="measure the rows of docs/performance.md, and write them")
     options = parser.parse_args(arguments)
     options.n = options.n if options.n is not None else QUICK_N if options.quick else 200
     options.image = options.image or official_image()
     if options.n < 1 or options.jobs < 1:
         parser.error("--n and --jobs must be at least 1")
     if options.update and (options.only or options.quick):
-        parser.error("--update writes all rows of the page: leave out --only and --quick")
+        parser.error("--update measures the rows of the page: leave out --only and --quick")
     return options
 
 
@@ -202,7 +204,7 @@ def updated(page: str, about: str) -> str:
 def main(arguments: list[str]) -> int:
     """Measure and print."""
     options = parse(arguments)
-    rows = chosen(options.only, options.quick)
+    rows = chosen(",".join(ON_THE_PAGE) if options.update else options.only, options.quick)
     if options.list:
         print("\n".join(f"{row.name:18} {row.what} [{row.figure.unit}]" for row in rows))
         return 0
@@ -229,8 +231,7 @@ def main(arguments: list[str]) -> int:
             json.dumps(about | {"rows": as_json(measurements)}, ensure_ascii=False, indent=1) + "\n", encoding="utf-8"
         )
     if options.update:
-        page = markdown([m for m in measurements if m.row.name in ON_THE_PAGE])
-        about = f"`{identity}`, firmware `{firmware[:12]}`, `{image}`:\n\n{page}"
+        about = f"`{identity}`, firmware `{firmware.removeprefix('sha256-')[:12]}`,\n`{image}`:\n\n{table}"
         text = updated(PAGE.read_text(encoding="utf-8"), about)
         PAGE.write_text(text, encoding="utf-8")
     missed = [line for m in measurements if (line := m.missed(quick=options.quick))] if options.check else []
