@@ -4,8 +4,8 @@
 
 Needs what the rp2040 machine needs (docs/virtual-board.md). A row is named in full, or several are by how they begin:
 `--only stop`. Results repeat exactly: all moments are seeded. --update measures the rows that somebody asks for
-(ON_THE_PAGE), and writes them into docs/performance.md. --check names the rows that miss their must, and exits with 1. --quick takes 10
-trials of the rows of stops and frames; with both, a row that has a floor (rows.py) has to keep that.
+(ON_THE_PAGE), and writes them into docs/performance.md. --check names the rows that miss their must, and exits with 1.
+--quick takes 10 trials of the rows of stops and frames; with both, a row that has a floor (rows.py) has to keep that.
 """
 
 import argparse
