@@ -1,6 +1,5 @@
 """A pin with a duty of the MicroPython port (RP2350, and virtual boards): on a virtual board, in its own time."""
 
-
 from mirrormount_sim import machines
 from mirrormount_sim.bench import Bench
 from mirrormount_sim.simulation import Simulation

@@ -14,6 +14,7 @@ pixels: so a beam of any width takes the same time. On sensors of two fields one
 rows in a bin keeps their light balanced.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -102,13 +103,20 @@ class Beam:
     @property
     def axes(self) -> tuple[float, float]:
         """Standard deviations along the shorter and the longer axis."""
-        short, long = np.sqrt(np.linalg.eigvalsh(self.covariance))
-        return float(short), float(long)
+        short, long = variances(self.covariance)
+        return short**0.5, long**0.5
+
+
+def variances(covariance: Array) -> tuple[float, float]:
+    """Of the shorter and the longer axis. NumPy's eigvalsh() takes ten times as long for a matrix of two."""
+    (xx, xy), (_, yy) = covariance.tolist()
+    apart = math.hypot((xx - yy) / 2, xy)
+    return (xx + yy) / 2 - apart, (xx + yy) / 2 + apart
 
 
 def reduction(covariance: Array) -> int:
     """Pixels for one of the picture in which a beam of this size is followed: 1 for one that is not wide."""
-    factor = int(float(np.linalg.eigvalsh(covariance)[0]) ** 0.5 / _WIDE)
+    factor = int(variances(covariance)[0] ** 0.5 / _WIDE)
     return max(factor - 1 + factor % 2, 1)
 
 
@@ -131,7 +139,7 @@ def follow(
     def reduced(place: Array, first: Array) -> Array:
         return (place - first + 0.5) / scale - 0.5
 
-    edges = reduced(np.array([-0.5, -0.5, whole[1] - 0.5, whole[0] - 0.5]), np.tile(corner, 2))
+    edges = reduced(np.array([[-0.5, -0.5], [whole[1] - 0.5, whole[0] - 0.5]]), corner)
     centre, covariance = reduced(centre, corner), covariance / scale**2
     window = _window_at(image, centre, covariance, peak, None)
     for number in range(_ROUNDS):
@@ -170,7 +178,7 @@ def _next(centre: Array, covariance: Array, step: Array, found: Array, number: i
     if number >= _ROUNDS // 2:  # bins that come and go make it swing
         return centre + step / 2, (covariance + found) / 2
     beyond = covariance + _BEYOND * (found - covariance)
-    far = np.linalg.eigvalsh(beyond)[0] < 0.5 * np.linalg.eigvalsh(found)[0]
+    far = variances(beyond)[0] < 0.5 * variances(found)[0]
     return centre + step, found if far else beyond
 
 
@@ -195,9 +203,8 @@ def _reach(edges: Array, centre: Array, covariance: Array) -> float:
 
 
 def edge_distance(edges: Array, centre: Array, covariance: Array) -> float:
-    """Distance of the nearest edge, in standard deviations of the beam towards it. edges: left, top, right, bottom."""
-    apart = np.abs(edges - np.tile(centre, 2)) / np.tile(np.sqrt(np.diag(covariance)), 2)
-    return float(apart.min())
+    """Distance of the nearest edge, in standard deviations of the beam towards it. edges: ((left, top), (right, bottom))."""
+    return float((np.abs(edges - centre) / np.sqrt(np.diag(covariance))).min())
 
 
 def soft_window(r2: Array, reach: float) -> Array:
@@ -360,7 +367,7 @@ def _gaussian_weighted(window: Window) -> Array | None:
     if float(weighted.sum()) <= 0:
         return None
     found = 2 * _second_moments(weighted, window)
-    return found if np.isfinite(found).all() and float(np.linalg.eigvalsh(found)[0]) > 0.05 else None
+    return found if np.isfinite(found).all() and variances(found)[0] > 0.05 else None
 
 
 def _second_moments(weighted: Array, window: Window) -> Array:
@@ -384,7 +391,7 @@ def _window_at(image: Pixels, centre: Array, covariance: Array, peak: float, bef
     peak: of the beam, whose light reaches these. before: the window of the round before, to go on from.
     """
     wide, high = np.sqrt(np.diag(covariance))
-    side = max(1, int(float(np.linalg.eigvalsh(covariance)[0]) ** 0.5 / _BINS))
+    side = max(1, int(variances(covariance)[0] ** 0.5 / _BINS))
     side -= 1 - side % 2
     (rows, columns), (x0, y0) = image.shape, centre
     half_x, half_y = max(_BOX * wide, _LEAST_BOX), max(_BOX * high, _LEAST_BOX)
@@ -395,8 +402,9 @@ def _window_at(image: Pixels, centre: Array, covariance: Array, peak: float, bef
     values = means(part, side).astype(np.float64)
     x = left + (np.arange(values.shape[1]) + 0.5) * side - 0.5 - x0
     y = top + (np.arange(values.shape[0]) + 0.5) * side - 0.5 - y0
-    (a, b), (_, c) = np.linalg.inv(covariance)
-    r2 = a * x * x + (c * y * y)[:, None] + np.multiply.outer(2 * b * y, x)
+    (xx, xy), (_, yy) = covariance.tolist()
+    square = xx * yy - xy * xy
+    r2 = yy / square * x * x + (xx / square * y * y)[:, None] + np.multiply.outer(-2 * xy / square * y, x)
     near = np.exp(r2 / -2)
     ring = _ring(r2, left // side, top // side, 37 * wide * high / side**2)
     terms = np.stack([np.ones(ring.size), (x / wide)[ring % x.size], (y / high)[ring // x.size]])

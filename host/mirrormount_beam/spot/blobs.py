@@ -191,7 +191,7 @@ def _bands(small: NDArray[np.float32]) -> NDArray[np.float32]:
     strips = small[:, : columns // wide * wide].reshape(rows, -1, wide)[:, :, :: max(wide // 20, 1)]
     strips = _level(np.median(strips, axis=2))
     bands = np.median(strips, axis=1)
-    for _ in range(3):
+    for _ in range(2):
         apart = np.abs(_level(strips - bands[:, None])).mean(axis=0)
         bands = np.median(strips[:, np.argsort(apart)[: max(apart.size // 3, 1)]], axis=1)
     return np.asarray(bands, np.float32)
@@ -217,13 +217,13 @@ def _surface(tiles: NDArray[np.float32], rows: int, columns: int) -> NDArray[np.
         y, x = np.meshgrid(_centres(high), _centres(wide), indexing="ij")
         return np.stack([np.ones_like(x), x, y, x * y, x * x, y * y], axis=-1)
 
-    design, values = terms(*tiles.shape).reshape(-1, 6), tiles.ravel()
-    weight, found = np.ones_like(values), np.zeros(6, np.float32)
+    design, values = terms(*tiles.shape).reshape(-1, 6).astype(np.float64), tiles.ravel()
+    weight, found = np.ones_like(values), np.zeros(6)
     for _ in range(4):
-        found = np.linalg.lstsq(design * weight[:, None], values * weight, rcond=None)[0]
-        apart = values - design @ found
-        spread = 1.4826 * median(np.abs(apart)) + 1e-3
-        weight = (np.abs(apart) < 3 * spread).astype(np.float32)
+        weighted = design.T * weight
+        found = np.linalg.solve(weighted @ design + 1e-9 * np.eye(6), weighted @ values)  # there may be few tiles
+        apart = np.abs(values - design @ found)
+        weight = (apart < 3 * (1.4826 * median(apart) + 1e-3)).astype(np.float64)
     return terms(rows, columns) @ found.astype(np.float32)
 
 

@@ -82,7 +82,7 @@ BY_CHANCE = frozenset({NoSpotReason.SHAPE, NoSpotReason.SPLIT, NoSpotReason.DIM}
 
 # ---- the spot of an image
 
-_AROUND = 9.0  # standard deviations to each side that are cut out for a small beam
+_AROUND, _LEAST_AROUND = 9.7, 46.0  # standard deviations to each side that are cut out for a small beam; px, at least
 _SMALL = 1 / 14  # standard deviation of a small beam at most, in parts of the picture: rows have more dark than beam
 _SHARPER = 0.6  # peak of a part of a wide bright place, in peaks of that, above which the part may be the beam
 _LARGER = 3.0  # times as large as the spot: a window or a lamp in view is no second spot
@@ -293,7 +293,7 @@ def _followed(
     rows, columns = image.shape
     wide, high = np.sqrt(np.diag(covariance))
     small = max(wide / columns, high / rows) < _SMALL
-    half_x, half_y = (int(_AROUND * wide) + 32, int(_AROUND * high) + 32) if small else (columns, rows)
+    half_x, half_y = (int(max(_AROUND * each, _LEAST_AROUND)) for each in (wide, high)) if small else (columns, rows)
     left, top = max(0, int(centre[0]) - half_x), max(0, int(centre[1]) - half_y)
     scale = beam.reduction(covariance)
     part = blobs.means(image[top : int(centre[1]) + half_y + 1, left : int(centre[0]) + half_x + 1], scale)
