@@ -203,7 +203,7 @@ def _reach(edges: Array, centre: Array, covariance: Array) -> float:
 
 
 def edge_distance(edges: Array, centre: Array, covariance: Array) -> float:
-    """Distance of the nearest edge, in standard deviations of the beam towards it. edges: ((left, top), (right, bottom))."""
+    """Distance of the nearest edge, in standard deviations of the beam towards it. edges: left, top; right, bottom."""
     return float((np.abs(edges - centre) / np.sqrt(np.diag(covariance))).min())
 
 
