@@ -210,7 +210,7 @@ def main(arguments: list[str]) -> int:
         return 0
     try:
         with Lab("identity", 1, options.image) as lab:
-            identity, firmware = lab.board().ask(b"*IDN?;XF?").split("; ")
+            identity, firmware = lab.board().ask(b"*IDN?;XF?").replace("sha256-", "").split("; ")
         # Emulated time does not depend on what else this computer does, so rows may be measured side by side
         with ProcessPoolExecutor(options.jobs) as pool:
             work = partial(measured, n=options.n, image=options.image)
@@ -231,7 +231,7 @@ def main(arguments: list[str]) -> int:
             json.dumps(about | {"rows": as_json(measurements)}, ensure_ascii=False, indent=1) + "\n", encoding="utf-8"
         )
     if options.update:
-        about = f"`{identity}`, firmware `{firmware.removeprefix('sha256-')[:12]}`,\n`{image}`:\n\n{table}"
+        about = f"`{identity}`, firmware `{firmware[:12]}`,\n`{image}`:\n\n{table}"
         text = updated(PAGE.read_text(encoding="utf-8"), about)
         PAGE.write_text(text, encoding="utf-8")
     missed = [line for m in measurements if (line := m.missed(quick=options.quick))] if options.check else []

@@ -142,6 +142,8 @@ def wide(seen: Detection) -> Blob | None:
     above = coarse - (plane @ terms).reshape(coarse.shape)
     top = np.unravel_index(int(np.argmax(above)), above.shape)
     peak = float(above[top])
+    if peak <= ABOVE * seen.noise:
+        return None
     _, labels = cv2.connectedComponents((above > peak / 2).astype(np.uint8))
     here = labels == labels[top]
     at_y, at_x = np.nonzero(here)
@@ -150,7 +152,7 @@ def wide(seen: Detection) -> Blob | None:
     across, down = (float((weights * at).sum() / weights.sum()) for at in (at_x, at_y))
     # an area above half of a Gaussian's peak is 2 pi ln 2 of its standard deviations squared
     size_px = math.sqrt(float(here.sum()) * scale[0] * scale[1] / (2 * math.pi * math.log(2)))
-    if size_px < _WIDE or peak < ABOVE * seen.noise:
+    if size_px < _WIDE:
         return None
     spread = [max(float(at.std()), 0.3) for at in (at_x, at_y)]
     ratio = math.sqrt(spread[0] * scale[0] / (spread[1] * scale[1]))
