@@ -306,6 +306,7 @@ class Record:
         self._kind = kind
         self._address = address
         self._cells: dict[str, Any] = {}
+        self._before: Any = None  # the value of the field that is being put
 
     def __getitem__(self, field: str) -> Any:
         value = self._cell(field).value
@@ -347,6 +348,20 @@ class Record:
         """The time of what is told is now."""
         _core.recGblGetTimeStamp(self._address)
 
+    def blank(self, field: str) -> None:
+        """A put comes: until it has been written, a number is one that nobody puts."""
+        self._before = self[field]
+        if not isinstance(self._before, str):
+            self[field] = _nobodys(self._cell(field))
+
+    def written(self, field: str) -> bool:
+        """Has it been? EPICS base calls here also after a put that it could not convert, such as a word to a number."""
+        value = self[field]
+        if isinstance(value, str) or value != _nobodys(self._cell(field)):
+            return True
+        self[field] = self._before
+        return False
+
     def __enter__(self) -> None:
         _core.dbScanLock(self._address)
         self.stamp()
@@ -360,6 +375,14 @@ class Record:
             kind = _NUMBERS.get(number) or (c.c_char * size)
             self._cells[field] = kind.from_address(self._address + offset)
         return self._cells[field]
+
+
+def _nobodys(cell: Any) -> float:
+    """The lowest number of this kind; the highest of those without sign."""
+    if isinstance(cell, c.c_float | c.c_double):
+        return -math.inf
+    highest = type(cell)(-1).value
+    return highest if highest > 0 else -(1 << 8 * c.sizeof(cell) - 1)
 
 
 def _cut(text: str, size: int) -> bytes:
@@ -443,9 +466,10 @@ class RecordType:
             record, handler = self._handlers[address.contents.record]
             field = address.contents.field.contents.name.decode()
             if after:
-                return int(not handler.put(field))
+                return int(not record.written(field) or not handler.put(field))
             record.stamp()
             handler.before(field)
+            record.blank(field)
         return int(bool(fault))
 
     def _units(self, address: Any, out: int) -> int:

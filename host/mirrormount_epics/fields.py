@@ -83,10 +83,10 @@ MOTOR = _rows("""
     JOGR S a | 1: run back
     HOMF S a | 1: find the home that the board's settings say
     HOMR S a | 1: the same
-    HLM D w | high limit, user coordinates: the board's soft limit
-    LLM D w | low limit, user coordinates
-    DHLM D w | high limit, dial coordinates
-    DLLM D w | low limit, dial coordinates
+    HLM D w 999999 | high limit, user coordinates: the board's soft limit
+    LLM D w -999999 | low limit, user coordinates
+    DHLM D w 999999 | high limit, dial coordinates
+    DLLM D w -999999 | low limit, dial coordinates
     LVIO S r | 1: the last target was beyond the limits, and was refused
     HLS S r | 1: at the end-stop in the direction of high user coordinates
     LLS S r | 1: at the other one

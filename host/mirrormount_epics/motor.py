@@ -144,12 +144,12 @@ class Motor:
         """A put of this field comes."""
         record = self.record
         self._before = {name: record[name] for name in ("VAL", "DVAL", "RVAL", "RLV", "TWF", "TWR", field)}
-        if field in TARGETS:
-            record.update(DMOV=0)
 
     def put(self, field: str) -> bool:
         """The field has been put. False: it is refused, and the put fails."""
         record, value = self.record, self.record[field]
+        if field in TARGETS:
+            record.update(DMOV=0)
         try:
             if isinstance(value, float) and not math.isfinite(value):
                 raise MountError("not a finite number")
