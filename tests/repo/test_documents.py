@@ -9,7 +9,7 @@ import pytest
 
 ROOT = Path(__file__).parent.parent.parent
 DOCS = ROOT / "docs"
-PACKAGES = ("mirrormount", "mirrormount_beam", "mirrormount_epics", "mirrormount_panel", "mirrormount_sim")
+PACKAGES = tuple(sorted(path.parent.name for path in (ROOT / "host").glob("*/__init__.py")))
 # a name is relative to one of these
 ROOMS = (ROOT / "firmware_py" / "mountfw", *(ROOT / "host" / name for name in PACKAGES), ROOT / "host", ROOT)
 HELD = ("architecture.md",)
