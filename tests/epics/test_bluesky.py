@@ -113,9 +113,13 @@ supervisor.close()
     assert not board.driving()
 
 
-@pytest.mark.parametrize("position", ["float('nan')", "float('inf')", "1e9"])
-def test_what_is_no_position_moves_nothing(native, board, position):
-    native(f"failed(bps.mv(x, {position})); RE(bps.mv(x, 0)); supervisor.close()").end()
+def test_what_is_no_position_moves_nothing(native, board):
+    native("""
+for position in (float("nan"), float("inf"), 1e9):
+    failed(bps.mv(x, position))
+RE(bps.mv(x, 0))
+supervisor.close()
+""").end()
     assert board.edges() == []
 
 
