@@ -21,11 +21,11 @@ def mount():
     mount.close()
 
 
-def check(mount: Mount, capsys, *, move: bool = False) -> tuple[dict[str, str], bool]:
+def check(mount: Mount, capsys, *, move: bool = False, ask=None) -> tuple[dict[str, str], bool]:
     """({what: line}, did it pass?)"""
     passed = True
     try:
-        run_checks(lambda: mount, move=move)
+        run_checks(lambda: mount, move=move, ask=ask)
     except errors.CheckFailed:
         passed = False
     lines = capsys.readouterr().out.splitlines()
@@ -46,14 +46,30 @@ def test_a_good_mount_passes_and_nothing_moves(mount, capsys):
 
 
 def test_with_move_each_axis_makes_its_steps_and_ends_near_where_it_was(mount, capsys):
-    lines, passed = check(mount, capsys, move=True)
+    lines, passed = check(mount, capsys, move=True, ask=lambda _: True)
     assert passed, lines
-    for what in ("one step forward", "one step back", "stop in a move", "keep-alive"):
+    for what in ("motion", "one step forward", "one step back", "stop in a move", "keep-alive"):
         assert lines[f"x {what}"].startswith("ok") and lines[f"y {what}"].startswith("ok")
     assert {pin for _, pin, _ in drives(mount)} == {"m1_en", "m2_en"}
     bench = mount.link.port.simulation.bench
     assert not any(bench.duties().values())
-    assert max(map(abs, bench.spot_mm())) < 10  # three steps
+    assert max(map(abs, bench.spot_mm())) < 10  # three steps, and four there and back
+
+
+def test_pulses_that_nobody_saw_move_the_mirror_are_not_called_ok(mount, capsys):
+    mount.link.port.simulation.bench.horizontal.jammed = True
+    lines, passed = check(mount, capsys, move=True)
+    assert passed, lines
+    for what in ("one step forward", "one step back", "stop in a move", "keep-alive"):
+        assert lines[f"x {what}"].startswith("not seen") and "motion not verified" in lines[f"x {what}"]
+
+
+def test_a_person_who_sees_no_motion_fails_the_axis_and_its_pulses_are_not_called_ok(mount, capsys):
+    mount.link.port.simulation.bench.horizontal.jammed = True
+    lines, passed = check(mount, capsys, move=True, ask=lambda question: not question.startswith("x: did"))
+    assert not passed
+    assert lines["x motion"].startswith("FAILED") and lines["x one step forward"].startswith("not seen")
+    assert lines["y motion"].startswith("ok") and lines["y one step forward"].startswith("ok")
 
 
 def test_a_take_up_of_the_backlash_is_not_taken_for_a_wrong_pulse(mount, capsys):
@@ -165,7 +181,7 @@ def test_a_move_into_a_switch_fails_and_the_other_axis_is_still_tested(mount, ca
     lines, passed = check(mount, capsys, move=True)
     assert not passed
     assert lines["x one step forward"].startswith("FAILED") and "end-stop" in lines["x one step forward"]
-    assert lines["y keep-alive"].startswith("ok")
+    assert lines["y keep-alive"].startswith("not seen")
 
 
 def test_no_mount_is_one_line_and_status_1(capsys):

@@ -2,11 +2,13 @@
 
 A check is a function that returns what it found, or raises Wrong with what is wrong and what to do, or NotTested with
 the reason. Other checks still run after one that failed. With --move the mirror moves by a few steps, and about the
-same back.
+same back. A board knows pulses, not motion: a jammed motor has had them, too. So these checks are "ok" only for an axis
+that its encoder, or the person at the terminal, has seen move; else they are "not seen".
 """
 
 import argparse
 import math
+import sys
 from collections.abc import Callable, Iterator
 
 from mirrormount.cli.arguments import Command, open_mount, port_options
@@ -41,7 +43,15 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Print one line a check. Raises CheckFailed if one failed."""
     with ended_in_order():
-        run_checks(lambda: open_mount(args), move=args.move)
+        run_checks(lambda: open_mount(args), move=args.move, ask=_ask if sys.stdin and sys.stdin.isatty() else None)
+
+
+def _ask(question: str) -> bool:
+    """Ask the person. No answer is no."""
+    try:
+        return input(f"{question} [y/N] ").strip().lower() in ("y", "yes")
+    except EOFError:
+        return False
 
 
 # ---- all checks
@@ -51,12 +61,16 @@ class NotTested(Exception):
     """A check could not be made; the message says why."""
 
 
+class NotSeen(Exception):
+    """The board did as it was told, and nothing has seen whether the mirror moved; the message says what it did."""
+
+
 class Wrong(Exception):
     """A check failed; the message says what is wrong and what to do."""
 
 
-def run_checks(open_mount: Callable[[], Mount], *, move: bool) -> None:
-    """Run all checks and print a line for each. Raises CheckFailed if one failed."""
+def run_checks(open_mount: Callable[[], Mount], *, move: bool, ask: Callable[[str], bool] | None = None) -> None:
+    """Run all checks and print a line for each. ask: puts a question to a person. Raises CheckFailed if one failed."""
     failed = 0
     try:
         mount = open_mount()
@@ -65,13 +79,15 @@ def run_checks(open_mount: Callable[[], Mount], *, move: bool) -> None:
         raise CheckFailed("no mount was reached: nothing else was tested") from e
     with mount:
         _line("ok", "port", "a mount answers")
-        for what, test in _checks(mount, move):
+        for what, test in _checks(mount, move, ask):
             try:
                 with mount.unless_stopped():
                     _check_not_stopped(mount)  # in the block: a stop from here on keeps the test from moving
                     _line("ok", what, test())
             except NotTested as e:
                 _line("not tested", what, str(e))
+            except NotSeen as e:
+                _line("not seen", what, f"{e}; motion not verified")
             except (ConnectionLost, CheckFailed):
                 raise
             except (MountError, Wrong) as e:
@@ -92,7 +108,7 @@ def _line(verdict: str, what: str, found: str) -> None:
     print(f"{verdict:11}{what}: {printable(found, 2000)}", flush=True)
 
 
-def _checks(mount: Mount, move: bool) -> Iterator[tuple[str, Callable[[], str]]]:
+def _checks(mount: Mount, move: bool, ask: Callable[[str], bool] | None) -> Iterator[tuple[str, Callable[[], str]]]:
     waiting = mount.errors()  # before a check can add to them
     yield "identity", lambda: identity(mount)
     yield "firmware", lambda: firmware(mount)
@@ -110,7 +126,7 @@ def _checks(mount: Mount, move: bool) -> Iterator[tuple[str, Callable[[], str]]]
             yield f"{axis.name} encoder", lambda axis=axis: encoder_at_rest(axis)
     yield "stop", lambda: stop_at_rest(mount)
     for axis in axes:
-        for what, test in motion_checks(mount, axis):
+        for what, test in motion_checks(mount, axis, ask):
             yield f"{axis.name} {what}", test if move else _without_moving
 
 
@@ -208,14 +224,40 @@ def stop_at_rest(mount: Mount) -> str:
 # ---- checks that move the mirror
 
 
-def motion_checks(mount: Mount, axis: Axis) -> Iterator[tuple[str, Callable[[], str]]]:
-    """The checks of one axis: (what, check)."""
-    if axis.has_encoder:
-        yield "encoder in a move", lambda: encoder_in_a_move(axis)
-    yield "one step forward", lambda: one_step(axis, 1)
-    yield "one step back", lambda: one_step(axis, -1)
-    yield "stop in a move", lambda: stop_in_motion(mount, axis)
-    yield "keep-alive", lambda: keep_alive_ends_motion(mount, axis)
+def motion_checks(
+    mount: Mount, axis: Axis, ask: Callable[[str], bool] | None = None
+) -> Iterator[tuple[str, Callable[[], str]]]:
+    """The checks of one axis: (what, check). The first one sees whether it moves, if anything does."""
+    saw = False
+
+    def looked() -> str:
+        nonlocal saw
+        found = encoder_in_a_move(axis) if axis.has_encoder else seen_by_person(axis, ask)
+        saw = True
+        return found
+
+    def seen(found: str) -> str:
+        if not saw:
+            raise NotSeen(found)
+        return found
+
+    yield "encoder in a move" if axis.has_encoder else "motion", looked
+    yield "one step forward", lambda: seen(one_step(axis, 1))
+    yield "one step back", lambda: seen(one_step(axis, -1))
+    yield "stop in a move", lambda: seen(stop_in_motion(mount, axis))
+    yield "keep-alive", lambda: seen(keep_alive_ends_motion(mount, axis))
+
+
+def seen_by_person(axis: Axis, ask: Callable[[str], bool] | None) -> str:
+    """Steps there and back, enough for a gap and for the eye. Raises NotTested if nobody is there to see them."""
+    if ask is None:
+        raise NotTested("no encoder, and nobody at a terminal who would see the spot move: motion not verified")
+    ask(f"{axis.name}: look at the spot, it is to move by {_STEPS} steps and back. Ready?")
+    axis.step(_STEPS)
+    axis.step(-_STEPS)
+    if not ask(f"{axis.name}: did it move, there and back?"):
+        raise Wrong("you saw no motion: motor, its wires, supply and coupler (docs/bring-up.md)")
+    return f"you saw {_STEPS} steps there and back"
 
 
 def one_step(axis: Axis, n: int) -> str:
