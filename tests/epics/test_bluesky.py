@@ -63,7 +63,7 @@ assert "control" in failed(bps.mv(x, 0)), "without control"
 RE(bps.stop(x))  # raises nothing
 event("refused")
 program.take_control()
-RE(bps.mv(x, 0))
+RE(bps.mv(x, -2))
 supervisor.close()
 """)
     client.until("begun")
