@@ -28,7 +28,13 @@ class Pump:
         self._events.put(event)
 
     def run(self) -> None:
-        """Until an exception of a signal."""
+        """Until an exception of a signal. What is done seldom is done once more then: what was set last is kept."""
+        try:
+            self._run()
+        finally:
+            self._call(*self.seldom)
+
+    def _run(self) -> None:
         beat_s = slow_s = time.monotonic()
         while True:
             now_s = time.monotonic()

@@ -225,7 +225,6 @@ def test_what_a_person_has_set_is_there_after_a_restart_and_no_position(ioc, boa
         import epics
         assert epics.caput(P + "m1:x.VAL", 3, wait=True, timeout=30) == 1
         epics.caput(P + "m1:x.OFF", 10, wait=True); epics.caput(P + "m1:x.DESC", "first mirror", wait=True)
-        time.sleep(2.5)  # it is written once a second
     """)
     assert ioc.end() == 0
     with Mount.open(str(board.link)) as mount:
