@@ -15,6 +15,7 @@ from mirrormount_beam.experiments.steps import AT_REST, Ended, Log
 from mirrormount_sim.profiles import GAP_REV, PROFILES, ROUGH, SMOOTH
 
 SEEDS = range(200)
+KIND = (SMOOTH.name, ROUGH.name)  # on HARDWARE, whose gap is another at each place, docs/mechanics.md says how far off
 ROTATION_RAD = 0.05  # of the camera
 WAYS = ("positive", "negative")
 
@@ -88,7 +89,7 @@ def test_the_spot_is_where_it_was_when_a_measurement_is_over(experiment, name):
         assert np.abs(after - before).max() < step_px
 
 
-@pytest.mark.parametrize("name", PROFILES)
+@pytest.mark.parametrize("name", KIND)
 def test_the_backlash_is_the_gap_of_the_shaft_within_its_error(name):
     profile = PROFILES[name]
     per_px = 0.025 / true_pulse_px(PROFILES["smooth"], STEP_US)  # turns; only the ratio of ways counts below
@@ -121,7 +122,7 @@ def test_the_take_up_is_the_backlash_times_the_pulse():
     assert result.estimates["y.take_up"].unit == "us"
 
 
-@pytest.mark.parametrize("name", PROFILES)
+@pytest.mark.parametrize("name", KIND)
 def test_the_pulse_curve_has_right_error_bars(name):
     profile = replace(PROFILES[name], periodic=0.0)  # which differs from place to place, and the experiment says so
     every = results(backlash.run_pulses, profile, SEEDS, lengths_ms=(5, 12, 35, 100))
@@ -179,7 +180,7 @@ def test_a_square_is_open_by_the_backlash_and_closes_with_the_take_up_that_this_
     assert [len(series.points) for series in result.series] == [81, 81]
 
 
-@pytest.mark.parametrize("name", PROFILES)
+@pytest.mark.parametrize("name", KIND)
 def test_the_take_up_of_a_square_is_the_gap_also_where_steps_there_and_back_differ(name):
     """The gap of that turn: one that has another width each time is known by many turns only (`backlash`)."""
     profile = replace(PROFILES[name], gap_spread=0.0)
@@ -285,7 +286,7 @@ def test_creep_is_told_only_if_it_is_larger_than_the_beams_drift():
 
 def test_a_motor_that_does_not_move_the_spot_is_told():
     rig = DrivetrainRig(SMOOTH, 1)
-    rig.trains["x"].speed_rev_s = 0.0
+    rig.trains["x"].jammed = True
     for experiment in (steps.run, backlash.run, backlash.run_pulses):
         with pytest.raises(NotMeasurable, match=r"x: .*look at motor and coupler"):
             experiment(rig, Result("test"), quietly)
