@@ -292,6 +292,7 @@ def test_what_a_camera_does_not_know_is_said_to_be_unknown_and_never_invented(tm
         "camera_scale": UNKNOWN,
         "camera_exposure": {"value": None, "unit": None, "fixed": None},
         "camera_gain": {"value": None, "fixed": None},
+        "camera_selection": "channel automatic",
     }
 
 
