@@ -145,7 +145,7 @@ def seam_class(_seam):
             self._grant = self._at
             self._lock(locks)
 
-        def edge(self, pin, duty):
+        def edge(self, pin, duty, _hz=0):
             locks = self._unlock()
             self.edges.append((self.t - START_US, pin, duty))
             self._lock(locks)

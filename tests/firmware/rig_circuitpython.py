@@ -78,7 +78,7 @@ def _port_class(_seam):
             self._show_latched()
             return self.t >= turn
 
-        def edge(self, pin, duty):
+        def edge(self, pin, duty, _hz=0):
             port = self._port
             if port.pins.get(pin) != duty:
                 locks = self._unlock()
