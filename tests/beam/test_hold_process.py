@@ -54,8 +54,8 @@ class ServedBoard:
         self._thread = threading.Thread(target=serve, args=(self.simulation, [self.port], self._ending.is_set))
         self._thread.start()
 
-    def edge(self, us, pin, duty):
-        self._edge(us, pin, duty)
+    def edge(self, us, pin, duty, hz=0):
+        self._edge(us, pin, duty, hz)
         us -= self.simulation.now_us - self.simulation.us
         if pin.endswith("_en") and duty:
             self.driven.append([us, None, pin])
