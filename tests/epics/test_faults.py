@@ -36,7 +36,7 @@ def test_an_ioc_that_dies_or_hangs_in_mid_motion_leaves_nothing_running(ioc, boa
     ioc.process.send_signal(with_signal)
     late_us = (time.monotonic() - looked_s) * 1e6
     begun_us = max(edge["t_us"] for edge in board.edges() if edge.get("duty"))
-    time.sleep(1.5)  # nothing more may come
+    time.sleep(1.5)  # that no further pulse comes is no event: between pulses of a move the pins are off, too
     last_us = max(edge["t_us"] for edge in board.edges() if edge["pin"].endswith("_en"))
     assert not board.driving()
     assert last_us - begun_us <= KEEP_ALIVE_US + late_us + TICK_US, f"{late_us:.0f} us late"
