@@ -106,7 +106,6 @@ class Drivetrain:
         profile = self.profile
         self.friction = profile.friction_v / profile.volts
         self._cogging = profile.cogging_v / profile.volts
-        self.speed_rev_s = profile.speed_rev_s
         self._ideal_rev_s = profile.speed_rev_s / (1 - self.friction)  # without friction
 
     @classmethod

@@ -65,7 +65,7 @@ def test_a_two_pwm_bridge_takes_the_duty_on_its_legs():
 def test_a_motor_spins_up_and_coasts():
     train = Drivetrain(lever_mm=30, gap_rev=0, noise=0)
     train.advance(0.01, 1.0)
-    assert 0 < train.rev_s < train.speed_rev_s
+    assert 0 < train.rev_s < train.profile.speed_rev_s
     here = train.shaft_rev
     train.advance(0.002, None)
     assert train.shaft_rev > here
