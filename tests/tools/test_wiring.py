@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from mirrormount_sim.bench import ENCODERS
-from mountfw.boards import pico
+from mountfw.boards import pico, pico_drv8833
 
 ROOT = Path(__file__).resolve().parents[2]
 PHYSICAL = {
@@ -41,17 +41,19 @@ def wiring():
     return module
 
 
-def board_file() -> dict[str, int]:
+def board_file(board=pico) -> dict[str, int]:
     """Each signal's GPIO, by the names that the drawing uses."""
     names = {"en": "en", "pos": "pos", "neg": "neg", "stop_pos": "sw_pos", "stop_neg": "sw_neg"}
-    axes = {1: pico.AXIS_1, 2: pico.AXIS_2}
-    return {f"m{n}_{shown}": axis[name] for n, axis in axes.items() for name, shown in names.items()}
+    axes = {1: board.AXIS_1, 2: board.AXIS_2}
+    pins = {f"m{n}_{shown}": axis[name] for n, axis in axes.items() for name, shown in names.items()}
+    return {name: pin for name, pin in pins.items() if pin is not None}
 
 
-def test_the_drawing_shows_the_pins_of_the_board_file(wiring):
-    drawn = {row[0]: (row[3], row[4]) for row in (*wiring.SIGNALS, *wiring.SWITCHES)}
+@pytest.mark.parametrize(("bridge", "board"), [("SN754410", pico), ("TB6612", pico), ("DRV8833", pico_drv8833)])
+def test_a_drawing_shows_the_pins_of_its_board_file(wiring, bridge, board):
+    drawn = {row[0]: (row[3], row[4]) for row in (*getattr(wiring, bridge).signals, *wiring.SWITCHES)}
     drawn[wiring.EMERGENCY_STOP[0]] = wiring.EMERGENCY_STOP[2:]
-    pins = board_file() | {STOP: 14}
+    pins = board_file(board) | {STOP: 14}
     assert drawn == {name: (f"GP{pin}", PHYSICAL[pin]) for name, pin in pins.items()}
 
 
@@ -69,7 +71,7 @@ def test_the_table_of_the_page_has_the_pins_of_the_board_file(wiring):
         names = re.findall(r"`(\w+)`", what)
         for name, gpio, number in zip(names, gpios.split(", "), numbers.split(", "), strict=True):
             told[name] = (gpio, int(number), bridge.split(" ")[0])
-    at_bridge = {row[0]: str(row[6]) for row in wiring.SIGNALS}
+    at_bridge = {row[0]: str(row[6]) for row in wiring.SN754410.signals}
     encoders = {
         f"{motor}_enc_{word}": pin for motor, pins in ENCODERS.items() for word, pin in zip("ab", pins, strict=True)
     }
@@ -77,7 +79,23 @@ def test_the_table_of_the_page_has_the_pins_of_the_board_file(wiring):
     assert told == {name: (f"GP{pin}", PHYSICAL[pin], at_bridge.get(name, "–")) for name, pin in pins.items()}
 
 
-def test_the_drawing_is_what_the_tool_draws(wiring, monkeypatch, tmp_path):
+@pytest.mark.parametrize("bridge", ["TB6612", "DRV8833"])
+def test_a_carriers_drawing_has_the_wires_of_the_page(wiring, bridge):
+    text = (ROOT / "docs" / "bring-up.md").read_text(encoding="utf-8")
+    head, _, row = re.findall(r"^\|.*$", text.split(f"**With a {bridge}**")[1], re.M)[:3]
+    names, ends = ([cell.strip() for cell in line.strip("|").split("|")] for line in (head, row))
+    told = dict(zip(names, ends, strict=True))
+    b = getattr(wiring, bridge)
+    assert all(told[row[5]] == f"{row[3]} `{row[0]}`" for row in b.signals)
+    outputs = {", ".join(name for name, *_ in pair): f"motor {n}" for n, pair in enumerate(b.outputs, 1)}
+    assert outputs.items() <= told.items()
+    assert told[b.supply[0]] == "motor supply +" and told[b.logic[0]] == "3.3 V"
+
+
+def test_the_drawings_are_what_the_tool_draws(wiring, monkeypatch, tmp_path):
     monkeypatch.setattr(wiring, "IMAGES", tmp_path)
     wiring.main()
-    assert (tmp_path / "wiring.svg").read_bytes() == (ROOT / "docs" / "images" / "wiring.svg").read_bytes()
+    names = {"wiring.svg", "wiring-tb6612.svg", "wiring-drv8833.svg"}
+    assert {path.name for path in tmp_path.glob("*.svg")} == names
+    for name in names:
+        assert (tmp_path / name).read_bytes() == (ROOT / "docs" / "images" / name).read_bytes()
