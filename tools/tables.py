@@ -2,13 +2,15 @@
 
 Errors and reasons (docs/errors.md), settings (docs/protocol.md, the attributes of an axis on the board and its
 properties on the host), boards (docs/versions.md), the profiles of virtual mounts (docs/mechanics.md), records
-(docs/control-systems.md), the grammar of a line (dialect/line.py of the firmware).
+(docs/control-systems.md), the measures of mirror mounts and the bill of materials (docs/build.md), the grammar of a
+line (dialect/line.py of the firmware).
 --check changes nothing and fails if one of them differs.
 """
 
 import importlib
 import re
 import sys
+import tomllib
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
@@ -22,6 +24,10 @@ from mirrormount_sim.profiles import PROFILES, facts
 from mountfw import codes
 from mountfw.board_file import FILE_OF
 from mountfw.wire.frame import PROBE
+
+sys.path.insert(0, str(Path(__file__).resolve().parent / "mechanics"))
+import bill as mechanics_bill
+from measures import MOUNTS, load
 
 ROOT = Path(__file__).resolve().parent.parent
 FIRMWARE = ROOT / "firmware_py" / "mountfw"
@@ -167,8 +173,23 @@ def transitions() -> Iterator[str]:
         yield from (line.replace("\n", f"  # {name}\n") for line in _bytes(next_))
 
 
+def mounts() -> Rows:
+    """The measures of the mirror mounts that are known."""
+    known = [load(path) for path in MOUNTS.values()]
+    names = [name for name in known[0].sources if name in tomllib.loads(MOUNTS["km100"].read_text(encoding="utf-8"))]
+    yield "mm", *(m.name for m in known)
+    for name in names:
+        yield f"`{name}`", *(f"{getattr(m, name):g}: {m.sources[name]}" for m in known)
+
+
+def bill() -> Rows:
+    """What one motorised mount is made of."""
+    yield from mechanics_bill.table()
+
+
 Maker = Callable[[], Rows] | Callable[[], Iterator[str]]
 WRITTEN: dict[str, tuple[Maker, ...]] = {
+    "docs/build.md": (mounts, bill),
     "docs/control-systems.md": (motor_fields, mount_fields),
     "docs/errors.md": (board_errors, reasons, host_errors),
     "docs/mechanics.md": (profiles,),

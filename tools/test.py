@@ -22,6 +22,7 @@ from xml.etree import ElementTree
 import _bootstrap as bootstrap
 
 LOCK = "tests/requirements.txt"
+MECHANICS_LOCK = "tools/mechanics/requirements.txt"  # for the tests of the printed parts as solids: with --full only
 # packages of Debian: any of these programs or folders shows that it is there. The browser is for the panel, the rest
 # for the emulated RP2040 and its MicroPython image
 NEEDS = {
@@ -131,6 +132,8 @@ def main(arguments: List[str]) -> int:
     if absent:
         bootstrap.say("Tests that need these are skipped. To run them: sudo apt install " + " ".join(absent))
     bootstrap.prepare("tests", LOCK, may_install)
+    if options.level == "full":
+        bootstrap.prepare("mechanics", MECHANICS_LOCK, may_install)
     runs = LEVELS[options.level].items()
     if for_pytest:  # of some tests no coverage counts
         runs = [(title, [*words, *for_pytest]) for title, words in runs if "pytest" in words]

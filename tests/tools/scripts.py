@@ -20,4 +20,5 @@ def load(name, register_as):
 
 bootstrap = load("_bootstrap.py", "_bootstrap")
 demo = load("demo.py", "mirrormount_tools_demo")
+mechanics = load("mechanics/make.py", "mirrormount_tools_mechanics")
 checks = load("test.py", "mirrormount_tools_test")

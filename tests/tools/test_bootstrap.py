@@ -10,9 +10,9 @@ import subprocess
 import sys
 
 import pytest
-from scripts import ROOT, bootstrap, demo
+from scripts import ROOT, bootstrap, demo, mechanics
 
-SCRIPTS = ["_bootstrap.py", "demo.py", "test.py"]
+SCRIPTS = ["_bootstrap.py", "demo.py", "test.py", "mechanics/make.py"]
 
 
 class Machine:
@@ -140,6 +140,15 @@ def test_the_demo_passes_arguments_on_and_needs_no_screen(monkeypatch):
     assert called == [
         (["-P", "-m", "mirrormount", "demo", "--seed", "1"], {"cwd": None, "environment": {"MPLBACKEND": "Agg"}})
     ]
+
+
+def test_the_parts_are_made_in_the_callers_folder_with_what_their_lock_names(monkeypatch):
+    called = []
+    monkeypatch.setattr(bootstrap, "prepare", lambda *words: called.append(words))
+    monkeypatch.setattr(bootstrap, "call", lambda command, **options: called.append((command[1:], options)) or 5)
+    assert mechanics.main(["km100"]) == 5
+    program = str(ROOT / "tools" / "mechanics" / "files.py")
+    assert called == [("mechanics", "tools/mechanics/requirements.txt"), ([program, "km100"], {"cwd": None})]
 
 
 def test_a_program_has_the_users_settings_and_its_status_is_told(monkeypatch):

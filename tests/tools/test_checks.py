@@ -67,6 +67,14 @@ def test_only_a_full_run_has_the_coverage_and_the_times_of_the_firmware_and_not_
     assert all(words[-4:-2] == ["-k", "frame"] for words in called if "pytest" in words)
 
 
+@pytest.mark.parametrize("level", ["--quick", "--full"])
+def test_only_a_full_run_installs_what_the_solids_of_the_parts_need(called, monkeypatch, level):
+    locks = []
+    monkeypatch.setattr(bootstrap, "prepare", lambda purpose, lock, *words: locks.append(lock))
+    checks.main([level])
+    assert locks == ["tests/requirements.txt", "tools/mechanics/requirements.txt"][: 1 + (level == "--full")]
+
+
 def test_one_failed_check_fails_the_whole_but_stops_nothing(called, monkeypatch, capsys):
     monkeypatch.setattr(bootstrap, "call", lambda command, **environment: int("basedpyright" in command))
     assert checks.main([]) == 1

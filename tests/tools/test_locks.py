@@ -7,9 +7,10 @@ import tomllib
 
 import pytest
 from packaging.requirements import Requirement
-from scripts import ROOT, bootstrap, checks, demo
+from scripts import ROOT, bootstrap, checks, demo, mechanics
 
 LOCKS = ["tests/requirements.txt", "tools/demo-requirements.txt"]
+MECHANICS = "tools/mechanics/requirements.txt"  # has not what mirrormount needs
 
 
 def locked(lock):
@@ -38,7 +39,17 @@ def test_both_scripts_put_the_same_versions_into_the_one_environment():
     assert set(locked(LOCKS[1])) <= set(locked(LOCKS[0]))
 
 
-@pytest.mark.parametrize("lock", LOCKS)
+def test_the_parts_are_made_with_the_same_versions_in_the_one_environment():
+    assert checks.MECHANICS_LOCK == mechanics.LOCK == MECHANICS
+    tests, parts = (dict.fromkeys(name for name, _ in locked(lock)) for lock in (LOCKS[0], MECHANICS))
+    both = tests.keys() & parts.keys()
+    assert "numpy" in both and "build123d" in parts.keys() - tests.keys()
+    for name in both:
+        of_tests, of_parts = ({v for n, v in locked(lock) if n == name} for lock in (LOCKS[0], MECHANICS))
+        assert of_parts <= of_tests, name
+
+
+@pytest.mark.parametrize("lock", [*LOCKS, MECHANICS])
 def test_nothing_is_installed_whose_hash_is_not_locked(lock):
     assert [checks.LOCK, demo.LOCK] == LOCKS
     assert bootstrap.LOCKED == ("--no-deps", "--require-hashes", "-r")
@@ -49,7 +60,7 @@ def test_nothing_is_installed_whose_hash_is_not_locked(lock):
     assert "editables" in dict(locked(lock))  # hatchling asks for it when it builds for -e
 
 
-@pytest.mark.parametrize("lock", LOCKS)
+@pytest.mark.parametrize("lock", [*LOCKS, MECHANICS])
 def test_lock_names_no_host_and_no_folder(lock):
     lines = (ROOT / lock).read_text(encoding="utf-8").splitlines()
     assert [line for line in lines if re.search(r"://|index-url|find-links|^-|(^| )/", line)] == []
