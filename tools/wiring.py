@@ -131,8 +131,8 @@ NOTES = (
     “pos” is the leg that is high for a positive number.
 """,
     """
-•  C4 and C5 are soldered to the terminals of the motors, and each motor gets two more of 100 nF, from either terminal
-    to its case (not drawn). Twist the two leads of a motor.
+•  C4 and C5 are soldered to the terminals of the motors, and each motor gets two more, from
+    either terminal to its case (drawn at the right). Twist the two leads of a motor.
 •  The emergency stop has two normally closed contacts: one breaks the motors' supply, the other
     tells the firmware (optional). D9 blocks a supply whose poles are exchanged.
 """,
@@ -143,7 +143,7 @@ PICO, PICO_RIGHT, PICO_TOP = 6.0, 10.5, 15.5
 BRIDGE, BRIDGE_RIGHT, BRIDGE_TOP = 18.5, 23.5, 12.5
 PULL_DOWN, LOGIC_CAPACITOR, MOTOR, SMALL_CAPACITOR, BULK_CAPACITOR = 16.0, 17.2, 26.0, 30.0, 32.0  # places across
 DIODE, BUTTON, SWITCH, FUSE, SOURCE = 33.0, 36.0, 39.0, 42.0, 45.0  # where each begins, on the way to the supply
-NOTES_AT, PINOUT, CLAMPS = (0.0, -2.2), (29.0, -1.8), (40.0, -5.3)
+NOTES_AT, PINOUT, CLAMPS, NOISE = (0.0, -2.2), (25.0, -1.8), (34.2, -5.3), (43.4, -5.3)
 
 
 def main() -> None:
@@ -151,7 +151,7 @@ def main() -> None:
     for bridge in BRIDGES:
         with schemdraw.Drawing(show=False, canvas="matplotlib") as d:
             d.config(fontsize=NORMAL, lw=1.8, margin=0.5, bgcolor="white")
-            for part in (supply, pico, chip, signals, motors, switches, clamps, legend):
+            for part in (supply, pico, chip, signals, motors, switches, clamps, noise, legend):
                 part(d, bridge)
         drawn: Any = d.draw(show=False)
         figure = drawn.getfig()
@@ -311,7 +311,27 @@ def clamps(d, b: Bridge) -> None:
     write(d, (x, y - 2.9), "common ground")
     write(d, (x + 0.6, y + 1.3), "D1", align="left")
     write(d, (x + 0.6, y - 1.3), "D2", align="left")
-    write(d, (x, PINOUT[1] + 0.6), "The same at 2Y, 3Y and 4Y: D1 to D8, 1N5819")
+    write(d, (x, PINOUT[1] + 0.6), "The same at 2Y, 3Y and 4Y:\nD1 to D8, 1N5819")
+
+
+def noise(d, _b: Bridge) -> None:
+    """The three capacitors of a motor, drawn once for both."""
+    x, y = NOISE
+    box(d, x - 1, x + 1, y - 1.3, y + 1.3, "#eeeeee")
+    d += elm.Motor().at((x, y + 2)).to((x, y - 2)).color(BLUE)
+    write(d, (x, y), "M", NORMAL, BLUE)
+    for end in (y + 2, y - 2):
+        wire(d, (x - 2.8, end), (x, end), color=BLUE)
+        wire(d, (x, end), (x + 1.9, end), color=BLUE)
+        d += elm.Capacitor().at((x + 1.9, end)).to((x + 1.9, y)).color(BLUE)
+        d += elm.Dot().at((x, end)).color(BLUE)
+        write(d, (x + 2.4, (end + y) / 2), "100 nF", SMALL, align="left")
+    d += elm.Dot().at((x - 1.9, y + 2)).color(BLUE)
+    d += elm.Capacitor().at((x - 1.9, y + 2)).to((x - 1.9, y - 2)).dot().color(BLUE)
+    write(d, (x - 2.4, y), "C4\n100 nF", SMALL, align="right")
+    wire(d, (x + 1.9, y), (x + 1, y), color=BLUE, dot=True)
+    write(d, (x, y - 2.9), "grey: the motor's case")
+    write(d, (x, PINOUT[1] + 0.6), "Each motor,\nas short as can be")
 
 
 def legend(d, b: Bridge) -> None:
