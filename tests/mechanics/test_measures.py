@@ -80,6 +80,12 @@ def test_a_loose_shaft_turns_until_its_flats_edge_meets_the_wall():
     assert turn_deg(1.5, 1.0, 0.5) == 90
 
 
+@EVERY_MOUNT
+def test_a_sleeve_whose_set_screws_are_loose_loses_what_the_page_says(m):
+    assert [round(angle) for angle in m.loose_deg] == [11, 11]
+    assert 1000 <= sum(m.loose_deg) * m.beam_urad_per_deg <= 1110
+
+
 def test_a_mount_may_be_given_by_plain_numbers_and_has_the_rest_from_the_hardware(tmp_path):
     m = load(mount_with(tmp_path, adjusters_x=40, half_width=27, shaft_length=12))
     assert (m.name, m.adjusters_x, m.shaft_length, m.gearbox_width) == ("mine", 40, 12, 12)
@@ -108,6 +114,7 @@ def test_a_plate_of_sheet_metal_goes_with_shorter_screws(tmp_path):
         ({"plate_thickness": 4}, "enter by 0 mm: lengthen motor_screw_length"),
         ({"axial_play": 4}, "reduce axial_play"),
         ({"socket_height": 10}, "longer key_free"),
+        ({"spring_stretch": 5, "adjusters_y": 35}, "meet the arm of the spring ring"),
         ({"adjusters_x": 30, "adjusters_y": 30}, "the switches of both axes meet"),
         ({"half_width": 20}, "meets the spring ring"),
         ({"fit": 0.8, "plate_edge": 11, "motor_screws_apart": 11, "least_wall": 0.4}, "would slip in the sleeve"),

@@ -47,13 +47,15 @@ def pictures(m: Measures) -> None:
     solids = {name: make(m) for name, make in PARTS.items()}
     sheet(m, "plate", solids["plate"]).savefig(IMAGES / "build-plate.png", dpi=80, metadata={"Software": None})
     laid: list[tuple[str, Any]] = []
-    across = 0.0
+    across = back = deepest = 0.0
     for name, solid in solids.items():
         for _ in range(COUNT[name]):
             box = solid.bounding_box()
-            laid.append((name, Pos(across - box.min.X, -box.max.Y, 0) * solid))
-            across += box.size.X + 5
-    picture(laid, IMAGES / "build-parts.png", (-75, 40), PARTS, 900)
+            if across + box.size.X > 120:
+                across, back, deepest = 0.0, back - deepest - 12, 0.0
+            laid.append((name, Pos(across - box.min.X, back - box.max.Y, 0) * solid))
+            across, deepest = across + box.size.X + 8, max(deepest, box.size.Y)
+    picture(laid, IMAGES / "build-parts.png", (-75, 45), PARTS, 600)
     drive = [(n, Pos(0, 0, {"motor": 25, "key": -18, "sleeve": -8}.get(n, 0)) * s)
              for n, s in assembly(m, ("plate", "motor", "sleeve", "key"))]  # fmt: skip
     picture(drive, IMAGES / "build-drive.png", (-60, 20), ("plate", "motor", "sleeve", "key"), 480)

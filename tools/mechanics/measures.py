@@ -149,8 +149,17 @@ class Measures:
 
     @property
     def ring_rise(self) -> float:
-        """From the frame's back to the lower face of the spring ring, whose pin is in the middle of its height."""
-        return self.stand - self.spring_length - self.spring_stretch - RING_HEIGHT / 2
+        """From the frame's back to the lower face of the spring ring.
+
+        The spring reaches from a pin in the middle of the ring's height to one that lies on the plate.
+        """
+        upper_pin = self.stand + self.plate_thickness + self.spring_pin / 2
+        return upper_pin - self.spring_length - self.spring_stretch - RING_HEIGHT / 2
+
+    @property
+    def nut_reach(self) -> float:
+        """From the plate to the face of a nut that is 2 mm from pressing its switch."""
+        return 3 + self.switch_terminals + self.switch_operates + 2
 
     # The sleeve
 
@@ -202,7 +211,7 @@ class Measures:
             "spring_ring": min(RING_HEIGHT - self.spring_pin - self.fit, ARM_WIDTH - self.side_screw - 0.3) / 2,
             "sleeve": min((self.neck[0] - self.shaft_diameter - self.fit) / 2, (self.sleeve_diameter - corners) / 2),
             "encoder_cap": 1.6,
-            "switch_bracket": 1.5,
+            "switch_bracket": 1.6,
             "rod_foot": (FOOT_DIAMETER - (self.nut_width + self.fit) * 2 / math.sqrt(3)) / 2,
         }
 
@@ -224,7 +233,12 @@ class Measures:
             (
                 self.ring_rise < FOOT_HEIGHT + 2,
                 f"the spring ring is {self.ring_rise:.1f} mm above the frame, and {FOOT_HEIGHT + 2:g} are needed for"
-                " the feet of the rods: take a longer key_free or a shorter spring_length",
+                " the feet of the rods: take a longer key_free, or a shorter spring_length",
+            ),
+            (
+                self.stand - self.nut_reach - self.nut_height < self.ring_rise + RING_HEIGHT
+                and self.rods[0][1] - self.nut_width / math.sqrt(3) < ARM_WIDTH / 2,
+                "the nuts below the plate meet the arm of the spring ring: take a longer spring or spring_stretch",
             ),
             (
                 max(self.adjusters_x, self.adjusters_y) <= beside,

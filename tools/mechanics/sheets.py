@@ -63,6 +63,7 @@ def views(m: Measures) -> dict[str, list[View]]:
     long, r, key, (neck, low) = m.sleeve_length, m.sleeve_diameter / 2, m.key_depth, m.neck
     cap_w, cap_h, cap = m.gearbox_width + m.fit, m.gearbox_height + m.fit, m.rear_shaft_length + 14.9
     pair, z, across = m.switch_holes_apart / 2, 3 + m.switch_terminals, 3 + m.switch_thickness / 2
+    end = pair + m.switch_screw / 2 + 1.7
     nut, foot, spring = m.nut_height + 0.6, FOOT_DIAMETER / 2, m.spring_hole / 2
     ring_foot = up + m.side_hole
     flat = f"flat {m.shaft_flat + m.fit / 2:.1f}* from the other side"
@@ -110,13 +111,16 @@ def views(m: Measures) -> dict[str, list[View]]:
                  (-cap_w / 2 - 1.6, cap_w / 2 + 1.6, cap + 9, f"{cap_w + 3.2:.1f}")],
                  [(0, cap, -14, f"{cap:.1f}*"), (0, 2.4, 13, "2.4"), (cap - 10, cap, 16, "10 on the motor")]),
             View("top", (105, 85), 3, [],
-                 [(-cap_h / 2, cap_h / 2, -14, f"{cap_h:.1f} inside"), (-3.5, 3.5, 14, "7")],
+                 [(-cap_h / 2, cap_h / 2, -14, f"{cap_h:.1f} inside"),
+                  (-cap_h / 2 - 1.6, cap_h / 2 + 1.6, -19, f"{cap_h + 3.2:.1f}"), (-3.5, 3.5, 14, "7")],
                  [((1.8, 1.8), (3, 10), f"{D}5")])],
         "switch_bracket": [
-            View("right", (105, 160), 3, [(-pair, pair, z + 7, told(m, "switch_holes_apart"))],
-                 [(0, z, 13, f"{z:g}*"), (0, 3, -12, "3")],
+            View("right", (105, 160), 3,
+                 [(-pair, pair, z + 7, told(m, "switch_holes_apart")), (-end, end, -5, f"{2 * end:g}")],
+                 [(0, z, 13, f"{z:g}*"), (0, z + end - pair, 18, f"{z + end - pair:g}*"), (0, 3, -12, "3")],
                  [((pair + 0.9, z + 0.9), (pair + 5, z + 4), f"2 x {D}{m.switch_screw + 0.2:.1f}")]),
-            View("top", (90, 95), 3, [(0, across, -12, f"{across:g}"), (0, 3, 10, "3")], [(-3.5, 3.5, 16, "7")],
+            View("top", (90, 95), 3, [(0, across, -12, f"{across:g}"), (0, 3, 10, "3"),
+                 (0, across + 4.8, -17, f"{across + 4.8:g}")], [(-3.5, 3.5, 16, "7")],
                  [((across + 1.1, 4.7), (12, 10), f"2 x {D}3.2")])],
         "rod_foot": [
             View("front", (105, 170), 4, [], [(0, 5, 9, "5"), (0, nut, -9, f"{nut:g}")]),

@@ -104,7 +104,7 @@ def switch_bracket(m: Measures) -> Any:
     length = m.switch_holes_apart + m.switch_screw + 0.2 + 2 * 1.6
     x = 3 + m.switch_thickness / 2
     z = 3 + m.switch_terminals
-    solid = Box(x + 4.8, length, 3, align=CORNER) + Box(3, length, z + m.switch_screw / 2 + 1.6, align=CORNER)
+    solid = Box(x + 4.8, length, 3, align=CORNER) + Box(3, length, z + m.switch_screw / 2 + 1.7, align=CORNER)
     inner = solid.edges().filter_by(Axis.Y).sort_by_distance((3, 0, 3))[0]
     solid = fillet([inner], 1.0)
     for side in (-0.5, 0.5):
@@ -160,8 +160,8 @@ def assembly(m: Measures, names: Iterable[str]) -> list[tuple[str, Any]]:
     offset = Pos(-3 - m.switch_thickness / 2, 0)
     upper = [Pos(*m.brackets[0]) * offset, Pos(*m.brackets[1]) * Rot(0, 0, 90) * offset]
     nut = hexagon(m.nut_width, m.nut_height, (0, 0, 0))
-    reach = m.switch_operates + m.switch_terminals + 3 + 2
-    length = m.stand + m.plate_thickness + reach + 8
+    reach = m.nut_reach
+    length = top + reach + 8
     rod = Cylinder(m.rod_diameter / 2, length, align=LOW)
     rod += Pos(0, 0, m.stand - reach - m.nut_height) * nut + Pos(0, 0, top + reach) * nut
     body = Box(m.switch_thickness, m.switch_length, 10.2) + Pos(0, 0.4) * Rot(8, 0, 0) * Pos(0, 0, 7) * Box(3, 17, 0.4)
