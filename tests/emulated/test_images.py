@@ -9,9 +9,9 @@ import sys
 
 import pytest
 from images import images
+from lockstep_board import Board
 from served import HANG_S, ServedBoard, run_cli, wait_for
 
-from conftest import Board
 from mirrormount.deploy.firmware import THIS, board_choice, firmware
 from mirrormount.device.mount import Mount
 from mirrormount.errors import MountError
