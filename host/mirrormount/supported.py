@@ -99,3 +99,26 @@ CIRCUITPYTHON = Interpreter(
         Release("10.0.0", images=("adafruit-circuitpython-raspberry_pi_pico-en_US-10.0.0",)),
     ),
 )
+
+
+@dataclass(frozen=True)
+class Download:
+    """An official image that `mirrormount flash` fetches: its name at micropython.org, and its SHA-256."""
+
+    name: str
+    sha256: str
+
+    @property
+    def url(self) -> str:
+        """Where it is."""
+        return f"https://micropython.org/resources/firmware/{self.name}"
+
+
+# By the chip. An image stands here only if its hash is known from those who have fetched it, and if it ran in the
+# emulator. This one's is that of the copy in BrianPugh/hdiffpatch-python and of what BrianPugh/tamp fetches (both on
+# GitHub). The download itself was not tried. Of a chip that is not here the user names the image.
+DOWNLOADS = {
+    "RP2040": Download(
+        "RPI_PICO-20250415-v1.25.0.uf2", "e0c40eacf1afc550a6add74888c48bb981b28788a6d75a62a0e2444e997b9864"
+    )
+}
