@@ -17,7 +17,7 @@ from pathlib import Path
 
 from mirrormount.deploy import esp, uf2
 from mirrormount.deploy.micropython import Mpremote, chosen_board, deploy
-from mirrormount.deploy.prompt import Options, quiet, restarted_on_interruption, stop_answered, takes_programs
+from mirrormount.deploy.prompt import STATUS, Options, quiet, restarted_on_interruption, stop_answered, takes_programs
 from mirrormount.errors import (
     CannotOpen,
     DeployError,
@@ -138,7 +138,7 @@ def _sent(port: str, stop: bool, ask: Callable[[str], bool], progress: Progress)
 
     Raises NoBootloader, DeployError if a motor moves, CannotOpen.
     """
-    if not ask(f"Replace what runs on the board at {port}? Files on it stay where MicroPython has them already."):
+    if not ask(f"Replace what runs on the board at {port} by MicroPython and the firmware?"):
         raise NoBootloader(f"nobody said yes (--yes), so the board at {port} goes on as it was")
     before = {drive.path for drive in find_bootloaders()}
     progress.phase("sending the board to its boot loader")
@@ -148,7 +148,7 @@ def _sent(port: str, stop: bool, ask: Callable[[str], bool], progress: Progress)
             stop_answer.asking(link)
             link.drain(0.1)
             answer = quiet(link, stop)
-            stop_answer.found(at_rest=bool(answer.strip()))
+            stop_answer.found(at_rest=bool(STATUS.search(answer)))
             with restarted_on_interruption(link):
                 has_python, _ = takes_programs(link)
         finally:
@@ -216,7 +216,8 @@ def _is_it(path: Path, download: Download) -> bool:
 def check_chip(image: uf2.Image, drive: Bootloader) -> None:
     """Raise WrongImage unless the image is for the chip whose drive that is."""
     if image.chip != drive.chip:
-        raise WrongImage(f"{image.name} is for an {image.chip} ({image.family:#010x}), and {drive} is an {drive.chip}")
+        which = f"{image.name} is for an {image.chip} ({image.family:#010x}), and {drive} is an {drive.chip}"
+        raise WrongImage(f"{which}: nothing was written; plugged in again, the board runs what it had")
 
 
 # ---- the copy
