@@ -13,7 +13,8 @@ from uf2_images import FLASH, RP2040, Rom, make_drive
 
 import mountfw
 from mirrormount.deploy import uf2
-from mirrormount.deploy.firmware import firmware, firmware_hash, hashes, mpy_of_pico
+from mirrormount.deploy.firmware import THIS, board_choice, firmware, firmware_hash, hashes, mpy_of_pico
+from mirrormount.deploy.one_file import file_system
 from mirrormount.device.mount import Mount
 from mirrormount.errors import EmulatorMissing, MountError
 from mirrormount_sim import emulator
@@ -114,6 +115,18 @@ def test_nothing_else_is_on_it_and_what_is_saved_later_stays(board):
     board.boot()
     board.received.clear()
     assert board.ask(b"1XP?;2XP?;TE?\n", 3_000_000) == b"150000; 123000; 0\r\n"
+
+
+def test_the_firmware_starts_where_as_little_memory_is_left_as_on_a_pico_w(image, tmp_path, make_board):
+    program = uf2.read_image(image)
+    at, size = program.file_system()
+    radio = b"taken = bytearray(41_000)  # of a Pico W's heap, which has 205 568 bytes, a Pico's 245 888\n"
+    files = firmware(mpy_of_pico(program.version)) | {"main.py": radio + b"import mountfw.start\n"}
+    files |= {THIS: board_choice("pico")}
+    made = uf2.written({**program.blocks, at: file_system(files, size // uf2.SECTOR)}, RP2040)
+    board = make_board(flash=drop(uf2.parse(made, "made"), tmp_path / "flash.bin"), image=image)
+    assert board.ask(b"*IDN?\n", 3_000_000).startswith(b"mirrormount,")
+    assert int(board.ask(b"XH?\n", 3_000_000).split(b",")[0]) > 60_000
 
 
 @pytest.mark.full
