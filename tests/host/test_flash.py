@@ -216,7 +216,7 @@ def test_an_image_of_an_rp2350_goes_to_an_rp2350_whole_and_it_is_said_that_nobod
     data = image(family=RP2350)
     rom = Rom(make_drive(tmp_path / "RPI-RP2", "RP2350"), port.touch)
     assert flash.flash(Options(), put(tmp_path, data), False, bool)[0] == str(port)
-    assert "MicroPython 1.25.0 for an RP2350, not tried on hardware" in capsys.readouterr().err
+    assert "MicroPython 1.25.0 for a Raspberry Pi Pico 2 with RP2350, not tried on hardware" in capsys.readouterr().err
     assert rom.taken == data  # with its first block
 
 

@@ -56,7 +56,6 @@ _DRIVE_S = 30.0  # until the drive of a board that was sent to its boot loader i
 _GONE_S = 30.0  # until the drive goes, when all of the image is there
 _PORT_S = 30.0  # until the port of MicroPython comes: about 2 s, at its first start after it has made a file system
 _AGAIN_S = 0.1  # between two looks: no event that all systems have shows that a drive or a port has come
-_FETCH_S = 30.0  # the longest silence of a server
 _READ_ONLY = (errno.EROFS, errno.EACCES, errno.EPERM)
 
 
@@ -79,7 +78,7 @@ def flash(
     path = image or fetch(drive.chip if drive else _USUAL, offline, progress)
     found = uf2.read_image(path)
     tried = "" if found.family == uf2.RP2040 else ", not tried on hardware"
-    progress.phase(f"MicroPython {text(found.version)} for an {found.chip}{tried}")
+    progress.phase(f"MicroPython {text(found.version)} for a {found.machine or found.chip}{tried}")
     if drive is None:
         drive = _sent(_port(options.port), options.stop, ask, progress)
     check_chip(found, drive)
@@ -197,8 +196,7 @@ def fetch(chip: str, offline: bool, progress: Progress) -> Path:
     progress.phase(f"fetching {download.url}")
     pooch.get_logger().setLevel(logging.ERROR)
     try:
-        loader = pooch.HTTPDownloader(timeout=_FETCH_S)
-        pooch.retrieve(download.url, f"sha256:{download.sha256}", download.name, folder, downloader=loader)
+        pooch.retrieve(download.url, f"sha256:{download.sha256}", download.name, folder)
     except OSError as e:  # all of requests' errors are
         raise ImageMissing(f"{download.url} cannot be fetched here ({type(e).__name__}): {by_hand}") from e
     except ValueError as e:
