@@ -38,7 +38,7 @@ def plugged(tmp_path, monkeypatch) -> SimpleNamespace:
     monkeypatch.setattr(discovery, "mounted", lambda: [path for path in there.drives if path.exists()])
     monkeypatch.setattr("serial.tools.list_ports.comports", ports)
     monkeypatch.setattr(discovery, "unmounted_bootloaders", list)
-    for name in ("_DRIVE_S", "_GONE_S", "_PORT_S"):
+    for name in ("_DRIVE_S", "_PORT_S"):
         monkeypatch.setattr(flash, name, 20.0)
     return there
 
@@ -250,17 +250,8 @@ def test_a_drive_without_room_or_that_is_read_only_is_told(tmp_path, monkeypatch
     assert not list(drive.glob("*.uf2"))
 
 
-@pytest.mark.parametrize(
-    ("number", "error"),
-    [
-        (errno.ENOSPC, errors.DriveFull),
-        (errno.EROFS, errors.DriveReadOnly),
-        (errno.EIO, errors.DriveFailed),
-    ],
-)
-def test_an_error_while_the_drive_is_there_is_told_and_the_board_is_in_its_boot_loader(
-    tmp_path, monkeypatch, number, error
-):
+@pytest.mark.parametrize(("number", "error"), [(errno.ENOSPC, errors.DriveFull), (errno.EROFS, errors.DriveReadOnly)])
+def test_a_drive_that_turns_out_to_be_full_or_read_only_is_told(tmp_path, monkeypatch, number, error):
     def fail(_descriptor):
         raise OSError(number, "injected")
 
@@ -269,10 +260,19 @@ def test_an_error_while_the_drive_is_there_is_told_and_the_board_is_in_its_boot_
         flash.copy(image(), loader(make_drive(tmp_path / "RPI-RP2")), Progress())
 
 
-def test_a_drive_that_takes_all_and_stays_is_told(tmp_path, monkeypatch):
-    monkeypatch.setattr(flash, "_GONE_S", 0.2)
-    with pytest.raises(errors.DriveFailed, match="does not restart"):
-        flash.copy(image(), loader(make_drive(tmp_path / "RPI-RP2")), Progress())
+@pytest.mark.parametrize(
+    ("broken", "why"),
+    [(False, "has all of the image, and the board does not take it"), (True, r"gives an error \(injected\)")],
+)
+def test_a_drive_that_stays_is_told(plugged, picture, tmp_path, monkeypatch, broken, why):
+    def fail(_descriptor):
+        raise OSError(errno.EIO, "injected")
+
+    make_drive(tmp_path / "RPI-RP2")
+    monkeypatch.setattr(flash, "_PORT_S", 0.2)
+    if broken:
+        monkeypatch.setattr("mirrormount.deploy.flash.os.fsync", fail)
+    refused(f"RPI-RP2 {why}; the board is still in its boot loader", "--image", picture)
 
 
 def _goes_with_an_error(drive: Path, monkeypatch, restart: Callable[[], object] = str) -> None:

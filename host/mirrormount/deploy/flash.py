@@ -53,7 +53,6 @@ _USUAL = "RP2040"  # the chip of a board that has yet to go to its boot loader
 _NAME = "mirrormount.uf2"  # of the copy on the drive; a boot loader asks for none
 _PIECE = 1 << 16  # bytes that are written at once
 _DRIVE_S = 30.0  # until the drive of a board that was sent to its boot loader is mounted
-_GONE_S = 30.0  # until the drive goes, when all of the image is there
 _PORT_S = 30.0  # until the port of MicroPython comes: about 2 s, at its first start after it has made a file system
 _AGAIN_S = 0.1  # between two looks: no event that all systems have shows that a drive or a port has come
 _READ_ONLY = (errno.EROFS, errno.EACCES, errno.EPERM)
@@ -84,7 +83,7 @@ def flash(
     check_chip(found, drive)
     before = {port.device for port in serial_ports()}
     failed = copy(path.read_bytes(), drive, progress)
-    port = _back(options.port, before, failed, progress)
+    port = _back(options.port, before, drive, failed, progress)
     return port, deploy(replace(options, port=port, drive=None), progress)
 
 
@@ -222,9 +221,9 @@ def check_chip(image: uf2.Image, drive: Bootloader) -> None:
 
 
 def copy(data: bytes, drive: Bootloader, progress: Progress) -> OSError | None:
-    """Write the image to the drive and wait until that goes. Returns an error that came as it went: often it has to.
+    """Write the image to the drive. Returns an error with which it ended: the drive may go before the system is done.
 
-    Raises DriveReadOnly, DriveFull, DriveFailed, while the drive is there: then the board is in its boot loader.
+    Raises DriveReadOnly, DriveFull, DriveFailed: then the board is in its boot loader.
     """
     try:
         there = room(drive.path)
@@ -232,59 +231,36 @@ def copy(data: bytes, drive: Bootloader, progress: Progress) -> OSError | None:
         raise DriveFailed(f"{drive}: {e.strerror}; nothing was written") from e
     if there.read_only:
         raise DriveReadOnly(f"{drive} cannot be written to; nothing was written")
+    need = f"{len(data) >> 10} KB are needed, {there.free * there.cluster_bytes >> 10} KB are free"
     if there.clusters(len(data)) > there.free:
-        free = there.free * there.cluster_bytes
-        raise DriveFull(
-            f"{drive} is full: {len(data) >> 10} KB are needed, {free >> 10} KB are free; nothing was written"
-        )
+        raise DriveFull(f"{drive} is full: {need}; nothing was written")
     progress.phase(f"copying {len(data) >> 10} KB to {drive}")
-    failed = None
     try:
-        with (drive.path / _NAME).open("wb", buffering=0) as file:
+        with (drive.path / _NAME).open("wb") as file:
             for at in range(0, len(data), _PIECE):
                 progress.bar(at, len(data), "")
-                piece = data[at : at + _PIECE]
-                if file.write(piece) != len(piece):
-                    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+                file.write(data[at : at + _PIECE])
+            file.flush()
             os.fsync(file.fileno())
     except OSError as e:
-        failed = e
+        if e.errno in _READ_ONLY:
+            raise DriveReadOnly(f"{drive} cannot be written to ({e.strerror})") from e
+        if e.errno == errno.ENOSPC:
+            raise DriveFull(f"{drive} is full: the image was cut, and the board is still in its boot loader") from e
+        return e
     finally:
         progress.end()
-    end = time.monotonic() + (_AGAIN_S if failed else _GONE_S)
-    while read_bootloader(drive.path):
-        if time.monotonic() > end:
-            raise _why(failed, drive) from failed
-        time.sleep(_AGAIN_S)
-    return failed
+    return None
 
 
-def _why(failed: OSError | None, drive: Bootloader) -> DeployError:
-    """What is wrong with a drive that stays."""
-    if failed is None:
-        return DriveFailed(f"{drive} has all of the image and does not restart: the board does not take it")
-    if failed.errno in _READ_ONLY:
-        return DriveReadOnly(f"{drive} cannot be written to ({failed.strerror})")
-    if failed.errno == errno.ENOSPC:
-        return DriveFull(f"{drive} is full: the image was cut, and the board stays in its boot loader")
-    return DriveFailed(f"{drive}: {failed.strerror}; the image was cut, and the board stays in its boot loader")
-
-
-def _back(named: str | None, before: set[str], failed: OSError | None, progress: Progress) -> str:
+def _back(named: str | None, before: set[str], drive: Bootloader, failed: OSError | None, progress: Progress) -> str:
     """The port at which MicroPython has come. before: the ports while the board was in its boot loader.
 
-    Raises NotSeenAgain, DriveFailed if the copy had failed; CannotOpen.
+    failed: how the copy ended. Raises NotSeenAgain, DriveFailed, CannotOpen.
     """
     progress.phase("waiting for its port")
     end = time.monotonic() + _PORT_S
-    refused: MountError = NotSeenAgain(
-        "the image was copied, and no port of MicroPython came: plug the board in again, then mirrormount deploy PORT"
-    )
-    if failed:
-        refused = DriveFailed(
-            f"the drive went while the image was copied ({failed.strerror}): unplugged, or without power. Hold BOOTSEL"
-            " while plugging in, then again: the boot loader is in ROM"
-        )
+    refused: CannotOpen | None = None
     while time.monotonic() < end:
         new = [device for device, _ in find_micropython() if device not in before]
         if named is not None and named not in before and _is_there(named):
@@ -298,4 +274,18 @@ def _back(named: str | None, before: set[str], failed: OSError | None, progress:
             except CannotOpen as e:  # the system may still be at work on it
                 refused = e
         time.sleep(_AGAIN_S)
-    raise refused
+    if refused:
+        raise refused
+    if read_bootloader(drive.path):
+        why = (
+            f"gives an error ({failed.strerror})" if failed else "has all of the image, and the board does not take it"
+        )
+        raise DriveFailed(f"{drive} {why}; the board is still in its boot loader")
+    if failed:
+        raise DriveFailed(
+            f"the drive went while the image was copied ({failed.strerror}): unplugged, or without power. Hold BOOTSEL"
+            " while plugging in, then again: the boot loader is in ROM"
+        )
+    raise NotSeenAgain(
+        "the image was copied, and no port of MicroPython came: plug the board in again, then mirrormount deploy PORT"
+    )
