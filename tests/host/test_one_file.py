@@ -2,6 +2,7 @@
 
 import json
 import re
+import sys
 
 import pytest
 from littlefs import LittleFS
@@ -107,6 +108,19 @@ def test_what_cannot_be_made_is_one_line_and_no_file(tmp_path, data, words, why)
     assert (run.returncode, run.stdout, run.stderr.count("\n")) == (1, "", 1)
     assert re.search(why, run.stderr), run.stderr
     assert not out.exists()
+
+
+@pytest.mark.parametrize("missing", ["littlefs", "pooch"])
+def test_without_the_extra_one_line_says_what_to_install(tmp_path, monkeypatch, missing):
+    monkeypatch.setitem(sys.modules, missing, None)
+    monkeypatch.setenv("MIRRORMOUNT_CACHE", str(tmp_path))
+    words = ["--image", str(put(tmp_path, image()))] if missing == "littlefs" else []
+    run = run_cli("flash", "--uf2", str(tmp_path / "out.uf2"), *words)
+    last = run.stderr.splitlines()[-1]
+    assert run.returncode == 1
+    assert (
+        last.startswith("mirrormount: `mirrormount flash` needs a package that is not installed") and "[flash]" in last
+    )
 
 
 def test_a_board_that_finds_the_file_has_these_settings_and_the_rest_as_made(tmp_path):
