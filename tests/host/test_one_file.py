@@ -7,7 +7,7 @@ import sys
 import pytest
 from littlefs import LittleFS
 from served import run_cli
-from uf2_images import FILES, FILES_BYTES, RP2350, image, program, put
+from uf2_images import FILES, FILES_BYTES, FLASH, RP2040, RP2350, image, program, put
 
 from mirrormount.deploy import one_file, uf2
 from mirrormount.deploy.firmware import THIS, board_choice, firmware, mpy_of_pico
@@ -49,7 +49,7 @@ def made(tmp_path_factory):
 def test_its_file_system_has_the_place_and_the_size_that_micropython_mounts(made):
     found, _ = files_of(made[0])
     assert found.fs_stat().block_count == FILES_BYTES // 4096
-    assert found.fs_stat().disk_version == 0x00020000  # MicroPython before 1.23 knows no later one
+    assert found.fs_stat().disk_version == 0x00020000  # the oldest: newer ones mount it, too
 
 
 def test_it_holds_what_a_deploy_leaves_and_the_settings_and_nothing_else(made):
@@ -99,8 +99,9 @@ def test_files_that_do_not_fit_are_told():
         (image(program(machine="Some Board with RP2040")), [], "no board file for a 'Some Board'"),
         (image(), ["--board", "nosuch"], "there is no board file 'nosuch'"),
         (image(), ["/dev/ttyACM0"], "leave PORT and --drive out"),
+        (uf2.written({FLASH: program(), FILES: b"files"}, RP2040), [], "holds files already"),
     ],
-    ids=["RP2350", "a board without a file", "no such board file", "a port"],
+    ids=["RP2350", "a board without a file", "no such board file", "a port", "one file"],
 )
 def test_what_cannot_be_made_is_one_line_and_no_file(tmp_path, data, words, why):
     out = tmp_path / "out.uf2"

@@ -63,7 +63,7 @@ def test_what_the_firmware_does_not_run_on_is_refused(data, why):
 
 
 @pytest.mark.parametrize(
-    "files", [(0, 0), (FLASH + 0x1000, FILES_BYTES), (FILES + 1, FILES_BYTES)], ids=["none", "in the program", "odd"]
+    "files", [(0, 0), (FLASH - 0x1000, 0x1000), (FILES + 1, FILES_BYTES)], ids=["none", "before the program", "odd"]
 )
 def test_an_image_that_names_no_possible_place_for_files_is_refused(files):
     with pytest.raises(WrongImage, match="where its file system lies"):

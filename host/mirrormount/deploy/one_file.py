@@ -13,7 +13,7 @@ from mirrormount.errors import DeployError, WrongImage
 from mirrormount.supported import MICROPYTHON
 
 _READ, _PROGRAM, _CACHE, _LOOKAHEAD, _CYCLES = 32, uf2.PAGE, 1024, 32, 100
-_DISK_VERSION = 0x00020000  # littlefs 2.0: every release of MicroPython here mounts it; newer ones write 2.1
+_DISK_VERSION = 0x00020000  # littlefs 2.0: what has 2.1 mounts it, too, and makes it 2.1 when it writes
 _GROWTH = 16  # blocks between two tries of a size
 _SPARE = 8  # blocks that stay free: littlefs needs some at its end
 

@@ -83,6 +83,8 @@ class Image:
         for entry in self._info():
             name, address, size = (self._word(entry + offset) for offset in (4, 8, 12))
             if self._word(entry) & 0xFFFF == _BLOCK_DEVICE and self._text(name) == _FILES:
+                if address <= max(self.blocks) < address + size:
+                    raise WrongImage(f"{self.name} holds files already: name MicroPython's own image")
                 if size and address % SECTOR == size % SECTOR == 0 and max(self.blocks) < address:
                     return address, size
                 break
