@@ -73,13 +73,12 @@ def flash(
         raise DeployError(f"flash needs a serial port, not {printable(options.port)}: mirrormount ports lists them")
     if image is not None and esp.is_image(image):
         return None, esp.write(image, options.port, progress)
-    drive = _drive(options)
-    path = image or fetch(drive.chip if drive else _USUAL, offline, progress)
+    board = _drive(options) or _port(options.port)
+    path = image or fetch(_USUAL if isinstance(board, str) else board.chip, offline, progress)
     found = uf2.read_image(path)
     tried = "" if found.family == uf2.RP2040 else ", not tried on hardware"
     progress.phase(f"MicroPython {text(found.version)} for a {found.machine or found.chip}{tried}")
-    if drive is None:
-        drive = _sent(_port(options.port), options.stop, ask, progress)
+    drive = _sent(board, options.stop, ask, progress) if isinstance(board, str) else board
     check_chip(found, drive)
     before = {port.device for port in serial_ports()}
     failed = copy(path.read_bytes(), drive, progress)
