@@ -111,6 +111,13 @@ def test_what_cannot_be_made_is_one_line_and_no_file(tmp_path, data, words, why)
     assert not out.exists()
 
 
+def test_the_image_itself_is_not_replaced(tmp_path):
+    path = put(tmp_path, image())
+    run = run_cli("flash", "--uf2", str(path), "--image", str(path))
+    assert run.returncode == 1 and "is the image itself" in run.stderr
+    assert path.read_bytes() == image()
+
+
 @pytest.mark.parametrize("missing", ["littlefs", "pooch"])
 def test_without_the_extra_one_line_says_what_to_install(tmp_path, monkeypatch, missing):
     monkeypatch.setitem(sys.modules, missing, None)

@@ -78,6 +78,8 @@ def _write(args: argparse.Namespace, options: Any, settings: dict[str, Any]) -> 
 
     if args.at or args.drive:
         raise BadValue("--uf2 writes a file and flashes no board: leave PORT and --drive out")
+    if args.image and args.uf2.exists() and args.image.exists() and args.uf2.samefile(args.image):
+        raise BadValue(f"{args.uf2} is the image itself: name another file with --uf2")
     files.check_writable(args.uf2)
     more = {declared.FILE: saved_file(settings)} if settings else {}
     image = uf2.read_image(args.image or fetch("RP2040", args.offline, Progress()))
