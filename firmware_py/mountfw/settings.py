@@ -1,4 +1,4 @@
-"""The settings of an axis: one declaration each. Pure; imports nothing of ours.
+"""The settings of an axis: one declaration each, and the form of the file that keeps them. Imports nothing of ours.
 
 Everything that lists settings reads this file: the axis (its attributes and their defaults), the command set, the
 store, the host's names and ranges, `mirrormount config`, the panel and docs/protocol.md, which
@@ -11,6 +11,7 @@ A compiler drops such a text, so it takes no memory of a board; the host reads i
 
 # a Settings is a part of an axis
 # pyright: reportAttributeAccessIssue=false
+from binascii import crc32
 
 MAX_STEPS = 999_999  # either way: `-1000000` would be a frame if it came back (wire/replies.py)
 _REST_US = 1_000  # least rest after a pulse
@@ -267,3 +268,30 @@ def allowed(entry, value):
     if entry[5] & FROM_20 and 0 < value < 20:
         return False
     return entry[2] <= value <= entry[3] and not (entry[5] & BITS and value & ~entry[3])
+
+
+# ---- the file that keeps them on a board, which `mirrormount flash` can make, too
+
+FILE = "mountfw.settings"
+
+
+def saved_line(number, name, value):
+    """The line of a setting of axis `number`."""
+    return "%d %s %d\n" % (number, name, value)
+
+
+def seal(text):
+    """Text as the bytes of a file: a checksum is its last line."""
+    data = text.encode()
+    return data + b"%08x\n" % (crc32(data) & 0xFFFFFFFF)
+
+
+def unseal(data):
+    """The lines of such a file; None if it is damaged."""
+    text = data[:-9]
+    if len(data) < 9 or data[-9:] != b"%08x\n" % (crc32(text) & 0xFFFFFFFF):
+        return None
+    try:
+        return text.decode().split("\n")[:-1]
+    except ValueError:  # somebody else's file
+        return None

@@ -10,8 +10,10 @@ if board:
     try:
         try:
             port.motors_off(board)
+            port.collect()  # twice: else what imports leave lies between what stays, and a Pico W has no 4 KB left
             from mountfw.build import build
 
+            port.collect()
             app = build(port, board)
             build = None  # pyright: ignore  # `del` alone would keep what it is
             app.run()

@@ -8,17 +8,14 @@ and comes back when all has rested for a while: after a power cut in a motion th
 the position is unknown. That bounds the flash's wear, too: not more than one record in ten seconds.
 """
 
-from binascii import crc32
-
 from mountfw import codes, const
-from mountfw.settings import MAX_STEPS, allowed, entries_of, named
+from mountfw.settings import FILE, MAX_STEPS, allowed, entries_of, named, saved_line, seal, unseal
 from mountfw.wire.ticks import diff
 
 _RENAMED = {"move_limit_ms": "search_limit_ms"}  # what an older firmware has saved
 
 _STEPS = " units 0"  # a setting of an older firmware: moves are told in steps. They always are now
 
-_SETTINGS = "mountfw.settings"
 _POSITION = "mountfw.position"
 _NEW = ".new"
 _REST_US = const(10_000_000)  # how long all must have rested before the position is recorded
@@ -28,23 +25,6 @@ _NOTHING = const(0)
 _WAIT = const(1)
 _WRITE = const(2)
 _RENAME = const(3)
-
-
-def seal(text):
-    """Text as the bytes of a file."""
-    data = text.encode()
-    return data + b"%08x\n" % (crc32(data) & 0xFFFFFFFF)
-
-
-def unseal(data):
-    """The lines of such a file; None if it is damaged."""
-    text = data[:-9]
-    if len(data) < 9 or data[-9:] != b"%08x\n" % (crc32(text) & 0xFFFFFFFF):
-        return None
-    try:
-        return text.decode().split("\n")[:-1]
-    except ValueError:  # somebody else's file
-        return None
 
 
 def position_line(axis):
@@ -116,10 +96,10 @@ class Records:
             return 1 if self.drop_record() else 0
         if stage == 1:
             lines = [
-                "%d %s %d\n" % (a.number, entry[1], getattr(a, entry[1])) for a in self._axes for entry in entries_of(a)
+                saved_line(a.number, entry[1], getattr(a, entry[1])) for a in self._axes for entry in entries_of(a)
             ]
-            return 2 if self._try(self._port.store, _SETTINGS + _NEW, seal("".join(lines))) else 0
-        self._try(self._port.rename, _SETTINGS + _NEW, _SETTINGS)
+            return 2 if self._try(self._port.store, FILE + _NEW, seal("".join(lines))) else 0
+        self._try(self._port.rename, FILE + _NEW, FILE)
         self._port.collect()
         return 0
 
@@ -128,7 +108,7 @@ class Records:
 
         Those that no axis has are left out (error 69).
         """
-        data = self._port.load(_SETTINGS)
+        data = self._port.load(FILE)
         values = [] if data is None else self._parsed(data)
         if values is None:
             self._errors.push(codes.SETTINGS_DAMAGED)

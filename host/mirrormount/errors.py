@@ -262,10 +262,40 @@ class FirmwareFailed(DeployError):
     """
 
 
+class WrongImage(DeployError):
+    """`mirrormount flash`: the image is cut or damaged, is for another chip than the board has, holds no MicroPython or
+    one older than 1.22, or has no place for files. Nothing was written.
+    Remedy: The image for this board from micropython.org/download, fetched again. A Pico or Pico W (RP2040) and a
+    Pico 2 or Pico 2 W (RP2350) take different ones.
+    """
+
+
+class ImageMissing(DeployError):
+    """`mirrormount flash` has no image: `--offline` was said, it could not be fetched, what came has not the SHA-256
+    that is known here, or for this chip none is known; or esptool is not installed. Nothing was written.
+    Remedy: Put the file that the line names where it says, or name an image with `--image FILE`.
+    """
+
+
+class NoBootloader(DeployError):
+    """`mirrormount flash`: the board was not sent to its boot loader, because nobody said yes, or it went and its drive
+    did not appear. What is on the board is as it was.
+    Remedy: Hold BOOTSEL while plugging in, then `mirrormount flash`. Without a desktop the drive has to be mounted:
+    `udisksctl mount -b /dev/disk/by-label/RPI-RP2`. To get back to what is on the board, plug it in without BOOTSEL.
+    """
+
+
+class NotSeenAgain(DeployError):
+    """`mirrormount flash` has copied the image, the drive has gone, and no new port of a MicroPython board came, or
+    several.
+    Remedy: Plug the board in again, then `mirrormount deploy PORT` (`mirrormount ports`); or flash it once more.
+    """
+
+
 class WrongDrive(DeployError):
     """The drive is not that of a CircuitPython board (no `boot_out.txt` of CircuitPython, or the drive of a
-    bootloader), its CircuitPython is older than 9.1, or it and the port that was named are not of one board. Nothing
-    was written.
+    bootloader), its CircuitPython is older than 9.1, or it and the port that was named are not of one board. For
+    `flash`: it is not that of the boot loader of an RP2040 or RP2350. Nothing was written.
     Remedy: What the line says: install CircuitPython or a newer one, or name the right drive with `--drive`.
     """
 
@@ -273,21 +303,23 @@ class WrongDrive(DeployError):
 class DriveReadOnly(DeployError):
     """The drive cannot be written to: its `boot.py` keeps it for the board (`storage.remount`), the system has
     mounted it read-only, or for another user.
-    Remedy: Start the board in safe mode ([circuitpython.md](circuitpython.md)), unplug it and plug it in, or mount
-    it for this user.
+    Remedy: Start the board in safe mode ([circuitpython.md](circuitpython.md)), unplug it and plug it in (a boot
+    loader's drive: with BOOTSEL held), or mount it for this user.
     """
 
 
 class DriveFull(DeployError):
-    """The drive has no room for the firmware, counted in whole clusters. The line says whether anything was changed.
-    Remedy: Remove files of your own from the drive, then deploy again.
+    """The drive has no room for the firmware or the image, counted in whole clusters. The line says whether anything
+    was changed.
+    Remedy: Remove files of your own from the drive, then deploy again. A boot loader's drive: plug it in again.
     """
 
 
 class DriveFailed(DeployError):
-    """The drive has gone, gives an error, or does not give back what was written to it. The line says what the
-    board is left with.
-    Remedy: Plug it in and deploy again. If it repeats: another cable; then let CircuitPython make the drive anew
+    """The drive has gone, gives an error, does not give back what was written to it, or (a boot loader's) does not take
+    the image. The line says what the board is left with.
+    Remedy: Plug it in and deploy again; after `flash` with BOOTSEL held, for the boot loader is in ROM and outlives
+    every cut. If it repeats: another cable; then let CircuitPython make the drive anew
     ([circuitpython.md](circuitpython.md)).
     """
 

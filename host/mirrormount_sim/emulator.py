@@ -7,8 +7,6 @@ on PyPI. They are kept in the user's cache folder ($MIRRORMOUNT_CACHE overrides 
 import ast
 import contextlib
 import hashlib
-import os
-import re
 import shutil
 import struct
 import subprocess
@@ -18,29 +16,23 @@ import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 
-from platformdirs import user_cache_path
-
 from mirrormount import files as files_module
-from mirrormount.deploy.firmware import MPY_OF_PICO, firmware, folders, sources
-from mirrormount.errors import DeployError, EmulatorMissing
+from mirrormount.deploy import uf2
+from mirrormount.deploy.firmware import firmware, folders, mpy_of_pico, sources
+from mirrormount.errors import DeployError, EmulatorMissing, WrongImage
+from mirrormount.files import cache
+from mirrormount.supported import MICROPYTHON
 from mirrormount.terminal import python_module
 from mirrormount_sim.clocks import Lockstep
 from mirrormount_sim.machines import THIS
 from mirrormount_sim.simulation import START_US, Simulation
 
 TOOLS = Path(__file__).parent / "rp2040"
-_RP2040 = struct.pack("<I", 0xE48BFF56)  # the family of a .uf2's blocks
 _VECTORS = 0x100  # behind the second stage of the boot loader: the stack's end and the first instruction
 _FLASH, _FLASH_BYTES, _RAM, _RAM_BYTES = 0x10000000, 16 << 20, 0x20000000, 0x42000
 
 
 # ---- the cache
-
-
-def cache() -> Path:
-    """The folder where the emulator's parts are kept."""
-    folder = os.environ.get("MIRRORMOUNT_CACHE")
-    return Path(folder) if folder else user_cache_path("mirrormount")
 
 
 @contextlib.contextmanager
@@ -99,22 +91,23 @@ def is_circuitpython(image: Path) -> bool:
 
 def mpy_of(image: Path) -> int:
     """What sys.implementation._mpy is of a MicroPython for the RP2040 from 1.22 on. Raises EmulatorMissing."""
-    minor = re.search(rb"MicroPython v1\.(\d+)", _content(image))
-    return MPY_OF_PICO if minor and int(minor[1]) > 22 else MPY_OF_PICO - (1 << 8)
+    return mpy_of_pico(uf2.micropython_version(_content(image)) or MICROPYTHON.lowest)
 
 
 def _content(image: Path) -> bytes:
-    """The contents of the blocks of a .uf2 for the RP2040, joined; of any other file all. Raises EmulatorMissing."""
+    """What the image puts into the flash of an RP2040. Raises EmulatorMissing."""
     if not image.is_file():
         raise EmulatorMissing(f"{image}: there is no such image")
     try:
         data = image.read_bytes()
+        if not data.startswith(b"UF2\n"):
+            return data
+        found = uf2.parse(data, str(image))
     except OSError as e:
         raise EmulatorMissing(f"{image}: {e.strerror}") from e
-    if not data.startswith(b"UF2\n"):
-        return data
-    blocks = (data[at : at + 512] for at in range(0, len(data), 512))
-    return b"".join(block[32 : 32 + 256] for block in blocks if block[28:32] == _RP2040)
+    except WrongImage as e:
+        raise EmulatorMissing(f"{image}: that is no image for an RP2040: {e}") from e
+    return found.content if found.family == uf2.RP2040 else b""
 
 
 def _check_boots(image: Path) -> None:

@@ -9,9 +9,9 @@ import sys
 
 import pytest
 from images import images
+from lockstep_board import Board
 from served import HANG_S, ServedBoard, run_cli, wait_for
 
-from conftest import Board
 from mirrormount.deploy.firmware import THIS, board_choice, firmware
 from mirrormount.device.mount import Mount
 from mirrormount.errors import MountError
@@ -56,7 +56,7 @@ def test_it_starts_and_tells_who_it_is(board):
 
 
 def test_it_hashes_its_files(board):
-    assert re.fullmatch(rb"[0-9a-f]{64}\r\n", board.ask(b"XF?\n", 3_000_000))
+    assert re.fullmatch(rb"sha256-[0-9a-f]{64}\r\n", board.ask(b"XF?\n", 3_000_000))
 
 
 @pytest.mark.parametrize(("command", "pins"), [

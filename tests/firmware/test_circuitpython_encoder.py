@@ -58,3 +58,17 @@ def test_a_sensor_that_is_gone_is_asked_no_more(readers):
         reader.counts()
     assert reader.gone
     assert Bus.asked == 3
+
+
+@pytest.mark.parametrize("error", [OSError(0x105, "ESP_ERR_NOT_FOUND"), RuntimeError("All PCNT units in use")])
+def test_a_board_without_a_free_counter_starts_and_says_that_the_encoder_is_not_fitted(
+    readers, monkeypatch, capsys, error
+):
+    def none_left(*_pins):
+        raise error
+
+    module = ModuleType("rotaryio")
+    vars(module).update(IncrementalEncoder=none_left)
+    monkeypatch.setitem(sys.modules, "rotaryio", module)
+    assert readers.reader(1, {"encoder": (8, 9)}, int) is None
+    assert "axis 1: encoder not fitted" in capsys.readouterr().out

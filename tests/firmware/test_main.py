@@ -35,21 +35,29 @@ class Levels(dict):
 
 @pytest.fixture
 def port(monkeypatch):
-    """The real ports/micropython.py, of which only the way out is used, on stand-ins for the hardware."""
+    """The port on a Pico."""
+    return make_port(monkeypatch, "Raspberry Pi Pico with RP2040")
+
+
+def make_port(monkeypatch, machine):
+    """The real ports/micropython.py, of which the way out and the watchdog are used, on stand-ins for the hardware.
+
+    machine: what MicroPython calls the board.
+    """
     levels = Levels()
     state = SimpleNamespace(levels=levels, interrupt_char=3, registers={})
     fakes = {
         "machine": {
             "Pin": levels,
             "PWM": None,
-            "WDT": lambda timeout: SimpleNamespace(feed=None),
+            "WDT": lambda timeout: SimpleNamespace(feed=timeout),
             "mem32": state.registers,
         },
         "micropython": {"kbd_intr": lambda char: setattr(state, "interrupt_char", char)},
         "mountfw.ports.micropython_console": dict.fromkeys(("any", "drain", "pack", "writable", "write")),
         "mountfw.ports.micropython_encoder": {"reader": None},
         "time": {"ticks_us": None, "ticks_ms": None, "sleep_us": None},
-        "sys": {"implementation": SimpleNamespace(_machine="Raspberry Pi Pico with RP2040")},
+        "sys": {"implementation": SimpleNamespace(_machine=machine)},
     }
     module = ModuleType("mountfw.ports.micropython")
     with monkeypatch.context() as patch:
@@ -121,6 +129,23 @@ def test_a_second_ctrl_c_anywhere_on_the_way_out_leaves_no_motor_on(port):
         assert port.state.registers == OFF_AND_UNMARKED, f"the watchdog runs on; Ctrl-C before bytecode {places}"
         port.state.registers.clear()
     assert places > 30
+
+
+@pytest.mark.parametrize(
+    ("machine", "control"),
+    [
+        ("Raspberry Pi Pico with RP2040", 0x40058000),
+        ("Raspberry Pi Pico 2 with RP2350", 0x400D8000),
+        ("Raspberry Pi Pico 2 with RP2350-RISCV", 0x400D8000),
+        ("Generic ESP32 module with ESP32", None),
+    ],
+)
+def test_each_chip_whose_watchdog_can_be_stopped_has_one_on_either_kind_of_core(monkeypatch, machine, control):
+    port = make_port(monkeypatch, machine)
+    armed = port.start_watchdog() == 1000  # ms
+    port.stop_watchdog()
+    assert armed == (control is not None)
+    assert port.state.registers == ({control + 0x3000: 1 << 30, control + 0x1C: 0} if control else {})
 
 
 def test_motors_off_puts_every_drive_pin_of_every_axis_low_the_enables_first(port):

@@ -31,6 +31,7 @@ class Nvm:
         self.data = bytearray([blank] * size)
         self.erases = 0
         self.left = -1  # bytes until the power goes; -1: it stays
+        self.refuses = None  # an error that a write raises
 
     def __len__(self):
         return len(self.data)
@@ -39,6 +40,8 @@ class Nvm:
         return self.data[key]
 
     def __setitem__(self, key, value):
+        if self.refuses:
+            raise self.refuses
         assert len(self.data[key]) == len(value), "a slice takes as many bytes as it has"
         at = key.start
         if [c for c in self.data[key] if c != 0xFF]:
@@ -127,6 +130,20 @@ def test_what_does_not_fit_is_refused_and_the_old_stays():
     assert NvmFiles(nvm).load(SETTINGS) == b"small"
     put(files, POSITION, b"x" * 50)
     assert NvmFiles(nvm).load(POSITION) == b"x" * 50
+
+
+def test_a_memory_that_cannot_be_written_for_want_of_heap_is_told_as_every_failure_is_and_the_old_stays():
+    nvm = Nvm()
+    files = NvmFiles(nvm)
+    put(files, SETTINGS, b"old")
+    nvm.refuses = MemoryError  # an ESP32's port copies all of it to write one byte
+    try:
+        put(files, SETTINGS, b"new")
+        raise AssertionError
+    except OSError as e:
+        assert e.args[0] == 5
+    nvm.refuses = None
+    assert NvmFiles(nvm).load(SETTINGS) == b"old"
 
 
 def test_a_memory_that_was_never_written_is_empty_and_one_of_somebody_else_is_damaged():

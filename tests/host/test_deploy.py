@@ -367,7 +367,7 @@ class Stranger:
 @pytest.mark.parametrize(
     ("says", "expected"),
     [
-        ({}, "no Python answers.*BOOTSEL.*uvx mpflash"),
+        ({}, "no Python answers.*BOOTSEL.*mirrormount flash"),
         ({b"\x02": b"\r\nAdafruit CircuitPython 9.2.1 on 2024-11-20; Pico with rp2040\r\n>>> "}, "runs CircuitPython"),
         ({b"XS?\n": b"mirrormount: this board has a client already\r\n"}, "another program"),
         ({b"XS?\n": b"1,2,0|0,0,0,0,0,0|0,1,1,0,0,0\r\n"}, "a motor moves"),

@@ -17,7 +17,7 @@ HOST = ROOT / "host"
 # platforms have: checksums; the two tick functions if there are any; the interpreter's name and its modules. Nothing
 # else, be it of one platform (machine, rp2, board, pwmio) or different on each (micropython, os, gc, select, hashlib).
 PORTS = ("micropython", "circuitpython", "rp2_")
-ON_BOTH_PLATFORMS = {"store": {"binascii"}, "lane": {"array"}, "ticks": {"time"}, "repl": {"sys"}}
+ON_BOTH_PLATFORMS = {"settings": {"binascii"}, "lane": {"array"}, "ticks": {"time"}, "repl": {"sys"}}
 MICROPYTHON_ONLY = {"machine", "micropython", "rp2", "esp32", "vfs"}
 CIRCUITPYTHON_ONLY = {"board", "digitalio", "pwmio", "usb_cdc", "supervisor", "microcontroller", "storage", "watchdog"}
 CIRCUITPYTHON_ONLY |= {"adafruit_motor", "nvm", "rp2pio", "analogio", "countio", "busio"}

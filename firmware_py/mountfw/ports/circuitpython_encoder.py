@@ -17,7 +17,7 @@ def reader(number, pins, pin_of):
         try:
             two = [pin_of(pin) for pin in pair]
             _readers[pair] = Shaft(*two) if "shaft" in pins else Edges(*two)
-        except ImportError as e:
+        except (ImportError, OSError, RuntimeError) as e:  # the last two: an ESP32 without a free counter
             print("mountfw: axis %d: encoder not fitted: %s" % (number, e))
             return None
     return _readers[pair]

@@ -85,7 +85,7 @@ class NvmFiles:
     def _write(self, at, data):
         try:
             self._nvm[at : at + len(data)] = data
-        except RuntimeError:  # CircuitPython's, if the memory refuses
+        except (RuntimeError, MemoryError):  # CircuitPython's, if the memory refuses; an ESP32 first needs 8 KB for it
             raise OSError(_EIO) from None
 
 

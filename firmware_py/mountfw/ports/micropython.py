@@ -28,7 +28,9 @@ _CTRL_C = const(3)
 _HUNG_MS = const(1000)  # the watchdog waits so long: more than a flash sector's erase at its worst (400 ms, W25Q16JV)
 # The watchdog's registers: RP2040 data sheet 4.7.6, RP2350 data sheet 12.9.7. Another chip gets no watchdog.
 _WATCHDOGS = {"RP2040": 0x40058000, "RP2350": 0x400D8000}
-_watchdog_registers = _WATCHDOGS.get(getattr(sys.implementation, "_machine", "")[-6:])
+_machine = getattr(sys.implementation, "_machine", "")
+_chip = "RP2350" if "RP2350" in _machine else _machine[-6:]  # its RISC-V cores: "... with RP2350-RISCV"
+_watchdog_registers = _WATCHDOGS.get(_chip)
 _CLEAR = const(0x3000)  # where a write clears bits
 _ENABLE = 1 << 30
 _SCRATCH4 = const(0x1C)
@@ -36,7 +38,7 @@ _TIMED_OUT = 0x6AB73121  # what the SDK leaves there: the watchdog was armed, no
 
 # The PWM's counters: RP2040 data sheet 4.5.3, RP2350 data sheet 12.5.3: CH0_CTR, 20 bytes a slice, TOP 8 bytes behind
 _PWMS = {"RP2040": 0x40050008, "RP2350": 0x400A8008}
-_counters = _PWMS.get(getattr(sys.implementation, "_machine", "")[-6:])
+_counters = _PWMS.get(_chip)
 
 TUNABLE = True  # do outputs with a duty have set_hz() and shows?
 
@@ -45,7 +47,7 @@ _HERE = os.getcwd().rstrip("/") + "/"  # the loop's folder: at the prompt, where
 _led = None
 _gate = None
 rp2_gate = None
-if getattr(sys, "platform", "") == "rp2" and getattr(sys.implementation, "_machine", "").endswith("RP2040"):
+if getattr(sys, "platform", "") == "rp2" and _chip == "RP2040":
     from mountfw.ports import rp2_gate
     from mountfw.ports.rp2_gate import DutyPin  # pyright: ignore[reportAssignmentType]  # or that below
     from mountfw.ports.rp2_lane import EnableBridge, lane  # noqa: F401 (verbs, too)
@@ -221,7 +223,7 @@ def find_board():
     if rp2_gate:
         from mountfw.ports import rp2_handlers  # noqa: F401 (gate() needs it, and now it takes a third)
     global _led
-    title = getattr(sys.implementation, "_machine", "unknown board").split(" with ")[0]
+    title = (_machine or "unknown board").split(" with ")[0]
     name = "".join([c.lower() if c.isalpha() or c.isdigit() else "_" for c in title])
     board = board_file.find_board(title, name, os.listdir, True)
     number = board_file.led_of(board, title.endswith(" W")) if board else None

@@ -222,6 +222,16 @@ def note(text: str) -> None:
     print(f"note: {text}", file=sys.stderr)
 
 
+def said_yes(question: str) -> bool:
+    """Ask the person. No answer is no, and so is nobody at a terminal."""
+    if not (sys.stdin and sys.stdin.isatty()):
+        return False
+    try:
+        return input(f"{question} [y/N] ").strip().lower() in ("y", "yes")
+    except EOFError:
+        return False
+
+
 def board_port(parser: argparse.ArgumentParser) -> None:
     """The port of a board that the command needs for itself: PORT, or --port, and --table. See port_of."""
     table_option(parser)

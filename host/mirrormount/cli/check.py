@@ -11,7 +11,7 @@ import math
 import sys
 from collections.abc import Callable, Iterator
 
-from mirrormount.cli.arguments import Command, open_mount, port_options
+from mirrormount.cli.arguments import Command, open_mount, port_options, said_yes
 from mirrormount.device.axis import Axis, counts_between
 from mirrormount.device.mount import Mount
 from mirrormount.device.status import RESET_CAUSES, Ended
@@ -43,15 +43,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Print one line a check. Raises CheckFailed if one failed."""
     with ended_in_order():
-        run_checks(lambda: open_mount(args), move=args.move, ask=_ask if sys.stdin and sys.stdin.isatty() else None)
-
-
-def _ask(question: str) -> bool:
-    """Ask the person. No answer is no."""
-    try:
-        return input(f"{question} [y/N] ").strip().lower() in ("y", "yes")
-    except EOFError:
-        return False
+        run_checks(lambda: open_mount(args), move=args.move, ask=said_yes if sys.stdin and sys.stdin.isatty() else None)
 
 
 # ---- all checks

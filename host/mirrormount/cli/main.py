@@ -78,6 +78,7 @@ MODULES = {
     "setup": "mirrormount.cli.setup",
     "table": "mirrormount.cli.table",
     "serve": "mirrormount.cli.serve",
+    "flash": "mirrormount.cli.flash",
     **dict.fromkeys(("deploy", "undeploy", "repl", "send"), "mirrormount.cli.board"),
 }
 GROUP = "mirrormount.commands"

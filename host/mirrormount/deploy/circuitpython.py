@@ -24,7 +24,7 @@ from pathlib import Path
 from serial.tools import list_ports
 
 from mirrormount.deploy import firmware, prompt
-from mirrormount.deploy.firmware import THIS, answers, boards, check_board_file, folders, hashes, sources
+from mirrormount.deploy.firmware import THIS, answers, check_board_file, check_choice, folders, hashes, sources
 from mirrormount.deploy.on_board import MANIFEST
 from mirrormount.deploy.prompt import Options, ask, check, may_replace, quiet
 from mirrormount.errors import (
@@ -86,8 +86,7 @@ def deploy(drive: Drive, this: dict[str, bytes], options: Options, progress: Pro
     files = Files(drive.path)
     progress.phase(f"looking at {drive}")
     there, sizes, old = survey(files)
-    if options.board and options.board not in (known := boards([*wanted, *there])):
-        raise DeployError(f"there is no board file {options.board!r}, only {', '.join(known)}")
+    check_choice(options.board, {*wanted, *there})
     check_board_file(drive.board_id, {*wanted, *there})
     todo = drive_plan(wanted, there, old, may_replace(options))
     check_room(todo, sizes, _room(drive))

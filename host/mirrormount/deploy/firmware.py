@@ -17,6 +17,7 @@ from pathlib import Path, PurePosixPath
 
 from mirrormount.errors import DeployError
 from mirrormount.files import scratch_folder
+from mirrormount.supported import Version
 from mirrormount.terminal import printable
 from mountfw import board_file as rules
 
@@ -25,6 +26,7 @@ PROGRAMS = {"micropython": ("main.py",), "circuitpython": ("boot.py", "code.py")
 THIS = "mountfw/boards/this.py"  # a user's own choice of a board file
 MPY_VERSION = 6
 MPY_OF_PICO = 6 | 3 << 8 | 4 << 10  # sys.implementation._mpy of an RP2040 with MicroPython 1.23 and later
+_NATIVE_FROM = (1, 23)  # that MicroPython's native code has the subversion of MPY_OF_PICO; before, it was one less
 _PROCESSORS = {4: "armv6m"}  # those that native code was tried on: by their number in _mpy, as mpy-cross calls them
 _NATIVE = (b"@micropython.native", b"@micropython.viper")
 _ENTRY = "entry"
@@ -104,6 +106,11 @@ def firmware(mpy: int | None) -> dict[str, bytes]:
         else:
             found[path] = text
     return found
+
+
+def mpy_of_pico(version: Version) -> int:
+    """sys.implementation._mpy of an RP2040 with this release of MicroPython, from 1.22 on."""
+    return MPY_OF_PICO if version[:2] >= _NATIVE_FROM else MPY_OF_PICO - (1 << 8)
 
 
 @functools.cache
@@ -196,6 +203,12 @@ def known_hashes() -> Iterator[str]:
         yield firmware_hash(hashes(drive) | files, platform=None)
         for name in (None, *boards(files)):
             yield firmware_hash(files | (hashes({THIS: board_choice(name)}) if name else {}), "micropython")
+
+
+def check_choice(board: str | None, files: Collection[str]) -> None:
+    """Raise DeployError unless the board file that --board names is among these paths."""
+    if board and board not in (known := boards(files)):
+        raise DeployError(f"there is no board file {board!r}, only {', '.join(known)}")
 
 
 def check_board_file(name: str, files: Collection[str]) -> None:

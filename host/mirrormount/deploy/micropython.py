@@ -28,8 +28,8 @@ from mirrormount.deploy import circuitpython, on_board, prompt
 from mirrormount.deploy.firmware import (
     THIS,
     board_choice,
-    boards,
     check_board_file,
+    check_choice,
     firmware,
     firmware_hash,
     folders,
@@ -66,10 +66,21 @@ from mirrormount.transport.ports import open_port
 from mountfw import __version__
 
 FLASH_IT = (
-    "MicroPython goes on first: hold BOOTSEL while plugging in and drop the .uf2 for the board on the drive that"
-    " appears (micropython.org/download), or run: uvx mpflash flash"
+    "MicroPython goes on first: hold BOOTSEL while plugging in, then mirrormount flash; or drop the .uf2 for the board"
+    " on the drive that appears (micropython.org/download)"
 )
 OR_CIRCUITPYTHON = "; or CircuitPython in the same way (circuitpython.org/downloads)"
+_TO_BOOTLOADER = """
+try:
+    import machine
+
+    machine.bootloader()
+except ImportError:
+    import microcontroller
+
+    microcontroller.on_next_reset(microcontroller.RunMode.BOOTLOADER)
+    microcontroller.reset()
+"""
 _SPARE_BLOCKS = 12  # that littlefs needs for the folders and for renames
 _CALL_S = 300.0  # the longest that one call of mpremote may take
 _BACK_S = 60.0  # how long a board may take to come back from its reset: about 1 s, an emulated one more
@@ -84,7 +95,7 @@ def deploy(options: Options, progress: Progress | None = None) -> str:
     Raises DeployError, CannotOpen, ConnectionLost: the board then has what it had, or says so at the next boot.
     """
     progress = progress or Progress()
-    this = _board_choice(options)
+    this = chosen_board(options)
     if drive := choose(options):
         return circuitpython.deploy(drive, this, options, progress)
     port = _find(options.port)
@@ -102,8 +113,7 @@ def _deploy(port: str, this: dict[str, bytes], options: Options, progress: Progr
         _check_version(there.version, progress)
         progress.phase("compiling")
         wanted = firmware(None if options.source else there.mpy) | this
-        if options.board and options.board not in (known := boards([*wanted, *there.files])):
-            raise DeployError(f"there is no board file {options.board!r}, only {', '.join(known)}")
+        check_choice(options.board, {*wanted, *there.files})
         check_board_file(there.machine, {*wanted, *there.files})
         todo = plan(wanted, there, may_replace(options))
         _check_room(todo, there)
@@ -178,7 +188,7 @@ def _named(address: str) -> Any:
     return next((found for found in list_ports.comports() if found.device == port), None)
 
 
-def _board_choice(options: Options) -> dict[str, bytes]:
+def chosen_board(options: Options) -> dict[str, bytes]:
     """The file boards/this.py that --board or --pins stands for, if there is one. Raises DeployError."""
     if options.board:
         if not options.board.isidentifier():
@@ -194,7 +204,7 @@ def _find(address: str | None) -> str:
         try:
             return find_one()
         except NoBoardFound as e:
-            loaders = "".join(f" The drive {path} is a bootloader, not yet a board." for path in find_bootloaders())
+            loaders = "".join(f" The drive {drive} is a bootloader, not yet a board." for drive in find_bootloaders())
             raise NoBoardFound(f"no board found.{loaders} A new one shows no port: {FLASH_IT}{OR_CIRCUITPYTHON}") from e
     if "://" in address:
         raise DeployError(
@@ -438,6 +448,10 @@ class Mpremote:
     def reset(self) -> None:
         """Restart the board."""
         self._run(["reset"])
+
+    def start_bootloader(self) -> None:
+        """Leave the board in its boot loader, MicroPython's or CircuitPython's; its port goes."""
+        self._run(["exec", "--no-follow", _TO_BOOTLOADER])
 
     @contextlib.contextmanager
     def reset_if_it_fails(self) -> Iterator[None]:

@@ -23,7 +23,8 @@ from mirrormount.errors import (
     one_line,
 )
 from mirrormount.terminal import Terminated, printable
-from mirrormount.values import is_axis
+from mirrormount.values import axis_name, is_axis
+from mountfw import board_file
 from mountfw import codes as wire
 from mountfw import settings as declared
 
@@ -262,6 +263,22 @@ def check(wanted: Mapping[str, Any]) -> None:
             raise BadValue(f"[{axis}] is not a table of settings, as [{axis}] and a line such as velocity = 1 are")
         for name, value in values.items():
             setting(f"{axis}.{name}").check(f"{axis}.{name}", value)
+
+
+def saved_file(wanted: Mapping[str, Mapping[str, Any]]) -> bytes:
+    """The file that keeps these settings on a board on which x is axis 2, as made but for them. Raises BadValue."""
+    check(wanted)
+    made = {name: setting.default for name, setting in SETTINGS.items()}
+    check_together(dict.fromkeys(wanted, made), wanted)
+    numbers = {axis_name(number, 2): number for number in range(1, len(board_file.AXES) + 1)}
+    lines: list[str] = []
+    for axis, values in wanted.items():
+        if axis not in numbers:
+            raise _no_axis(axis, numbers)
+        for name in (name for name in SETTINGS if name in values):
+            raw = round(values[name] * 10 ** SETTINGS[name].decimals)
+            lines.append(declared.saved_line(numbers[axis], name, raw))
+    return declared.seal("".join(lines))
 
 
 def _no_axis(name: object, names: Iterable[str]) -> BadValue:

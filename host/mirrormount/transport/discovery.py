@@ -128,7 +128,7 @@ def drive_at(path: Path) -> Drive:
     drive = read_drive(path)
     if drive:
         return drive
-    if is_bootloader(path):
+    if read_bootloader(path):
         raise WrongDrive(f"{path} is the board's bootloader, without CircuitPython: install that first ({GET_IT})")
     if not path.is_dir():
         raise WrongDrive(f"{path}: there is no such drive (it is called CIRCUITPY unless you have renamed it)")
@@ -156,14 +156,47 @@ def untried(drive: Drive) -> bool:
     return bool(number) and CIRCUITPYTHON.untried((int(number[1]), int(number[2])))
 
 
-def is_bootloader(path: Path) -> bool:
-    """True for the drive of a UF2 bootloader, for instance RPI-RP2."""
-    return (path / "INFO_UF2.TXT").exists()
+# ---- drives of boot loaders
+
+_INFO = "INFO_UF2.TXT"  # on the drive of every UF2 boot loader
+_BOARD_ID = re.compile(r"^Board-ID: *([^\r\n]*)", re.MULTILINE)
+CHIPS = {"RPI-RP2": "RP2040", "RP2350": "RP2350"}  # by the Board-ID that the ROM tells: so the drive is called, too
 
 
-def find_bootloaders() -> list[Path]:
-    """The bootloader drives that are mounted."""
-    return [path for path in mounted() if is_bootloader(path)]
+@dataclass(frozen=True)
+class Bootloader:
+    """The drive of a UF2 boot loader: its mount point, and the Board-ID that it tells, or ""."""
+
+    path: Path
+    board_id: str
+
+    def __str__(self) -> str:
+        return printable(str(self.path))
+
+    @property
+    def chip(self) -> str:
+        """RP2040 or RP2350; "" for a boot loader of another chip."""
+        return CHIPS.get(self.board_id, "")
+
+
+def read_bootloader(path: Path) -> Bootloader | None:
+    """The boot loader whose drive is at path, or None."""
+    try:
+        with (path / _INFO).open("rb") as f:
+            told = _BOARD_ID.search(f.read(_LONGEST).decode("utf-8", "replace"))
+    except OSError:
+        return None
+    return Bootloader(path, printable(told[1].strip(), 60) if told else "")
+
+
+def find_bootloaders() -> list[Bootloader]:
+    """The boot loaders whose drives are mounted."""
+    return [found for path in mounted() if (found := read_bootloader(path))]
+
+
+def unmounted_bootloaders(labels: Path = Path("/dev/disk/by-label")) -> list[Path]:
+    """Drives of boot loaders that are plugged in (Linux only, by their names), mounted or not."""
+    return [labels / label for label in CHIPS if (labels / label).exists()]
 
 
 # ---- serial ports of CircuitPython boards
