@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from mirrormount_epics.pump import Pump
 
 _LOOPBACK = "127.0.0.1"
-_LONGEST_PREFIX = 25  # characters: a record's name has 60, a mount's 31
+_LONGEST_PREFIX = 17  # characters: a record's name has 60, of which a mount's has 31, and :x:certainty has 12
 READ_ONLY = "ASG(DEFAULT) { RULE(1, READ) RULE(0, WRITE) }"  # level 0 is .STOP: everybody may stop
 _AXES = ("x", "y")
 
