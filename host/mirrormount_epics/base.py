@@ -165,6 +165,7 @@ _NUMBERS = {
 }
 _LINKS = (14, 15, 16)
 _NAME_SIZE = 61
+_EPOCH_S = 631_152_000  # 1990, from which EPICS counts the seconds (epicsTime.h)
 
 # ---- the database
 
@@ -347,6 +348,13 @@ class Record:
     def stamp(self) -> None:
         """The time of what is told is now."""
         _core.recGblGetTimeStamp(self._address)
+
+    def stamp_at(self, unix_s: float) -> None:
+        """The time of what is told is this one, of a record whose .TSE is -2."""
+        at_ns = max(0, round((unix_s - _EPOCH_S) * 1e9))
+        offset = self._kind.layout["TIME"][1]
+        for i, number in enumerate(divmod(at_ns, 10**9)):
+            c.c_uint32.from_address(self._address + offset + 4 * i).value = number
 
     def blank(self, field: str) -> None:
         """A put comes: until it has been written, a number is one that nobody puts."""

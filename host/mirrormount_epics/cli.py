@@ -8,27 +8,42 @@ import contextlib
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from mirrormount import files
-from mirrormount.cli.arguments import Command, port_options, virtual_address, virtual_options
+from mirrormount.cli.arguments import Command, from_extra, port_options, virtual_address, virtual_options
 from mirrormount.device import table_file
-from mirrormount.errors import AllowNeeded, BadFile, BadValue
+from mirrormount.device.table_file import CameraEntry
+from mirrormount.errors import AllowNeeded, BadFile, BadValue, ExtraMissing
 from mirrormount.supervise.supervisor import Supervisor, supervised
 from mirrormount.terminal import Terminated, ended_in_order
-from mirrormount.values import PATIENCE_S, is_name
+from mirrormount.transport.ports import open_table
 from mirrormount_epics import fields
+from mirrormount_epics.pump import PATIENCE_S, Pump
 from mirrormount_epics.screen import screen
 
 if TYPE_CHECKING:
+    from mirrormount_beam.table import TargetCamera
     from mirrormount_epics.mount import Board
-    from mirrormount_epics.pump import Pump
 
 _LOOPBACK = "127.0.0.1"
 _LONGEST_PREFIX = 17  # characters: a record's name has 60, of which a mount's has 31, and :x:certainty has 12
 READ_ONLY = "ASG(DEFAULT) { RULE(1, READ) RULE(0, WRITE) }"  # level 0 is .STOP: everybody may stop
 _AXES = ("x", "y")
+
+
+_LOOP = "table:loop"  # no mount and no camera has a colon in its name
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A camera record. open(): opens the camera; entry: what the table's file says of it."""
+
+    name: str
+    open: Callable[[], Any]
+    entry: CameraEntry
 
 
 @dataclass(frozen=True)
@@ -47,6 +62,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     )
     port_options(parser)
     virtual_options(parser, "a virtual board; no hardware needed")
+    parser.add_argument("--cameras", choices=("0", "1", "2"), default="0", help="virtual: of the virtual table (0)")
     parser.add_argument("--prefix", default="", metavar="P", help="in front of each record's name, such as LAB:")
     parser.add_argument(
         "--host", default=_LOOPBACK, help="on which address to listen; others need --acf or --read-only"
@@ -61,15 +77,18 @@ def run(args: argparse.Namespace) -> None:
     """Serve until a signal ends it. Raises MountError."""
     rules = _rules(args)
     _check_prefix(args.prefix)
-    mounts = _mounts(args)
-    names = {args.prefix + mount.name: tuple(mount.axes) for mount in mounts}
-    if args.list:
-        print("\n".join(fields.listed(names)))
-    elif args.screen:
-        files.write_atomic(args.screen, screen(names))
-    else:
-        with contextlib.suppress(Terminated), ended_in_order():  # a signal is how it is meant to end
-            _serve(args, mounts, rules)
+    with contextlib.suppress(Terminated), ended_in_order(), contextlib.ExitStack() as stack:  # a signal is its end
+        mounts, cameras = _table(args, stack)
+        names = {args.prefix + mount.name: tuple(mount.axes) for mount in mounts}
+        linked = dict.fromkeys((args.prefix + camera.name for camera in cameras), "camera")
+        if cameras:
+            linked[args.prefix + _LOOP] = "loop"
+        if args.list:
+            print("\n".join(fields.listed(names, linked)))
+        elif args.screen:
+            files.write_atomic(args.screen, screen(names, linked))
+        else:
+            _serve(args, mounts, cameras, rules)
 
 
 def _check_prefix(prefix: str) -> None:
@@ -96,28 +115,58 @@ def _rules(args: argparse.Namespace) -> str | None:
     return None
 
 
-def _mounts(args: argparse.Namespace) -> list[Mount]:
-    """The mounts, not open yet. Raises BadFile, BadValue."""
-    virtual = virtual_address(args)
-    if virtual and args.at:
+def _table(args: argparse.Namespace, stack: contextlib.ExitStack) -> tuple[list[Mount], list[Camera]]:
+    """The mounts and cameras, not open yet. Raises BadAddress, BadFile, BadValue, ExtraMissing."""
+    if args.virtual and args.at:
         raise BadValue("--virtual is a board of its own: leave the port out")
+    if args.cameras != "0":
+        address = virtual_address(args, "virtual-table", mounts="1", cameras=args.cameras, speed="1")
+        if address is None:
+            raise BadValue("--cameras: of a virtual table; add --virtual, or name cameras in the table's file")
+        table = stack.enter_context(contextlib.closing(open_table(address)))
+        cameras = [
+            Camera(f"c{i}", lambda camera=camera: camera, CameraEntry("", 1000 * camera.distance_m))
+            for i, camera in enumerate(table.cameras, 1)
+        ]
+        return [_mount("m1", lambda: table.ports[0])], cameras
+    virtual = virtual_address(args)
     named: list[str | None] = [virtual] if virtual else args.at or ([args.port] if args.port else [])
-    table = table_file.read().mounts
-    if not named and table:
-        of_table = supervised(table, PATIENCE_S)
-        return [Mount(name, board, dict(zip(_AXES, axes, strict=True))) for name, (board, axes) in of_table.items()]
-    mounts = []
-    for i, port in enumerate(named or [None], 1):
-        name = port if port and is_name(port) and port in table else f"m{i}"
-        mounts.append(Mount(name, Supervisor(port), dict(zip(_AXES, _AXES, strict=True))))
-    return mounts
+    table = table_file.read()
+    if not named and table.mounts:
+        of_table = supervised(table.mounts, PATIENCE_S)
+        mounts = [Mount(name, board, dict(zip(_AXES, axes, strict=True))) for name, (board, axes) in of_table.items()]
+        return mounts, [
+            Camera(name, partial(_open_camera, entry), entry) for name, entry in table.cameras.items() if _may_look()
+        ]
+    names = [port if port and port in table.mounts else f"m{i}" for i, port in enumerate(named or [None], 1)]
+    return [_mount(name, port) for name, port in zip(names, named or [None], strict=True)], []
 
 
-def _serve(args: argparse.Namespace, mounts: list[Mount], rules: str | None) -> None:
+def _mount(name: str, address: Any) -> Mount:
+    return Mount(name, Supervisor(address, patience_s=PATIENCE_S), dict(zip(_AXES, _AXES, strict=True)))
+
+
+def _may_look() -> bool:
+    """Is the extra there that cameras need? The mounts are served without it, too."""
+    try:
+        with from_extra("beam", "the cameras of the table need"):
+            import mirrormount_beam.table  # noqa: F401
+    except ExtraMissing as e:
+        print(f"mirrormount: warning: {e}", file=sys.stderr)
+        return False
+    return True
+
+
+def _open_camera(entry: CameraEntry) -> Any:
+    from mirrormount_beam.cameras import open_camera
+
+    return open_camera(entry.camera, settings=entry.settings)
+
+
+def _serve(args: argparse.Namespace, mounts: list[Mount], cameras: list[Camera], rules: str | None) -> None:
     from mirrormount_epics import base
     from mirrormount_epics.motor import Motor
     from mirrormount_epics.mount import Board, MountRecord, saver
-    from mirrormount_epics.pump import Pump
 
     pump = Pump()
     motors: dict[str, tuple[Motor, base.Record]] = {}
@@ -143,6 +192,7 @@ def _serve(args: argparse.Namespace, mounts: list[Mount], rules: str | None) -> 
         base.RecordType("motor", types["motor"], make_motor)
         base.RecordType("mount", types["mount"], make_mount)
         base.load("".join(fields.records(args.prefix + mount.name, tuple(mount.axes)) for mount in mounts))
+        attach = _look(args, cameras, opened, pump) if cameras else None
         base.serve(args.host, rules)
         boards = []
         for supervisor in supervisors:
@@ -159,13 +209,58 @@ def _serve(args: argparse.Namespace, mounts: list[Mount], rules: str | None) -> 
                     },
                 )
             )
+        if attach:
+            by_supervisor = {board.supervisor: board for board in boards}
+            attach({mount.name: (by_supervisor[mount.supervisor], tuple(mount.axes.values())) for mount in mounts})
         pump.seldom.append(saver(boards))
         pump.often.append(_once_ready(boards, [args.prefix + mount.name for mount in mounts]))
         status = _until_signal(pump)
     base.leave(status)
 
 
-def _until_signal(pump: "Pump") -> int:
+def _look(
+    args: argparse.Namespace, cameras: list[Camera], opened: contextlib.ExitStack, pump: Pump
+) -> Callable[[Any], None]:
+    """Make the records of the cameras and of the loop, and watch the cameras. Returns what gives the loop its mounts.
+
+    A camera that is not there is an alarm on its record, and is tried again.
+    """
+    from mirrormount_beam.live import LiveCamera
+    from mirrormount_epics import base
+    from mirrormount_epics.table import CameraRecord, LoopRecord, target
+
+    records: dict[str, CameraRecord] = {}
+    loops: list[LoopRecord] = []
+
+    def make_camera(record: base.Record) -> CameraRecord:
+        return records.setdefault(record.name, CameraRecord(record))
+
+    def make_loop(record: base.Record) -> LoopRecord:
+        loops.append(LoopRecord(record))
+        return loops[0]
+
+    types = fields.record_types()
+    base.RecordType("camera", types["camera"], make_camera)
+    base.RecordType("loop", types["loop"], make_loop)
+    names = [(camera.name, "camera") for camera in cameras] + [(_LOOP, "loop")]
+    base.load("".join(fields.linked_records(kind, args.prefix + name) for name, kind in names))
+    lives = {camera.name: LiveCamera(camera.name, camera.open) for camera in cameras}
+    for live in lives.values():
+        opened.enter_context(contextlib.closing(live)).open(absent=True)
+
+    def targets() -> "list[TargetCamera]":
+        return [target(camera.name, lives[camera.name], camera.entry) for camera in cameras]
+
+    def attach(mounts: "Mapping[str, tuple[Board, tuple[str, str]]]") -> None:
+        loops[0].attach(pump, mounts, targets)
+        opened.callback(loops[0].close)
+        for name, live in lives.items():
+            pump.often.append(partial(records[args.prefix + name].show, live))
+
+    return attach
+
+
+def _until_signal(pump: Pump) -> int:
     """Run the pump. Returns the exit status."""
     try:
         pump.run()

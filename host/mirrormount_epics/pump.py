@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable
 
 BEAT_S = 0.1
+PATIENCE_S = 1.0  # of the mounts with this thread, which feeds many of them, and with the loop beside it
 _SLOW_S = 1.0
 
 _log = logging.getLogger("mirrormount.epics")

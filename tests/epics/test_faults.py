@@ -251,19 +251,29 @@ def test_it_listens_on_loopback_only(ioc):
 
 
 def test_the_list_has_every_field_with_its_meaning():
-    done = run_cli("ioc", "--list", "--prefix", "LAB:", "--virtual")
-    assert done.returncode == 0 and "LAB:m1:x:certainty" in done.stdout
-    for field in (*fields.MOTOR, *fields.MOUNT):
+    done = run_cli("ioc", "--list", "--prefix", "LAB:", "--virtual", "--cameras", "1")
+    assert done.returncode == 0
+    assert {"LAB:m1:x:certainty", "LAB:c1:x,", "LAB:table:loop:error,"} <= set(done.stdout.split())
+    for field in (*fields.MOTOR, *fields.MOUNT, *fields.CAMERA, *fields.LOOP):
         assert f" .{field.name}" in done.stdout or f" {field.name}" in done.stdout
 
 
-def test_the_screen_has_every_motor_and_the_stop(tmp_path):
+def test_the_screen_has_every_motor_the_stop_the_cameras_and_the_loop(tmp_path):
     import xml.etree.ElementTree as xml
 
-    done = run_cli("ioc", "--virtual", "--prefix", "LAB:", "--screen", str(tmp_path / "mounts.bob"))
+    screen = ("--screen", str(tmp_path / "mounts.bob"))
+    done = run_cli("ioc", "--virtual", "--cameras", "1", "--prefix", "LAB:", *screen)
     assert done.returncode == 0, done.stderr
     named = {element.text for element in xml.parse(tmp_path / "mounts.bob").iter("pv_name")}
-    assert {"LAB:m1.STOP", "LAB:m1:x.VAL", "LAB:m1:y.STOP"} <= named
+    assert {"LAB:m1.STOP", "LAB:m1:x.VAL", "LAB:m1:y.STOP", "LAB:c1.X", "LAB:table:loop.HOLD"} <= named
+
+
+def test_the_longest_names_are_no_longer_than_epics_has_room_for(tmp_path):
+    table = tmp_path / "table.toml"
+    table.write_text(f'[mounts.{"m" * 31}]\nport = "virtual://"\n[cameras.{"c" * 31}]\ncamera = "0"\n')
+    done = run_cli("--table", str(table), "ioc", "--list", "--prefix", "P" * 17)
+    names = [word.strip(",") for word in done.stdout.split() if word.startswith("PPP")]
+    assert max(map(len, names)) == 60
 
 
 @pytest.mark.parametrize(
@@ -273,6 +283,7 @@ def test_the_screen_has_every_motor_and_the_stop(tmp_path):
         (("--read-only", "--acf", "x"), "one of them"),
         (("--acf", "/nowhere/x"), "/nowhere/x"),
         (("--prefix", "a b"), "--prefix"),
+        (("--prefix", "P" * 18), "--prefix"),
     ],
 )
 def test_what_cannot_be_served_is_told_in_one_line(words, told):
