@@ -93,6 +93,7 @@ class LoopRecord:
 
     def __init__(self, record: Record) -> None:
         self.record = record
+        self._pump: Pump | None = None
         self._hold: Hold | None = None
         self._thread: threading.Thread | None = None
         self._ending = threading.Event()
@@ -125,6 +126,9 @@ class LoopRecord:
             if hold is None:
                 return False
             hold.go_on()
+        elif self._pump is None:  # the IOC is not ready yet
+            self.record["HOLD"] = 0
+            return False
         elif not self.record["HOLD"]:
             self._end()
         elif not running:
