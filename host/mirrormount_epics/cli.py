@@ -13,7 +13,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mirrormount import files
-from mirrormount.cli.arguments import Command, from_extra, port_options, virtual_address, virtual_options
+from mirrormount.cli.arguments import (
+    Command,
+    from_extra,
+    patience_of,
+    patience_option,
+    port_options,
+    virtual_address,
+    virtual_options,
+)
 from mirrormount.device import table_file
 from mirrormount.device.table_file import CameraEntry
 from mirrormount.errors import AllowNeeded, BadFile, BadValue, ExtraMissing
@@ -63,6 +71,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     port_options(parser)
     virtual_options(parser, "a virtual board; no hardware needed")
     parser.add_argument("--cameras", choices=("0", "1", "2"), default="0", help="virtual: of the virtual table (0)")
+    patience_option(parser, "the IOC", PATIENCE_S)
     parser.add_argument("--prefix", default="", metavar="P", help="in front of each record's name, such as LAB:")
     parser.add_argument(
         "--host", default=_LOOPBACK, help="on which address to listen; others need --acf or --read-only"
@@ -119,6 +128,7 @@ def _table(args: argparse.Namespace, stack: contextlib.ExitStack) -> tuple[list[
     """The mounts and cameras, not open yet. Raises BadAddress, BadFile, BadValue, ExtraMissing."""
     if args.virtual and args.at:
         raise BadValue("--virtual is a board of its own: leave the port out")
+    patience_s = patience_of(args)
     if args.cameras != "0":
         address = virtual_address(args, "virtual-table", mounts="1", cameras=args.cameras, speed="1")
         if address is None:
@@ -128,22 +138,22 @@ def _table(args: argparse.Namespace, stack: contextlib.ExitStack) -> tuple[list[
             Camera(f"c{i}", lambda camera=camera: camera, CameraEntry("", 1000 * camera.distance_m))
             for i, camera in enumerate(table.cameras, 1)
         ]
-        return [_mount("m1", lambda: table.ports[0])], cameras
+        return [_mount("m1", lambda: table.ports[0], patience_s)], cameras
     virtual = virtual_address(args)
     named: list[str | None] = [virtual] if virtual else args.at or ([args.port] if args.port else [])
     table = table_file.read()
     if not named and table.mounts:
-        of_table = supervised(table.mounts, PATIENCE_S)
+        of_table = supervised(table.mounts, patience_s)
         mounts = [Mount(name, board, dict(zip(_AXES, axes, strict=True))) for name, (board, axes) in of_table.items()]
         return mounts, [
             Camera(name, partial(_open_camera, entry), entry) for name, entry in table.cameras.items() if _may_look()
         ]
     names = [port if port and port in table.mounts else f"m{i}" for i, port in enumerate(named or [None], 1)]
-    return [_mount(name, port) for name, port in zip(names, named or [None], strict=True)], []
+    return [_mount(name, port, patience_s) for name, port in zip(names, named or [None], strict=True)], []
 
 
-def _mount(name: str, address: Any) -> Mount:
-    return Mount(name, Supervisor(address, patience_s=PATIENCE_S), dict(zip(_AXES, _AXES, strict=True)))
+def _mount(name: str, address: Any, patience_s: float) -> Mount:
+    return Mount(name, Supervisor(address, patience_s=patience_s), dict(zip(_AXES, _AXES, strict=True)))
 
 
 def _may_look() -> bool:

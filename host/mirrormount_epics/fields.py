@@ -118,7 +118,7 @@ MOTOR = _rows("""
     TDIR S r | the same for user coordinates
     CERT motorCERT r | how certain the position is (its own record has the alarm)
     WHY S r | the board's reason for the end of the last motion (docs/errors.md)
-    ESTP T120 r | why the last order was refused or ended early; "" if it was not. Longer than 39: as .ESTP$
+    ESTP T240 r | why the last order was refused or ended early; "" if it was not. Longer than 39: as .ESTP$
     VERS F r 7.3 |
     HOPR D r |
     LOPR D r |
@@ -155,8 +155,8 @@ MOUNT = _rows("""
     VAL S r | 1: the board is there
     STOP S a | 1: all motors of this board off, at once
     CONN S r | 1: the board is there
-    MSG T120 r | what has happened last: who has stopped it, why the board is not there
-    IDN T120 r | the board's identity
+    MSG T240 r | what has happened last: who has stopped it, why the board is not there
+    IDN T240 r | the board's identity
 """)
 CAMERA = _rows("""
     VAL cameraVAL r | what it shows: no picture, no spot, or a spot
@@ -167,13 +167,13 @@ CAMERA = _rows("""
     W D r NaN | standard deviation of the beam along x, px
     H D r NaN | along y
     SHAPE D r NaN | the doubt about the place that the shape of the beam leaves, px
-    MSG T120 r | why there is no spot, or no picture
+    MSG T240 r | why there is no spot, or no picture
 """)
 LOOP = _rows("""
     VAL loopVAL r | what it does
     HOLD S a | 1: hold the beam with the saved calibration; 0: end that, motors off
     GO S a | 1: go on, of a loop that stands still until a person says so
-    WHY T120 r | why it does that, or does nothing
+    WHY T240 r | why it does that, or does nothing
     ERR D r NaN | the largest error along x or y in any camera, um; nan if it is not known
     ANGLE D r NaN | how far the beam's angle is off, urad; nan if it is not known
 """)

@@ -93,7 +93,7 @@ class LoopRecord:
 
     def __init__(self, record: Record) -> None:
         self.record = record
-        self._pump: Pump | None = None
+        self._attached = False
         self._hold: Hold | None = None
         self._thread: threading.Thread | None = None
         self._ending = threading.Event()
@@ -106,6 +106,7 @@ class LoopRecord:
     ) -> None:
         """What it drives, and what it looks at."""
         self._pump, self._mounts, self._targets = pump, mounts, targets
+        self._attached = True
 
     def close(self) -> None:
         """End the loop; motors are off then."""
@@ -126,7 +127,7 @@ class LoopRecord:
             if hold is None:
                 return False
             hold.go_on()
-        elif self._pump is None:  # the IOC is not ready yet
+        elif not self._attached:  # the IOC is not ready yet
             self.record["HOLD"] = 0
             return False
         elif not self.record["HOLD"]:

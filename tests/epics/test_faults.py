@@ -48,6 +48,47 @@ def test_an_ioc_that_dies_or_hangs_in_mid_motion_leaves_nothing_running(ioc, boa
         assert mount.x.last_move().reason == mount.y.last_move().reason == wire.KEEP_ALIVE
 
 
+HANGING = """
+import signal, time
+from mirrormount.cli.main import main
+from mirrormount_epics import cli
+class HangingPump(cli.Pump):
+    def __init__(self):
+        super().__init__()
+        signal.signal(signal.SIGUSR1, lambda *_: self.put(lambda: time.sleep(3)))
+cli.Pump = HangingPump
+main()
+"""
+
+
+def test_moves_that_a_busy_ioc_cuts_short_fail_and_say_what_to_do(board, rests):
+    """With 100 axes on a busy computer, the thread that gives signs of life for all mounts may come late."""
+    with Ioc(str(board.link), program=("-c", HANGING)) as ioc:
+        client = ioc.client("""
+            import epics
+            from ophyd import EpicsMotor
+            x = EpicsMotor(P + "m1:x", name="x"); x.wait_for_connection(timeout=30)
+            status = x.set(50)
+            wait_for(lambda: x.moving, "the move")
+            event("moving")
+            wait_for(lambda: status.done, "its end")
+            assert not status.success and 0 < x.position < 50
+            why = epics.caget(P + "m1.MSG$", as_string=True)
+            assert "silent for more than 1 s" in why and "--patience" in why, why
+            assert epics.caget(P + "m1:x.SEVR") == 2 and epics.caget(P + "m1:x.SPMG") == 0
+            event("short")
+            assert epics.caput(P + "m1:x.SPMG", 3, wait=True) == 1
+            assert x.move(round(x.position) + 1, timeout=30).success
+        """)
+        client.until("moving")
+        ioc.process.send_signal(signal.SIGUSR1)
+        client.go_on()
+        client.until("short")
+        rests()
+        client.go_on()
+        client.end()
+
+
 def test_who_waits_across_a_restart_of_the_ioc_knows_that_its_move_was_cut(ioc, board, drives):
     client = ioc.client("""
         import epics
