@@ -9,7 +9,7 @@ from served import ServedBoard, wait_for
 pytest.importorskip("pymeasure", reason="pymeasure is not installed here")
 sys.path.insert(0, str(Path(__file__).parents[2] / "docs/examples"))
 
-from pymeasure_mount import MirrorMount  # noqa: E402
+from pymeasure_mount import MirrorMount
 
 
 def test_an_instrument_of_pymeasure_steps_stops_and_tells_what_ended_early(tmp_path):
