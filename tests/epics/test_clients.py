@@ -304,3 +304,33 @@ def test_the_command_stop_latches_and_nothing_moves_before_go(ioc, board, drives
     client.go_on()
     client.end()
     assert len(board.edges()) > edges
+
+
+@pytest.mark.full
+def test_a_thousand_monitors_of_one_client_all_get_all_that_is_told(ioc, board):
+    """Fifty of each field that a move changes."""
+    ioc.run("""
+        import epics
+        moved = ("RBV", "DRBV", "RRBV", "DMOV", "MOVN", "MIP", "DIFF", "RDIF", "VAL", "DVAL")
+        names = [P + axis + field for axis in ("m1:x.", "m1:y.") for field in moved]
+        seen, subscriptions = {}, []
+        for name in names:
+            chid = epics.ca.create_channel(name)
+            assert epics.ca.connect_channel(chid, timeout=30)
+            for i in range(50):
+                told = seen[name, i] = []
+                got = lambda value=None, told=told, **_: told.append(value)
+                subscriptions.append(epics.ca.create_subscription(chid, callback=got))
+        assert len(subscriptions) == 1000
+        wait_for(lambda: all(seen.values()), "the first value of each")
+        assert epics.caput(P + "m1:x.VAL", 5, wait=True, timeout=50) == 1
+        assert epics.caput(P + "m1:y.VAL", -5, wait=True, timeout=50) == 1
+        last = {name: epics.caget(name) for name in names}
+        wait_for(lambda: all(told[-1] == last[name] for (name, _), told in seen.items()), "the last value of each")
+        for name in names:
+            assert all(seen[name, i] == seen[name, 0] for i in range(50)), name
+        assert seen[P + "m1:x.RBV", 0][-1] == 5 and set(range(6)) <= set(seen[P + "m1:x.RBV", 0])
+        assert seen[P + "m1:y.RBV", 0][-1] == -5 and set(range(-5, 1)) <= set(seen[P + "m1:y.RBV", 0])
+        print("all", sum(map(len, seen.values())))
+    """)
+    assert pulses(board) == pulses(board, "m1_en") == 5
