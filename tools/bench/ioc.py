@@ -1,10 +1,12 @@
 """Measures `mirrormount ioc` from a put to the pins and back, with pyepics on the loopback interface.
 
-    .venv/bin/python tools/bench/ioc.py [--n N] [--mounts M] [--json FILE]
+    .venv/bin/python tools/bench/ioc.py [--n N] [--mounts M] [--beside PV@PORT ...] [--json FILE]
 
 Each virtual board (`cpython`, in real time), the IOC and the client are processes of their own. With --mounts, so many
 boards move at the same time, and the first one is measured. The end of an order is the line that the board writes about
-its enable; both times are this computer's clock, so the figures are those of this computer, as busy as it was.
+its enable; both times are this computer's clock, so the figures are those of this computer, as busy as it was. The last
+rows are puts with callback that begin nothing: of .TWV here, and with --beside of fields of other IOCs on this computer
+(a number; their port of Channel Access), each in turn.
 Goals: docs/control-systems.md.
 """
 
@@ -62,8 +64,8 @@ class Watch:
         return found()[0 if on else -1]
 
 
-def measure(n: int, watch: Watch, others: list[str]) -> dict[str, list[float]]:
-    """Milliseconds of each row, n of each. others: axes that move meanwhile."""
+def measure(n: int, watch: Watch, others: list[str], beside: list[str]) -> dict[str, list[float]]:
+    """Milliseconds of each row, n of each. others: axes that move meanwhile. beside: fields of other IOCs."""
     import epics
 
     axis = f"{PREFIX}m1:x"
@@ -91,6 +93,14 @@ def measure(n: int, watch: Watch, others: list[str]) -> dict[str, list[float]]:
             pv.put(1)
             rows[name].append(watch.after(asked_s, on=False) - asked_s)
             wait_for(lambda: epics.caget(f"{axis}.DMOV") == 1, "the end")
+    puts = {f"put of {name}": epics.PV(name) for name in (f"{axis}.TWV", *beside)}
+    rows |= {name: [] for name in puts}
+    for i in range(n):
+        for name, pv in puts.items():
+            assert pv.wait_for_connection(30), name
+            begun_s = time.monotonic()
+            assert pv.put(1 + i % 2, wait=True, timeout=60) == 1
+            rows[name].append(time.monotonic() - begun_s)
     return {name: [1000 * value for value in values] for name, values in rows.items()}
 
 
@@ -99,6 +109,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--n", type=int, default=200, help="repetitions of each row")
     parser.add_argument("--mounts", type=int, default=1, help="virtual boards")
+    parser.add_argument("--beside", nargs="*", default=[], metavar="PV@PORT", help="fields of other IOCs")
     parser.add_argument("--json", type=Path, metavar="FILE", help="keep every value")
     args = parser.parse_args()
     with ExitStack() as stack:
@@ -108,12 +119,14 @@ def main() -> None:
         watch = Watch(boards[0])
         ioc = stack.enter_context(Ioc(*(str(board.link) for board in boards)))
         os.environ |= ioc.environment
-        rows = measure(args.n, watch, [f"{PREFIX}m{i}:x.VAL" for i in range(2, args.mounts + 1)])
+        beside = dict(one.rsplit("@", 1) for one in args.beside)
+        os.environ["EPICS_CA_ADDR_LIST"] += "".join(f" 127.0.0.1:{port}" for port in beside.values())
+        rows = measure(args.n, watch, [f"{PREFIX}m{i}:x.VAL" for i in range(2, args.mounts + 1)], list(beside))
     print(f"n = {args.n}, {args.mounts} mounts, load {os.getloadavg()[0]:.1f} on {os.cpu_count()} processors")
     print(f"{'':24}  median     p99     max    goal (p99), ms")
     for name, values in rows.items():
         p99 = sorted(values)[min(len(values) - 1, int(0.99 * len(values)))]
-        print(f"{name:24} {statistics.median(values):7.1f} {p99:7.1f} {max(values):7.1f} {GOALS_MS[name]:7}")
+        print(f"{name:24} {statistics.median(values):7.1f} {p99:7.1f} {max(values):7.1f} {GOALS_MS.get(name, ''):>7}")
     if args.json:
         args.json.write_text(json.dumps(rows), "utf-8")
     sys.stdout.flush()
