@@ -33,7 +33,6 @@ from mirrormount_epics.pump import PATIENCE_S, Pump
 from mirrormount_epics.screen import screen
 
 if TYPE_CHECKING:
-    from mirrormount_beam.table import TargetCamera
     from mirrormount_epics.mount import Board
 
 _LOOPBACK = "127.0.0.1"
@@ -41,17 +40,7 @@ _LONGEST_PREFIX = 17  # characters: a record's name has 60, of which a mount's h
 READ_ONLY = "ASG(DEFAULT) { RULE(1, READ) RULE(0, WRITE) }"  # level 0 is .STOP: everybody may stop
 _AXES = ("x", "y")
 
-
-_LOOP = "table:loop"  # no mount and no camera has a colon in its name
-
-
-@dataclass(frozen=True)
-class Camera:
-    """A camera record. open(): opens the camera; entry: what the table's file says of it."""
-
-    name: str
-    open: Callable[[], Any]
-    entry: CameraEntry
+Cameras = dict[str, tuple[Callable[[], Any], CameraEntry]]  # by name: what opens it; what the table's file says of it
 
 
 @dataclass(frozen=True)
@@ -86,18 +75,18 @@ def run(args: argparse.Namespace) -> None:
     """Serve until a signal ends it. Raises MountError."""
     rules = _rules(args)
     _check_prefix(args.prefix)
-    with contextlib.suppress(Terminated), ended_in_order(), contextlib.ExitStack() as stack:  # a signal is its end
-        mounts, cameras = _table(args, stack)
+    with contextlib.suppress(Terminated), ended_in_order(), contextlib.ExitStack() as opened:  # a signal is its end
+        mounts, cameras = _table(args, opened)
         names = {args.prefix + mount.name: tuple(mount.axes) for mount in mounts}
-        linked = dict.fromkeys((args.prefix + camera.name for camera in cameras), "camera")
+        linked = {args.prefix + name: "camera" for name in cameras}
         if cameras:
-            linked[args.prefix + _LOOP] = "loop"
+            linked[args.prefix + fields.LOOP_NAME] = "loop"
         if args.list:
             print("\n".join(fields.listed(names, linked)))
         elif args.screen:
             files.write_atomic(args.screen, screen(names, linked))
         else:
-            _serve(args, mounts, cameras, rules)
+            _serve(args, mounts, cameras, rules, opened)
 
 
 def _check_prefix(prefix: str) -> None:
@@ -124,7 +113,7 @@ def _rules(args: argparse.Namespace) -> str | None:
     return None
 
 
-def _table(args: argparse.Namespace, stack: contextlib.ExitStack) -> tuple[list[Mount], list[Camera]]:
+def _table(args: argparse.Namespace, opened: contextlib.ExitStack) -> tuple[list[Mount], Cameras]:
     """The mounts and cameras, not open yet. Raises BadAddress, BadFile, BadValue, ExtraMissing."""
     if args.virtual and args.at:
         raise BadValue("--virtual is a board of its own: leave the port out")
@@ -133,47 +122,44 @@ def _table(args: argparse.Namespace, stack: contextlib.ExitStack) -> tuple[list[
         address = virtual_address(args, "virtual-table", mounts="1", cameras=args.cameras, speed="1")
         if address is None:
             raise BadValue("--cameras: of a virtual table; add --virtual, or name cameras in the table's file")
-        table = stack.enter_context(contextlib.closing(open_table(address)))
-        cameras = [
-            Camera(f"c{i}", lambda camera=camera: camera, CameraEntry("", 1000 * camera.distance_m))
-            for i, camera in enumerate(table.cameras, 1)
-        ]
-        return [_mount("m1", lambda: table.ports[0], patience_s)], cameras
+        virtual_table = opened.enter_context(contextlib.closing(open_table(address)))
+        return [_mount("m1", lambda: virtual_table.ports[0], patience_s)], {
+            f"c{i}": (partial(virtual_table.cameras.__getitem__, i - 1), CameraEntry("", 1000 * camera.distance_m))
+            for i, camera in enumerate(virtual_table.cameras, 1)
+        }
     virtual = virtual_address(args)
     named: list[str | None] = [virtual] if virtual else args.at or ([args.port] if args.port else [])
     table = table_file.read()
     if not named and table.mounts:
         of_table = supervised(table.mounts, patience_s)
         mounts = [Mount(name, board, dict(zip(_AXES, axes, strict=True))) for name, (board, axes) in of_table.items()]
-        return mounts, [
-            Camera(name, partial(_open_camera, entry), entry) for name, entry in table.cameras.items() if _may_look()
-        ]
+        return mounts, _cameras(table.cameras)
     names = [port if port and port in table.mounts else f"m{i}" for i, port in enumerate(named or [None], 1)]
-    return [_mount(name, port, patience_s) for name, port in zip(names, named or [None], strict=True)], []
+    return [_mount(name, port, patience_s) for name, port in zip(names, named or [None], strict=True)], {}
 
 
 def _mount(name: str, address: Any, patience_s: float) -> Mount:
     return Mount(name, Supervisor(address, patience_s=patience_s), dict(zip(_AXES, _AXES, strict=True)))
 
 
-def _may_look() -> bool:
-    """Is the extra there that cameras need? The mounts are served without it, too."""
+def _cameras(entries: Mapping[str, CameraEntry]) -> Cameras:
+    """Those of the table's file; none, with a warning, without the extra that they need."""
     try:
         with from_extra("beam", "the cameras of the table need"):
-            import mirrormount_beam.table  # noqa: F401
+            from mirrormount_beam.cameras import open_camera
     except ExtraMissing as e:
-        print(f"mirrormount: warning: {e}", file=sys.stderr)
-        return False
-    return True
+        if entries:
+            print(f"mirrormount: warning: {e}", file=sys.stderr)
+        return {}
+    return {
+        name: (partial(open_camera, entry.camera, settings=entry.settings), entry) for name, entry in entries.items()
+    }
 
 
-def _open_camera(entry: CameraEntry) -> Any:
-    from mirrormount_beam.cameras import open_camera
-
-    return open_camera(entry.camera, settings=entry.settings)
-
-
-def _serve(args: argparse.Namespace, mounts: list[Mount], cameras: list[Camera], rules: str | None) -> None:
+def _serve(
+    args: argparse.Namespace, mounts: list[Mount], cameras: Cameras, rules: str | None, opened: contextlib.ExitStack
+) -> None:
+    """opened: is closed here, because the process ends here."""
     from mirrormount_epics import base
     from mirrormount_epics.motor import Motor
     from mirrormount_epics.mount import Board, MountRecord, saver
@@ -191,7 +177,7 @@ def _serve(args: argparse.Namespace, mounts: list[Mount], cameras: list[Camera],
         return records[record.name]
 
     supervisors = dict.fromkeys(mount.supervisor for mount in mounts)
-    with contextlib.ExitStack() as opened:
+    with opened:
         for supervisor in supervisors:
             opened.enter_context(contextlib.closing(supervisor.open(absent=len(mounts) > 1)))
             trouble = supervisor.worker.connection.trouble
@@ -202,7 +188,11 @@ def _serve(args: argparse.Namespace, mounts: list[Mount], cameras: list[Camera],
         base.RecordType("motor", types["motor"], make_motor)
         base.RecordType("mount", types["mount"], make_mount)
         base.load("".join(fields.records(args.prefix + mount.name, tuple(mount.axes)) for mount in mounts))
-        attach = _look(args, cameras, opened, pump) if cameras else None
+        table = None
+        if cameras:
+            from mirrormount_epics.table import TableRecords
+
+            table = opened.enter_context(contextlib.closing(TableRecords(args.prefix, cameras)))
         base.serve(args.host, rules)
         boards = []
         for supervisor in supervisors:
@@ -219,55 +209,16 @@ def _serve(args: argparse.Namespace, mounts: list[Mount], cameras: list[Camera],
                     },
                 )
             )
-        if attach:
+        if table:
             by_supervisor = {board.supervisor: board for board in boards}
-            attach({mount.name: (by_supervisor[mount.supervisor], tuple(mount.axes.values())) for mount in mounts})
+            of_names = {
+                mount.name: (by_supervisor[mount.supervisor], (mount.axes["x"], mount.axes["y"])) for mount in mounts
+            }
+            table.attach(pump, of_names)
         pump.seldom.append(saver(boards))
         pump.often.append(_once_ready(boards, [args.prefix + mount.name for mount in mounts]))
         status = _until_signal(pump)
     base.leave(status)
-
-
-def _look(
-    args: argparse.Namespace, cameras: list[Camera], opened: contextlib.ExitStack, pump: Pump
-) -> Callable[[Any], None]:
-    """Make the records of the cameras and of the loop, and watch the cameras. Returns what gives the loop its mounts.
-
-    A camera that is not there is an alarm on its record, and is tried again.
-    """
-    from mirrormount_beam.live import LiveCamera
-    from mirrormount_epics import base
-    from mirrormount_epics.table import CameraRecord, LoopRecord, target
-
-    records: dict[str, CameraRecord] = {}
-    loops: list[LoopRecord] = []
-
-    def make_camera(record: base.Record) -> CameraRecord:
-        return records.setdefault(record.name, CameraRecord(record))
-
-    def make_loop(record: base.Record) -> LoopRecord:
-        loops.append(LoopRecord(record))
-        return loops[0]
-
-    types = fields.record_types()
-    base.RecordType("camera", types["camera"], make_camera)
-    base.RecordType("loop", types["loop"], make_loop)
-    names = [(camera.name, "camera") for camera in cameras] + [(_LOOP, "loop")]
-    base.load("".join(fields.linked_records(kind, args.prefix + name) for name, kind in names))
-    lives = {camera.name: LiveCamera(camera.name, camera.open) for camera in cameras}
-    for live in lives.values():
-        opened.enter_context(contextlib.closing(live)).open(absent=True)
-
-    def targets() -> "list[TargetCamera]":
-        return [target(camera.name, lives[camera.name], camera.entry) for camera in cameras]
-
-    def attach(mounts: "Mapping[str, tuple[Board, tuple[str, str]]]") -> None:
-        loops[0].attach(pump, mounts, targets)
-        opened.callback(loops[0].close)
-        for name, live in lives.items():
-            pump.often.append(partial(records[args.prefix + name].show, live))
-
-    return attach
 
 
 def _until_signal(pump: Pump) -> int:

@@ -37,6 +37,7 @@ class Field:
         return self.kind in "DF"
 
 
+LOOP_NAME = "table:loop"  # no mount and no camera has a colon in its name
 CAMERA_STATES = ("no picture", "no spot", "spot")
 LOOP_STATES = ("ended", "holding", "correcting", "creeping through the gap", "waiting", "stopped")  # control/events.py
 MENUS = {

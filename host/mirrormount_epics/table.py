@@ -9,12 +9,14 @@ import math
 import threading
 import time
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 from mirrormount.device import calibration
 from mirrormount.device.table_file import CameraEntry
 from mirrormount.errors import MountError, NoAnswer, NotCalibrated
 from mirrormount_beam import scale
+from mirrormount_beam.camera import Camera
 from mirrormount_beam.control import events
 from mirrormount_beam.control.calibrate import check_controllable
 from mirrormount_beam.control.hold import Hold
@@ -23,7 +25,7 @@ from mirrormount_beam.errors import CameraGone
 from mirrormount_beam.live import LiveCamera
 from mirrormount_beam.spot.find import Spot
 from mirrormount_beam.table import SharedTable, TargetCamera
-from mirrormount_epics.base import Record
+from mirrormount_epics import base, fields
 from mirrormount_epics.fields import CAMERA_STATES, LOOP_STATES
 from mirrormount_epics.motor import INVALID, MAJOR, NO_ALARM, STATE
 from mirrormount_epics.mount import Board
@@ -42,7 +44,7 @@ _log = logging.getLogger("mirrormount.epics")
 class CameraRecord:
     """The record of a camera: the spot in its newest image, or why there is none; the numbers are nan then."""
 
-    def __init__(self, record: Record) -> None:
+    def __init__(self, record: base.Record) -> None:
         self.record = record
         self._shown: tuple[int, str] | None = None  # an image, and what is the matter with the camera
 
@@ -85,13 +87,9 @@ class CameraRecord:
 
 
 class LoopRecord:
-    """The record of the loop.
+    """The record of the loop."""
 
-    attach() before clients may use it. mounts: in the order of the beam, with their boards and axes there.
-    targets: what makes the cameras as the loop needs them, when it begins. Raises MountError.
-    """
-
-    def __init__(self, record: Record) -> None:
+    def __init__(self, record: base.Record) -> None:
         self.record = record
         self._attached = False
         self._hold: Hold | None = None
@@ -104,7 +102,11 @@ class LoopRecord:
         mounts: Mapping[str, tuple[Board, tuple[str, str]]],
         targets: Callable[[], list[TargetCamera]],
     ) -> None:
-        """What it drives, and what it looks at."""
+        """What it drives, and what it looks at; a put before fails.
+
+        mounts: in the order of the beam, with their boards and axes there. targets: makes the cameras as the loop needs
+        them, when it begins; raises MountError.
+        """
         self._pump, self._mounts, self._targets = pump, mounts, targets
         self._attached = True
 
@@ -206,6 +208,53 @@ class LoopRecord:
             self.process()
 
 
+class TableRecords:
+    """The records of the cameras, which it watches, and of the loop. Between start_database() and serve().
+
+    cameras: by name, what opens each, and its entry in the table's file. A camera that cannot be opened is an alarm on
+    its record, and is tried again.
+    """
+
+    def __init__(self, prefix: str, cameras: Mapping[str, tuple[Callable[[], Camera], CameraEntry]]) -> None:
+        self._records: dict[str, CameraRecord] = {}  # EPICS makes them in serve()
+        self._loop: LoopRecord | None = None
+        types = fields.record_types()
+        base.RecordType("camera", types["camera"], self._make_camera)
+        base.RecordType("loop", types["loop"], self._make_loop)
+        names = [*((name, "camera") for name in cameras), (fields.LOOP_NAME, "loop")]
+        base.load("".join(fields.linked_records(kind, prefix + name) for name, kind in names))
+        self._prefix = prefix
+        self._entries = {name: entry for name, (_, entry) in cameras.items()}
+        self._live = {name: LiveCamera(name, open_camera) for name, (open_camera, _) in cameras.items()}
+        for live in self._live.values():
+            live.open(absent=True)
+
+    def _make_camera(self, record: base.Record) -> CameraRecord:
+        self._records[record.name] = CameraRecord(record)
+        return self._records[record.name]
+
+    def _make_loop(self, record: base.Record) -> LoopRecord:
+        self._loop = LoopRecord(record)
+        return self._loop
+
+    def attach(self, pump: Pump, mounts: Mapping[str, tuple[Board, tuple[str, str]]]) -> None:
+        """Show what the cameras see from now on. mounts: as LoopRecord.attach()."""
+        assert self._loop
+        self._loop.attach(pump, mounts, self._targets)
+        for name, live in self._live.items():
+            pump.often.append(partial(self._records[self._prefix + name].show, live))
+
+    def close(self) -> None:
+        """End the loop, which switches motors off, and close the cameras."""
+        if self._loop:
+            self._loop.close()
+        for live in self._live.values():
+            live.close()
+
+    def _targets(self) -> list[TargetCamera]:
+        return [_target(name, live, self._entries[name]) for name, live in self._live.items()]
+
+
 def _give_up(board: Board) -> None:
     """End EPICS's control of a board, which stops what it moves. Raises NoAnswer."""
     if board.program.in_control:
@@ -217,7 +266,7 @@ def _give_up(board: Board) -> None:
         time.sleep(0.01)
 
 
-def target(name: str, live: LiveCamera, entry: CameraEntry) -> TargetCamera:
+def _target(name: str, live: LiveCamera, entry: CameraEntry) -> TargetCamera:
     """A camera as the loop needs it. Raises CameraGone if it shows nothing, NotCalibrated without a scale."""
     if live.trouble:
         raise CameraGone(live.trouble)
