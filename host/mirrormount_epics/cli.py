@@ -67,6 +67,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--read-only", action="store_true", help="clients may stop, and write nothing else")
     parser.add_argument("--acf", type=Path, metavar="FILE", help="who may write: EPICS's file of access security")
+    parser.add_argument("--no-pva", dest="pva", action="store_false", help="serve Channel Access only")
     parser.add_argument("--list", action="store_true", help="print every record and field with its meaning, and end")
     parser.add_argument("--screen", type=Path, metavar="FILE", help="write a screen for Phoebus (.bob), and end")
 
@@ -193,7 +194,7 @@ def _serve(
             from mirrormount_epics.table import TableRecords
 
             table = opened.enter_context(contextlib.closing(TableRecords(args.prefix, cameras)))
-        base.serve(args.host, rules)
+        base.serve(args.host, rules, pva=args.pva)
         boards = []
         for supervisor in supervisors:
             own = [mount for mount in mounts if mount.supervisor is supervisor]

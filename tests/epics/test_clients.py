@@ -177,7 +177,7 @@ RE(read())
 
 def test_a_raw_client_of_pvaccess_puts_and_monitors(ioc, board):
     ioc.run("""
-        from p4p.client.thread import Context
+        from p4p.client.thread import Context, RemoteError
         context = Context("pva")
         seen = []
         subscription = context.monitor(P + "m1:x.DMOV", lambda value: seen.append(int(value)))
@@ -185,15 +185,20 @@ def test_a_raw_client_of_pvaccess_puts_and_monitors(ioc, board):
         context.put(P + "m1:x.VAL", 2.0, wait=True, timeout=30)
         assert float(context.get(P + "m1:x.RBV")) == 2.0
         wait_for(lambda: seen == [1, 0, 1], f"done, not done, done: {seen}")
-        try:
-            context.put(P + "m1:x.VAL", 1e9, wait=True, timeout=30)
-        except Exception as e:
-            print(type(e).__name__)
-        else:
-            raise AssertionError("beyond the limits")
+        subscription.close()
+        def refused(field, value):
+            try:
+                context.put(P + "m1:x." + field, value, wait=True, timeout=30)
+            except RemoteError:
+                return True
+        assert refused("VAL", 1e9) and refused("RLV", float("nan"))
+        context.put(P + "m1:x.HLM", float("nan"), wait=True, timeout=30)  # no order: nothing waits for it
+        assert float(context.get(P + "m1:x.HLM")) > 2
+        context.put(P + "m1:x.VAL", 1.0, wait=True, timeout=30)  # it is not locked
+        assert float(context.get(P + "m1:x.RBV")) == 1.0 and int(context.get(P + "m1:x.SEVR")) == 0
         context.close()
     """)
-    assert pulses(board) == 2
+    assert pulses(board) == 2 + 1
 
 
 def test_a_move_of_two_clients_at_once_is_two_moves_in_turn(ioc, board):
@@ -288,7 +293,7 @@ def test_the_command_stop_latches_and_nothing_moves_before_go(ioc, board, drives
             event("refused")
             assert not await refused("SPMG", 3)
             event("gone on")
-            assert not await refused("VAL", 0)
+            assert not await refused("VAL", 3)
         asyncio.run(main())
     """)
     client.until("moving")
