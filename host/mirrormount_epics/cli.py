@@ -6,6 +6,8 @@ EPICS base is imported where it is started, so that the help of the command and 
 import argparse
 import contextlib
 import sys
+import threading
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -39,6 +41,7 @@ _LOOPBACK = "127.0.0.1"
 _LONGEST_PREFIX = 17  # characters: a record's name has 60, of which a mount's has 31, and :x:certainty has 12
 READ_ONLY = "ASG(DEFAULT) { RULE(1, READ) RULE(0, WRITE) }"  # level 0 is .STOP: everybody may stop
 _AXES = ("x", "y")
+_HANGS_S = 10
 
 Cameras = dict[str, tuple[Callable[[], Any], CameraEntry]]  # by name: what opens it; what the table's file says of it
 
@@ -218,8 +221,28 @@ def _serve(
             table.attach(pump, of_names)
         pump.seldom.append(saver(boards))
         pump.often.append(_once_ready(boards, [args.prefix + mount.name for mount in mounts]))
+        threading.Thread(target=_end_if_it_hangs, args=(pump, base.leave), name="watchdog", daemon=True).start()
         status = _until_signal(pump)
     base.leave(status)
+
+
+def _end_if_it_hangs(pump: Pump, leave: Callable[[int], None]) -> None:
+    """End a process that no client can use any more; systemd starts it again.
+
+    EPICS base's server of PVAccess locks a record for ever if a client puts to a read-only field, and waits. What moves
+    has been stopped by then, for want of signs of life.
+    """
+    silent = 0
+    while silent < _HANGS_S:
+        beats = pump.beats
+        time.sleep(1)
+        silent = 0 if pump.beats != beats else silent + 1
+    print(
+        "mirrormount: a record is locked, so this IOC ends: start it again. A client of PVAccess does that which puts to"
+        " a read-only field and waits; --no-pva leaves PVAccess out",
+        file=sys.stderr,
+    )
+    leave(1)
 
 
 def _until_signal(pump: Pump) -> int:

@@ -264,6 +264,26 @@ def send_rubbish(ioc: Ioc, n: int, protocol: str) -> None:
                 return
 
 
+@pytest.mark.full
+def test_an_ioc_that_a_client_of_pvaccess_locks_stops_its_motors_and_ends(ioc, board, rests):
+    """A bare IOC of epicscorelibs hangs for ever."""
+    ioc.run("""
+        import epics
+        from p4p.client.thread import Context, TimeoutError
+        epics.caput(P + "m1:x.JOGF", 1); wait_for(lambda: epics.caget(P + "m1:x.MOVN") == 1, "the jog")
+        context = Context("pva")
+        try:
+            context.put(P + "m1:x.RBV", 1.0, wait=True, timeout=2)
+        except TimeoutError:
+            print("locked")
+        context.close()
+    """)
+    rests()
+    assert ioc.process.wait(60) == 1
+    ioc._reader.join()
+    assert "a record is locked" in ioc.errors[-1]
+
+
 def test_without_pvaccess_only_channel_access_listens(board):
     with Ioc(str(board.link), "--no-pva") as ioc:
         ioc.run('import epics; assert epics.caget(P + "m1:x.RBV") == 0')
