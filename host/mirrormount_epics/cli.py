@@ -238,7 +238,7 @@ def _end_if_it_hangs(pump: Pump, leave: Callable[[int], None]) -> None:
         time.sleep(1)
         silent = 0 if pump.beats != beats else silent + 1
     print(
-        "mirrormount: a record is locked, so this IOC ends: start it again. A client of PVAccess does that which puts to"
+        "mirrormount: a record is locked, so this IOC ends: start it again. A client of PVAccess does that by a put to"
         " a read-only field and waits; --no-pva leaves PVAccess out",
         file=sys.stderr,
     )
