@@ -225,6 +225,7 @@ _ALARM = {
     "stopped": "MAJOR",
 }
 _MBBI = ("ZR", "ON", "TW", "TH", "FR", "FV")  # the first states of EPICS's mbbi
+_NO_PUTS = 'field(DISP,"1")'  # of any client: what these records show is never what somebody has put
 _LINKED = {  # ordinary records: name, field, unit, digits; nan is the alarm UDF, INVALID of an ai
     "camera": (
         ("x", "X", "px", 2),
@@ -255,7 +256,7 @@ def linked_records(kind: str, name: str) -> str:
     lines = [f'record({kind},"{name}"){{{device_time * (kind == "camera")}}}']
     lines.append(_states(f"{name}:state", f"{name}.VAL", MENUS[f"{kind}VAL"]))
     for label, field, unit, digits in _LINKED[kind]:
-        rest = f'field(EGU,"{unit}")field(PREC,"{digits}"){device_time}'
+        rest = f'{_NO_PUTS}field(EGU,"{unit}")field(PREC,"{digits}"){device_time}'
         lines.append(f'record(ai,"{name}:{label}"){{field(INP,"{name}.{field} CP"){rest}}}')
     return "\n".join(lines) + "\n"
 
@@ -265,7 +266,7 @@ def _states(name: str, source: str, words: tuple[str, ...]) -> str:
         f'field({state}ST,"{word}")field({state}VL,"{i}")field({state}SV,"{_ALARM.get(word, "NO_ALARM")}")'
         for i, (state, word) in enumerate(zip(_MBBI, words, strict=False))
     )
-    return f'record(mbbi,"{name}"){{field(INP,"{source} CP"){states}}}'
+    return f'record(mbbi,"{name}"){{field(INP,"{source} CP"){_NO_PUTS}{states}}}'
 
 
 def listed(mounts: dict[str, tuple[str, ...]], linked: dict[str, str]) -> Iterator[str]:

@@ -20,6 +20,10 @@ def ca(name):
     async def get():
         return await caget(P + name, format=FORMAT_TIME, timeout=30)
     return asyncio.run(get())
+def put(name, value=1):
+    async def do():
+        return (await caput(P + name, value, wait=True, timeout=50, throw=False)).ok
+    return asyncio.run(do())
 """
 
 
@@ -34,9 +38,7 @@ before = ca("c1:x")
 assert 0 < before < 640 and abs(before.timestamp - time.time()) < 50
 assert ca("c1:width") > 1 and 0 < ca("c1:sigma-x") < 1 and ca("c1:state") == ca("c1") == 2
 assert pva("c1:x")[1] == pva("c1.X")[1] == 0
-async def move():
-    await caput(P + "m1:x.VAL", 2, wait=True, timeout=50)
-asyncio.run(move())
+assert put("m1:x.VAL", 2)
 moved_s = time.time()
 wait_for(lambda: ca("c1:x").timestamp > moved_s, "an image that was exposed later")
 assert abs(ca("c1:x") - before) > 15 and abs(pva("c1:x")[0] - before) > 15  # 14 px a step
@@ -66,6 +68,8 @@ for camera in ("near", "far"):
         assert math.isnan(value) and value.severity == 3, (camera, name, value)
         number, severity, status = pva(camera + name)
         assert math.isnan(number) and severity == 3 and status == pva(camera + ":x")[2], (camera, name)
+    assert not put(camera + ":x", 7) and math.isnan(ca(camera + ":x"))
+assert not put("first:x:certainty", 4) and ca("first:x:certainty") == 0
 assert ca("first:x").severity == 0  # the mounts go on
 assert math.isnan(ca("table:loop:error")) and ca("table:loop:error").severity == 3
 context.close()
@@ -74,16 +78,7 @@ context.close()
     assert board.edges() == []
 
 
-LOOP = (
-    CA
-    + """
-async def put(name, value):
-    return (await caput(P + name, value, wait=True, timeout=50, throw=False)).ok
-def do(name, value=1):
-    return asyncio.run(put(name, value))
-ENDED, HOLDING, CORRECTING, CREEPING, WAITING, STOPPED = range(6)
-"""
-)
+LOOP = CA + "ENDED, HOLDING, CORRECTING, CREEPING, WAITING, STOPPED = range(6)\n"
 
 
 def test_without_a_calibration_the_loop_says_so_and_takes_no_control():
@@ -91,13 +86,13 @@ def test_without_a_calibration_the_loop_says_so_and_takes_no_control():
         ioc.run(
             LOOP
             + """
-assert ca("table:loop:state") == ENDED and not do("table:loop.GO")
+assert ca("table:loop:state") == ENDED and not put("table:loop.GO")
 wait_for(lambda: ca("c1:x").severity == 0, "a spot")
-assert do("table:loop.HOLD")
+assert put("table:loop.HOLD")
 wait_for(lambda: ca("table:loop:state") == STOPPED, "the refusal")
 assert ca("table:loop:state").severity == 2 and ca("table:loop.HOLD") == 0
 assert "mirrormount calibrate" in ca("table:loop.WHY$")
-assert do("m1:x.VAL", 1) and ca("m1:x.RBV") == 1
+assert put("m1:x.VAL", 1) and ca("m1:x.RBV") == 1
 """
         )
 
@@ -118,22 +113,22 @@ def test_the_loop_holds_the_beam_stops_and_gives_the_mount_back(tmp_path):
         ioc.run(
             LOOP
             + """
-assert do("m1:x.VAL", 2)  # 1.4 mm off
+assert put("m1:x.VAL", 2)  # 1.4 mm off
 wait_for(lambda: ca("c1:x").severity == 0, "a spot")
-assert do("table:loop.HOLD")
+assert put("table:loop.HOLD")
 wait_for(lambda: ca("table:loop:error") < 100 and ca("table:loop:error").severity == 0, "the beam on its target")
 assert ca("table:loop:angle").severity == 0 and ca("m1:x.SPMG") == 0
-assert not do("m1:x.VAL", 5) and not do("m1:x.SPMG", 3)  # the loop has control
-assert do("m1.STOP")
+assert not put("m1:x.VAL", 5) and not put("m1:x.SPMG", 3)  # the loop has control
+assert put("m1.STOP")
 wait_for(lambda: ca("table:loop:state") == STOPPED, "the stop")
 error = ca("table:loop:error")
 assert math.isnan(error) and error.severity == 3 and ca("table:loop:state").severity == 2
-assert do("table:loop.GO")
+assert put("table:loop.GO")
 wait_for(lambda: ca("table:loop:state") in (HOLDING, CORRECTING, CREEPING), "it to go on")
-assert do("table:loop.HOLD", 0)
+assert put("table:loop.HOLD", 0)
 wait_for(lambda: ca("table:loop:state") == ENDED, "its end")
-assert do("m1:x.SPMG", 3) and do("m1:x.RLV", 1) and ca("m1:x.SEVR") == 0
-assert do("table:loop.HOLD")
+assert put("m1:x.SPMG", 3) and put("m1:x.RLV", 1) and ca("m1:x.SEVR") == 0
+assert put("table:loop.HOLD")
 wait_for(lambda: ca("table:loop:state") == HOLDING, "the loop")
 """
         )
