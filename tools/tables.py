@@ -89,6 +89,16 @@ def mount_fields() -> Rows:
     return _fields(fields.MOUNT)
 
 
+def camera_fields() -> Rows:
+    """The fields of a camera's record."""
+    return _fields(fields.CAMERA)
+
+
+def loop_fields() -> Rows:
+    """The fields of the loop's record."""
+    return _fields(fields.LOOP)
+
+
 def _fields(table: Iterable[fields.Field]) -> Rows:
     yield "field", "by a client", "meaning"
     may = {fields.READ: "read", fields.WRITE: "write", fields.ACT: "order"}
@@ -190,7 +200,7 @@ def bill() -> Rows:
 Maker = Callable[[], Rows] | Callable[[], Iterator[str]]
 WRITTEN: dict[str, tuple[Maker, ...]] = {
     "docs/build.md": (mounts, bill),
-    "docs/control-systems.md": (motor_fields, mount_fields),
+    "docs/control-systems.md": (motor_fields, mount_fields, camera_fields, loop_fields),
     "docs/errors.md": (board_errors, reasons, host_errors),
     "docs/mechanics.md": (profiles,),
     "docs/protocol.md": (settings,),

@@ -22,6 +22,7 @@ from mirrormount.terminal import printable
 from mirrormount_beam.camera import Camera, Controls, Dark, Image, Size, as_bytes, range_of
 from mirrormount_beam.errors import CameraGone
 from mirrormount_beam.scale import Scale
+from mirrormount_beam.selection import WHOLE, Selection
 from mirrormount_beam.spot.find import NoSpot, Spot, find_spot
 
 RATE_HZ = 15.0  # At most so many images in a second: to find a spot takes 6 ms.
@@ -121,6 +122,7 @@ class LiveCamera(LiveView):
     """
 
     controls = Controls(None, None)
+    selection: Selection = WHOLE  # each image has its own
 
     def __init__(
         self, name: str, open_camera: Callable[[], Camera], dark: Dark | None = None, *, retry_s: float = RETRY_S
@@ -134,10 +136,14 @@ class LiveCamera(LiveView):
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._watch, name=f"watch {name}", daemon=True)
 
-    def open(self) -> None:
-        """Open the camera, and watch it. Raises CameraError, BadAddress, CannotOpen."""
-        self._camera = self._open_camera()
-        self.name = self._camera.name
+    def open(self, *, absent: bool = False) -> None:
+        """Open the camera, and watch it. Raises CameraError, BadAddress, CannotOpen.
+
+        absent: begin without one that cannot be opened; it is tried again every two seconds.
+        """
+        if not absent:
+            self._camera = self._open_camera()
+            self.name = self._camera.name
         self._thread.start()
 
     def close(self) -> None:
@@ -203,6 +209,7 @@ class LiveCamera(LiveView):
             try:
                 if camera is None:
                     camera = self._camera = self._open_camera()
+                    self.name = camera.name
                 self._look(camera)
                 self.fail(f"{self.name}: no more pictures")
             except MountError as e:

@@ -4,6 +4,7 @@ cli.py       `mirrormount ioc`: which mounts, who may write
 fields.py    the table of fields: record types, documentation and screen are made of it
 motor.py     what each field of a motor does; pure, without EPICS and without a mount
 mount.py     a supervised mount and its axes as records
+table.py     the cameras of a table and the loop that holds its beam; needs the extra [beam]
 pump.py      the one thread that tells the records what has happened, and gives signs of life
 autosave.py  what a person has set on a record, kept for the next start
 screen.py    a screen for Phoebus

@@ -124,6 +124,21 @@ _OfPut = c.CFUNCTYPE(c.c_long, c.POINTER(_Address), c.c_int)
 _OfType = c.CFUNCTYPE(c.c_int, c.POINTER(_Type))
 
 
+class _Notify(c.Structure):  # a put-callback (dbNotify.h)
+    _fields_ = [
+        ("restart", _Node),
+        ("on_list", c.c_int),
+        ("private", _Pointer),
+        ("status", c.c_int),
+        ("processed", c.c_int),
+        ("request", c.c_int),
+        ("channel", c.POINTER(_Pointer * 2)),  # its name, and the record
+    ]
+
+
+_NOTIFY_ERROR = 2
+
+
 class _Support(c.Structure):
     _fields_ = [
         ("count", c.c_long),
@@ -165,6 +180,7 @@ _NUMBERS = {
 }
 _LINKS = (14, 15, 16)
 _NAME_SIZE = 61
+_EPOCH_S = 631_152_000  # 1990, from which EPICS counts the seconds (epicsTime.h)
 
 # ---- the database
 
@@ -191,6 +207,7 @@ def start_database() -> None:
     ]
     _core.dbGetFieldName.argtypes, _core.dbGetFieldName.restype = [c.POINTER(_Entry)], c.c_char_p
     _core.dbGetFieldDbfType.argtypes = [c.POINTER(_Entry)]
+    ioc.Com.epicsThreadGetNameSelf.restype = c.c_char_p
     ioc.Com.eltc(0)  # what EPICS prints while it starts is of no use to a person
     ioc.iocshRegisterCommon()
     _must("base.dbd", _core.dbLoadDatabase(b"base.dbd", ioc.DEFAULT_DBD_PATH.encode(), None))
@@ -243,10 +260,10 @@ def _as_file(text: str, suffix: str) -> Iterator[bytes]:
         yield os.fsencode(path)
 
 
-def serve(host: str = LOOPBACK, rules: str | None = None) -> None:
-    """Begin to serve Channel Access and PVAccess on one address of this computer. rules: access security, as in a file.
+def serve(host: str = LOOPBACK, rules: str | None = None, *, pva: bool = True) -> None:
+    """Begin to serve Channel Access and PVAccess on one address of this computer.
 
-    Raises EpicsFailed.
+    rules: access security, as in a file. pva: False: without PVAccess. Raises EpicsFailed.
     """
     for name in _LISTEN:
         os.environ.setdefault(name, host)
@@ -255,13 +272,8 @@ def serve(host: str = LOOPBACK, rules: str | None = None) -> None:
             os.environ[beacons], os.environ[automatic] = LOOPBACK, "NO"
     # Run by root, EPICS would lock the stacks of all threads in memory: 325 MB instead of 65.
     c.c_int.in_dll(_core, "dbThreadRealtimeLock").value = 0
-    from setuptools_dso import find_dso
-
-    for library in ("epicscorelibs.lib.pvAccessIOC", "epicscorelibs.lib.qsrv"):
-        c.CDLL(find_dso(library), c.RTLD_GLOBAL)
-    for definitions in (b"PVAServerRegister.dbd", b"qsrv.dbd"):
-        _must("PVAccess", _core.dbLoadDatabase(definitions, _ioc.DEFAULT_DBD_PATH.encode(), None))
-    _must("PVAccess", _ioc.registerRecordDeviceDriver(_ioc.pdbbase))
+    if pva:
+        _load_pvaccess()
     with _as_file(rules or "", ".acf") as name:
         if rules is not None:
             _must("the rules of access", _core.asSetFilename(name))
@@ -270,6 +282,16 @@ def serve(host: str = LOOPBACK, rules: str | None = None) -> None:
         _must("its start (is the file of --acf right?)", status)
     _ioc.Com.errlogFlush()
     _ioc.Com.eltc(1)
+
+
+def _load_pvaccess() -> None:
+    from setuptools_dso import find_dso
+
+    for library in ("epicscorelibs.lib.pvAccessIOC", "epicscorelibs.lib.qsrv"):
+        c.CDLL(find_dso(library), c.RTLD_GLOBAL)
+    for definitions in (b"PVAServerRegister.dbd", b"qsrv.dbd"):
+        _must("PVAccess", _core.dbLoadDatabase(definitions, _ioc.DEFAULT_DBD_PATH.encode(), None))
+    _must("PVAccess", _ioc.registerRecordDeviceDriver(_ioc.pdbbase))
 
 
 @contextlib.contextmanager
@@ -307,6 +329,7 @@ class Record:
         self._address = address
         self._cells: dict[str, Any] = {}
         self._before: Any = None  # the value of the field that is being put
+        self.refused = False  # a put was, and its put-callback is to be told
 
     def __getitem__(self, field: str) -> Any:
         value = self._cell(field).value
@@ -347,6 +370,21 @@ class Record:
     def stamp(self) -> None:
         """The time of what is told is now."""
         _core.recGblGetTimeStamp(self._address)
+
+    def stamp_at(self, unix_s: float) -> None:
+        """The time of what is told is this one, of a record whose .TSE is -2."""
+        at_ns = max(0, round((unix_s - _EPOCH_S) * 1e9))
+        offset = self._kind.layout["TIME"][1]
+        for i, number in enumerate(divmod(at_ns, 10**9)):
+            c.c_uint32.from_address(self._address + offset + 4 * i).value = number
+
+    def fail_callback(self) -> None:
+        """The put-callback that waits for this record, if one does, gets an error when the record is done."""
+        at = _Pointer.from_address(self._address + self._kind.layout["PPN"][1]).value
+        if at is not None:
+            notify = _Notify.from_address(at)
+            if notify.channel and notify.channel.contents[1] == self._address:
+                notify.status = _NOTIFY_ERROR
 
     def blank(self, field: str) -> None:
         """A put comes: until it has been written, a number is one that nobody puts."""
@@ -458,7 +496,11 @@ class RecordType:
 
     def _process(self, address: int) -> int:
         with _told() as fault:
-            self._handlers[address][1].process()
+            record, handler = self._handlers[address]
+            if record.refused:
+                record.refused = False
+                record.fail_callback()
+            handler.process()
         return int(bool(fault))
 
     def _special(self, address: Any, after: int) -> int:
@@ -466,7 +508,11 @@ class RecordType:
             record, handler = self._handlers[address.contents.record]
             field = address.contents.field.contents.name.decode()
             if after:
-                return int(not record.written(field) or not handler.put(field))
+                if not record.written(field):  # EPICS base fails this put by itself
+                    return 1
+                record.refused = not handler.put(field)
+                return int(record.refused and _may_fail())
+            record.refused = False
             record.stamp()
             handler.before(field)
             record.blank(field)
@@ -499,6 +545,16 @@ class RecordType:
         c.c_double.from_address(out).value = high
         c.c_double.from_address(out + 8).value = low
         return 0
+
+
+def _may_fail() -> bool:
+    """May a put that is refused fail in this thread? In that of a client of Channel Access.
+
+    EPICS base's server of PVAccess throws an exception through dbNotify.c then, if the client waits: the record and all
+    put-callbacks stay locked for ever. So its client is told when the record is processed (fail_callback), or by the
+    alarm.
+    """
+    return _ioc.Com.epicsThreadGetNameSelf().startswith(b"CAS-client")
 
 
 def _no_alarms(_address: Any, out: int) -> int:

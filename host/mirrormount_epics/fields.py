@@ -1,4 +1,4 @@
-"""The table of fields of the record types `motor` and `mount`.
+"""The tables of fields of the record types `motor`, `mount`, `camera` and `loop`.
 
 The record types, `mirrormount ioc --list`, docs/control-systems.md and the screen are made of it. The names are those
 of EPICS's motor record (github.com/epics-modules/motor, motorRecord.dbd), so that its clients find what they look for.
@@ -37,6 +37,9 @@ class Field:
         return self.kind in "DF"
 
 
+LOOP_NAME = "table:loop"  # no mount and no camera has a colon in its name
+CAMERA_STATES = ("no picture", "no spot", "spot")
+LOOP_STATES = ("ended", "holding", "correcting", "creeping through the gap", "waiting", "stopped")  # control/events.py
 MENUS = {
     "motorDIR": ("Pos", "Neg"),
     "motorSET": ("Use", "Set"),
@@ -45,6 +48,8 @@ MENUS = {
     "motorUEIP": ("No", "Yes"),
     "motorTORQ": ("Disable", "Enable"),
     "motorCERT": ("unknown", "counted", "homed", "estimated", "measured"),
+    "cameraVAL": CAMERA_STATES,
+    "loopVAL": LOOP_STATES,
 }
 
 
@@ -114,7 +119,7 @@ MOTOR = _rows("""
     TDIR S r | the same for user coordinates
     CERT motorCERT r | how certain the position is (its own record has the alarm)
     WHY S r | the board's reason for the end of the last motion (docs/errors.md)
-    ESTP T120 r | why the last order was refused or ended early; "" if it was not. Longer than 39: as .ESTP$
+    ESTP T240 r | why the last order was refused or ended early; "" if it was not. Longer than 39: as .ESTP$
     VERS F r 7.3 |
     HOPR D r |
     LOPR D r |
@@ -151,8 +156,27 @@ MOUNT = _rows("""
     VAL S r | 1: the board is there
     STOP S a | 1: all motors of this board off, at once
     CONN S r | 1: the board is there
-    MSG T120 r | what has happened last: who has stopped it, why the board is not there
-    IDN T120 r | the board's identity
+    MSG T240 r | what has happened last: who has stopped it, why the board is not there
+    IDN T240 r | the board's identity
+""")
+CAMERA = _rows("""
+    VAL cameraVAL r | what it shows: no picture, no spot, or a spot
+    X D r NaN | the spot's place, px to the right of the centre of the top left pixel; nan if there is none
+    Y D r NaN | the same, downwards
+    SX D r NaN | standard error of X, px
+    SY D r NaN | of Y
+    W D r NaN | standard deviation of the beam along x, px
+    H D r NaN | along y
+    SHAPE D r NaN | the doubt about the place that the shape of the beam leaves, px
+    MSG T240 r | why there is no spot, or no picture
+""")
+LOOP = _rows("""
+    VAL loopVAL r | what it does
+    HOLD S a | 1: hold the beam with the saved calibration; 0: end that, motors off
+    GO S a | 1: go on, of a loop that stands still until a person says so
+    WHY T240 r | why it does that, or does nothing
+    ERR D r NaN | the largest error along x or y in any camera, um; nan if it is not known
+    ANGLE D r NaN | how far the beam's angle is off, urad; nan if it is not known
 """)
 _STOPS = ("STOP",)  # access level 0: --read-only leaves them, for everybody may stop
 
@@ -160,9 +184,10 @@ _STOPS = ("STOP",)  # access level 0: --read-only leaves them, for everybody may
 
 
 def record_types() -> dict[str, str]:
-    """The definitions of both record types, as EPICS reads them (.dbd), by name."""
+    """The definitions of the record types, as EPICS reads them (.dbd), by name; the menus stand in the first."""
     menus = "".join(f"menu({name}){{{_choices(name, words)}}}\n" for name, words in MENUS.items())
-    return {"motor": menus + _record_type("motor", MOTOR), "mount": _record_type("mount", MOUNT)}
+    tables = {"motor": MOTOR, "mount": MOUNT, "camera": CAMERA, "loop": LOOP}
+    return {name: menus * (name == "motor") + _record_type(name, table) for name, table in tables.items()}
 
 
 def _choices(name: str, words: tuple[str, ...]) -> str:
@@ -191,8 +216,28 @@ def _definition(field: Field) -> str:
 
 # ---- records
 
-_ALARM = {"unknown": "MINOR", "estimated": "MINOR"}
-_MBBI = ("ZR", "ON", "TW", "TH", "FR")  # the first states of EPICS's mbbi
+_ALARM = {
+    "unknown": "MINOR",
+    "estimated": "MINOR",
+    "no picture": "INVALID",
+    "no spot": "INVALID",
+    "waiting": "MINOR",
+    "stopped": "MAJOR",
+}
+_MBBI = ("ZR", "ON", "TW", "TH", "FR", "FV")  # the first states of EPICS's mbbi
+_NO_PUTS = 'field(DISP,"1")'  # of any client: what these records show is never what somebody has put
+_LINKED = {  # ordinary records: name, field, unit, digits; nan is the alarm UDF, INVALID of an ai
+    "camera": (
+        ("x", "X", "px", 2),
+        ("y", "Y", "px", 2),
+        ("sigma-x", "SX", "px", 3),
+        ("sigma-y", "SY", "px", 3),
+        ("width", "W", "px", 2),
+        ("height", "H", "px", 2),
+        ("shape", "SHAPE", "px", 2),
+    ),
+    "loop": (("error", "ERR", "um", 1), ("angle", "ANGLE", "urad", 1)),
+}
 
 
 def records(mount: str, axes: tuple[str, ...]) -> str:
@@ -201,20 +246,43 @@ def records(mount: str, axes: tuple[str, ...]) -> str:
     for axis in axes:
         name = f"{mount}:{axis}"
         lines.append(f'record(motor,"{name}"){{field(DESC,"mirror mount, axis {axis}")}}')
-        states = "".join(
-            f'field({state}ST,"{word}")field({state}VL,"{i}")field({state}SV,"{_ALARM.get(word, "NO_ALARM")}")'
-            for i, (state, word) in enumerate(zip(_MBBI, MENUS["motorCERT"], strict=True))
-        )
-        lines.append(f'record(mbbi,"{name}:certainty"){{field(INP,"{name}.CERT CP"){states}}}')
+        lines.append(_states(f"{name}:certainty", f"{name}.CERT", MENUS["motorCERT"]))
     return "\n".join(lines) + "\n"
 
 
-def listed(mounts: dict[str, tuple[str, ...]]) -> Iterator[str]:
-    """Lines that tell every record and field. mounts: names with their prefix, and their axes."""
+def linked_records(kind: str, name: str) -> str:
+    """The record of a camera or of the loop, and ordinary ones of its fields. kind: its record type."""
+    device_time = 'field(TSE,"-2")'  # the time that is set on the record, which is that of an image's exposure
+    lines = [f'record({kind},"{name}"){{{device_time * (kind == "camera")}}}']
+    lines.append(_states(f"{name}:state", f"{name}.VAL", MENUS[f"{kind}VAL"]))
+    for label, field, unit, digits in _LINKED[kind]:
+        rest = f'{_NO_PUTS}field(EGU,"{unit}")field(PREC,"{digits}"){device_time}'
+        lines.append(f'record(ai,"{name}:{label}"){{field(INP,"{name}.{field} CP"){rest}}}')
+    return "\n".join(lines) + "\n"
+
+
+def _states(name: str, source: str, words: tuple[str, ...]) -> str:
+    states = "".join(
+        f'field({state}ST,"{word}")field({state}VL,"{i}")field({state}SV,"{_ALARM.get(word, "NO_ALARM")}")'
+        for i, (state, word) in enumerate(zip(_MBBI, words, strict=False))
+    )
+    return f'record(mbbi,"{name}"){{field(INP,"{source} CP"){_NO_PUTS}{states}}}'
+
+
+def listed(mounts: dict[str, tuple[str, ...]], linked: dict[str, str]) -> Iterator[str]:
+    """Lines that tell every record and field.
+
+    mounts: names with their prefix, and their axes. linked: names of cameras and of the loop, and their record types.
+    """
     for mount, axes in mounts.items():
         yield f"{mount}  a mount"
         yield from (f"{mount}:{axis}  a motor; its position's certainty is {mount}:{axis}:certainty" for axis in axes)
-    for title, table in (("of a motor", MOTOR), ("of a mount", MOUNT)):
+    for name, kind in linked.items():
+        labels = ", ".join(f"{name}:{label}" for label in ("state", *(row[0] for row in _LINKED[kind])))
+        yield f"{name}  a {kind}; as ordinary records: {labels}"
+    tables = {"motor": MOTOR, "mount": MOUNT}
+    tables |= {kind: table for kind, table in (("camera", CAMERA), ("loop", LOOP)) if kind in linked.values()}
+    for title, table in ((f"of a {kind}", table) for kind, table in tables.items()):
         yield f"fields {title} (r: read, w: write, a: act):"
         yield from (f"  .{field.name:<5}{field.access}  {field.what}" for field in table if field.what)
         only = [field.name for field in table if not field.what]

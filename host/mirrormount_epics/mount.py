@@ -21,7 +21,6 @@ from mirrormount_epics.motor import COMM, INVALID, NO_ALARM, Axis, Motor, Setup
 from mirrormount_epics.pump import Pump
 from mountfw import codes as wire
 
-PATIENCE_S = 1.0  # One pump feeds many mounts.
 _CHECKED = 8  # the bit of `checking` for soft limits
 _CERTAINTY: list[str] = list(wire.CERTAINTY)
 
@@ -172,7 +171,7 @@ class Board:
         self._known: tuple[Settings, object] | None = None  # the settings and scales that the records show
         self._latest: Status | None = None
         self._told = self._gone = self._arriving = False
-        self.program: Program = supervisor.join("EPICS", self._on_loss, patience_s=PATIENCE_S)
+        self.program: Program = supervisor.join("EPICS", self._on_loss)
         for record in records:
             record.board = self
         pump.often.append(self._beat)

@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable
 
 BEAT_S = 0.1
+PATIENCE_S = 1.0  # of the mounts with this thread, which feeds many of them, and with the loop beside it
 _SLOW_S = 1.0
 
 _log = logging.getLogger("mirrormount.epics")
@@ -20,6 +21,7 @@ class Pump:
 
     def __init__(self) -> None:
         self._events: queue.SimpleQueue[Callable[[], object]] = queue.SimpleQueue()
+        self.beats = 0  # counts while this thread does not hang
         self.often: list[Callable[[], object]] = []
         self.seldom: list[Callable[[], object]] = []
 
@@ -40,6 +42,7 @@ class Pump:
             now_s = time.monotonic()
             if now_s >= beat_s:
                 beat_s = now_s + BEAT_S
+                self.beats += 1
                 self._call(*self.often)
             if now_s >= slow_s:
                 slow_s = now_s + _SLOW_S

@@ -1,4 +1,7 @@
-"""A screen for Phoebus (.bob) with the records of `mirrormount ioc`: a row for each motor, a STOP for each mount."""
+"""A screen for Phoebus (.bob) with the records of `mirrormount ioc`.
+
+A row for each motor, each camera and the loop; a STOP for each mount.
+"""
 
 from collections.abc import Iterator, Mapping
 from xml.sax.saxutils import escape
@@ -18,11 +21,33 @@ _COLUMNS = (
     ("textupdate", "CERT", 725, 90),
     ("textupdate", "ESTP$", 820, 400),
 )
-_LABELS = {"TWR": "<", "TWF": ">", "STOP": "STOP"}
+_LABELS = {"TWR": "<", "TWF": ">", "STOP": "STOP", "GO": "GO"}
+# the same of a camera's and of the loop's row
+_LINKED_COLUMNS = {
+    "camera": (
+        ("textupdate", "VAL", 150, 150),
+        ("textupdate", "X", 305, 90),
+        ("textupdate", "Y", 400, 90),
+        ("textupdate", "SX", 495, 90),
+        ("textupdate", "SY", 590, 90),
+        ("textupdate", "MSG$", 690, 530),
+    ),
+    "loop": (
+        ("textupdate", "VAL", 150, 150),
+        ("checkbox", "HOLD", 305, 100),
+        ("action", "GO", 415, 40),
+        ("textupdate", "ERR", 465, 90),
+        ("textupdate", "ANGLE", 560, 90),
+        ("textupdate", "WHY$", 660, 560),
+    ),
+}
 
 
-def screen(mounts: Mapping[str, tuple[str, ...]]) -> str:
-    """The screen, as XML. mounts: names of the mount records with their prefix, and their axes."""
+def screen(mounts: Mapping[str, tuple[str, ...]], linked: Mapping[str, str]) -> str:
+    """The screen, as XML. mounts: names of the mount records with their prefix, and their axes.
+
+    linked: names of cameras and of the loop, and their record types.
+    """
     widgets, y = [], 10
     for mount, axes in mounts.items():
         widgets += [
@@ -33,8 +58,11 @@ def screen(mounts: Mapping[str, tuple[str, ...]]) -> str:
         ]
         for axis in axes:
             y += _ROW_PX
-            widgets += [_widget("label", axis, _LEFT_PX + 20, y, 110, text=axis), *_row(f"{mount}:{axis}", y)]
+            widgets += [_widget("label", axis, _LEFT_PX + 20, y, 110, text=axis), *_row(f"{mount}:{axis}", _COLUMNS, y)]
         y += _ROW_PX * 3 // 2
+    for name, kind in linked.items():
+        widgets += [_widget("label", name, _LEFT_PX, y, 130, text=name), *_row(name, _LINKED_COLUMNS[kind], y)]
+        y += _ROW_PX
     body = "\n".join(widgets)
     return (
         '<?xml version="1.0" encoding="UTF-8"?>\n<display version="2.0.0">\n<name>mirror mounts</name>\n'
@@ -42,12 +70,13 @@ def screen(mounts: Mapping[str, tuple[str, ...]]) -> str:
     )
 
 
-def _row(motor: str, y: int) -> Iterator[str]:
-    for kind, field, x, width in _COLUMNS:
-        pv = f"{motor}.{field}"
-        yield (
-            _button(_LABELS[field], pv, x, y, width) if kind == "action" else _widget(kind, pv, x, y, width, pv_name=pv)
-        )
+def _row(record: str, columns: tuple[tuple[str, str, int, int], ...], y: int) -> Iterator[str]:
+    for kind, field, x, width in columns:
+        pv = f"{record}.{field}"
+        if kind == "action":
+            yield _button(_LABELS[field], pv, x, y, width)
+        else:
+            yield _widget(kind, pv, x, y, width, pv_name=pv, **({"label": field} if kind == "checkbox" else {}))
 
 
 def _widget(kind: str, name: str, x: int, y: int, width: int, inner: str = "", **texts: str) -> str:

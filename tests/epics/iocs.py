@@ -40,14 +40,16 @@ def free_port() -> int:
 
 
 class Ioc:
-    """A `mirrormount ioc` process. Use `with`. environment: by which clients find it."""
+    """A `mirrormount ioc` process. Use `with`. environment: by which clients find it. program: what runs it."""
 
-    def __init__(self, *words: str, environment: dict[str, str] | None = None) -> None:
+    def __init__(
+        self, *words: str, environment: dict[str, str] | None = None, program: tuple[str, ...] = ("-m", "mirrormount")
+    ) -> None:
         ports = ("EPICS_CA_SERVER_PORT", "EPICS_CA_REPEATER_PORT", "EPICS_PVA_SERVER_PORT", "EPICS_PVA_BROADCAST_PORT")
         hosts = {f"EPICS_{protocol}_ADDR_LIST": "127.0.0.1" for protocol in ("CA", "PVA")}
         automatic = {f"EPICS_{protocol}_AUTO_ADDR_LIST": "NO" for protocol in ("CA", "PVA")}
         self.environment = environment or {**hosts, **automatic, **{name: str(free_port()) for name in ports}}
-        command = [sys.executable, "-m", "mirrormount", "ioc", *words, "--prefix", PREFIX]
+        command = [sys.executable, *program, "ioc", *words, "--prefix", PREFIX]
         self.process = subprocess.Popen(
             command, env=os.environ | self.environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
         )

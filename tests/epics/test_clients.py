@@ -177,7 +177,7 @@ RE(read())
 
 def test_a_raw_client_of_pvaccess_puts_and_monitors(ioc, board):
     ioc.run("""
-        from p4p.client.thread import Context
+        from p4p.client.thread import Context, RemoteError
         context = Context("pva")
         seen = []
         subscription = context.monitor(P + "m1:x.DMOV", lambda value: seen.append(int(value)))
@@ -185,15 +185,20 @@ def test_a_raw_client_of_pvaccess_puts_and_monitors(ioc, board):
         context.put(P + "m1:x.VAL", 2.0, wait=True, timeout=30)
         assert float(context.get(P + "m1:x.RBV")) == 2.0
         wait_for(lambda: seen == [1, 0, 1], f"done, not done, done: {seen}")
-        try:
-            context.put(P + "m1:x.VAL", 1e9, wait=True, timeout=30)
-        except Exception as e:
-            print(type(e).__name__)
-        else:
-            raise AssertionError("beyond the limits")
+        subscription.close()
+        def refused(field, value):
+            try:
+                context.put(P + "m1:x." + field, value, wait=True, timeout=30)
+            except RemoteError:
+                return True
+        assert refused("VAL", 1e9) and refused("RLV", float("nan"))
+        context.put(P + "m1:x.HLM", float("nan"), wait=True, timeout=30)  # no order: nothing waits for it
+        assert float(context.get(P + "m1:x.HLM")) > 2
+        context.put(P + "m1:x.VAL", 1.0, wait=True, timeout=30)  # it is not locked
+        assert float(context.get(P + "m1:x.RBV")) == 1.0 and int(context.get(P + "m1:x.SEVR")) == 0
         context.close()
     """)
-    assert pulses(board) == 2
+    assert pulses(board) == 2 + 1
 
 
 def test_a_move_of_two_clients_at_once_is_two_moves_in_turn(ioc, board):
@@ -288,7 +293,7 @@ def test_the_command_stop_latches_and_nothing_moves_before_go(ioc, board, drives
             event("refused")
             assert not await refused("SPMG", 3)
             event("gone on")
-            assert not await refused("VAL", 0)
+            assert not await refused("VAL", 3)
         asyncio.run(main())
     """)
     client.until("moving")
@@ -304,3 +309,33 @@ def test_the_command_stop_latches_and_nothing_moves_before_go(ioc, board, drives
     client.go_on()
     client.end()
     assert len(board.edges()) > edges
+
+
+@pytest.mark.full
+def test_a_thousand_monitors_of_one_client_all_get_all_that_is_told(ioc, board):
+    """Fifty of each field that a move changes."""
+    ioc.run("""
+        import epics
+        moved = ("RBV", "DRBV", "RRBV", "DMOV", "MOVN", "MIP", "DIFF", "RDIF", "VAL", "DVAL")
+        names = [P + axis + field for axis in ("m1:x.", "m1:y.") for field in moved]
+        seen, subscriptions = {}, []
+        for name in names:
+            chid = epics.ca.create_channel(name)
+            assert epics.ca.connect_channel(chid, timeout=30)
+            for i in range(50):
+                told = seen[name, i] = []
+                got = lambda value=None, told=told, **_: told.append(value)
+                subscriptions.append(epics.ca.create_subscription(chid, callback=got))
+        assert len(subscriptions) == 1000
+        wait_for(lambda: all(seen.values()), "the first value of each")
+        assert epics.caput(P + "m1:x.VAL", 5, wait=True, timeout=50) == 1
+        assert epics.caput(P + "m1:y.VAL", -5, wait=True, timeout=50) == 1
+        last = {name: epics.caget(name) for name in names}
+        wait_for(lambda: all(told[-1] == last[name] for (name, _), told in seen.items()), "the last value of each")
+        for name in names:
+            assert all(seen[name, i] == seen[name, 0] for i in range(50)), name
+        assert seen[P + "m1:x.RBV", 0][-1] == 5 and set(range(6)) <= set(seen[P + "m1:x.RBV", 0])
+        assert seen[P + "m1:y.RBV", 0][-1] == -5 and set(range(-5, 1)) <= set(seen[P + "m1:y.RBV", 0])
+        print("all", sum(map(len, seen.values())))
+    """)
+    assert pulses(board) == pulses(board, "m1_en") == 5

@@ -1,4 +1,12 @@
-"""Startup file of bluesky-queueserver: the motors of `mirrormount ioc --prefix LAB:`."""
+"""Startup file of bluesky-queueserver: the motors of `mirrormount ioc --prefix LAB:`.
+
+redis-server --bind 127.0.0.1
+mirrormount ioc --prefix LAB:
+start-re-manager --startup-dir docs/examples/queueserver    # writes a list of plans and devices there
+qserver environment open
+qserver queue add plan '{"name": "mv", "args": ["m1_x", 2]}'
+qserver queue start
+"""
 
 from bluesky import RunEngine
 from bluesky.plan_stubs import mv  # noqa: F401

@@ -263,13 +263,13 @@ def web_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--no-browser", dest="browser", action="store_false", help="do not open the browser")
 
 
-def patience_option(parser: argparse.ArgumentParser, whose: str) -> None:
+def patience_option(parser: argparse.ArgumentParser, whose: str, default_s: float = PATIENCE_S) -> None:
     """--patience: after which silence of a client its motion is stopped; patience_of() reads it."""
     parser.add_argument(
         "--patience",
-        default=f"{PATIENCE_S:g}",
+        default=f"{default_s:g}",
         metavar="S",
-        help=f"stop what {whose} drives when it is silent for so long ({PATIENCE_S:g})",
+        help=f"stop what {whose} drives when it is silent for so long ({default_s:g})",
     )
 
 
