@@ -28,6 +28,7 @@ _REVERSALS = 3  # So many reversals of each direction measure the gaps.
 _EDGE_PX = 40.0  # The spot stays so far from the picture's edges.
 _ALONG_PX = 3.0  # A spot that comes nearer to an edge by less than this goes along it.
 _AT_EDGE = (NoSpotReason.EDGE, NoSpotReason.REGION, NoSpotReason.MASK, NoSpotReason.NOTHING)
+_STEP_SCATTER = 0.03  # The least scatter of a pulse, relative to its way: a few pulses may happen to be alike.
 _MOVED = 0.15  # The screw follows if the spot moves by this part of a step's way.
 _ROOM_UM = 2000.0  # Larger errors are made smaller before the calibration: the spot needs room.
 # This part of such an error is corrected at a time, and at most so often: few steps were measured by then.
@@ -97,7 +98,7 @@ class Calibration:
         self.gaps = [Gap(each) for each in widths]
         for gap, way in zip(self.gaps, self._way, strict=True):
             gap.followed(way)
-        curve = self._curve(matrices)
+        curve = self._curve(matrices, noise)
         self._tell(1.0, "done")
         return Response(
             matrices,
@@ -315,38 +316,58 @@ class Calibration:
 
     # ---- short pulses
 
-    def _curve(self, matrices: Mapping[int, Matrix]) -> Curve:
+    def _curve(self, matrices: Mapping[int, Matrix], noise: Matrix) -> Curve:
         """Pulses of each length on both axes of a mount at once, in the ways of their last contact."""
         n = len(self.table.actuators)
-        shares: list[list[float]] = [[] for _ in _CURVE]
+        ways: list[list[Vector]] = [[] for _ in _CURVE]  # for each length and actuator, those of its pulses
+        unsure: list[list[float]] = [[] for _ in _CURVE]  # the variance of one way by the images' noise
         for first in range(0, n, 2):
             pair = [i for i in (first, first + 1) if i < n]
+            inverse = np.linalg.pinv(np.array([matrices[self._way[i]][:, i] * self._way[i] for i in pair]).T)
+            by_noise = np.diag(inverse @ (2 * noise / FRAMES) @ inverse.T)
             for k, (part, count) in enumerate(_CURVE):
                 done = 0.65 + 0.35 * (first + 2 * k / len(_CURVE)) / n
                 self._tell(done, f"pulses of {part:g} of a step")
-                shares[k] += self._pulses(pair, part, count, matrices)
+                ways[k] += list(inverse @ self._pulses(pair, part, count).T)
+                unsure[k] += list(by_noise)
         step_us = float(np.mean([actuator.step_us for actuator in self.table.actuators]))
         us = [part * step_us for part, _ in _CURVE]
-        steps = [float(np.mean(each)) for each in shares]
-        errors = [float(np.std(each, ddof=1)) / math.sqrt(len(each)) if len(each) > 1 else math.nan for each in shares]
-        return _monotone(us, steps, errors, step_us)
+        means = np.array([[each.mean() for each in found] for found in ways])
+        variances = [
+            float(np.mean([each.var(ddof=1) for each in found])) - float(np.mean(by_noise))
+            for found, by_noise in zip(ways, unsure, strict=True)
+        ]
+        errors = means.std(axis=1, ddof=1) / math.sqrt(n) if n > 1 else np.full(len(us), math.nan)
+        return _monotone(us, list(means.mean(axis=1)), [*variances, self._step_variance()], list(errors), step_us)
 
-    def _pulses(self, pair: list[int], part: float, count: int, matrices: Mapping[int, Matrix]) -> list[float]:
-        """The mean way of a pulse of each actuator of the pair, in steps."""
-        before = self._seen(2 * FRAMES)
+    def _pulses(self, pair: list[int], part: float, count: int) -> Matrix:
+        """What each of so many pulses of all actuators of the pair changes the errors by, (count, errors), um."""
+        places = [self._seen(FRAMES).errors_um]
         for _ in range(count):
             self.mover.measure_pulses({i: self._way[i] * round(self.table.actuators[i].step_us * part) for i in pair})
-        after = self._seen(2 * FRAMES)
-        columns = np.array([matrices[self._way[i]][:, i] * self._way[i] for i in pair]).T
-        driven, *_ = np.linalg.lstsq(columns, after.errors_um - before.errors_um, rcond=None)
-        return [float(way) / count for way in driven]
+            places.append(self._seen(FRAMES).errors_um)
+        return np.diff(np.array(places), axis=0)
+
+    def _step_variance(self) -> float:
+        """Of the way of a step, in squares of steps: of all actuators and ways together."""
+        squares = free = 0.0
+        for each in self._steps:
+            for way in WAYS:
+                steps = np.array(each[way])
+                column = steps.mean(axis=0)
+                off = steps @ column / float(column @ column) - 1
+                squares, free = squares + float(off @ off), free + len(steps) - 1
+        return squares / free if free else _STEP_SCATTER**2
 
 
-def _monotone(us: list[float], steps: list[float], errors: list[float], step_us: float) -> Curve:
+def _monotone(
+    us: list[float], steps: list[float], variances: list[float], errors: list[float], step_us: float
+) -> Curve:
     """A rising curve that ends in a step: a way that is not above noise or the one before is put between its next."""
     us, steps, errors = [*us, step_us], [*steps, 1.0], [*errors, 0.0]
     for k in range(len(us) - 2, -1, -1):
-        most = steps[k + 1] * 0.95 * us[k] / us[k + 1]  # a motor that spins up covers less than in proportion
-        least = steps[k + 1] * (us[k] / us[k + 1]) ** 3
+        # A motor that spins up covers less than in proportion; one that coasts, more.
+        least, most = (steps[k + 1] * (us[k] / us[k + 1]) ** power for power in (3.0, 0.5))
         steps[k] = min(max(steps[k], least), most)
-    return Curve(tuple(us), tuple(steps), tuple(errors))
+    scatter = [max(math.sqrt(max(v, 0.0)), _STEP_SCATTER * way) for v, way in zip(variances, steps, strict=True)]
+    return Curve(tuple(us), tuple(steps), tuple(scatter), tuple(errors))

@@ -239,9 +239,7 @@ class Mover:
             if us:
                 parts[i] = way * us
             part = response.pulse_steps(i, way, us) if us else 0.0
-            scatter = math.hypot(math.sqrt(n) * response.scatter(self.table.actuators[i].step_us), 0.0)
-            scatter = math.hypot(scatter, part * response.scatter(us)) if us else scatter
-            made[i] = way * (n + part), scatter
+            made[i] = way * (n + part), response.scatter(us, n)
             length = way * (n * self.table.actuators[i].step_us + us)
             self._tell(i, length, (purposes or {}).get(i, CORRECT))
         self.steps(whole)
@@ -390,7 +388,7 @@ class Controller:
         for i, creep in self._creeps(in_gap, planned).items():
             way = _way(planned[i])
             size = float(np.linalg.norm(self.response.column(i, way)))
-            scatter = self.response.scatter(self.table.actuators[i].step_us)
+            scatter = self.response.scatter(0, 1)
             free = self.gaps[i].free(way, self.creep.mean_um / size, self.creep.most_um / size, scatter)
             if creep or free >= _LEAST_FREE:
                 travels[i] = way * (free + creep)

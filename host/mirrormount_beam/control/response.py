@@ -24,20 +24,23 @@ from mirrormount_beam.errors import ResponseOfOther
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 WAYS = (1, -1)
-_FORMAT = 1
+_FORMAT = 2
 _DAMPING = 0.3  # of an update of the matrix
-_SHORT_DAMPING = 0.05  # of the factor of short pulses, which scatter by a quarter
+_SHORT_DAMPING = 0.05  # of the factor of short pulses, which scatter
 _MOST_SHORT = 3.0  # of that factor, either way
-_SCATTER = 0.06  # of a step, relative; of a pulse of length 0 by _SHORT_SCATTER more, fading with _SHORT_S
-_SHORT_SCATTER, _SHORT_S = 0.25, 0.02
 
 
 @dataclass(frozen=True)
 class Curve:
-    """How far a pulse turns the shaft: lengths in us, rising, and steps; the last one is a step. errors: standard."""
+    """How far a pulse moves the screw: lengths in us, rising, and steps; the last one is a step.
+
+    scatter: standard deviation of one pulse's way, in steps. It does not go to 0 with the length: the tip of a screw
+    sticks and slips. errors: standard errors of steps.
+    """
 
     us: tuple[float, ...]
     steps: tuple[float, ...]
+    scatter: tuple[float, ...]
     errors: tuple[float, ...] = ()
 
     def steps_of(self, us: float) -> float:
@@ -47,6 +50,10 @@ class Curve:
     def us_of(self, steps: float) -> float:
         """The length of a pulse for a part of a step."""
         return math.exp(_line(math.log(steps), np.log(self.steps), np.log(self.us)))
+
+    def scatter_of(self, us: float) -> float:
+        """The standard deviation of the way of a pulse up to a step's length, in steps."""
+        return float(np.interp(math.log(us), np.log(self.us), self.scatter))
 
 
 @dataclass
@@ -99,9 +106,10 @@ class Response:
         plain = self.curve.steps_of(us)
         return plain * self._factor(actuator, way, plain)
 
-    def scatter(self, us: float) -> float:
-        """The relative scatter of a pulse's way."""
-        return _SCATTER + _SHORT_SCATTER * math.exp(-us * 1e-6 / _SHORT_S)
+    def scatter(self, us: float, whole: int = 0) -> float:
+        """The standard deviation, in steps, of the way of so many whole steps and a pulse of this length (0: none)."""
+        short = self.curve.scatter_of(us) if us else 0.0
+        return math.hypot(math.sqrt(whole) * self.curve.scatter[-1], short)
 
     @property
     def change(self) -> float:
@@ -149,6 +157,7 @@ class Response:
             "curve": {
                 "us": list(self.curve.us),
                 "steps": list(self.curve.steps),
+                "scatter_steps": list(self.curve.scatter),
                 "error_steps": list(self.curve.errors),
             },
             "short_pulses": [{str(way): value for way, value in each.items()} for each in self.short],
@@ -165,7 +174,7 @@ class Response:
         response = cls(
             matrices=_ways(data["um_for_a_step"]),
             matrix_errors=_ways(data["um_for_a_step_error"]),
-            curve=Curve(tuple(curve["us"]), tuple(curve["steps"]), tuple(curve["error_steps"])),
+            curve=Curve(*(tuple(curve[name]) for name in ("us", "steps", "scatter_steps", "error_steps"))),
             widths=[{int(way): Width(*w) for way, w in each.items()} for each in data["gap_steps"]],
             noise_um=np.array(data["noise_um2"], dtype=float),
             belongs=data["belongs"],
