@@ -26,8 +26,20 @@ Matrix = NDArray[np.float64]
 WAYS = (1, -1)
 _FORMAT = 2
 _DAMPING = 0.3  # of an update of the matrix
+SHORTEST_US = 5000  # A shorter pulse does not always move a rough motor.
 _SHORT_DAMPING = 0.05  # of the factor of short pulses, which scatter
 _MOST_SHORT = 3.0  # of that factor, either way
+
+
+@dataclass(frozen=True, slots=True)
+class Travel:
+    """A way of a shaft: |whole| steps and a pulse of us (0: none). steps: what is expected, ± scatter."""
+
+    way: int
+    whole: int
+    us: int
+    steps: float
+    scatter: float
 
 
 @dataclass(frozen=True)
@@ -96,20 +108,16 @@ class Response:
         """The change of all errors by steps of the screws, um."""
         return self.columns(steps) @ steps
 
-    def pulse_us(self, actuator: int, way: int, steps: float, shortest_us: float) -> int:
-        """The length of the pulse for a part of a step (0 … 1), at least the shortest one."""
-        wanted = min(steps / self._factor(actuator, way, steps), 1.0)
-        return round(max(self.curve.us_of(max(wanted, 1e-6)), shortest_us))
-
-    def pulse_steps(self, actuator: int, way: int, us: float) -> float:
-        """The way of a pulse up to a step's length."""
-        plain = self.curve.steps_of(us)
-        return plain * self._factor(actuator, way, plain)
-
-    def scatter(self, us: float, whole: int = 0) -> float:
-        """The standard deviation, in steps, of the way of so many whole steps and a pulse of this length (0: none)."""
+    def travel(self, actuator: int, steps: float) -> Travel:
+        """How to turn a shaft by steps (signed). A way of less than the shortest pulse's is made that long."""
+        way = 1 if steps > 0 else -1
+        whole = int(abs(steps))
+        us = self._pulse_us(actuator, way, abs(steps) - whole)
+        if whole and us <= SHORTEST_US:
+            us = 0
+        part = self._pulse_steps(actuator, way, us) if us else 0.0
         short = self.curve.scatter_of(us) if us else 0.0
-        return math.hypot(math.sqrt(whole) * self.curve.scatter[-1], short)
+        return Travel(way, whole, us, whole + part, math.hypot(math.sqrt(whole) * self.curve.scatter[-1], short))
 
     @property
     def change(self) -> float:
@@ -132,6 +140,18 @@ class Response:
         update = trust * np.outer(changed_um - expected, weights * np.sign(steps)) / inner
         for actuator in np.flatnonzero(steps):
             self.matrices[1 if steps[actuator] > 0 else -1][:, actuator] += update[:, actuator] * min(1.0, inner)
+
+    def _pulse_us(self, actuator: int, way: int, steps: float) -> int:
+        """The length of the pulse for a part of a step (0 … 1): 0, or at least the shortest one."""
+        if not steps:
+            return 0
+        wanted = min(steps / self._factor(actuator, way, steps), 1.0)
+        return round(max(self.curve.us_of(max(wanted, 1e-6)), SHORTEST_US))
+
+    def _pulse_steps(self, actuator: int, way: int, us: int) -> float:
+        """The way of a pulse up to a step's length."""
+        plain = self.curve.steps_of(us)
+        return plain * self._factor(actuator, way, plain)
 
     def refine_short(self, actuator: int, way: int, ratio: float, weight: float) -> None:
         """A short pulse went `ratio` times as far as expected; weight (0 … 1): how well that is known."""
