@@ -27,8 +27,6 @@ from mirrormount_beam.observe import Fault, Misses, Observation, Observer
 _TIKHONOV = 0.03  # The damping of the least squares, relative to the largest singular value of the response.
 _MOST_STEPS = 15.0  # One correction moves an actuator by no more steps.
 _LEAST_STEPS = 0.003  # A correction of fewer steps is not driven.
-# This part of a pulse's scatter counts as cost: the next correction undoes some of what the pulse did too much.
-_SCATTER_COST = 0.5
 _POLL_S, _SOON_S = 0.03, 0.01
 _REST_S = 0.05  # The motor rests so long after each pulse.
 _LONG_US = 100_000  # The spot is watched during motions that are longer.
@@ -121,10 +119,15 @@ class SpotLostMoving(Exception):
 
 @dataclass(frozen=True)
 class Prices:
-    """What a move must save at least, in um² of the sum of squares: a pulse, and crossing a whole gap."""
+    """What a move must save at least, in um² of the sum of squares: a pulse, and crossing a whole gap.
+
+    scatter: this part of the variance of the pulses' ways counts, too. The next correction undoes some of what a pulse
+    did too much, so it is not the whole.
+    """
 
     pulse_um2: float
     gap_um2: float
+    scatter: float = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,23 +167,24 @@ def plan_correction(
                 continue
             if contact_only and not all(gaps[i].in_contact(1 if steps[i] > 0 else -1) for i in chosen):
                 continue
-            cost = _expected_cost(errors_um, response, steps, chosen, weight) + _price(steps, chosen, gaps, prices)
+            left, variance = _expected(errors_um, response, steps, chosen, weight)
+            cost = left + prices.scatter * variance + _price(steps, chosen, gaps, prices)
             if cost < least:
                 best, least = steps, cost
     return Plan(best)
 
 
-def _expected_cost(
+def _expected(
     errors_um: Vector, response: Response, steps: Vector, chosen: Sequence[int], weight: Matrix
-) -> float:
-    """The sum of squares that is to be expected after the pulses for these steps, which scatter."""
-    left, scatter = errors_um.copy(), 0.0
+) -> tuple[float, float]:
+    """The sum of squares that the mean ways of the pulses for these steps leave, and what their scatter adds."""
+    left, variance = errors_um.copy(), 0.0
     for i in chosen:
         travel = response.travel(i, float(steps[i]))
         column = response.column(i, travel.way)
         left += column * travel.way * travel.steps
-        scatter += travel.scatter**2 * float(column @ weight @ column)
-    return float(left @ weight @ left) + _SCATTER_COST * scatter
+        variance += travel.scatter**2 * float(column @ weight @ column)
+    return float(left @ weight @ left), variance
 
 
 def needed_steps(errors_um: Vector, response: Response) -> Vector:

@@ -47,7 +47,7 @@ _DECIDING_FRAMES = 6  # Images of the observations by which an alignment decides
 # of WITHIN_UM, at which it ends, up to so many corrections; the rest is for noise and the beam's tremble
 _AIMS = ((8, 0.6), (math.inf, 0.85))
 _HELPED = 0.5  # Corrections by a true calibration leave at most this part of the first error.
-_ALIGN_PRICES, _AT_ANY_PRICE = Prices(pulse_um2=9.0, gap_um2=80.0), Prices(pulse_um2=0.0, gap_um2=0.0)
+_ALIGN_PRICES, _AT_ANY_PRICE = Prices(pulse_um2=9.0, gap_um2=80.0), Prices(pulse_um2=0.0, gap_um2=0.0, scatter=0.0)
 PERIOD_S = 0.4  # The time between two observations at rest.
 RMS_URAD, MOST_UM = 9.0, 80.0  # The goal of a hold: the rms of the beam's angle, and the largest error on any camera.
 _HOLD_PRICES = Prices(pulse_um2=50.0, gap_um2=150.0)
