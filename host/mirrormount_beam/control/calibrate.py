@@ -13,13 +13,16 @@ from mirrormount_beam.control.backlash import Gap, Width
 from mirrormount_beam.control.controller import Mover, SpotLostMoving
 from mirrormount_beam.control.events import CALIBRATING, Listen, Progress, StateChanged, silent
 from mirrormount_beam.control.interfaces import LoopTable
+from mirrormount_beam.control.promise import promise_of
 from mirrormount_beam.control.response import WAYS, Curve, Matrix, Response, Vector, belongs_to
 from mirrormount_beam.errors import NotControllable, SpotLost
 from mirrormount_beam.observe import Observation, Observer
 from mirrormount_beam.spot.find import NoSpotReason
 
 FRAMES = 2  # Images of an observation between two steps.
-_QUIET = 24  # So many observations at rest tell the noise.
+# So long the spots are observed at rest; images that are so far apart tell the drift.
+_AT_REST_S, _DRIFT_S = 10.0, 0.5
+_LEAST_DRIFT_UM2_S = 0.5
 # lengths of pulses in parts of a step, and how many of each: the sum is some steps
 _CURVE = ((0.025, 10), (0.04, 8), (0.065, 6), (0.12, 5), (0.25, 3), (0.5, 2))
 RUN = 6  # So many steps measure one column of the response.
@@ -69,6 +72,7 @@ class Calibration:
         self._steps: list[dict[int, list[Vector]]] = []
         self._widths: list[dict[int, list[tuple[int, Vector]]]] = []
         self._way = [0] * len(table.actuators)
+        self._out = 0
 
     def run(self) -> Response:
         """Measure. Motors are off at the end, however it comes.
@@ -85,7 +89,7 @@ class Calibration:
 
     def _run(self) -> Response:
         n = len(self.table.actuators)
-        noise = self._noise()
+        noise, drift, frame_s = self._at_rest()
         for i in range(n):
             self._tell(0.05 + 0.5 * i / n, f"{self.table.actuators[i].name}: steps")
             self._measure_steps(i)
@@ -99,16 +103,19 @@ class Calibration:
         for gap, way in zip(self.gaps, self._way, strict=True):
             gap.followed(way)
         curve = self._curve(matrices, noise)
-        self._tell(1.0, "done")
-        return Response(
+        self._tell(1.0, "what this table will hold")
+        response = Response(
             matrices,
             errors,
             curve,
             widths,
             noise,
+            drift,
             belongs_to(self.table),
             datetime.datetime.now().astimezone().isoformat(timespec="seconds"),
         )
+        response.promise = promise_of(response, self.table.cameras, frame_s)
+        return response
 
     def _tell(self, done: float, what: str) -> None:
         """How far it is."""
@@ -131,22 +138,31 @@ class Calibration:
         except AtEdge as e:
             raise SpotLost(str(e)) from None
 
-    def _noise(self) -> Matrix:
-        """The covariance of an image's errors, by differences of successive images: what drifts falls out."""
-        self._tell(0.0, "noise of the spots")
-        places = np.array([self._seen(1).errors_um for _ in range(_QUIET)])
-        d = np.diff(places, axis=0)
-        own = np.diag(np.full(d.shape[1], 0.3**2))
-        return d.T @ d / (2 * len(d)) + own
+    def _at_rest(self) -> tuple[Matrix, Matrix, float]:
+        """The covariance of an image's errors, that of the drift (um² a second), and the time between two images.
+
+        By differences of successive images, where what drifts falls out, and of images that are further apart.
+        """
+        self._tell(0.0, "noise and drift of the spots")
+        seen = [self._seen(1)]
+        while seen[-1].time_s < seen[0].time_s + _AT_REST_S:
+            seen.append(self._seen(1))
+        places = np.array([each.errors_um for each in seen])
+        frame_s = (seen[-1].time_s - seen[0].time_s) / (len(seen) - 1)
+        apart = max(2, round(_DRIFT_S / frame_s))
+        at_once, later = (d.T @ d / len(d) for d in (places[n:] - places[:-n] for n in (1, apart)))
+        noise = at_once / 2 + np.diag(np.full(len(at_once), 0.3**2))
+        return noise, _isotropic((later - at_once) / ((apart - 1) * frame_s)), frame_s
 
     # ---- whole steps
 
     def _measure_steps(self, i: int) -> None:
-        """Runs in both ways; the first one again if the picture's edge cut it short."""
+        """Runs in both ways; the first one again if the picture's edge cut it short, and back if it went out."""
+        self._out = 0  # the way in which the spot has left a picture: there a single image may show it again
         self._steps.append({1: [], -1: []})
         self._widths.append({1: [], -1: []})
         for way in (1, -1, 1, -1):
-            if len(self._steps[i][way]) < RUN // 2:
+            if len(self._steps[i][way]) < RUN // 2 or self._out == -way:
                 self._run_steps(i, way)
         if any(len(self._steps[i][way]) < 1 for way in WAYS):
             raise NotControllable(f"{self.table.actuators[i].name}: the spot leaves the picture at the first step")
@@ -161,9 +177,10 @@ class Calibration:
         for lead in range(1, LEAD + 1):
             after = self._step(i, way)
             if after is None:
-                if before is None:
+                if before is None or self._out == -way:
+                    before = None
                     continue  # it is outside, and this may be the way back
-                self._way[i] = way  # it went out, so it moved: the other way leads back
+                self._way[i] = self._out = way  # it went out, so it moved: the other way leads back
                 return
             if before is None:
                 before = after
@@ -181,13 +198,14 @@ class Calibration:
             raise NotControllable(
                 f"{self.table.actuators[i].name}: {LEAD} steps did not move the spot: look at motor, supply and coupler"
             )
-        self._way[i] = way
+        self._way[i], self._out = way, 0
         step = moved
         while len(self._steps[i][way]) < RUN:
             if self._near_edge(before, step):
                 return
             after = self._step(i, way)
             if after is None:
+                self._out = way
                 return
             step = after.errors_um - before.errors_um
             self._steps[i][way].append(step)
@@ -358,6 +376,15 @@ class Calibration:
                 off = steps @ column / float(column @ column) - 1
                 squares, free = squares + float(off @ off), free + len(steps) - 1
         return squares / free if free else _STEP_SCATTER**2
+
+
+def _isotropic(covariance: Matrix) -> Matrix:
+    """A covariance of all errors that is the same along x and y: ten seconds tell little of each. Positive definite."""
+    cameras = (covariance[0::2, 0::2] + covariance[1::2, 1::2]) / 2
+    values, vectors = np.linalg.eigh(cameras)
+    return np.asarray(
+        np.kron((vectors * np.maximum(values, _LEAST_DRIFT_UM2_S)) @ vectors.T, np.eye(2)), dtype=np.float64
+    )
 
 
 def _monotone(

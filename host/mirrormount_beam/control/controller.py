@@ -393,7 +393,10 @@ class Controller:
             scatter = self.response.curve.scatter[-1]
             free = self.gaps[i].free(way, self.creep.mean_um / size, self.creep.most_um / size, scatter)
             if creep or free >= _LEAST_FREE:
-                travels[i] = way * (free + creep)
+                # What is free by a calibration that is not true is not free: wires may have been exchanged.
+                whole = np.zeros_like(planned)
+                whole[i] = way * (free + creep)
+                travels[i] = float(self._limit(whole)[i])
                 purposes[i] = TAKE_UP if free > creep else CREEP
         for i, steps_i in travels.items():
             before[i] = self.gaps[i].slack(_way(steps_i))

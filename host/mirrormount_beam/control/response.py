@@ -8,7 +8,7 @@ measures the matrix along one direction only, and with noise.
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ from mirrormount.errors import BadFile
 from mirrormount_beam.control.backlash import Width
 from mirrormount_beam.control.interfaces import LoopTable
 from mirrormount_beam.errors import ResponseOfOther
+from mirrormount_beam.runlog import Rms
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -73,7 +74,8 @@ class Response:
     """A calibration. matrices: for the ways 1 and -1, (2 · cameras, actuators), um for a step.
 
     matrix_errors: standard errors of them, alike. widths_: for each actuator and way. short: for each actuator and
-    way, what a pulse shorter than a step makes of the curve's way. noise_um: covariance of one image's errors.
+    way, what a pulse shorter than a step makes of the curve's way. noise_um: covariance of one image's errors (um²).
+    drift_um2_s: by which their covariance grows in a second at rest. promise: what the table will hold by all this.
     belongs: what it is of. measured: date and time.
     """
 
@@ -82,8 +84,10 @@ class Response:
     curve: Curve
     widths: list[dict[int, Width]]
     noise_um: Matrix
+    drift_um2_s: Matrix
     belongs: dict[str, Any]
     measured: str = ""
+    promise: Rms | None = None
     short: list[dict[int, float]] = field(default_factory=list)
     start: dict[int, Matrix] = field(default_factory=dict)
 
@@ -183,13 +187,15 @@ class Response:
             "short_pulses": [{str(way): value for way, value in each.items()} for each in self.short],
             "gap_steps": [{str(way): [w.mean, w.spread, w.samples] for way, w in each.items()} for each in self.widths],
             "noise_um2": self.noise_um.tolist(),
+            "drift_um2_s": self.drift_um2_s.tolist(),
+            "promise": self.promise and asdict(self.promise),
         }
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> "Response":
         """What to_json() made. Raises KeyError, TypeError or ValueError if it is none."""
         if data["format"] != _FORMAT:
-            raise ValueError(f"format {data['format']}")
+            raise ValueError(f"format {data['format']}, not {_FORMAT}: measure it anew")
         curve = data["curve"]
         response = cls(
             matrices=_ways(data["um_for_a_step"]),
@@ -197,6 +203,8 @@ class Response:
             curve=Curve(*(tuple(curve[name]) for name in ("us", "steps", "scatter_steps", "error_steps"))),
             widths=[{int(way): Width(*w) for way, w in each.items()} for each in data["gap_steps"]],
             noise_um=np.array(data["noise_um2"], dtype=float),
+            drift_um2_s=np.array(data["drift_um2_s"], dtype=float),
+            promise=data["promise"] and Rms(**data["promise"]),
             belongs=data["belongs"],
             measured=data["measured"],
             short=[{int(way): float(value) for way, value in each.items()} for each in data["short_pulses"]],
