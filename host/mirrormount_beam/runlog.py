@@ -30,6 +30,7 @@ import queue
 import sqlite3
 import threading
 import time
+from collections import deque
 from collections.abc import Iterable, Mapping
 from dataclasses import astuple, dataclass, field
 from pathlib import Path
@@ -132,6 +133,20 @@ class ErrorSums:
         return (self.x / self.seconds, self.y / self.seconds) if self.seconds else (math.nan, math.nan)
 
 
+@dataclass(frozen=True, slots=True)
+class Rms:
+    """Root mean squares over time: of the worst error of a spot, and of the beam's angle (None: no distances)."""
+
+    um: float
+    urad: float | None
+
+    def times(self, other: "Rms") -> float:
+        """How many times as large this one is as another: of the angle where it is known."""
+        if other.urad and self.urad is not None:
+            return self.urad / other.urad
+        return self.um / other.um
+
+
 @dataclass
 class ErrorStatistics:
     """Errors of each camera (um) and of the beam's angle (urad) over time: what `hold` ends with and its report tells.
@@ -159,9 +174,53 @@ class ErrorStatistics:
         """An interlock has tripped: nothing counts until the next estimate."""
         self.before = None
 
+    @property
+    def rms(self) -> Rms:
+        """Of all that counted; nan without any time."""
+        angle = max(self.angle_urad.rms)
+        return Rms(
+            max((um for sums in self.errors_um.values() for um in sums.rms), default=math.nan),
+            None if math.isnan(angle) else angle,
+        )
+
     def _each(self, estimate: Estimated) -> list[tuple[ErrorSums, Pair]]:
         found = [(self.errors_um.setdefault(name, ErrorSums()), pair) for name, pair in estimate.errors_um.items()]
         return [*found, (self.angle_urad, estimate.angle_urad)] if estimate.angle_urad else found
+
+
+class LatestErrors:
+    """Errors of the newest minutes that were held, up to so many."""
+
+    def __init__(self, minutes: int) -> None:
+        self._minutes = minutes
+        self._each: deque[ErrorStatistics] = deque([ErrorStatistics()], maxlen=minutes + 1)
+
+    def take(self, estimate: Estimated) -> None:
+        """As ErrorStatistics.take()."""
+        newest = self._each[-1]
+        newest.take(estimate)
+        if _seconds(newest) >= MINUTE_S:
+            self._each.append(ErrorStatistics(before=estimate))
+
+    def pause(self) -> None:
+        """As ErrorStatistics.pause()."""
+        self._each[-1].pause()
+
+    @property
+    def rms(self) -> Rms | None:
+        """Of all these minutes; None before that many have been held."""
+        if len(self._each) <= self._minutes:
+            return None
+        names = self._each[0].errors_um
+        errors = {
+            name: ErrorSums.joined(each.errors_um[name] for each in self._each if name in each.errors_um)
+            for name in names
+        }
+        return ErrorStatistics(errors, ErrorSums.joined(each.angle_urad for each in self._each)).rms
+
+
+def _seconds(statistics: ErrorStatistics) -> float:
+    return min((sums.seconds for sums in statistics.errors_um.values()), default=0.0)
 
 
 @dataclass

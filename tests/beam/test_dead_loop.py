@@ -119,7 +119,7 @@ def test_an_alignment_that_was_frozen_in_a_pulse_gives_no_more_than_that_pulse_m
         assert not [on for on in table.on(number) if on[1] > begun_s[0] + OFF_S and on[0] < woke_s]
 
 
-@pytest.mark.parametrize("n", [10, 64, 96, 120])
+@pytest.mark.parametrize("n", [10, 40, 64, 96])
 @pytest.mark.parametrize("number", [0, 1])
 def test_a_board_that_is_unplugged_at_any_moment_ends_it_for_both(table, n, number):
     cut_s = []
@@ -143,10 +143,10 @@ def test_a_board_that_is_unplugged_at_any_moment_ends_it_for_both(table, n, numb
 def test_after_a_restart_it_goes_on_from_what_was_saved_and_moves_nothing_unseen(table, tmp_path, how):
     save(table.response, tmp_path / "calibration.json")
     if how == "killed":
-        table.at(120, die(0.5))
+        table.at(96, die(0.5))
         killed(table)
     else:
-        table.at(120, lambda _port, _data: table.sent[1].close())
+        table.at(96, lambda _port, _data: table.sent[1].close())
         align(table, table.response)
         table.virtual.replug(1)
     table.start()

@@ -160,12 +160,14 @@ def test_each_pulse_and_each_look_is_told():
 
 
 def test_what_the_beam_would_have_done_is_told():
-    rig = Rig("smooth", 1)
-    rig.run(200)
-    last = [event for event in rig.told if isinstance(event, Observed)][-1]
-    free = Rig("smooth", 1)
-    free.table.sleep(200)
-    assert np.allclose(np.ravel(last.free_um), free.table.truth_um(), atol=70)
+    off = []
+    for seed in (1, 2, 3):
+        rig, free = Rig("smooth", seed), Rig("smooth", seed)
+        rig.run(200)
+        free.table.sleep(200)
+        last = [event for event in rig.told if isinstance(event, Observed)][-1]
+        off.append(np.ravel(last.free_um) - free.table.truth_um())
+    assert np.sqrt(np.mean(np.square(off))) < 50  # each of a few hundred pulses is split between motion and drift
 
 
 def test_a_loop_that_is_told_to_stop_ends_with_its_motors_off():

@@ -28,6 +28,8 @@ def fast(profile: str, seed: int, seconds: float) -> dict[str, float]:
     table = FastTable(profile, seed, OFF_MM)
     measuring = Calibration(table)
     response = measuring.run()
+    promise = response.promise
+    assert promise and promise.urad
     calibrated_s = table.now_s()
     aligned = align(table, response, measuring.gaps)
     left_um = float(np.abs(table.truth_um()).max())
@@ -48,6 +50,8 @@ def fast(profile: str, seed: int, seconds: float) -> dict[str, float]:
         "calibrate_s": calibrated_s,
         "corrections": aligned.corrections,
         "aligned_um": left_um,
+        "promised_urad": promise.urad,
+        "times": summary.held.rms.times(promise),
         "rms_urad": float(np.sqrt((angles**2 * dt).sum(axis=0) / dt.sum()).max()),
         "max_um": float(np.abs(found[:, 1:]).max()),
         "reversals": summary.reversals,

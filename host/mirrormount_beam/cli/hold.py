@@ -240,6 +240,9 @@ def _tell_response(response: Response) -> None:
         gaps = " and ".join(f"{response.widths[i][way].mean:.2f}" for way in (1, -1))
         um = ", ".join(f"{value:+.0f}" for value in response.matrices[1][:, i])
         print(f"{name}: a step moves the spots by {um} um; gap {gaps} steps")
+    if promise := response.promise:
+        rms = f"{promise.um:.0f} um rms" if promise.urad is None else f"{promise.urad:.1f} urad rms"
+        print(f"this table will hold {rms}, by what was measured")
 
 
 def _tell_align(summary: Summary) -> None:
@@ -250,9 +253,10 @@ def _tell_align(summary: Summary) -> None:
 
 def _tell_hold(summary: Summary) -> None:
     rms = "angle not known" if summary.rms_urad is None else f"{summary.rms_urad:.1f} urad rms"
+    promised = "" if not (summary.promise and summary.promise.urad) else f" (promised {summary.promise.urad:.1f})"
     goal = "held" if summary.reached else "NOT held as asked"
     print(
-        f"{goal}: {rms}, largest error {summary.max_um:.0f} um, {summary.corrections} corrections,"
+        f"{goal}: {rms}{promised}, largest error {summary.max_um:.0f} um, {summary.corrections} corrections,"
         f" {summary.reversals} reversals, {summary.actions} pulses in {summary.seconds:.0f} s"
     )
 

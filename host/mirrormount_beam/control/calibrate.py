@@ -13,13 +13,16 @@ from mirrormount_beam.control.backlash import Gap, Width
 from mirrormount_beam.control.controller import Mover, SpotLostMoving
 from mirrormount_beam.control.events import CALIBRATING, Listen, Progress, StateChanged, silent
 from mirrormount_beam.control.interfaces import LoopTable
+from mirrormount_beam.control.promise import promise_of
 from mirrormount_beam.control.response import WAYS, Curve, Matrix, Response, Vector, belongs_to
 from mirrormount_beam.errors import NotControllable, SpotLost
 from mirrormount_beam.observe import Observation, Observer
 from mirrormount_beam.spot.find import NoSpotReason
 
 FRAMES = 2  # Images of an observation between two steps.
-_QUIET = 24  # So many observations at rest tell the noise.
+# So long the spots are observed at rest; images that are so far apart tell the drift.
+_AT_REST_S, _DRIFT_S = 10.0, 0.5
+_LEAST_DRIFT_UM2_S = 0.5
 # lengths of pulses in parts of a step, and how many of each: the sum is some steps
 _CURVE = ((0.025, 10), (0.04, 8), (0.065, 6), (0.12, 5), (0.25, 3), (0.5, 2))
 RUN = 6  # So many steps measure one column of the response.
@@ -28,6 +31,7 @@ _REVERSALS = 3  # So many reversals of each direction measure the gaps.
 _EDGE_PX = 40.0  # The spot stays so far from the picture's edges.
 _ALONG_PX = 3.0  # A spot that comes nearer to an edge by less than this goes along it.
 _AT_EDGE = (NoSpotReason.EDGE, NoSpotReason.REGION, NoSpotReason.MASK, NoSpotReason.NOTHING)
+_STEP_SCATTER = 0.03  # The least scatter of a pulse, relative to its way: a few pulses may happen to be alike.
 _MOVED = 0.15  # The screw follows if the spot moves by this part of a step's way.
 _ROOM_UM = 2000.0  # Larger errors are made smaller before the calibration: the spot needs room.
 # This part of such an error is corrected at a time, and at most so often: few steps were measured by then.
@@ -68,6 +72,7 @@ class Calibration:
         self._steps: list[dict[int, list[Vector]]] = []
         self._widths: list[dict[int, list[tuple[int, Vector]]]] = []
         self._way = [0] * len(table.actuators)
+        self._out = 0
 
     def run(self) -> Response:
         """Measure. Motors are off at the end, however it comes.
@@ -84,7 +89,7 @@ class Calibration:
 
     def _run(self) -> Response:
         n = len(self.table.actuators)
-        noise = self._noise()
+        noise, drift, frame_s = self._at_rest()
         for i in range(n):
             self._tell(0.05 + 0.5 * i / n, f"{self.table.actuators[i].name}: steps")
             self._measure_steps(i)
@@ -97,17 +102,20 @@ class Calibration:
         self.gaps = [Gap(each) for each in widths]
         for gap, way in zip(self.gaps, self._way, strict=True):
             gap.followed(way)
-        curve = self._curve(matrices)
-        self._tell(1.0, "done")
-        return Response(
+        curve = self._curve(matrices, noise)
+        self._tell(1.0, "what this table will hold")
+        response = Response(
             matrices,
             errors,
             curve,
             widths,
             noise,
+            drift,
             belongs_to(self.table),
             datetime.datetime.now().astimezone().isoformat(timespec="seconds"),
         )
+        response.promise = promise_of(response, self.table.cameras, frame_s)
+        return response
 
     def _tell(self, done: float, what: str) -> None:
         """How far it is."""
@@ -130,22 +138,31 @@ class Calibration:
         except AtEdge as e:
             raise SpotLost(str(e)) from None
 
-    def _noise(self) -> Matrix:
-        """The covariance of an image's errors, by differences of successive images: what drifts falls out."""
-        self._tell(0.0, "noise of the spots")
-        places = np.array([self._seen(1).errors_um for _ in range(_QUIET)])
-        d = np.diff(places, axis=0)
-        own = np.diag(np.full(d.shape[1], 0.3**2))
-        return d.T @ d / (2 * len(d)) + own
+    def _at_rest(self) -> tuple[Matrix, Matrix, float]:
+        """The covariance of an image's errors, that of the drift (um² a second), and the time between two images.
+
+        By differences of successive images, where what drifts falls out, and of images that are further apart.
+        """
+        self._tell(0.0, "noise and drift of the spots")
+        seen = [self._seen(1)]
+        while seen[-1].time_s < seen[0].time_s + _AT_REST_S:
+            seen.append(self._seen(1))
+        places = np.array([each.errors_um for each in seen])
+        frame_s = (seen[-1].time_s - seen[0].time_s) / (len(seen) - 1)
+        apart = max(2, round(_DRIFT_S / frame_s))
+        at_once, later = (d.T @ d / len(d) for d in (places[n:] - places[:-n] for n in (1, apart)))
+        noise = at_once / 2 + np.diag(np.full(len(at_once), 0.3**2))
+        return noise, _isotropic((later - at_once) / ((apart - 1) * frame_s)), frame_s
 
     # ---- whole steps
 
     def _measure_steps(self, i: int) -> None:
-        """Runs in both ways; the first one again if the picture's edge cut it short."""
+        """Runs in both ways; the first one again if the picture's edge cut it short, and back if it went out."""
+        self._out = 0  # the way in which the spot has left a picture: there a single image may show it again
         self._steps.append({1: [], -1: []})
         self._widths.append({1: [], -1: []})
         for way in (1, -1, 1, -1):
-            if len(self._steps[i][way]) < RUN // 2:
+            if len(self._steps[i][way]) < RUN // 2 or self._out == -way:
                 self._run_steps(i, way)
         if any(len(self._steps[i][way]) < 1 for way in WAYS):
             raise NotControllable(f"{self.table.actuators[i].name}: the spot leaves the picture at the first step")
@@ -160,9 +177,10 @@ class Calibration:
         for lead in range(1, LEAD + 1):
             after = self._step(i, way)
             if after is None:
-                if before is None:
+                if before is None or self._out == -way:
+                    before = None
                     continue  # it is outside, and this may be the way back
-                self._way[i] = way  # it went out, so it moved: the other way leads back
+                self._way[i] = self._out = way  # it went out, so it moved: the other way leads back
                 return
             if before is None:
                 before = after
@@ -180,13 +198,14 @@ class Calibration:
             raise NotControllable(
                 f"{self.table.actuators[i].name}: {LEAD} steps did not move the spot: look at motor, supply and coupler"
             )
-        self._way[i] = way
+        self._way[i], self._out = way, 0
         step = moved
         while len(self._steps[i][way]) < RUN:
             if self._near_edge(before, step):
                 return
             after = self._step(i, way)
             if after is None:
+                self._out = way
                 return
             step = after.errors_um - before.errors_um
             self._steps[i][way].append(step)
@@ -315,38 +334,67 @@ class Calibration:
 
     # ---- short pulses
 
-    def _curve(self, matrices: Mapping[int, Matrix]) -> Curve:
+    def _curve(self, matrices: Mapping[int, Matrix], noise: Matrix) -> Curve:
         """Pulses of each length on both axes of a mount at once, in the ways of their last contact."""
         n = len(self.table.actuators)
-        shares: list[list[float]] = [[] for _ in _CURVE]
+        ways: list[list[Vector]] = [[] for _ in _CURVE]  # for each length and actuator, those of its pulses
+        unsure: list[list[float]] = [[] for _ in _CURVE]  # the variance of one way by the images' noise
         for first in range(0, n, 2):
             pair = [i for i in (first, first + 1) if i < n]
+            inverse = np.linalg.pinv(np.array([matrices[self._way[i]][:, i] * self._way[i] for i in pair]).T)
+            by_noise = np.diag(inverse @ (2 * noise / FRAMES) @ inverse.T)
             for k, (part, count) in enumerate(_CURVE):
                 done = 0.65 + 0.35 * (first + 2 * k / len(_CURVE)) / n
                 self._tell(done, f"pulses of {part:g} of a step")
-                shares[k] += self._pulses(pair, part, count, matrices)
+                ways[k] += list(inverse @ self._pulses(pair, part, count).T)
+                unsure[k] += list(by_noise)
         step_us = float(np.mean([actuator.step_us for actuator in self.table.actuators]))
         us = [part * step_us for part, _ in _CURVE]
-        steps = [float(np.mean(each)) for each in shares]
-        errors = [float(np.std(each, ddof=1)) / math.sqrt(len(each)) if len(each) > 1 else math.nan for each in shares]
-        return _monotone(us, steps, errors, step_us)
+        means = np.array([[each.mean() for each in found] for found in ways])
+        variances = [
+            float(np.mean([each.var(ddof=1) for each in found])) - float(np.mean(by_noise))
+            for found, by_noise in zip(ways, unsure, strict=True)
+        ]
+        errors = means.std(axis=1, ddof=1) / math.sqrt(n) if n > 1 else np.full(len(us), math.nan)
+        return _monotone(us, list(means.mean(axis=1)), [*variances, self._step_variance()], list(errors), step_us)
 
-    def _pulses(self, pair: list[int], part: float, count: int, matrices: Mapping[int, Matrix]) -> list[float]:
-        """The mean way of a pulse of each actuator of the pair, in steps."""
-        before = self._seen(2 * FRAMES)
+    def _pulses(self, pair: list[int], part: float, count: int) -> Matrix:
+        """What each of so many pulses of all actuators of the pair changes the errors by, (count, errors), um."""
+        places = [self._seen(FRAMES).errors_um]
         for _ in range(count):
             self.mover.measure_pulses({i: self._way[i] * round(self.table.actuators[i].step_us * part) for i in pair})
-        after = self._seen(2 * FRAMES)
-        columns = np.array([matrices[self._way[i]][:, i] * self._way[i] for i in pair]).T
-        driven, *_ = np.linalg.lstsq(columns, after.errors_um - before.errors_um, rcond=None)
-        return [float(way) / count for way in driven]
+            places.append(self._seen(FRAMES).errors_um)
+        return np.diff(np.array(places), axis=0)
+
+    def _step_variance(self) -> float:
+        """Of the way of a step, in squares of steps: of all actuators and ways together."""
+        squares = free = 0.0
+        for each in self._steps:
+            for way in WAYS:
+                steps = np.array(each[way])
+                column = steps.mean(axis=0)
+                off = steps @ column / float(column @ column) - 1
+                squares, free = squares + float(off @ off), free + len(steps) - 1
+        return squares / free if free else _STEP_SCATTER**2
 
 
-def _monotone(us: list[float], steps: list[float], errors: list[float], step_us: float) -> Curve:
+def _isotropic(covariance: Matrix) -> Matrix:
+    """A covariance of all errors that is the same along x and y: ten seconds tell little of each. Positive definite."""
+    cameras = (covariance[0::2, 0::2] + covariance[1::2, 1::2]) / 2
+    values, vectors = np.linalg.eigh(cameras)
+    return np.asarray(
+        np.kron((vectors * np.maximum(values, _LEAST_DRIFT_UM2_S)) @ vectors.T, np.eye(2)), dtype=np.float64
+    )
+
+
+def _monotone(
+    us: list[float], steps: list[float], variances: list[float], errors: list[float], step_us: float
+) -> Curve:
     """A rising curve that ends in a step: a way that is not above noise or the one before is put between its next."""
     us, steps, errors = [*us, step_us], [*steps, 1.0], [*errors, 0.0]
     for k in range(len(us) - 2, -1, -1):
-        most = steps[k + 1] * 0.95 * us[k] / us[k + 1]  # a motor that spins up covers less than in proportion
-        least = steps[k + 1] * (us[k] / us[k + 1]) ** 3
+        # A motor that spins up covers less than in proportion; one that coasts, more.
+        least, most = (steps[k + 1] * (us[k] / us[k + 1]) ** power for power in (3.0, 0.5))
         steps[k] = min(max(steps[k], least), most)
-    return Curve(tuple(us), tuple(steps), tuple(errors))
+    scatter = [max(math.sqrt(max(v, 0.0)), _STEP_SCATTER * way) for v, way in zip(variances, steps, strict=True)]
+    return Curve(tuple(us), tuple(steps), tuple(scatter), tuple(errors))

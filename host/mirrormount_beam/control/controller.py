@@ -21,13 +21,12 @@ from mirrormount_beam.control.backlash import Gap, ScrewMotion
 from mirrormount_beam.control.events import CORRECT, CREEP, MEASURE, TAKE_UP, Corrected, Listen, Pulsed, ResponseChanged
 from mirrormount_beam.control.interfaces import Actuator, LoopTable
 from mirrormount_beam.control.kalman import Tracker
-from mirrormount_beam.control.response import Matrix, Response, Vector
+from mirrormount_beam.control.response import Matrix, Response, Travel, Vector
 from mirrormount_beam.observe import Fault, Misses, Observation, Observer
 
 _TIKHONOV = 0.03  # The damping of the least squares, relative to the largest singular value of the response.
 _MOST_STEPS = 15.0  # One correction moves an actuator by no more steps.
 _LEAST_STEPS = 0.003  # A correction of fewer steps is not driven.
-SHORTEST_US = 5000  # A shorter pulse does not always move a rough motor.
 _POLL_S, _SOON_S = 0.03, 0.01
 _REST_S = 0.05  # The motor rests so long after each pulse.
 _LONG_US = 100_000  # The spot is watched during motions that are longer.
@@ -120,10 +119,15 @@ class SpotLostMoving(Exception):
 
 @dataclass(frozen=True)
 class Prices:
-    """What a move must save at least, in um² of the sum of squares: a pulse, and crossing a whole gap."""
+    """What a move must save at least, in um² of the sum of squares: a pulse, and crossing a whole gap.
+
+    scatter: this part of the variance of the pulses' ways counts, too. The next correction undoes some of what a pulse
+    did too much, so it is not the whole.
+    """
 
     pulse_um2: float
     gap_um2: float
+    scatter: float = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,11 +167,24 @@ def plan_correction(
                 continue
             if contact_only and not all(gaps[i].in_contact(1 if steps[i] > 0 else -1) for i in chosen):
                 continue
-            left = errors_um + response.effect(steps)
-            cost = float(left @ weight @ left) + _price(steps, chosen, gaps, prices)
+            left, variance = _expected(errors_um, response, steps, chosen, weight)
+            cost = left + prices.scatter * variance + _price(steps, chosen, gaps, prices)
             if cost < least:
                 best, least = steps, cost
     return Plan(best)
+
+
+def _expected(
+    errors_um: Vector, response: Response, steps: Vector, chosen: Sequence[int], weight: Matrix
+) -> tuple[float, float]:
+    """The sum of squares that the mean ways of the pulses for these steps leave, and what their scatter adds."""
+    left, variance = errors_um.copy(), 0.0
+    for i in chosen:
+        travel = response.travel(i, float(steps[i]))
+        column = response.column(i, travel.way)
+        left += column * travel.way * travel.steps
+        variance += travel.scatter**2 * float(column @ weight @ column)
+    return float(left @ weight @ left), variance
 
 
 def needed_steps(errors_um: Vector, response: Response) -> Vector:
@@ -218,34 +235,17 @@ class Mover:
 
     def travel(
         self, response: Response, travels: Mapping[int, float], purposes: Mapping[int, str] | None = None
-    ) -> dict[int, tuple[float, float]]:
-        """Turn shafts by steps (signed), all at once. Returns for each the way that is expected, and its scatter.
+    ) -> dict[int, Travel]:
+        """Turn shafts by steps (signed), all at once. Returns what is expected of each.
 
-        A way of less than the shortest pulse's is made longer: that is in what is returned. Raises as Actuator does,
-        and SpotLostMoving.
+        Raises as Actuator does, and SpotLostMoving.
         """
-        whole: dict[int, int] = {}
-        parts: dict[int, int] = {}
-        made: dict[int, tuple[float, float]] = {}
-        for i, steps in travels.items():
-            way = 1 if steps > 0 else -1
-            n = int(abs(steps))
-            rest = abs(steps) - n
-            us = response.pulse_us(i, way, rest, SHORTEST_US) if rest > 0 else 0
-            if n and us <= SHORTEST_US:
-                us = 0
-            if n:
-                whole[i] = way * n
-            if us:
-                parts[i] = way * us
-            part = response.pulse_steps(i, way, us) if us else 0.0
-            scatter = math.hypot(math.sqrt(n) * response.scatter(self.table.actuators[i].step_us), 0.0)
-            scatter = math.hypot(scatter, part * response.scatter(us)) if us else scatter
-            made[i] = way * (n + part), scatter
-            length = way * (n * self.table.actuators[i].step_us + us)
+        made = {i: response.travel(i, steps) for i, steps in travels.items()}
+        for i, travel in made.items():
+            length = travel.way * (travel.whole * self.table.actuators[i].step_us + travel.us)
             self._tell(i, length, (purposes or {}).get(i, CORRECT))
-        self.steps(whole)
-        self.pulses(parts)
+        self.steps({i: travel.way * travel.whole for i, travel in made.items()})
+        self.pulses({i: travel.way * travel.us for i, travel in made.items() if travel.us})
         self._observer.moved()
         return made
 
@@ -390,10 +390,13 @@ class Controller:
         for i, creep in self._creeps(in_gap, planned).items():
             way = _way(planned[i])
             size = float(np.linalg.norm(self.response.column(i, way)))
-            scatter = self.response.scatter(self.table.actuators[i].step_us)
+            scatter = self.response.curve.scatter[-1]
             free = self.gaps[i].free(way, self.creep.mean_um / size, self.creep.most_um / size, scatter)
             if creep or free >= _LEAST_FREE:
-                travels[i] = way * (free + creep)
+                # What is free by a calibration that is not true is not free: wires may have been exchanged.
+                whole = np.zeros_like(planned)
+                whole[i] = way * (free + creep)
+                travels[i] = float(self._limit(whole)[i])
                 purposes[i] = TAKE_UP if free > creep else CREEP
         for i, steps_i in travels.items():
             before[i] = self.gaps[i].slack(_way(steps_i))
@@ -407,8 +410,8 @@ class Controller:
         finally:
             self._moved_at_s = self.table.now_s()
         drives = []
-        for i, (signed, scatter) in made.items():
-            way, drove = (1 if signed > 0 else -1), abs(signed)
+        for i, travel in made.items():
+            way, drove, scatter = travel.way, travel.steps, travel.scatter
             mean, sigma = before[i]
             unsure = math.hypot(sigma, scatter)
             sure = drove - mean > _SURE_SIGMAS * unsure or mean <= 0

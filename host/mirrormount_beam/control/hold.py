@@ -32,10 +32,10 @@ from mirrormount_beam.control.events import (
     silent,
 )
 from mirrormount_beam.control.interfaces import LoopTable
-from mirrormount_beam.control.interlocks import JUMPED, NO_HELP, Guard, Tripped
+from mirrormount_beam.control.interlocks import JUMPED, NO_HELP, WORSE, Guard, Tripped
 from mirrormount_beam.control.response import Matrix, Response, Vector, check_belongs
 from mirrormount_beam.observe import angle_urad, in_pairs
-from mirrormount_beam.runlog import ErrorStatistics
+from mirrormount_beam.runlog import ErrorStatistics, LatestErrors, Rms
 
 if TYPE_CHECKING:
     from mirrormount_beam.table import TargetCamera
@@ -47,7 +47,7 @@ _DECIDING_FRAMES = 6  # Images of the observations by which an alignment decides
 # of WITHIN_UM, at which it ends, up to so many corrections; the rest is for noise and the beam's tremble
 _AIMS = ((8, 0.6), (math.inf, 0.85))
 _HELPED = 0.5  # Corrections by a true calibration leave at most this part of the first error.
-_ALIGN_PRICES, _AT_ANY_PRICE = Prices(pulse_um2=9.0, gap_um2=80.0), Prices(pulse_um2=0.0, gap_um2=0.0)
+_ALIGN_PRICES, _AT_ANY_PRICE = Prices(pulse_um2=9.0, gap_um2=80.0), Prices(pulse_um2=0.0, gap_um2=0.0, scatter=0.0)
 PERIOD_S = 0.4  # The time between two observations at rest.
 RMS_URAD, MOST_UM = 9.0, 80.0  # The goal of a hold: the rms of the beam's angle, and the largest error on any camera.
 _HOLD_PRICES = Prices(pulse_um2=50.0, gap_um2=150.0)
@@ -59,6 +59,8 @@ _MOST_STEPS = 8.0  # A hold corrects no error that takes more steps of an axis: 
 _FIRST_FRAMES = 4  # Images of the first observation, and of one after an interlock.
 _RETRY_S = 0.5  # The time between two observations while an interlock is tripped.
 _BACK_UM = 300.0  # A spot that comes back may be so far from where it was ...
+# So many minutes are compared with the promise, and may be so many times as bad: a promise is true to a factor of 1.5.
+_JUDGED_MINUTES, _WORSE_TIMES = 10, 2.0
 _BACK_SIGMAS = 5.0  # ... and so many standard deviations of its drift meanwhile.
 
 
@@ -67,9 +69,13 @@ _BACK_SIGMAS = 5.0  # ... and so many standard deviations of its drift meanwhile
 
 @dataclass
 class Summary:
-    """Of one run of a loop. Lengths in um on the cameras' planes, angles in urad of the beam."""
+    """Of one run of a loop. Lengths in um on the cameras' planes, angles in urad of the beam.
+
+    promise: what the calibration says that this table holds.
+    """
 
     cameras: "Sequence[TargetCamera]"
+    promise: Rms | None = None
     corrections: int = 0
     actions: int = 0
     reversals: int = 0
@@ -122,6 +128,7 @@ class Summary:
             "corrections": self.corrections,
             "residual_um": {} if residual is None else _by_camera(self.cameras, residual),
             "rms_urad": rounded,
+            "promised_urad": self.promise and self.promise.urad and round(self.promise.urad, 3),
             "max_um": round(
                 float(np.max(np.abs(self.last_um))) if final and self.last_um is not None else self.max_um, 2
             ),
@@ -134,6 +141,10 @@ class Summary:
                 for trip in self.interlocks
             ],
         }
+
+
+def _in_words(rms: Rms) -> str:
+    return f"{rms.um:.0f} um rms" if rms.urad is None else f"{rms.urad:.1f} urad rms"
 
 
 def _by_camera(cameras: "Sequence[TargetCamera]", errors_um: Vector) -> dict[str, dict[str, float]]:
@@ -246,7 +257,8 @@ class Hold:
     ) -> None:
         check_belongs(response, table)
         self.table, self.response = table, response
-        self.summary = Summary(table.cameras)
+        self.summary = Summary(table.cameras, response.promise)
+        self._latest = LatestErrors(_JUDGED_MINUTES)
         self.guard = Guard(table, response, gaps, self._tell)
         self.period_s, self.rms_urad, self.most_um = period_s, rms_urad, most_um
         self._listen = listen
@@ -279,6 +291,7 @@ class Hold:
                     frames = 1
                 except Tripped as tripped:
                     self.summary.pause()
+                    self._latest.pause()
                     self._tell(tripped.event(self.table.now_s()))
                     if not self._wait(tripped, end_s, seconds is not None):
                         break
@@ -317,7 +330,15 @@ class Hold:
         self.table.sleep(max(0.0, self.period_s - (self.table.now_s() - begin_s)))
 
     def _add(self) -> None:
-        self._tell(self.summary.add(self.table.now_s(), self.guard.tracker.mean))
+        estimate = self.summary.add(self.table.now_s(), self.guard.tracker.mean)
+        self._latest.take(estimate)
+        self._tell(estimate)
+        rms, promise = self._latest.rms, self.response.promise
+        if rms and promise and rms.times(promise) > _WORSE_TIMES:
+            self._latest = LatestErrors(_JUDGED_MINUTES)
+            self.guard.trip(
+                Tripped(WORSE, f"in {_JUDGED_MINUTES} minutes {_in_words(rms)}; promised were {_in_words(promise)}")
+            )
 
     def _wait(self, tripped: Tripped, end_s: float | None, timed: bool) -> bool:
         """An interlock has tripped. True: it is cleared, by itself or by go_on(); False: the loop ends."""

@@ -98,7 +98,14 @@ CONTROL = Interlock(
     "when the person has finished, tell the loop to go on",
     False,
 )
-INTERLOCKS = (NO_SPOT, UNCLEAR, JUMPED, NO_HELP, STUCK, CAMERA_GONE, CAMERA_REPEATS, TOO_OLD, BOARD, CONTROL)
+WORSE = Interlock(
+    11,
+    "holds worse than it promised",
+    "the rms of ten minutes is more than twice what the calibration promised",
+    "look at couplers, screws and the supply; calibrate anew, which tells what the table holds now",
+    False,
+)
+INTERLOCKS = (NO_SPOT, UNCLEAR, JUMPED, NO_HELP, STUCK, CAMERA_GONE, CAMERA_REPEATS, TOO_OLD, BOARD, CONTROL, WORSE)
 
 _OF_FAULTS = {"gone": CAMERA_GONE, "repeats": CAMERA_REPEATS, "old": TOO_OLD}
 BAD = 3  # Stop all motors after so many corrections in a row that did not help.
@@ -168,7 +175,7 @@ class Guard:
         self._check_control()
         seen = self.controller.observe(frames)
         if not seen:
-            self._trip(of_fault(seen.faults[0]))
+            self.trip(of_fault(seen.faults[0]))
         return seen
 
     def check_reach(self, most_steps: float) -> None:
@@ -176,9 +183,7 @@ class Guard:
         steps = needed_steps(self.tracker.mean, self.response)
         if float(np.max(np.abs(steps))) > most_steps:
             um = float(np.max(np.abs(self.tracker.mean)))
-            self._trip(
-                Tripped(JUMPED, f"the spot is {um / 1000:.2f} mm off: more than {most_steps:g} steps of an axis")
-            )
+            self.trip(Tripped(JUMPED, f"the spot is {um / 1000:.2f} mm off: more than {most_steps:g} steps of an axis"))
 
     def correct(self, plan: Plan, prices: Prices, weight: Matrix, frames: int) -> Outcome:
         """Give the pulses of a plan, observe, learn. Raises Tripped."""
@@ -187,15 +192,15 @@ class Guard:
         try:
             outcome = self.controller.correct(plan, prices, weight, frames)
         except SpotLostMoving:
-            self._trip(Tripped(NO_SPOT, "the spot was lost during a motion"))
+            self.trip(Tripped(NO_SPOT, "the spot was lost during a motion"))
         except MountError as e:
             interlock = CONTROL if isinstance(e, NotInControl) else BOARD
-            self._trip(self._out_of_control() or Tripped(interlock, str(e)))
+            self.trip(self._out_of_control() or Tripped(interlock, str(e)))
         if outcome.fault:
-            self._trip(of_fault(outcome.fault))
+            self.trip(of_fault(outcome.fault))
         if outcome.stuck:
             names = ", ".join(self.table.actuators[i].name for i in outcome.stuck)
-            self._trip(Tripped(STUCK, f"{names}: the motor turned, and the spot did not move"))
+            self.trip(Tripped(STUCK, f"{names}: the motor turned, and the spot did not move"))
         self._prove(outcome)
         self._judge(outcome, before)
         return outcome
@@ -256,15 +261,13 @@ class Guard:
             self._far, self._tries = after, 0
         self._tries += 1
         if self._tries >= TRIES:
-            self._trip(Tripped(NO_HELP, f"{TRIES} pulses, and the error of {after:.0f} um did not become smaller"))
+            self.trip(Tripped(NO_HELP, f"{TRIES} pulses, and the error of {after:.0f} um did not become smaller"))
         if self._bad >= BAD:
-            self._trip(
-                Tripped(NO_HELP, f"{BAD} corrections in a row: the error went from {size:.0f} to {after:.0f} um")
-            )
+            self.trip(Tripped(NO_HELP, f"{BAD} corrections in a row: the error went from {size:.0f} to {after:.0f} um"))
 
     def _check_control(self) -> None:
         if tripped := self._out_of_control():
-            self._trip(tripped)
+            self.trip(tripped)
 
     def _out_of_control(self) -> Tripped | None:
         """Why the loop has no control any more. A board that went ends control, too: nobody took it then."""
@@ -273,8 +276,8 @@ class Guard:
         taken = self.table.taken_over
         return Tripped(CONTROL, taken) if taken else None
 
-    def _trip(self, tripped: Tripped) -> NoReturn:
-        """All motors off; a board that has gone is off by its keep-alive."""
+    def trip(self, tripped: Tripped) -> NoReturn:
+        """All motors off, and raise it; a board that has gone is off by its keep-alive."""
         self._tripped = True
         try:
             self.table.stop()

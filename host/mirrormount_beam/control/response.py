@@ -8,7 +8,7 @@ measures the matrix along one direction only, and with noise.
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -20,24 +20,40 @@ from mirrormount.errors import BadFile
 from mirrormount_beam.control.backlash import Width
 from mirrormount_beam.control.interfaces import LoopTable
 from mirrormount_beam.errors import ResponseOfOther
+from mirrormount_beam.runlog import Rms
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 WAYS = (1, -1)
-_FORMAT = 1
+_FORMAT = 2
 _DAMPING = 0.3  # of an update of the matrix
-_SHORT_DAMPING = 0.05  # of the factor of short pulses, which scatter by a quarter
+SHORTEST_US = 5000  # A shorter pulse does not always move a rough motor.
+_SHORT_DAMPING = 0.05  # of the factor of short pulses, which scatter
 _MOST_SHORT = 3.0  # of that factor, either way
-_SCATTER = 0.06  # of a step, relative; of a pulse of length 0 by _SHORT_SCATTER more, fading with _SHORT_S
-_SHORT_SCATTER, _SHORT_S = 0.25, 0.02
+
+
+@dataclass(frozen=True, slots=True)
+class Travel:
+    """A way of a shaft: |whole| steps and a pulse of us (0: none). steps: what is expected, ± scatter."""
+
+    way: int
+    whole: int
+    us: int
+    steps: float
+    scatter: float
 
 
 @dataclass(frozen=True)
 class Curve:
-    """How far a pulse turns the shaft: lengths in us, rising, and steps; the last one is a step. errors: standard."""
+    """How far a pulse moves the screw: lengths in us, rising, and steps; the last one is a step.
+
+    scatter: standard deviation of one pulse's way, in steps. It does not go to 0 with the length: the tip of a screw
+    sticks and slips. errors: standard errors of steps.
+    """
 
     us: tuple[float, ...]
     steps: tuple[float, ...]
+    scatter: tuple[float, ...]
     errors: tuple[float, ...] = ()
 
     def steps_of(self, us: float) -> float:
@@ -48,13 +64,18 @@ class Curve:
         """The length of a pulse for a part of a step."""
         return math.exp(_line(math.log(steps), np.log(self.steps), np.log(self.us)))
 
+    def scatter_of(self, us: float) -> float:
+        """The standard deviation of the way of a pulse up to a step's length, in steps."""
+        return float(np.interp(math.log(us), np.log(self.us), self.scatter))
+
 
 @dataclass
 class Response:
     """A calibration. matrices: for the ways 1 and -1, (2 · cameras, actuators), um for a step.
 
     matrix_errors: standard errors of them, alike. widths_: for each actuator and way. short: for each actuator and
-    way, what a pulse shorter than a step makes of the curve's way. noise_um: covariance of one image's errors.
+    way, what a pulse shorter than a step makes of the curve's way. noise_um: covariance of one image's errors (um²).
+    drift_um2_s: by which their covariance grows in a second at rest. promise: what the table will hold by all this.
     belongs: what it is of. measured: date and time.
     """
 
@@ -63,8 +84,10 @@ class Response:
     curve: Curve
     widths: list[dict[int, Width]]
     noise_um: Matrix
+    drift_um2_s: Matrix
     belongs: dict[str, Any]
     measured: str = ""
+    promise: Rms | None = None
     short: list[dict[int, float]] = field(default_factory=list)
     start: dict[int, Matrix] = field(default_factory=dict)
 
@@ -89,19 +112,16 @@ class Response:
         """The change of all errors by steps of the screws, um."""
         return self.columns(steps) @ steps
 
-    def pulse_us(self, actuator: int, way: int, steps: float, shortest_us: float) -> int:
-        """The length of the pulse for a part of a step (0 … 1), at least the shortest one."""
-        wanted = min(steps / self._factor(actuator, way, steps), 1.0)
-        return round(max(self.curve.us_of(max(wanted, 1e-6)), shortest_us))
-
-    def pulse_steps(self, actuator: int, way: int, us: float) -> float:
-        """The way of a pulse up to a step's length."""
-        plain = self.curve.steps_of(us)
-        return plain * self._factor(actuator, way, plain)
-
-    def scatter(self, us: float) -> float:
-        """The relative scatter of a pulse's way."""
-        return _SCATTER + _SHORT_SCATTER * math.exp(-us * 1e-6 / _SHORT_S)
+    def travel(self, actuator: int, steps: float) -> Travel:
+        """How to turn a shaft by steps (signed). A way of less than the shortest pulse's is made that long."""
+        way = 1 if steps > 0 else -1
+        whole = int(abs(steps))
+        us = self._pulse_us(actuator, way, abs(steps) - whole)
+        if whole and us <= SHORTEST_US:
+            us = 0
+        part = self._pulse_steps(actuator, way, us) if us else 0.0
+        short = self.curve.scatter_of(us) if us else 0.0
+        return Travel(way, whole, us, whole + part, math.hypot(math.sqrt(whole) * self.curve.scatter[-1], short))
 
     @property
     def change(self) -> float:
@@ -124,6 +144,18 @@ class Response:
         update = trust * np.outer(changed_um - expected, weights * np.sign(steps)) / inner
         for actuator in np.flatnonzero(steps):
             self.matrices[1 if steps[actuator] > 0 else -1][:, actuator] += update[:, actuator] * min(1.0, inner)
+
+    def _pulse_us(self, actuator: int, way: int, steps: float) -> int:
+        """The length of the pulse for a part of a step (0 … 1): 0, or at least the shortest one."""
+        if not steps:
+            return 0
+        wanted = min(steps / self._factor(actuator, way, steps), 1.0)
+        return round(max(self.curve.us_of(max(wanted, 1e-6)), SHORTEST_US))
+
+    def _pulse_steps(self, actuator: int, way: int, us: int) -> float:
+        """The way of a pulse up to a step's length."""
+        plain = self.curve.steps_of(us)
+        return plain * self._factor(actuator, way, plain)
 
     def refine_short(self, actuator: int, way: int, ratio: float, weight: float) -> None:
         """A short pulse went `ratio` times as far as expected; weight (0 … 1): how well that is known."""
@@ -149,25 +181,30 @@ class Response:
             "curve": {
                 "us": list(self.curve.us),
                 "steps": list(self.curve.steps),
+                "scatter_steps": list(self.curve.scatter),
                 "error_steps": list(self.curve.errors),
             },
             "short_pulses": [{str(way): value for way, value in each.items()} for each in self.short],
             "gap_steps": [{str(way): [w.mean, w.spread, w.samples] for way, w in each.items()} for each in self.widths],
             "noise_um2": self.noise_um.tolist(),
+            "drift_um2_s": self.drift_um2_s.tolist(),
+            "promise": self.promise and asdict(self.promise),
         }
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> "Response":
         """What to_json() made. Raises KeyError, TypeError or ValueError if it is none."""
         if data["format"] != _FORMAT:
-            raise ValueError(f"format {data['format']}")
+            raise ValueError(f"format {data['format']}, not {_FORMAT}: measure it anew")
         curve = data["curve"]
         response = cls(
             matrices=_ways(data["um_for_a_step"]),
             matrix_errors=_ways(data["um_for_a_step_error"]),
-            curve=Curve(tuple(curve["us"]), tuple(curve["steps"]), tuple(curve["error_steps"])),
+            curve=Curve(*(tuple(curve[name]) for name in ("us", "steps", "scatter_steps", "error_steps"))),
             widths=[{int(way): Width(*w) for way, w in each.items()} for each in data["gap_steps"]],
             noise_um=np.array(data["noise_um2"], dtype=float),
+            drift_um2_s=np.array(data["drift_um2_s"], dtype=float),
+            promise=data["promise"] and Rms(**data["promise"]),
             belongs=data["belongs"],
             measured=data["measured"],
             short=[{int(way): float(value) for way, value in each.items()} for each in data["short_pulses"]],
