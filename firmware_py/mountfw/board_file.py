@@ -30,12 +30,13 @@ BRIDGES = {
 STOPS = ("stop_pos", "stop_neg")
 ENCODERS = ("encoder", "shaft")  # which an axis may have: A and B on the motor's shaft; SDA and SCL of an AS5600
 REQUIRED = ("NAME", "BRIDGE", "AXIS_1", "AXIS_2", "PWM_HZ", "DEAD_TIME_US", "LED")
-OPTIONAL = ("AXIS_3", "AXIS_4", "EMERGENCY_STOP", "ONE_CHANNEL", "GATE", "LANE")
+OPTIONAL = ("AXIS_3", "AXIS_4", "EMERGENCY_STOP", "POWER", "ONE_CHANNEL", "GATE", "LANE")
 
 _PINS = DRIVES + STOPS
 
 checked = None  # the board file that find_board() has returned last: it has no fault
 
+_ANALOG = (26, 27, 28, 29)  # of RP2040 and RP2350 (data sheets: ADC; an RP2350B, which has others, is not tried)
 _MOST_PWM_HZ = 200_000
 _MOST_DEAD_TIME_US = 10_000
 
@@ -184,10 +185,13 @@ def _fault_of_pins(values, rp2):
     stop = values.get("EMERGENCY_STOP")
     if stop is not None and not _is_pin(stop):
         return "EMERGENCY_STOP is %r, neither a pin's number nor None" % (stop,)
+    power = values.get("POWER")
+    if power is not None and not (_is_pin(power) and (not rp2 or power in _ANALOG)):
+        return "POWER is %r, neither an analog input's number%s nor None" % (power, ", 26 to 29," if rp2 else "")
     used = {}
     carriers = {}
     fitted = [axis for axis in AXES if axis in values]
-    places = [("LED", "", values["LED"]), ("EMERGENCY_STOP", "", stop)]
+    places = [("LED", "", values["LED"]), ("EMERGENCY_STOP", "", stop), ("POWER", "", power)]
     places += [(axis, name, values[axis][name]) for axis in fitted for name in _PINS]
     places += [(axis, name, pin) for axis in fitted for name in ENCODERS for pin in values[axis].get(name, ())]
     carrying = BRIDGES[values["BRIDGE"]][1]

@@ -44,6 +44,9 @@ def build(port, board):
     if cause == codes.WATCHDOG:
         error_queue.push(codes.WATCHDOG_RESET)
     about = About(board.NAME, port, cause)
+    power = getattr(board, "POWER", None)
+    if power is not None:
+        about.power = port.analog(power)
     if emergency_stop.fitted:
         port.on_rise(board.EMERGENCY_STOP, controller.guard)
     commands = Commands(controller, line, replies, about)

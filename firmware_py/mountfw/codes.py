@@ -135,6 +135,12 @@ Remedy: Put that firmware or board file back, or save what is left (`SM`).
 
 # ---- errors of one axis
 
+NO_POWER_PIN = _error(70, b"NO POWER PIN")
+"""`XW?` was asked of a board whose file names no analog input, `POWER`.
+
+Remedy: Connect a photodiode's amplifier (at most 3.3 V) and name its pin in the board file: [signal.md](signal.md).
+"""
+
 AXIS_OUT_OF_RANGE = _axis_error(1, b"OUT OF RANGE")
 """A target beyond ±999 999 steps (in counts ±9 999 998, or 250 s of one drive), a move by more, or a run to that edge.
 

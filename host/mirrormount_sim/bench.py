@@ -37,6 +37,7 @@ MORE_DRIVES = {  # of a board with four axes
     21: "m4_neg",
 }
 LED = 25
+POWER = 28  # an analog input
 SWITCHES = {
     10: "m1_sw_pos",
     11: "m1_sw_neg",

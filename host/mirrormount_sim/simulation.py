@@ -187,6 +187,7 @@ class Simulation:
         if truth:
             truth.watch(self.bench)
         self._scratch = scratch
+        self.analog: dict[int, Callable[[], int]] = {}  # of a GPIO: its voltage now, as ADC.read_u16() tells it
         self._sent_levels: dict[str, int] = {}
         self._encoder_wires = EncoderWires(self.bench) if self.bench.encoders else None
         self._collects = True
@@ -307,6 +308,8 @@ class Simulation:
                 out += _RECORD.pack(_PIN, number, level, 0, 0)
             elif name not in self._sent_levels:
                 self._sent_levels[name] = level
+        for number, read in self.analog.items():
+            out += _RECORD.pack(_PIN, number, read(), 0, 0)
         if self._interference:
             received = self._interference.left(t_us, received)
         if self._truth and received:

@@ -59,6 +59,10 @@ class Port(Protocol):
         """A function that reads an input against its pull-up; None for None."""
         ...
 
+    def analog(self, number: int) -> Callable[[], int]:
+        """A function that reads analog input `number`, 0 ... 65535, without an allocation."""
+        ...
+
     def encoder(self, number: int, pins: dict[str, Any]) -> Any:
         """The reader (ports/encoders.py) of an axis whose pins name an encoder; None, after a printed line."""
         ...

@@ -60,6 +60,7 @@ class Port:
         self.hz = {}  # of the pins that have a PWM
         self.edges = []  # (us since start, pin, duty 0 ... 65535)
         self.switches = {}  # pin: 0 or 1; what is not here is pulled up
+        self.analogs = {}  # of analog inputs: 0 ... 65535
         self.lit = None
         self.handlers = {}  # of pins that have an interrupt; unused as a rule, so that switches are polled
         self.opens = None  # the switch that is to open ...
@@ -78,6 +79,13 @@ class Port:
     def ticks_ms(self):
         self.us += 3
         return (self.us // 1000) & (WRAP - 1)
+
+    def analog(self, number):
+        def read():
+            self.us += 30
+            return self.analogs.get(number, 0)
+
+        return read
 
     def any(self, wait_ms):
         self.us += 5

@@ -12,6 +12,7 @@ import sys
 TESTS = (
     "test_wire",
     "test_health",
+    "test_power",
     "test_returned",
     "test_dialect",
     "test_board_file",

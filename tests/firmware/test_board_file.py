@@ -77,6 +77,8 @@ def test_a_slip_is_refused_in_words():
         ({"BRIDGE": "two-pwm"}, "AXIS_1: en is 2, but a two-pwm bridge has none: None"),
         ({"AXIS_1": pins(en=5)}, "pin 5 is used twice, at AXIS_1: en and at AXIS_2: en"),
         ({"AXIS_1": pins(stop_pos=2)}, "pin 2 is used twice, at AXIS_1: en and at AXIS_1: stop_pos"),
+        ({"POWER": 14}, "POWER is 14, neither an analog input's number, 26 to 29, nor None"),
+        ({"POWER": 27, "AXIS_1": pins(encoder=(26, 27))}, "pin 27 is used twice, at POWER and at AXIS_1: encoder"),
         ({"EMERGENCY_STOP": 3}, "pin 3 is used twice, at EMERGENCY_STOP and at AXIS_1: pos"),
         ({"EMERGENCY_STOP": "GP14"}, "EMERGENCY_STOP is 'GP14', neither a pin's number nor None"),
         ({"AXIS_1": pins(en=21)}, "pins 21 and 5 share one PWM output, so both motors would turn"),

@@ -7,8 +7,10 @@ from pathlib import Path
 import pytest
 from circuitpy_board import PERIOD_US, STEP_US, Board
 
+from mirrormount.errors import EmulatorMissing
 from mirrormount_sim import machines
 from mirrormount_sim.board import Options, make_simulation
+from mirrormount_sim.machines import firmware_folder
 from mirrormount_sim.simulation import Simulation
 from mountfw.ports.shared import FOLDERS
 
@@ -49,6 +51,24 @@ def test_one_transcript_of_the_wire_holds_on_both_ports(machine, boards):
         said = bytes(board.received)
         assert said.startswith(expected) and (said == expected or expected.endswith(b",")), sent
     assert board.off()
+
+
+@pytest.mark.parametrize("machine", ["cpython", "circuitpython", "micropython"])
+def test_the_analog_input_is_told_on_every_port(machine, boards, tmp_path):
+    if machine == "micropython":
+        root = tmp_path / "root"
+        shutil.copytree(firmware_folder() / "mountfw", root / "mountfw", ignore=shutil.ignore_patterns("__pycache__"))
+        shutil.copy(root / "mountfw" / "entry" / "main.py", root / "main.py")
+        try:
+            board = boards(Simulation(machines.micropython(root)))
+        except EmulatorMissing as e:
+            pytest.skip(str(e))
+    else:
+        board = boards(make_simulation(Options(machine=machine)))
+    value = [0]
+    board.simulation.analog[28] = lambda: value[0]
+    for value[0] in (0, 12_345, 65_535):
+        assert board.ask(b"XW?\n") == b"%d\r\n" % value[0]
 
 
 @pytest.mark.parametrize("machine", ["cpython", "circuitpython"])

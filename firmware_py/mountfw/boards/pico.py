@@ -24,6 +24,10 @@ AXIS_2 = {"en": 5, "pos": 6, "neg": 7, "stop_pos": 12, "stop_neg": 13}
 # An emergency stop: an input, 14 in docs/bring-up.md, with a normally closed button to ground. None: not fitted.
 EMERGENCY_STOP = None
 
+# An analog input, 26 to 29, at which a photodiode's amplifier tells the power of a fibre (docs/signal.md).
+# None: not fitted. Nothing is driven by it, and 26 and 27 are an encoder's in docs/bring-up.md.
+POWER = 28
+
 # As made; the setting `pwm_hz` goes before it. Lower gives more torque at a low duty, higher a later
 # whine; a new duty shows after at most one period. 4 kHz keeps that within 250 us and the period far
 # above the bridge's switching times.

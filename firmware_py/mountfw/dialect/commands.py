@@ -17,6 +17,7 @@ _PULSE = _SETTINGS[key(b"XP")]  # a pulse of its own length (XU) is as long as a
 _VA = key(b"VA")
 _MD = key(b"MD")
 _XF = key(b"XF")
+_XW = key(b"XW")
 _ST = key(b"ST")
 _STOPS = (_ST, key(b"AB"))
 
@@ -65,6 +66,7 @@ class Commands:
             "XE": (True, None, queries.ended),
             "XF": (False, None, queries.firmware_hash),
             "XH": (False, None, queries.health),
+            "XW": (False, None, queries.power),
         }
         commands.update(NewFocus(line, replies, self._number).rows())
         self._settings = _SETTINGS
@@ -131,6 +133,8 @@ class Commands:
         if line.kind == QUERY:
             if line.name == _XF and self.queries.hash is None:
                 return self._read_files()
+            if line.name == _XW and self.queries.about.power is None:
+                return self._refuse(codes.NO_POWER_PIN)
             self._next_answer()
             return action(axis)
         return action(axis, line)

@@ -20,6 +20,7 @@ class About:
         self.reset_cause = reset_cause
         self.free_memory = port.free_memory
         self.boot_id = port.boot_id()
+        self.power = None  # reads the analog input, 0 ... 65535; None: not fitted
         self._ticks_ms = port.ticks_ms
         self._booted_ms = port.ticks_ms()
         self.gate = 0  # as the port's gate says (docs/gate.md); 0: this port has none
@@ -159,6 +160,9 @@ class Queries:
 
     def firmware_hash(self, _axis):
         self._replies.add(self.hash)
+
+    def power(self, _axis):
+        self._replies.add(self.about.power())
 
     def health(self, _axis):
         r = self._replies

@@ -214,6 +214,24 @@ class TwoPwmBridge:
         return now_us
 
 
+class _Analog:
+    """An analog input."""
+
+    def __init__(self, number):
+        import analogio  # a build may lack it, and a board file the input
+
+        self.io = analogio.AnalogIn(_pin_of(number))
+
+    def read(self):
+        """The voltage, 0 ... 65535."""
+        return self.io.value
+
+
+def analog(number):
+    """A function that reads analog input `number`, 0 ... 65535."""
+    return _Analog(number).read
+
+
 def reader(number):
     """A function that reads input pin `number` (False or True) against its pull-up; None for None."""
     if number is None:

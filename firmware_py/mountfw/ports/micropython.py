@@ -113,6 +113,11 @@ def reader(number):
     return None if number is None else Pin(number, Pin.IN, Pin.PULL_UP).value
 
 
+def analog(number):
+    """A function that reads analog input `number`, 0 ... 65535: some microseconds."""
+    return machine.ADC(Pin(number)).read_u16
+
+
 def encoder(number, pins):
     """The reader (encoders.py) of an axis whose pins name an encoder; None, after a printed line."""
     return micropython_encoder.reader(number, pins)

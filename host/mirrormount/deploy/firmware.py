@@ -315,7 +315,8 @@ def _faults(found: dict[str, object]) -> str:
 
 
 def _faults_of_pins(found: dict[str, object]) -> str:
-    pins = [("LED", found["LED"], True), ("EMERGENCY_STOP", found.get("EMERGENCY_STOP"), True)]
+    pins = [("LED", found["LED"], True)]
+    pins += [(name, found.get(name), True) for name in ("EMERGENCY_STOP", "POWER")]
     two_pwm = found["BRIDGE"] == "two-pwm"
     for axis in rules.AXES:
         if axis not in found:

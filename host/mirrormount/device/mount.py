@@ -192,6 +192,10 @@ class Mount:
         """The same as take_errors(), each with its number and its text. They are taken from the board's queue."""
         return self.session.errors()
 
+    def power(self) -> int:
+        """The voltage of the board's analog input, 0 … 65535. Raises BoardError (70) if its board file names none."""
+        return int(self.ask("XW?"))
+
     def ask(self, query: str) -> str:
         """Send a command line with a query; returns the board's one line of answers (docs/protocol.md)."""
         return self.session.ask(query)

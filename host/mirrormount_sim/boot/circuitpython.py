@@ -16,7 +16,9 @@ import sys
 FAKES, FIRMWARE, FILES, LIB, BOARD_ID = sys.argv[1:6]
 START_US, READ_FD, WRITE_FD = int(sys.argv[6]), int(sys.argv[7]), int(sys.argv[8])
 ON_CPYTHON = sys.implementation.name == "cpython"
-MODULES = "board busio digitalio microcontroller pwmio rotaryio select storage supervisor time usb_cdc watchdog"
+MODULES = (
+    "analogio board busio digitalio microcontroller pwmio rotaryio select storage supervisor time usb_cdc watchdog"
+)
 
 
 class _Exactly:

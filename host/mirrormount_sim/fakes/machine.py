@@ -114,6 +114,19 @@ def _level(value):
     return int(value)
 
 
+class ADC:
+    """An analog input: the simulation tells its value as a level, 0 ... 65535."""
+
+    def __init__(self, pin):
+        if pin.number not in (26, 27, 28, 29):
+            raise ValueError("Pin doesn't have ADC capabilities")
+        self._number = pin.number
+
+    def read_u16(self):
+        _seam.seam.tick(4)
+        return _seam.seam.levels.get(self._number, 0)
+
+
 class PWM:
     """An output of a slice. Making one gives the pin the PWM function, as on the RP2040.
 
