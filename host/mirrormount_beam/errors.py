@@ -82,3 +82,30 @@ class NotControllable(MountError):
     them; or an axis does not move the spot at all.
     Remedy: What the line says: a second camera at another distance, one mount, or look at motor and coupler.
     """
+
+
+class SignalError(MountError):
+    """The source of a signal cannot be opened or read. Motors are off.
+    Remedy: What the line says; `mirrormount align --help` names the sources.
+    """
+
+
+class SignalNotANumber(SignalError):
+    """The source of the signal gave something that is no finite number: NaN, an overflow, or a word.
+    Remedy: Look at what it shows: a meter out of its range says so in this way. Choose a range that holds the largest
+    power, or correct --query or your function.
+    """
+
+
+class SignalSaturated(SignalError):
+    """The signal is at the end of its range: it would stay there while the power rises, so no maximum can be found.
+    Remedy: Less light or less gain: a filter, a smaller load resistor at the photodiode, a shorter exposure.
+    """
+
+
+class SignalDark(SignalError):
+    """The signal is not above 0, or does not change, whichever axis is driven: there is no light in the fibre or on the
+    detector, it is not the detector of this beam, no motor turns the mirrors, or a meter tells dBm.
+    Remedy: Bring 1 % of the light into it by hand or by `mirrormount scan`; set the meter to watts and take its dark
+    value off; look at the detector's cable and the motors.
+    """

@@ -382,20 +382,28 @@ class Table:
         self._closing = contextlib.ExitStack()
 
     @classmethod
-    def open(cls, patience_s: float = PATIENCE_S, settings: CameraSettings = CameraSettings()) -> Self:  # noqa: B008
+    def open(
+        cls,
+        patience_s: float = PATIENCE_S,
+        settings: CameraSettings = CameraSettings(),  # noqa: B008
+        *,
+        with_cameras: bool = True,
+    ) -> Self:
         """Open all mounts and cameras of the table's file; motors that moved are stopped.
 
         patience_s: silence of a loop after which what it moves is stopped. settings: of all cameras, before what the
-        file says of each.
+        file says of each. with_cameras: for a loop that sees no spots, False.
         Raises BadFile if it names none, NotCalibrated for a camera without a scale, CameraError, and as Mount.open().
         """
         table = table_file.read()
-        for what, entries in (("mount", table.mounts), ("camera", table.cameras)):
+        wanted = table.cameras if with_cameras else {}
+        needed = {"mount": table.mounts} | ({"camera": wanted} if with_cameras else {})
+        for what, entries in needed.items():
             if not entries:
                 raise BadFile(f"{table_file.path()} names no {what}: `mirrormount table {what} NAME` gives it a name")
         with contextlib.ExitStack() as opened:
             cameras = {}
-            for name, entry in table.cameras.items():
+            for name, entry in wanted.items():
                 cameras[name] = _target_camera(name, entry, settings)
                 opened.callback(cameras[name].close)
             mounts = supervised(table.mounts, patience_s)

@@ -273,6 +273,69 @@ class Sensor:
         return np.multiply.outer(down.astype(np.float32), across.astype(np.float32))
 
 
+# ---- a fibre behind a collimator
+
+# Thorlabs F220APC-780, f = 11.07 mm, with fibre 780HP, mode field diameter 5.0 um, at 780 nm (their catalogue)
+WAVELENGTH_MM, FOCAL_MM, MODE_FIELD_MM = 780e-6, 11.07, 5.0e-3
+FIBRE_WAIST_MM = WAVELENGTH_MM * FOCAL_MM / (math.pi * MODE_FIELD_MM / 2)  # of its mode before the lens: 1.10
+FIBRE_ANGLE_RAD = MODE_FIELD_MM / 2 / FOCAL_MM  # at which the light in it is 1/e: 226 urad
+FIBRE_M = 0.4  # from the last mirror to the collimator; assumed
+FIBRE_NOISE = 0.02  # of the light, one standard deviation from reading to reading; assumed
+FIBRE_DARK = 2e-4  # of all light, the same without light; assumed
+
+
+class Fibre:
+    """A single-mode fibre with a collimator, and a beam that has its mode's waist there.
+
+    Two equal Gaussian modes of waist w, d apart and at an angle of theta, overlap by exp(-(d/w)^2 - (theta pi
+    w/lambda)^2) (W. B. Joyce and B. C. DeLoach, 1984). A place is a beam's (right, up) in units of w, then its angle in
+    units of lambda/(pi w).
+    It stands where some turn of the mirrors aims, begins with so much light, and aims in any direction of a place that
+    the mirrors reach: with one mount angles only, with two displacements as well.
+    """
+
+    def __init__(self, mirrors: int, geometry: Geometry, start: float, noise: np.random.Generator) -> None:
+        two = replace(geometry, cameras_m=(FIBRE_M, FIBRE_M + 1.0))
+        self._path, self._noise = BeamPath(mirrors, two), noise
+        small = 1e-5
+        at_rest = self._raw((0.0, 0.0), (0.0, 0.0), [(0.0, 0.0)] * mirrors)
+        columns = []
+        for axis in range(2 * mirrors):
+            turned = [0.0] * (2 * mirrors)
+            turned[axis] = small
+            pairs = list(zip(turned[::2], turned[1::2], strict=True))
+            columns.append((self._raw((0.0, 0.0), (0.0, 0.0), pairs) - at_rest) / small)
+        self._reach = np.linalg.qr(np.array(columns).T)[0]  # the places that the mirrors reach, as orthonormal columns
+        far = noise.standard_normal(2 * mirrors)
+        self._off = self._reach @ (far * math.sqrt(-math.log(start)) / np.linalg.norm(far))
+        self._aim: NDArray[np.float64] | None = None
+
+    def _raw(
+        self, offset_mm: tuple[float, float], angle_rad: tuple[float, float], mirrors_rad: list[tuple[float, float]]
+    ) -> NDArray[np.float64]:
+        near, far = self._path.spots(offset_mm, angle_rad, mirrors_rad)
+        if near is None or far is None:
+            return np.full(4, 1e3)  # no light
+        at, ahead = np.array(near), np.array(far)
+        return np.concatenate((at / FIBRE_WAIST_MM, (ahead - at) * 1e-3 / FIBRE_ANGLE_RAD))
+
+    def light(
+        self, offset_mm: tuple[float, float], angle_rad: tuple[float, float], mirrors_rad: list[tuple[float, float]]
+    ) -> tuple[float, float]:
+        """The share of the light that is in the fibre, and the largest that the mirrors can bring into it now."""
+        place = self._raw(offset_mm, angle_rad, mirrors_rad)
+        if self._aim is None:
+            self._aim = place + self._off
+        off = place - self._aim
+        out_of_reach = off - self._reach @ (self._reach.T @ off)
+        return math.exp(-float(off @ off)), math.exp(-float(out_of_reach @ out_of_reach))
+
+    def reading(self, light: float) -> float:
+        """What a power meter shows, of 1 for all light."""
+        by_light, dark = self._noise.standard_normal(2)
+        return light * (1 + FIBRE_NOISE * float(by_light)) + FIBRE_DARK * float(dark)
+
+
 GRID_S = 0.01  # the walk's step; a jitter stays as long
 _MOST = 100_000  # steps drawn at once
 

@@ -37,11 +37,11 @@ from mirrormount_beam.errors import CameraGone
 from mirrormount_beam.scale import Scale
 from mirrormount_beam.selection import WHOLE
 from mirrormount_sim.beams import draw_beam, draw_defects, draw_window
-from mirrormount_sim.bench import INCIDENCE
+from mirrormount_sim.bench import INCIDENCE, POWER
 from mirrormount_sim.board import LockstepPort, Options, RealtimePort, make_simulation, profile_named, seed_of
 from mirrormount_sim.clocks import Lockstep
 from mirrormount_sim.mechanics import KINDS
-from mirrormount_sim.optics import DEFAULT, BeamPath, Day, Drift, Geometry, Sensor, Spot
+from mirrormount_sim.optics import DEFAULT, BeamPath, Day, Drift, Fibre, Geometry, Sensor, Spot
 from mirrormount_sim.profiles import SMOOTH, Profile
 from mirrormount_sim.simulation import START_US, BoardGone, Simulation
 
@@ -395,6 +395,9 @@ def _add_window(sensor: Sensor) -> None:
 LASER_DRIFT_URAD = 3.0  # of the beam's direction after one second, either way, growing as its root; assumed
 LASER_JITTER_URAD = 1.0  # of the beam's direction; assumed
 MOUNT_DRIFT_URAD = 0.1  # of a mirror after one second; assumed
+READING_S = 0.01  # a reading of the virtual power meter; assumed
+ADC_FULL = 50_000  # of 65535, with all light in the fibre: an amplifier as a person sets it
+FIBRE_START = 0.01  # of all light, in the fibre when its light is asked for first
 MOUNT_JITTER_URAD = 0.3  # of a mirror, from the table's vibration; assumed
 _MOST_ON_MIRROR_MM = 7.0  # from a mirror's middle: the rest of its radius is for what the mounts do
 Mount = Callable[[], list[tuple[float, float]]]
@@ -438,6 +441,7 @@ class Table:
         phases = np.random.default_rng([seed, 0xDA]).uniform(0, 2 * math.pi, (mirrors, 2))
         self._days = [(Day(day_urad, float(yaw)), Day(day_urad, float(pitch))) for yaw, pitch in phases]
         self._path = BeamPath(mirrors, geometry)
+        self._fibre = Fibre(mirrors, geometry, FIBRE_START, np.random.default_rng([seed, 0xF1]))
 
     def bump(self, mirror: int, yaw_urad: float, pitch_urad: float) -> None:
         """Knock a mount: its mirror is turned by so much, at once and for good."""
@@ -487,6 +491,16 @@ class Table:
         if self.laser.blocked:
             return [None] * len(self.geometry.cameras_m)
         return self._path.spots(self.laser.offset_mm, angle, mirrors)
+
+    def fibre_light(self, time_s: float) -> tuple[float, float]:
+        """The share of the light that is in the fibre, and the largest that the mounts can bring into it now."""
+        angle, mirrors = self.laser.angle_rad(time_s), self.mirrors_rad(time_s)
+        light, most = self._fibre.light(self.laser.offset_mm, angle, mirrors)
+        return (0.0 if self.laser.blocked else light), most
+
+    def fibre_reading(self, time_s: float) -> float:
+        """What a power meter at the fibre shows, of 1 for all light, with its noise."""
+        return self._fibre.reading(self.fibre_light(time_s)[0])
 
     def mirrors_urad(self, time_s: float) -> list[tuple[float, float]]:
         """Yaw and pitch of each mirror in microradians."""
@@ -566,6 +580,18 @@ class VirtualTable:
             camera.scale = Scale(*camera.size, sensor.pixel_mm, 0.0, from_mm, 0.0, math.degrees(INCIDENCE))
             self.cameras.append(camera)
 
+    def power(self) -> float:
+        """What a power meter at the fibre shows, of 1 for all light; a reading takes READING_S."""
+        self.sleep(READING_S)
+        return self.truth.fibre_reading(self.now_s())
+
+    def connect_fibre(self) -> None:
+        """Bring the same to the first board's analog input. It is told whenever the board goes on, so it takes time."""
+        self.simulations[0].analog[POWER] = self._adc
+
+    def _adc(self) -> int:
+        return min(max(round(self.truth.fibre_reading(self.now_s()) * ADC_FULL), 0), 65535)
+
     def _port(self, simulation: Simulation) -> LockstepPort | RealtimePort:
         if isinstance(self.clock, LockstepClock):
             return _TablePort(simulation, self.clock)
@@ -584,6 +610,7 @@ class VirtualTable:
         before = self.simulations[number]
         self.ports[number].close()
         simulation = self.simulations[number] = make_simulation(self._boards[number], before.bench)
+        simulation.analog = before.analog
         if isinstance(self.clock, LockstepClock):
             self.clock.power_on(simulation, before)
         self.ports[number] = self._port(simulation)

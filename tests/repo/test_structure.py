@@ -14,7 +14,12 @@ FIRMWARE = ROOT / "firmware_py" / "mountfw"
 TOOLS = ROOT / "tools"
 
 # imports by a name in a string, of the packages above: a scheme of addresses, a command, the list of cameras
-DYNAMIC = {"mirrormount/transport/ports.py": 1, "mirrormount/cli/main.py": 1, "mirrormount/cli/table.py": 1}
+DYNAMIC = {
+    "mirrormount/transport/ports.py": 1,
+    "mirrormount/cli/main.py": 1,
+    "mirrormount/cli/table.py": 1,
+    "mirrormount_beam/signals.py": 1,  # a function of the person's own, whom --signal python: names
+}
 
 
 def modules(*roots: Path) -> list[Path]:

@@ -27,6 +27,7 @@ PHYSICAL = {
     9: 12,
     26: 31,
     27: 32,
+    28: 34,
 }  # of a Pico, by its GPIO
 STOP = "emergency_stop"  # what GP14 is for, once a board file says so
 
@@ -75,7 +76,7 @@ def test_the_table_of_the_page_has_the_pins_of_the_board_file(wiring):
     encoders = {
         f"{motor}_enc_{word}": pin for motor, pins in ENCODERS.items() for word, pin in zip("ab", pins, strict=True)
     }
-    pins = board_file() | {STOP: 14} | encoders
+    pins = board_file() | {STOP: 14, "POWER": pico.POWER} | encoders
     assert told == {name: (f"GP{pin}", PHYSICAL[pin], at_bridge.get(name, "–")) for name, pin in pins.items()}
 
 

@@ -61,8 +61,12 @@ _VIRTUAL_S = 3600.0  # of a virtual hold, unless another duration is asked for
 
 def run(verb: str, args: argparse.Namespace) -> int:
     """Run one of the three; the exit status: 0 only if the goal was met. Raises MountError."""
+    if verb == "align" and args.signal:
+        from mirrormount_beam.cli.signal import run_signal
+
+        return run_signal(args)
     goals = _goals(verb, args)
-    _check_numbers(args.json)
+    check_numbers(args.json)
     path = args.calibration or (None if args.virtual else calibration.path().with_name("table-calibration.json"))
     if path:
         check_place(path)
@@ -72,7 +76,7 @@ def run(verb: str, args: argparse.Namespace) -> int:
         page: LoopPage | None = (
             stack.enter_context(page_of("hold")(args, table, halt)) if verb == "hold" and args.page else None
         )
-        tell = stack.enter_context(_told(args, page.board.listen if page else None))
+        tell = stack.enter_context(told(args, page.board.listen if page else None))
         if verb == "calibrate":
             response, _ = _calibrated(table, tell)
             result = {"reached": True, "seconds": round(table.now_s(), 3)} | response.to_json()
@@ -131,6 +135,13 @@ def _goals(verb: str, args: argparse.Namespace) -> dict[str, Any]:
 @contextlib.contextmanager
 def _virtual(args: argparse.Namespace) -> Iterator[tuple[LoopTable, None]]:
     """The virtual table in lockstep, its mounts driven from here."""
+    with virtual_table(args) as (loop, _, _):
+        yield loop, None
+
+
+@contextlib.contextmanager
+def virtual_table(args: argparse.Namespace) -> Iterator[tuple[LocalTable, Any, dict[str, Mount]]]:
+    """The same, with the table itself and its mounts."""
     settings = camera_settings(args)
     address = virtual_address(args, "virtual-table", mounts=args.mounts, cameras=args.cameras, off=args.off)
     assert address is not None
@@ -147,7 +158,7 @@ def _virtual(args: argparse.Namespace) -> Iterator[tuple[LoopTable, None]]:
             )
             for camera, at_m in zip(table.cameras, distances_m, strict=True)
         ]
-        yield LocalTable(mounts, cameras, table.now_s, table.sleep), None
+        yield LocalTable(mounts, cameras, table.now_s, table.sleep), table, mounts
 
 
 @contextlib.contextmanager
@@ -190,14 +201,14 @@ def _keep(response: Response, path: Path | None, numbers: Path | None, result: d
         if path:
             save(response, path)
     finally:
-        _write(numbers, result)
+        write_numbers(numbers, result)
 
 
 # ---- what is said
 
 
 @contextlib.contextmanager
-def _told(args: argparse.Namespace, also: Listen | None) -> Iterator[Listen]:
+def told(args: argparse.Namespace, also: Listen | None) -> Iterator[Listen]:
     """What takes the loop's events: the line on the terminal, interlocks on stdout, and the log."""
     line = StatusLine()
     with contextlib.ExitStack() as stack:
@@ -264,7 +275,7 @@ def _tell_hold(summary: Summary) -> None:
 # ---- the file of --json
 
 
-def _check_numbers(path: Path | None) -> None:
+def check_numbers(path: Path | None) -> None:
     """Raises CannotWrite now, and not after hours of holding; also if a file is there that is no earlier run's."""
     if path and not _is_device(path):
         file = files.behind_link(path)
@@ -272,7 +283,7 @@ def _check_numbers(path: Path | None) -> None:
         files.check_writable(file)
 
 
-def _write(path: Path | None, result: dict[str, Any]) -> None:
+def write_numbers(path: Path | None, result: dict[str, Any]) -> None:
     """Write --json. Raises CannotWrite."""
     if path is None:
         return
@@ -318,6 +329,16 @@ def _align_arguments(parser: argparse.ArgumentParser) -> None:
     _common(parser, "9")
     parser.add_argument("--within", metavar="UM", default="15", help="the goal on each camera (15)")
     parser.add_argument("--most", metavar="N", default="10", help="corrections at most (10)")
+    signal = parser.add_argument_group("instead of spots on cameras, a signal that is brought to its maximum")
+    signal.add_argument(
+        "--signal",
+        metavar="SOURCE",
+        help="board, camera:NAME, scpi:PORT, serial:PORT, python:MODULE:FUNCTION; fibre (with --virtual)",
+    )
+    signal.add_argument("--axes", metavar="LIST", help="such as first.x,first.y (default: all of the mounts)")
+    signal.add_argument("--limit", metavar="STEPS", default="40", help="no axis goes further from where it is (40)")
+    signal.add_argument("--query", metavar="TEXT", help="what a meter is asked (scpi: MEAS:POW?; serial: nothing)")
+    signal.add_argument("--baud", metavar="N", default="9600", help="of the meter's port (9600)")
 
 
 def _hold_arguments(parser: argparse.ArgumentParser) -> None:

@@ -223,9 +223,10 @@ def _least_squares(
 
 
 class Mover:
-    """Moves the actuators of a table. actions, reversals: counted since the beginning."""
+    """Moves the actuators of a table. actions, reversals: counted since the beginning. observer: None if no spot is
+    to be seen."""
 
-    def __init__(self, table: LoopTable, observer: Observer, listen: Listen) -> None:
+    def __init__(self, table: LoopTable, observer: Observer | None, listen: Listen) -> None:
         self.table = table
         self.actions = self.reversals = 0
         self.motor_s = 0.0
@@ -246,7 +247,7 @@ class Mover:
             self._tell(i, length, (purposes or {}).get(i, CORRECT))
         self.steps({i: travel.way * travel.whole for i, travel in made.items()})
         self.pulses({i: travel.way * travel.us for i, travel in made.items() if travel.us})
-        self._observer.moved()
+        self._moved()
         return made
 
     def measure(self, steps: Mapping[int, int]) -> None:
@@ -254,14 +255,14 @@ class Mover:
         for i, n in steps.items():
             self._tell(i, n * self.table.actuators[i].step_us, MEASURE)
         self.steps(steps)
-        self._observer.moved()
+        self._moved()
 
     def measure_pulses(self, us: Mapping[int, int]) -> None:
         """One pulse each for a calibration."""
         for i, length in us.items():
             self._tell(i, length, MEASURE)
         self.pulses(us)
-        self._observer.moved()
+        self._moved()
 
     def steps(self, steps: Mapping[int, int]) -> None:
         """Whole steps, all at once, to their end."""
@@ -288,15 +289,19 @@ class Mover:
                     self.table.sleep(_SOON_S)
                     continue
                 before_s = self.table.now_s()
-                if misses.too_many(self._observer.glance()):
+                if self._observer and misses.too_many(self._observer.glance()):
                     raise SpotLostMoving
                 self.table.sleep(_POLL_S - (self.table.now_s() - before_s))
         except BaseException:
             try:
                 self.table.stop()
             finally:
-                self._observer.moved()
+                self._moved()
             raise
+
+    def _moved(self) -> None:
+        if self._observer:
+            self._observer.moved()
 
     def _tell(self, i: int, us: int, purpose: str) -> None:
         way = 1 if us > 0 else -1

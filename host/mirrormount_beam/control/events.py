@@ -84,6 +84,15 @@ class Pulsed:
     purpose: str
 
 
+@dataclass(frozen=True, slots=True)
+class SignalRead:
+    """The signal that is maximised: the mean of some readings and its standard error, in the source's unit."""
+
+    time_s: float
+    value: float
+    error: float
+
+
 CORRECT, TAKE_UP, CREEP, MEASURE = "correct", "take-up", "creep", "measure"
 
 
@@ -170,6 +179,7 @@ Event = (
     Observed
     | Estimated
     | Pulsed
+    | SignalRead
     | Corrected
     | StateChanged
     | InterlockTripped
@@ -183,6 +193,7 @@ _KINDS: dict[str, type[Any]] = {
     "observation": Observed,
     "estimate": Estimated,
     "pulse": Pulsed,
+    "signal": SignalRead,
     "correction": Corrected,
     "state": StateChanged,
     "interlock tripped": InterlockTripped,
