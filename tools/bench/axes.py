@@ -202,14 +202,15 @@ def main() -> None:
     port = free_port()
     with ExitStack() as stack:
         os.environ["MIRRORMOUNT_CONFIG"] = stack.enter_context(tempfile.TemporaryDirectory())
-        words = [sys.executable, __file__, "--stand-ins", str(port), "--mounts", str(args.mounts)]
-        boards = stack.enter_context(subprocess.Popen(words, stdout=subprocess.PIPE))
+        words = [sys.executable, "-P", __file__, "--stand-ins", str(port), "--mounts", str(args.mounts)]
+        here = os.environ | {"PYTHONPATH": os.path.dirname(os.path.abspath(__file__))}  # for _paths
+        boards = stack.enter_context(subprocess.Popen(words, stdout=subprocess.PIPE, env=here))
         stack.callback(boards.kill)
         assert boards.stdout and boards.stdout.readline()
         addresses = [f"socket://127.0.0.1:{port + i}" for i in range(args.mounts)]
         ioc = stack.enter_context(Ioc(*addresses, "--patience", args.patience))
         for _ in range(args.load):
-            stack.callback(subprocess.Popen([sys.executable, "-c", "while True: pass"]).kill)
+            stack.callback(subprocess.Popen([sys.executable, "-P", "-c", "while True: pass"]).kill)
         os.environ |= ioc.environment
         names = [f"{PREFIX}m{i}:{axis}" for i in range(1, args.mounts + 1) for axis in "xy"]
         measure(names, args.minutes, Used(ioc.process.pid))
