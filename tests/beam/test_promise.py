@@ -8,6 +8,7 @@ from loop_rig import Rig
 
 from mirrormount_beam.control.calibrate import Calibration
 from mirrormount_beam.control.hold import Hold, align
+from mirrormount_beam.control.promise import promise_of
 from mirrormount_beam.runlog import Rms
 
 
@@ -33,6 +34,12 @@ def test_a_table_holds_what_was_promised(profile):
     assert response.promise
     assert 1 / 1.5 < held.times(response.promise) < 1.5
     assert not hold.summary.interlocks
+
+
+def test_a_table_that_cannot_be_held_is_promised_nothing():
+    table, response, _ = measured("smooth", 1)
+    response.drift_um2_s *= 1e5  # 3 mm in a second, which is further than a correction reaches
+    assert promise_of(response, table.cameras, 1 / 30) is None
 
 
 def test_one_camera_without_a_distance_is_promised_in_micrometres():

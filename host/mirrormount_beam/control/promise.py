@@ -23,16 +23,19 @@ from mirrormount_beam.table import TargetCamera
 # So often the model is held, for so long: the middle one counts, for once in a while a reversal throws the beam.
 _RUNS, _RUN_S = 3, 100.0
 _LATENCY_S = 0.05  # From an exposure to the image, as usual for a webcam.
+_NEVER = Rms(math.inf, math.inf)
 _BLANK = np.zeros((1, 1), np.uint8)
 
 
-def promise_of(response: Response, cameras: Sequence[TargetCamera], frame_s: float) -> Rms:
-    """What the loop makes of the model. frame_s: from one image to the next."""
+def promise_of(response: Response, cameras: Sequence[TargetCamera], frame_s: float) -> Rms | None:
+    """What the loop makes of the model; None if an interlock ends that. frame_s: from one image to the next."""
     held: list[Rms] = []
     for number in range(_RUNS):
         model = _Model(response, cameras, frame_s, np.random.default_rng(number))
-        held.append(Hold(model, deepcopy(response), model.gaps()).run(_RUN_S).held.rms)
-    return sorted(held, key=lambda rms: rms.um if rms.urad is None else rms.urad)[_RUNS // 2]
+        summary = Hold(model, deepcopy(response), model.gaps()).run(_RUN_S)
+        held.append(_NEVER if summary.interlocks else summary.held.rms)
+    middle = sorted(held, key=lambda rms: rms.um if rms.urad is None else rms.urad)[_RUNS // 2]
+    return None if middle is _NEVER else middle
 
 
 class _Model:
@@ -148,8 +151,16 @@ class _Eye:
     def spot(self, _: Image) -> Spot:
         """Where the spot is now, with the noise of one image."""
         right, up = self._model.errors_um[self._errors] + self._noise @ self._model.chance.standard_normal(2)
-        x, y = (
-            self._like.target_px[0] + right / self._like.um_per_px[0],
-            self._like.target_px[1] - up / self._like.um_per_px[1],
+        (x, y), (um_x, um_y) = self._like.target_px, self._like.um_per_px
+        return Spot(
+            x + float(right) / um_x,
+            y - float(up) / um_y,
+            self._sigma_px[0],
+            self._sigma_px[1],
+            12.0,
+            12.0,
+            180.0,
+            0.0,
+            0,
+            600.0,
         )
-        return Spot(float(x), float(y), self._sigma_px[0], self._sigma_px[1], 12.0, 12.0, 180.0, 0.0, 0, 600.0)
