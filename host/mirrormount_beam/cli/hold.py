@@ -255,7 +255,7 @@ def _tell_response(response: Response) -> None:
         rms = f"{promise.um:.0f} um rms" if promise.urad is None else f"{promise.urad:.1f} urad rms"
         print(f"this table will hold {rms}, by what was measured")
     else:
-        print("this table will not be held, by what was measured: pulses or gaps scatter too much")
+        print("this table will not be held, by what was measured: the spots drift, or the pulses scatter, too much")
 
 
 def _tell_align(summary: Summary) -> None:
