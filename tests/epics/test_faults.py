@@ -69,10 +69,11 @@ def test_moves_that_a_busy_ioc_cuts_short_fail_and_say_what_to_do(board, rests):
             from ophyd import EpicsMotor
             x = EpicsMotor(P + "m1:x", name="x"); x.wait_for_connection(timeout=30)
             status = x.set(50)
-            wait_for(lambda: x.moving, "the move")
+            wait_for(lambda: x.moving and x.position > 0, "the first step")
             event("moving")
             wait_for(lambda: status.done, "its end")
-            assert not status.success and 0 < x.position < 50
+            assert not status.success, status
+            assert 0 < x.position < 50, x.position
             why = epics.caget(P + "m1.MSG$", as_string=True)
             assert "silent for more than 1 s" in why and "--patience" in why, why
             assert epics.caget(P + "m1:x.SEVR") == 2 and epics.caget(P + "m1:x.SPMG") == 0
