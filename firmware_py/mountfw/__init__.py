@@ -3,7 +3,7 @@
 Read app.py first: it is the loop; build.py composes it. docs/architecture.md tells who may import whom.
 """
 
-__version__ = "0.2.0"
+__version__ = "0.3.0"
 
 
 def const(value):

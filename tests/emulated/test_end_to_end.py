@@ -129,7 +129,7 @@ def test_a_blank_board_says_that_the_firmware_is_missing(blank):
 def test_deploy_puts_the_firmware_on_it_and_it_answers(blank):
     run = run_cli("deploy", "--port", str(blank.link))
     assert run.returncode == 0, run.stderr
-    assert run.stdout.startswith("OK: Raspberry Pi Pico, mountfw 0.2.0, 2 axes,")
+    assert run.stdout.startswith("OK: Raspberry Pi Pico, mountfw 0.3.0, 2 axes,")
     assert "(0 unchanged)" in run.stdout
 
 

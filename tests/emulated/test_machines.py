@@ -16,7 +16,7 @@ def sequence(edges) -> list[tuple[str, int]]:
 
 
 def test_it_says_who_it_is(board):
-    assert board.ask(b"*IDN?\n") == b"mirrormount,Raspberry Pi Pico,e6616408432f5a21,0.2.0\r\n"
+    assert board.ask(b"*IDN?\n") == b"mirrormount,Raspberry Pi Pico,e6616408432f5a21,0.3.0\r\n"
 
 
 def test_a_pulse_drives_its_leg_then_its_enable_and_lets_go_in_the_other_order(board):

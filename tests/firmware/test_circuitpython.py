@@ -23,8 +23,8 @@ def board(new) -> Board:
 
 
 TRANSCRIPT = (
-    (b"*IDN?\n", b"mirrormount,Raspberry Pi Pico,e6616408432f5a21,0.2.0\r\n"),
-    (b"VE?\n", b"MM2 Version 0.2.0 mirrormount\r\n"),
+    (b"*IDN?\n", b"mirrormount,Raspberry Pi Pico,e6616408432f5a21,0.3.0\r\n"),
+    (b"VE?\n", b"MM2 Version 0.3.0 mirrormount\r\n"),
     (b"0255-100", b"#\r\n0255-100\r\n255\r\n-100\r\n255\r\n100\r\n"),
     (b"!\n1XE?\n", b"3,"),
     (b"1XP20000;1VA20;1DH0;1PR3;1PR1;TB?\n", b"114, AXIS 1 MOTION IN PROGRESS\r\n"),

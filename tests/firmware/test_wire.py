@@ -194,7 +194,7 @@ def test_halves_round_away_from_zero():
 def test_answers_of_a_line_are_joined_and_the_address_is_echoed():
     rig = Rig()
     assert rig.ask(b"1>1TP?;2TP?;TB?\r\n") == b"1>0; 0; 0, NO ERROR DETECTED\r\n"
-    assert rig.ask(b"01>VE?\n") == b"01>MM2 Version 0.2.0 mirrormount\r\n"
+    assert rig.ask(b"01>VE?\n") == b"01>MM2 Version 0.3.0 mirrormount\r\n"
 
 
 def test_axes_that_the_dialect_has_and_this_mount_has_not_answer_as_unconnected():
@@ -319,7 +319,7 @@ def test_the_text_after_a_long_name_moves_nothing_and_hides_nothing():
         rig.ask(line)
         assert rig.drives() == (0, 0), line
         assert rig.errors()[-1] == 60
-    assert rig.ask(b"HOSTNAME?;IPADDR 192.168.0.1;VE?\n") == b"mirrormount; MM2 Version 0.2.0 mirrormount\r\n"
+    assert rig.ask(b"HOSTNAME?;IPADDR 192.168.0.1;VE?\n") == b"mirrormount; MM2 Version 0.3.0 mirrormount\r\n"
 
 
 def test_whenever_a_line_comes_in_an_idle_pass_it_is_answered_at_once():

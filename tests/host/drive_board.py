@@ -133,7 +133,7 @@ class Board:
         status = f"1,2,0|0,{int(self.moving)},1,0,0,0|0,0,1,0,0,0"
         answers = {
             b"XS?\n": status,
-            b"*IDN?\n": f"mirrormount,Raspberry Pi Pico,{UID},0.2.0",
+            b"*IDN?\n": f"mirrormount,Raspberry Pi Pico,{UID},0.3.0",
             b"01>XF?;XH?;XS?\n": f"01>{self.running}; 1,2,3,0,0; {status}",
         }
         return (answers[data] + "\r\n").encode() if data in answers else b""

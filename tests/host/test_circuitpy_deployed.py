@@ -49,7 +49,7 @@ def board(tmp_path, monkeypatch):
 
 def test_the_firmware_on_the_drive_tells_the_hash_that_deploy_has_computed(board):
     said = deploy(Options())
-    assert said.startswith("OK: Raspberry Pi Pico, mountfw 0.2.0, 2 axes, the board tells the hash of what was sent")
+    assert said.startswith("OK: Raspberry Pi Pico, mountfw 0.3.0, 2 axes, the board tells the hash of what was sent")
 
 
 def test_the_firmware_on_the_drive_makes_steps(board):

@@ -61,7 +61,7 @@ def deployed(board) -> Board:
 
 def test_a_deploy_makes_a_new_drive_a_mount_and_the_board_tells_the_hash(board):
     said = deploy(Options())
-    assert said.startswith("OK: Raspberry Pi Pico, mountfw 0.2.0, 2 axes, the board tells the hash of what was sent")
+    assert said.startswith("OK: Raspberry Pi Pico, mountfw 0.3.0, 2 axes, the board tells the hash of what was sent")
     assert board.running == hash_on_board(board.root)
     assert board.has_data
 

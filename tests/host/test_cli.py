@@ -75,7 +75,7 @@ def test_driving_at_nothing_is_off_and_no_error():
 
 
 def test_a_command_line_can_be_sent_and_its_refusal_is_told():
-    assert run_cli("send", "2XI1;2XI?;VE?", *VIRTUAL).stdout == "1; MM2 Version 0.2.0 mirrormount\n"
+    assert run_cli("send", "2XI1;2XI?;VE?", *VIRTUAL).stdout == "1; MM2 Version 0.3.0 mirrormount\n"
     assert run_cli("send", "1DH3", *VIRTUAL).stdout == ""
     reset = run_cli("send", "*rst", *VIRTUAL)
     assert (reset.returncode, reset.stdout, reset.stderr) == (0, "", "")

@@ -7,7 +7,7 @@ every start of a motion has is put in by opened() and started().
 from mirrormount.device.mount import Mount
 from mirrormount.transport.link import Link
 
-IDENTITY = "mirrormount,Raspberry Pi Pico,e661,0.2.0"
+IDENTITY = "mirrormount,Raspberry Pi Pico,e661,0.3.0"
 NO_ERROR = "0, NO ERROR DETECTED"
 AT_REST = "7,100,0|0,0,0,0,1,1|0,0,0,0,1,1"
 
