@@ -27,7 +27,9 @@ def committed_copy(folder: Path) -> str:
         time = subprocess.run(["git", "log", "-1", "--format=%ct"], cwd=bootstrap.ROOT, capture_output=True, check=True)
         archive = subprocess.run(["git", "archive", "HEAD"], cwd=bootstrap.ROOT, capture_output=True, check=True)
     except (OSError, subprocess.CalledProcessError):
-        raise bootstrap.Stop("A release is made from a commit: this needs git, and a clone of the repository.") from None
+        raise bootstrap.Stop(
+            "A release is made from a commit: this needs git, and a clone of the repository."
+        ) from None
     (folder / "tree.tar").write_bytes(archive.stdout)
     shutil.unpack_archive(folder / "tree.tar", folder / "tree")
     return time.stdout.decode().strip()
