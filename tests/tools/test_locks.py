@@ -7,7 +7,7 @@ import tomllib
 
 import pytest
 from packaging.requirements import Requirement
-from scripts import ROOT, bootstrap, checks, demo, mechanics
+from scripts import ROOT, bootstrap, checks, demo, mechanics, release
 
 LOCKS = ["tests/requirements.txt", "tools/demo-requirements.txt"]
 MECHANICS = "tools/mechanics/requirements.txt"  # has not what mirrormount needs
@@ -49,7 +49,7 @@ def test_the_parts_are_made_with_the_same_versions_in_the_one_environment():
         assert of_parts <= of_tests, name
 
 
-@pytest.mark.parametrize("lock", [*LOCKS, MECHANICS])
+@pytest.mark.parametrize("lock", [*LOCKS, MECHANICS, release.LOCK])
 def test_nothing_is_installed_whose_hash_is_not_locked(lock):
     assert [checks.LOCK, demo.LOCK] == LOCKS
     assert bootstrap.LOCKED == ("--no-deps", "--require-hashes", "-r")
@@ -60,7 +60,7 @@ def test_nothing_is_installed_whose_hash_is_not_locked(lock):
     assert "editables" in dict(locked(lock))  # hatchling asks for it when it builds for -e
 
 
-@pytest.mark.parametrize("lock", [*LOCKS, MECHANICS])
+@pytest.mark.parametrize("lock", [*LOCKS, MECHANICS, release.LOCK])
 def test_lock_names_no_host_and_no_folder(lock):
     lines = (ROOT / lock).read_text(encoding="utf-8").splitlines()
     assert [line for line in lines if re.search(r"://|index-url|find-links|^-|(^| )/", line)] == []

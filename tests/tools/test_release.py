@@ -78,7 +78,8 @@ def test_the_wheel_has_every_file_of_its_packages_and_no_other(files):
 
 
 def test_the_sdist_has_the_tests_the_tools_and_the_documents(files):
-    names = {name.partition("/")[2] for name in tarfile.open(next(files.glob("*.tar.gz"))).getnames()}
+    with tarfile.open(next(files.glob("*.tar.gz"))) as archive:
+        names = {name.partition("/")[2] for name in archive.getnames()}
     assert {"tests/requirements.txt", "tools/test.py", "docs/security.md", "CITATION.cff", ".ci/run"} <= names
     assert not [name for name in names if "node_modules" in name or ".venv" in name or name.endswith(".uf2")]
 
