@@ -174,6 +174,20 @@ class NotCalibrated(MountError):
     """
 
 
+class NotKept(MountError):
+    """This computer has no position of that name of this board, or knows of no Zero or change of settings to undo.
+    Remedy: `mirrormount keep` lists the positions of a board. What another computer did is not known here.
+    """
+
+
+class PositionDoubtful(MountError):
+    """The numbers of a kept position may not mean the same place any more: the board has restarted, or the axis was
+    zeroed or homed, or its steps were changed since. Nothing was moved.
+    Remedy: `mirrormount undo` if a Zero did it; look at the beam, and `mirrormount back NAME --yes` goes all the same
+    ([presets.md](presets.md)).
+    """
+
+
 class BadFile(MountError):
     """A file of settings or of scales is not there, is not TOML, or says what cannot be; the line tells where. It
     was not changed.

@@ -287,9 +287,9 @@ def _axis(text: str) -> str:
     return text
 
 
-def axis_argument(parser: argparse.ArgumentParser) -> None:
-    """AXIS."""
-    parser.add_argument("axis", type=_axis, metavar="AXIS", help=AXIS_HELP)
+def axis_argument(parser: argparse.ArgumentParser, *, optional: bool = False) -> None:
+    """AXIS; optional: None without it."""
+    parser.add_argument("axis", type=_axis, metavar="AXIS", nargs="?" if optional else None, help=AXIS_HELP)
 
 
 def open_mount(args: argparse.Namespace) -> "Mount":

@@ -39,6 +39,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add("save", "keep the present settings on the board")
     sub = add("restore", "go back to the saved settings")
     sub.add_argument("--factory", action="store_true", help="to those of a new board instead; saved ones stay saved")
+    sub = add("undo", "put the settings back that the last change of this computer has replaced")
+    sub.add_argument("--save", action="store_true", help=_SAVE_HELP)
     add("export", "write all settings to a TOML file").add_argument("file", metavar="FILE", help="- is standard output")
     sub = add("import", "take settings from a TOML file: all of them, or none")
     sub.add_argument("file", metavar="FILE", help="- is standard input")
@@ -70,6 +72,10 @@ def carry_out(mount: Mount, args: argparse.Namespace) -> None:
     elif args.verb == "restore":
         mount.recall(factory=args.factory)
         print("the factory's settings are in use" if args.factory else "the saved settings are in use")
+    elif args.verb == "undo":
+        for name, value in mount.undo_settings().items():
+            print(f"{name} = {value}")
+        print(f"the settings from before are back ({_kept(mount, args.save, saved)})")
     elif args.verb == "export":
         export(mount, args.file)
     else:

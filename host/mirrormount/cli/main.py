@@ -73,6 +73,7 @@ MODULES = {
     **dict.fromkeys(("ports", "status"), "mirrormount.cli.status"),
     **dict.fromkeys(("step", "move", "home", "jog", "drive"), "mirrormount.cli.motion"),
     "stop": "mirrormount.cli.stop",
+    **dict.fromkeys(("keep", "back", "undo", "log"), "mirrormount.cli.presets"),
     "config": "mirrormount.cli.config",
     "check": "mirrormount.cli.check",
     "setup": "mirrormount.cli.setup",

@@ -7,6 +7,7 @@ The settings of an axis are its properties. tools/tables.py writes them from the
 that editors and type checkers know each by its name.
 """
 
+import contextlib
 import html
 import logging
 from collections.abc import Callable
@@ -14,7 +15,7 @@ from dataclasses import dataclass, replace
 from typing import Generic, Self, TypeVar, cast, overload
 
 from mirrormount import values
-from mirrormount.device import calibration, settings
+from mirrormount.device import calibration, presets, settings
 from mirrormount.device.session import Session
 from mirrormount.device.status import AxisStatus, Ended, Homed, Limits, table
 from mirrormount.errors import BadValue, BoardError, EncoderFault, MoveEnded, NoAnswer, NotAMount, NotSupported
@@ -436,9 +437,23 @@ class Axis:
     # ---- homing and limits
 
     def zero(self, steps: int = 0) -> None:
-        """Define the present position as `steps`; from here on it is counted. Raises BadValue as step() does."""
+        """Define the present position as `steps`; from here on it is counted. Raises BadValue as step() does.
+
+        The position before is kept on this computer: mount.presets.undo_zero().
+        """
+        before = self._session.status()
+        self.define(steps)
+        was = before.by_name[self.name]
+        entry = {"axis": self.number, "from": was.position, "to": steps, "certainty": was.certainty}
+        presets.remember(self._session.board.id, f"zero {self.number}", entry | {"boot_id": before.boot_id})
+
+    def define(self, steps: int) -> None:
+        """zero(), of which nothing is kept. Raises as zero()."""
         steps = whole_number(steps, MAX_STEPS, "position")
-        self._session.send(f"{self.number}DH{steps}")
+        log = self._session.motion_log
+        with log.setting(self.number) if log else contextlib.nullcontext():
+            self._session.send(f"{self.number}DH{steps}")
+            self._session.status()
 
     def home(self, progress: Progress | None = None) -> Homed:
         """Find the home switch (or the end-stop that stands in for it); position 0 is there. Returns when done.

@@ -14,6 +14,7 @@ from typing import Self
 
 from mirrormount.device import settings
 from mirrormount.device.axis import Axis
+from mirrormount.device.presets import Presets
 from mirrormount.device.session import Session, not_begun
 from mirrormount.device.status import AxisStatus, Ended, Homed, Limits, QueuedError, Status, table
 from mirrormount.device.table_file import MountPort, find_port, x_axis_of
@@ -33,7 +34,7 @@ class Mount:
 
     x is the horizontal axis and y the vertical one; x_axis is the board's number of x, and the
     other axis of that pair (1 and 2, 3 and 4) is y. axes has all axes in the board's order; by_name has them as x, y,
-    and the others by number: axis3 …
+    and the others by number: axis3 … presets has the named positions.
     """
 
     def __init__(self, link: Link, *, x_axis: int = 2) -> None:
@@ -42,6 +43,7 @@ class Mount:
         self.by_name = {name: Axis(self.session, name, number) for name, number in self.session.board.numbers.items()}
         self.axes = tuple(sorted(self.by_name.values(), key=lambda axis: axis.number))
         self.x, self.y = self.by_name["x"], self.by_name["y"]
+        self.presets = Presets(self)
 
     @classmethod
     def open(cls, address: str | None = None, *, x_axis: int | None = None) -> Self:
@@ -229,7 +231,14 @@ class Mount:
 
     def recall(self, *, factory: bool = False) -> None:
         """Restore the saved settings, or the factory's. Raises BoardError (n14: it moves; 63: damaged)."""
-        self.send("*RCL0" if factory else "*RCL1")
+        settings.recall(self.session, factory=factory)
+
+    def undo_settings(self) -> dict[str, int | float]:
+        """Put back the settings from before the last change, also by recall(): all, or none. Twice changes them again.
+
+        Returns what was changed: {"x.pulse_us": 200000}. Raises NotKept if this computer knows of no change.
+        """
+        return settings.undo(self.session)
 
     def reset(self) -> None:
         """Re-initialise the board in place: off, all as at power-up, an emergency stop released. Raises BoardError."""

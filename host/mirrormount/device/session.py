@@ -21,6 +21,7 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
 from typing import Self
 
+from mirrormount.device.motion_log import MotionLog
 from mirrormount.device.status import RESET_CAUSES, Board, QueuedError, Status, check_x_axis
 from mirrormount.errors import (
     AllowNeeded,
@@ -306,7 +307,8 @@ _ERRORS_MOST = 20  # A board's queue of errors is shorter than this.
 class Session:
     """An open session. Identifying the board stops it. x_axis: the board's number of the axis called x.
 
-    Attributes: link; board (identity, axes, last status); gate (stops before starts); keep_alive.
+    Attributes: link; board (identity, axes, last status); gate (stops before starts); keep_alive; motion_log (not for a
+    board in lockstep).
     A session that nobody refers to any more feeds no keep-alive: its motion ends. Raises what identify() raises.
     """
 
@@ -315,6 +317,7 @@ class Session:
         self.link = link
         self.board = Board(identify(link), x_axis)
         self.gate = StopCounter()
+        self.motion_log = None if link.lockstep else MotionLog(self.board.id)
         self._closed = False
         this = weakref.ref(self)  # A thread that held the session would keep its motion alive.
         self.keep_alive = KeepAlive(lambda: (own := this()) is not None and own.status().moving, not link.lockstep)
@@ -352,6 +355,8 @@ class Session:
         if self.stop_listener:
             self.stop_listener.close()
         self.link.close()
+        if self.motion_log:
+            self.motion_log.close()  # last, for it may wait for a disk
 
     def age(self) -> str:
         """How old the last status is, for a text. The board is not asked."""
@@ -474,6 +479,8 @@ class Session:
                 for _ in range(_ECHO_LINES - 1):
                     self.link.read_line(ANSWER_S)
                 line = self.link.read_line(ANSWER_S)
+            if self.motion_log:
+                self.motion_log.started()
             return self._receive_status(line)
 
     def status(self) -> Status:
@@ -528,6 +535,8 @@ class Session:
             if not error.startswith("0,"):
                 self.take_errors()
                 raise self.board.exception(error.rpartition(">")[2])
+            if gate and self.motion_log:
+                self.motion_log.started()
             return "; ".join(answers)
 
     def _check_open(self) -> None:
@@ -549,4 +558,6 @@ class Session:
             raise ConnectionLost(
                 f"the board has restarted ({cause}): what was moving has stopped, positions start anew"
             )
+        if self.motion_log:
+            self.motion_log.see(status)
         return status

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from mirrormount.device import presets
 from mirrormount.device.session import Session
 from mirrormount.errors import (
     BadValue,
@@ -17,6 +18,7 @@ from mirrormount.errors import (
     MountError,
     NoAnswer,
     NotAMount,
+    NotKept,
     NotSupported,
     SettingRefused,
     doc_texts,
@@ -33,6 +35,8 @@ _log = logging.getLogger(__name__)
 # The gearbox of the 1000:1 LP motor bears 25 kg mm for a moment, and its extrapolated stall torque at 6 V is 55 kg mm
 # (Pololu's page of #3058). On a DRV8833 at 6 V a duty of 100 stalls at 22 kg mm, if the current follows the duty.
 MOST_STALL_DUTY = 100
+
+_FORMER = "settings"  # as presets.remember() calls them
 
 
 @dataclass(frozen=True)
@@ -169,7 +173,11 @@ def write(session: Session, wanted: Mapping[str, Mapping[str, int | float]]) -> 
     before = read(session)
     check_together(before, wanted)
     try:
+        changed = False
         for one in _differing(session, wanted):
+            if not changed:
+                presets.remember(session.board.id, _FORMER, before)
+            changed = True
             _set(session, *one)
         _warn(wanted)
     except (SettingRefused, NoAnswer, ConnectionLost) as e:
@@ -217,6 +225,33 @@ def put_back(session: Session, before: Mapping[str, Mapping[str, int | float]]) 
                 return
     if left := _set_differing(session, before):
         raise SettingRefused(f"the board does not take back {', '.join(left)}")
+
+
+def recall(session: Session, *, factory: bool) -> None:
+    """Take the settings that are saved on the board, or the factory's. Raises BoardError."""
+    before = read(session)
+    session.send("*RCL0" if factory else "*RCL1")
+    if read(session) != before:
+        presets.remember(session.board.id, _FORMER, before)
+
+
+def undo(session: Session) -> dict[str, int | float]:
+    """Put back the settings from before the last change that this computer has made, all or none.
+
+    A second undo() changes them again. Returns what was changed, by "x.pulse_us" … Raises NotKept, and as write().
+    """
+    now = read(session)
+    for _, _, before in presets.former(session.board.id, _FORMER):
+        if before != now:
+            write(session, before)
+            after = read(session)
+            return {
+                f"{axis}.{name}": value
+                for axis, values in after.items()
+                for name, value in values.items()
+                if value != now[axis].get(name)
+            }
+    raise NotKept("this computer knows of no change of this board's settings that could be undone")
 
 
 def _set_differing(session: Session, before: Mapping[str, Mapping[str, int | float]]) -> list[str]:

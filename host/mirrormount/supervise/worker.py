@@ -658,6 +658,8 @@ class Worker:
                     asked.refuse(NotInControl(f"nothing was done: {client.name} was out of touch; ask again"))
                     return
                 self.driver = client
+                if mount.session.motion_log:
+                    mount.session.motion_log.client = client.name
                 if hold:
                     self._pad.step(mount, hold)
                 else:

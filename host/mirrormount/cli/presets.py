@@ -1,0 +1,143 @@
+"""`mirrormount keep`, `back`, `undo` and `log`: named positions, Zero undone, and what has moved."""
+
+import argparse
+import csv
+import re
+import sys
+from datetime import UTC, datetime, timedelta
+
+from mirrormount.cli.arguments import Command, axis_argument, note, open_mount, port_options, said_yes
+from mirrormount.errors import BadValue
+
+_SPAN = re.compile(r"([0-9]{1,6})([smhd])")
+_UNITS = {"s": "seconds", "m": "minutes", "h": "hours", "d": "days"}
+_YES = "do not ask, even where it may be another place"
+
+
+def keep_arguments(parser: argparse.ArgumentParser) -> None:
+    """NAME, and what to do with it."""
+    port_options(parser)
+    parser.add_argument("name", nargs="?", metavar="NAME", help="without one the kept positions are listed")
+    parser.add_argument("--list", action="store_true", help="list the kept positions of this board")
+    parser.add_argument("--remove", action="store_true", help="forget that position")
+
+
+def keep(args: argparse.Namespace) -> None:
+    """Keep, list or remove. Raises MountError."""
+    if args.remove and (args.list or not args.name):
+        raise BadValue("--remove needs a NAME, and no --list")
+    with open_mount(args) as mount:
+        presets = mount.presets
+        if args.remove:
+            presets.remove(args.name)
+            print(f"{args.name} is forgotten")
+            return
+        kept = presets.all() if args.list or not args.name else [presets.keep(args.name)]
+        names = {axis.number: axis.name for axis in mount.axes}
+        for preset in kept:
+            places = (
+                f"{names.get(number, f'axis {number}')} {place.position:+.3f} ({place.certainty})"
+                for number, place in preset.places.items()
+            )
+            print(f"{preset}: {', '.join(places)}")
+        if not kept:
+            print("no position of this board is kept")
+
+
+def back_arguments(parser: argparse.ArgumentParser) -> None:
+    """NAME."""
+    port_options(parser)
+    parser.add_argument("name", nargs="?", metavar="NAME", help="default: the last one that was kept")
+    parser.add_argument("--yes", action="store_true", help=_YES)
+
+
+def back(args: argparse.Namespace) -> None:
+    """Go back to a position, and print it. Raises MountError."""
+    from mirrormount.cli.motion import place, watched
+
+    with open_mount(args) as mount, mount.unless_stopped(since_open=True):
+        preset = mount.presets.get(args.name)
+        if args.name is None:
+            note(f"back to {preset}, the last position that was kept")
+        sure = args.yes
+        if not sure and (doubts := mount.presets.doubts(preset)):
+            sure = said_yes(f"{'; '.join(doubts)}. Go all the same?")
+        with watched(mount, mount.axes) as line:
+            mount.presets.back(
+                preset.name, sure=sure, progress=lambda _: line.show(f"on the way to {preset.name}; Ctrl-C stops")
+            )
+        print(
+            f"{preset.name}: "
+            + ", ".join(f"{place(axis)} ({axis.status().certainty})" for axis in mount.by_name.values())
+        )
+
+
+def undo_arguments(parser: argparse.ArgumentParser) -> None:
+    """AXIS."""
+    port_options(parser)
+    axis_argument(parser, optional=True)
+    parser.add_argument("--yes", action="store_true", help="also where the board was restarted or homed since")
+
+
+def undo(args: argparse.Namespace) -> None:
+    """Undo the last Zero. Raises MountError."""
+    with open_mount(args) as mount:
+        print(mount.presets.undo_zero(args.axis, sure=args.yes))
+
+
+def log_arguments(parser: argparse.ArgumentParser) -> None:
+    """From when, of which board, and how it is printed."""
+    parser.add_argument(
+        "--since", metavar="WHEN", default="1d", help="30m, 1h, 2d, today, yesterday, or 2026-01-31[T18:00] (1d)"
+    )
+    parser.add_argument("--board", metavar="ID", default="", help="only of the board whose id begins so")
+    parser.add_argument("--csv", action="store_true", help="as a table for other programs, with times in UTC")
+
+
+def log(args: argparse.Namespace) -> None:
+    """Print what has moved. Raises MountError."""
+    from mirrormount.device import motion_log
+
+    motions = motion_log.read(since(args.since, datetime.now()).timestamp(), args.board)
+    if args.csv:
+        table = csv.writer(sys.stdout, lineterminator="\n")
+        table.writerow(motion_log.COLUMNS)
+        for motion in motions:
+            begun, ended = (datetime.fromtimestamp(t, UTC).isoformat("T", "milliseconds") for t in motion[:2])
+            table.writerow([begun, ended, *motion[2:]])
+        return
+    last: dict[tuple[str, int], float] = {}
+    for motion in motions:
+        was = last.get((motion.board, motion.axis), motion.from_steps)
+        last[motion.board, motion.axis] = motion.to_steps
+        gap = "" if abs(was - motion.from_steps) < 0.001 else f" (not logged: it was at {was:+.3f} before)"
+        print(
+            f"{datetime.fromtimestamp(motion.ended).astimezone().isoformat(' ', 'seconds')}  {motion.board}"
+            f"  {motion.name}: {motion.from_steps:+.3f} to {motion.to_steps:+.3f} steps{gap}, {motion.how}"
+            f" ({motion.certainty}), by {motion.who}"
+        )
+    if not last:
+        print("nothing that moved since then is logged on this computer", file=sys.stderr)
+
+
+def since(text: str, now: datetime) -> datetime:
+    """The local time that --since names. Raises BadValue."""
+    midnight = now.replace(hour=0, minute=0, second=0, microsecond=0)
+    if text in ("today", "yesterday"):
+        return midnight - timedelta(days=text == "yesterday")
+    try:
+        if span := _SPAN.fullmatch(text):
+            return now - timedelta(**{_UNITS[span[2]]: int(span[1])})
+        return datetime.fromisoformat(text)
+    except (ValueError, OverflowError):
+        raise BadValue(
+            f"--since is a time such as 30m, 1h, 2d, today, yesterday or 2026-01-31T18:00, not {text!r}"
+        ) from None
+
+
+COMMANDS = (
+    Command("keep", "keep the position of all axes under NAME; without one list them", keep, keep_arguments),
+    Command("back", "go back to the position NAME, or to the last one that was kept", back, back_arguments),
+    Command("undo", "undo the last Zero: the coordinates from before, without motion", undo, undo_arguments),
+    Command("log", "show what has moved: when, by whom, from where to where, how it ended", log, log_arguments),
+)

@@ -1,0 +1,166 @@
+"""The log of motions: what moved on which board, by whom, from where to where, and how it ended.
+
+A session shows each status that it reads to its MotionLog, which finds there the motions of an axis from one rest to
+the next. A thread of its own writes them, so that no motion and no stop waits for a disk; what cannot be written is
+told once. A virtual board in lockstep has no time of its own, and is not logged.
+"""
+
+import contextlib
+import os
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+from mirrormount.device import records
+from mirrormount.device.status import Status
+from mirrormount.errors import REASONS, MountError
+from mirrormount.terminal import printable
+
+FILE = "motions.sqlite"
+MOST = 200_000  # motions that are kept, about 30 MB
+_SCHEMA = """create table if not exists motions (
+    id integer primary key, begun real, ended real, board text, axis integer, name text,
+    "from" real, "to" real, how text, certainty text, who text)"""
+_JITTER = 0.5  # steps: an encoder's position changes by less at rest, too
+_CLOSE_S = 2.0  # longest wait for the disk when a session is closed
+
+
+class LoggedMotion(NamedTuple):
+    """A motion of an axis, from one rest to the next. Times in seconds since 1970 (UTC), positions in steps.
+
+    axis: the board's number; name: what it was called. how: why it ended.
+    """
+
+    begun: float
+    ended: float
+    board: str
+    axis: int
+    name: str
+    from_steps: float
+    to_steps: float
+    how: str
+    certainty: str
+    who: str
+
+
+COLUMNS = LoggedMotion._fields
+
+
+class MotionLog:
+    """The motions of one session. client: for whom the program moves, if for somebody else."""
+
+    def __init__(self, board: str) -> None:
+        self.client = ""
+        self._board = board
+        self._rest: dict[int, float] = {}  # the position at which each axis was seen at rest last
+        self._begun: dict[int, tuple[float, str]] = {}  # of the axes that move: when, and for whom
+        self._last: Status | None = None
+        self._started = False
+        self._set: set[int] = set()  # the axes whose position is being defined
+        self._lock = threading.Lock()  # never held while a disk is waited for
+        self._rows: list[LoggedMotion] = []
+        self._writer: threading.Thread | None = None
+        self._has_warned = False
+
+    def started(self) -> None:
+        """A motion was started: it may be over before the next status."""
+        self._started = True
+
+    def see(self, status: Status) -> None:
+        """Find what has ended since the status before."""
+        now = time.time()
+        with self._lock:
+            self._last = status
+            for number, axis in enumerate(status.axes, 1):
+                if axis.moving:
+                    self._begun.setdefault(number, (now, self.client))
+                    continue
+                before, begun = self._rest.get(number), self._begun.pop(number, None)
+                jitters = axis.certainty == "measured" and not begun and number not in self._set
+                if before is not None and (begun or abs(axis.position - before) >= (_JITTER if jitters else 0.001)):
+                    if number in self._set:
+                        how = "set, not moved"
+                    elif begun or self._started:
+                        how = REASONS.get(axis.reason, str(axis.reason))
+                    else:
+                        how = "changed at rest: set, or turned by hand"
+                    self._add(number, begun or (now, self.client), before, axis.position, how)
+                elif before is not None and jitters:
+                    continue
+                self._rest[number] = axis.position
+            self._started = self._started and status.moving
+
+    @contextlib.contextmanager
+    def setting(self, number: int) -> Iterator[None]:
+        """Inside, the position of that axis is defined anew: nothing moves."""
+        self._set.add(number)
+        try:
+            yield
+        finally:
+            self._set.discard(number)
+
+    def close(self) -> None:
+        """Write what is left, with what nobody has seen the end of."""
+        with self._lock:
+            for number, begun in self._begun.items():
+                if self._last and number in self._rest:
+                    at = self._last.axes[number - 1].position
+                    self._add(number, begun, self._rest[number], at, "its end was not seen")
+            self._begun.clear()
+            writer = self._writer
+        if writer:
+            writer.join(_CLOSE_S)
+
+    def _add(self, number: int, begun: tuple[float, str], before: float, after: float, how: str) -> None:
+        if self._last is None:
+            return
+        name = next(name for name, axis in self._last.by_name.items() if axis is self._last.axes[number - 1])
+        certainty = self._last.axes[number - 1].certainty
+        now, who = time.time(), f"{begun[1]}, " if begun[1] else ""
+        who = printable(f"{who}{_program()}", 200)
+        self._rows.append(LoggedMotion(begun[0], now, self._board, number, name, before, after, how, certainty, who))
+        if not self._writer:
+            self._writer = threading.Thread(target=self._write, name="motion log", daemon=True)
+            self._writer.start()
+
+    def _write(self) -> None:
+        while True:
+            with self._lock:
+                rows, self._rows = self._rows, []
+                if not rows:
+                    self._writer = None
+                    return
+            try:
+                with records.opened(FILE, _SCHEMA, write=True) as file:
+                    file.executemany(f"insert into motions values (null{', ?' * len(COLUMNS)})", rows)
+                    file.execute("delete from motions where id <= (select max(id) from motions) - ?", (MOST,))
+            except MountError as e:
+                if not self._has_warned:
+                    self._has_warned = True
+                    import logging
+
+                    logging.getLogger("mirrormount").warning("what moves is not being logged: %s", e)
+
+
+def _program() -> str:
+    """This program, with the command of `mirrormount`, and its user."""
+    import getpass
+
+    name = Path(sys.argv[0]).name if sys.argv else ""
+    if name in ("__main__.py", "mirrormount", "mirrormount.exe"):
+        name = " ".join(["mirrormount", *[word for word in sys.argv[1:] if not word.startswith("-")][:1]])
+    try:
+        user = getpass.getuser()
+    except (OSError, KeyError):
+        user = f"user {os.getuid()}" if hasattr(os, "getuid") else "somebody"
+    return f"{'Python' if name in ('', '-c') else name} of {user}"
+
+
+def read(since: float = 0.0, board: str = "") -> Iterator[LoggedMotion]:
+    """The motions that ended since then, oldest first; board: how its id begins. Raises BadFile, CannotWrite."""
+    with records.opened(FILE, _SCHEMA) as file:
+        rows = file.execute("select * from motions where ended >= ? order by id", (since,))
+        yield from (row for row in (LoggedMotion(*each[1:]) for each in rows) if row.board.startswith(board))

@@ -1,0 +1,252 @@
+"""Named positions of a mount (`mount.presets`), and what was before a change: of its settings, of where 0 is.
+
+    mount.presets.keep("good")   # where all axes are, and how certain that is
+    mount.presets.back("good")   # go there; refused where the kept numbers may not mean the same place any more
+
+They are kept on this computer, under the board's unique id: another board at the same port has none of them.
+"""
+
+import json
+import logging
+import time
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+from mirrormount.device import records
+from mirrormount.device.status import AxisStatus
+from mirrormount.errors import BadFile, BadValue, MountError, NotKept, PositionDoubtful
+from mirrormount.terminal import printable
+from mirrormount.values import NAME_RULE, is_name
+
+if TYPE_CHECKING:
+    from mirrormount.device.axis import Axis
+    from mirrormount.device.mount import Mount
+
+FILE = "kept.sqlite"
+_SCHEMA = """create table if not exists positions
+    (board text, name text, at real, entry text, primary key (board, name));
+create table if not exists former (id integer primary key autoincrement, board text, what text, at real, entry text)"""
+_MOST_FORMER = 50  # of one kind, of a board
+_MOST_POSITIONS = 1000  # of a board
+
+_log = logging.getLogger("mirrormount")
+
+
+# ---- what was before a change
+
+
+def remember(board: str, what: str, entry: object) -> None:
+    """Keep what is to be changed, for undo. Where it cannot be kept, that is told, and the change is made all the same.
+
+    what: "settings", or "zero" and the number of an axis.
+    """
+    try:
+        with records.opened(FILE, _SCHEMA, write=True) as file:
+            row = (board, what, time.time(), json.dumps(entry))
+            file.execute("insert into former (board, what, at, entry) values (?, ?, ?, ?)", row)
+            file.execute(
+                "delete from former where board = ? and what = ? and id not in"
+                " (select id from former where board = ? and what = ? order by id desc limit ?)",
+                (board, what, board, what, _MOST_FORMER),
+            )
+    except MountError as e:
+        _log.warning("what this changes is not kept for an undo: %s", e)
+
+
+def former(board: str, what: str) -> list[tuple[int, float, Any]]:
+    """The number, the time and the content of what was kept of that kind (of all kinds that begin so), newest first."""
+    with records.opened(FILE, _SCHEMA) as file:
+        rows = file.execute(
+            "select id, at, entry from former where board = ? and substr(what, 1, ?) = ? order by id desc",
+            (board, len(what), what),
+        ).fetchall()
+    return [(number, at, _parsed(entry)) for number, at, entry in rows]
+
+
+def _parsed(entry: str) -> Any:
+    try:
+        return json.loads(entry)
+    except (TypeError, ValueError, RecursionError) as e:
+        raise BadFile(f"{records.path(FILE)}: an entry in it is damaged: move the file away") from e
+
+
+# ---- named positions
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where an axis was, in steps, and how certain that was.
+
+    step: length, duty and direction of its steps (XP, XD, XI); zero: the last Zero that this computer knows of.
+    """
+
+    position: float
+    certainty: str
+    step: list[int]
+    zero: int
+
+
+@dataclass(frozen=True)
+class Preset:
+    """A named position. at: when it was kept, seconds since 1970; places: by the number of the axis."""
+
+    name: str
+    at: float
+    boot_id: int
+    places: Mapping[int, Place]
+
+    def __str__(self) -> str:
+        return f"{self.name}, kept {time.strftime('%Y-%m-%d %H:%M:%S', time.localtime(self.at))}"
+
+
+class Presets:
+    """The named positions of an open mount. Methods raise BadFile, CannotWrite, and what Mount.status() raises."""
+
+    def __init__(self, mount: "Mount") -> None:
+        self._mount = mount
+
+    def keep(self, name: str) -> Preset:
+        """Keep the present position of all axes under a name, new or used. Raises BadValue, also while it moves."""
+        if not isinstance(name, str) or not is_name(name):  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise BadValue(f"a position's name is {NAME_RULE}, not {printable(repr(name), 60)}")
+        mount = self._mount
+        status = mount.status()
+        if status.moving:
+            raise BadValue("the mount moves: a position is kept when it is at rest")
+        places = {axis.number: self._place(axis, status.by_name[axis.name]) for axis in mount.by_name.values()}
+        preset = Preset(name, time.time(), status.boot_id, places)
+        entry = json.dumps({"boot_id": status.boot_id, "places": {n: asdict(place) for n, place in places.items()}})
+        with records.opened(FILE, _SCHEMA, write=True) as file:
+            (others,) = file.execute(
+                "select count(*) from positions where board = ? and name != ?", (mount.board_id, name)
+            ).fetchone()
+            if others >= _MOST_POSITIONS:
+                raise BadValue(f"{others} positions are kept of this board: remove one first (keep NAME --remove)")
+            file.execute("replace into positions values (?, ?, ?, ?)", (mount.board_id, name, preset.at, entry))
+        return preset
+
+    def all(self) -> list[Preset]:
+        """All of this board, the last one that was kept at the end."""
+        with records.opened(FILE, _SCHEMA) as file:
+            question = "select name, at, entry from positions where board = ? order by at"
+            rows = file.execute(question, (self._mount.board_id,)).fetchall()
+        try:
+            return [
+                Preset(name, at, entry["boot_id"], {int(n): Place(**place) for n, place in entry["places"].items()})
+                for name, at, entry in ((name, at, _parsed(entry)) for name, at, entry in rows)
+            ]
+        except (KeyError, TypeError, ValueError, AttributeError) as e:
+            raise BadFile(f"{records.path(FILE)}: a position in it is damaged: move the file away") from e
+
+    def get(self, name: str | None = None) -> Preset:
+        """The position of that name; None: the last one that was kept. Raises NotKept."""
+        kept = self.all()
+        for preset in reversed(kept):
+            if name in (None, preset.name):
+                return preset
+        with records.opened(FILE, _SCHEMA) as file:
+            others = file.execute("select distinct board from positions where name = ?", (name,)).fetchall()
+        there = ", ".join(preset.name for preset in kept) or "none"
+        raise NotKept(
+            f"no position {'' if name is None else printable(name, 40) + ' '}is kept of this board"
+            f" ({self._mount.board_id}; kept: {there})"
+            + "".join(f"; the board {printable(board)} has one of that name" for (board,) in others[:1])
+        )
+
+    def remove(self, name: str) -> None:
+        """Forget a position. Raises NotKept."""
+        self.get(name)
+        with records.opened(FILE, _SCHEMA, write=True) as file:
+            file.execute("delete from positions where board = ? and name = ?", (self._mount.board_id, name))
+
+    def doubts(self, preset: Preset) -> list[str]:
+        """Why its numbers may not mean the same place any more; [] if nothing is known that speaks against them.
+
+        What another computer has set on the board meanwhile is not known.
+        """
+        status = self._mount.status()
+        found: list[str] = []
+        for axis, then in self._axes(preset):
+            now = self._place(axis, status.by_name[axis.name])
+            if why := _doubt(then, now, status.boot_id != preset.boot_id):
+                found.append(f"{axis.name}: {why}")
+        return found
+
+    def back(
+        self,
+        name: str | None = None,
+        *,
+        sure: bool = False,
+        progress: Callable[[AxisStatus], None] | None = None,
+    ) -> Preset:
+        """Go back to a position, one axis after the other; None: to the last one that was kept.
+
+        sure: also where there are doubts. Raises NotKept, PositionDoubtful, and what Axis.move_to() raises.
+        """
+        with self._mount.unless_stopped():
+            preset = self.get(name)
+            if not sure and (doubts := self.doubts(preset)):
+                raise PositionDoubtful(f"nothing was moved to {preset.name}: {'; '.join(doubts)}")
+            for axis, place in self._axes(preset):
+                if axis.position != place.position:
+                    axis.move_to(place.position, progress=progress)
+        return preset
+
+    def undo_zero(self, axis: str | None = None, *, sure: bool = False) -> str:
+        """Give the last axis that was zeroed, or this one, its coordinates from before. Nothing moves.
+
+        The board takes whole steps. sure: also where the Zero may not be in force any more. Returns what was done, in
+        words. Raises NotKept, PositionDoubtful, BoardError (n14: it moves).
+        """
+        mount = self._mount
+        kind = f"zero {mount.axis(axis).number}" if axis else "zero "
+        axes = {each.number: each for each in mount.axes}
+        zeros = [(number, entry) for number, _, entry in former(mount.board_id, kind) if entry["axis"] in axes]
+        if not zeros:
+            raise NotKept(f"no Zero {f'of {axis} ' if axis else ''}is known on this computer that could be undone")
+        number, entry = zeros[0]
+        zeroed = axes[entry["axis"]]
+        status = mount.status()
+        now, name = status.by_name[zeroed.name], zeroed.name
+        if not sure and (now.certainty in ("unknown", "homed") or status.boot_id != entry["boot_id"]):
+            why = "it was homed since" if now.certainty == "homed" else "the board has restarted since"
+            raise PositionDoubtful(f"{name}: {why}, so its 0 may not be that Zero's any more")
+        wanted = now.position + entry["from"] - entry["to"]
+        with records.opened(FILE, _SCHEMA, write=True) as file:  # both are done, or none
+            file.execute("delete from former where id = ?", (number,))
+            zeroed.define(round(wanted))
+        rounded = "" if wanted == round(wanted) else f", the whole step next to {wanted:+.3f}"
+        return (
+            f"{name}: the position here is {round(wanted):+d} steps as before Zero{rounded}; nothing has moved"
+            f" (certainty before: {entry['certainty']}; the board calls it counted)"
+        )
+
+    def _axes(self, preset: Preset) -> "Iterable[tuple[Axis, Place]]":
+        axes = {axis.number: axis for axis in self._mount.axes}
+        if missing := preset.places.keys() - axes.keys():
+            raise NotKept(f"{preset.name} has an axis {min(missing)}, which this board has not")
+        return [(axes[number], place) for number, place in preset.places.items()]
+
+    def _place(self, axis: "Axis", status: AxisStatus) -> Place:
+        zeros = former(self._mount.board_id, f"zero {axis.number}")
+        return Place(
+            status.position, status.certainty, axis.ask_whole("XP?", "XD?", "XI?"), zeros[0][0] if zeros else 0
+        )
+
+
+def _doubt(then: Place, now: Place, restarted: bool) -> str:
+    """Why a position may not be the same place any more; "" for no reason that is known."""
+    if then.zero != now.zero:
+        return "its 0 was set since (Zero)"
+    if restarted and now.certainty == "unknown":
+        return "the board has restarted since, and does not know where it is"
+    if now.certainty == "homed" != then.certainty:
+        return "it was homed since, and was not when the position was kept: its 0 is another one"
+    if now.certainty == "counted" and then.certainty in ("homed", "unknown"):
+        return f"its 0 was {then.certainty} when the position was kept, and was set since"
+    if then.step != now.step:
+        return f"its steps were others (pulse, duty, direction {then.step}, now {now.step})"
+    if restarted and not then.certainty == now.certainty == "homed":
+        return "the board has restarted since; it has kept its position, but not whether its 0 was set meanwhile"
+    return ""
