@@ -13,7 +13,9 @@ from served import run_cli
 from mirrormount.device import motion_log, presets, records
 from mirrormount.device.mount import Mount
 from mirrormount.device.presets import Place
+from mirrormount.device.status import parse_status
 from mirrormount.errors import BadFile, CannotWrite, NotKept, PositionDoubtful
+from mirrormount.supervise.supervisor import Supervisor
 
 
 @pytest.fixture(autouse=True)
@@ -188,6 +190,14 @@ def test_what_moved_is_logged_with_whom_how_far_and_how_it_ended(board):
     assert "x: +0.000 to +2.000 steps, done (unknown), by page 1" in run_cli("log", "--since", "1h").stdout
 
 
+def test_of_a_supervised_mount_the_log_names_the_client(board):
+    with Supervisor(str(board.link)) as supervisor, supervisor.join("camera loop", lost=print) as loop:
+        loop.take_control()
+        loop.step("x", 2).wait()
+    (row,) = logged()
+    assert (row["to_steps"], row["who"].partition(",")[0]) == ("2.0", "camera loop")
+
+
 def test_two_programs_log_at_once_and_nothing_is_lost():
     code = (
         "from mirrormount.device.motion_log import MotionLog\n"
@@ -212,8 +222,6 @@ def test_the_log_keeps_the_latest(monkeypatch):
 
 
 def motion_log_status(steps: int):
-    from mirrormount.device.status import parse_status
-
     return parse_status(f"1,2,0|{steps * 1000},0,1,0,0,1|0,0,1,0,0,1", 2)
 
 
