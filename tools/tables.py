@@ -1,6 +1,6 @@
 """Write the tables and lists that follow from declarations: .venv/bin/python tools/tables.py [--check]
 
-Errors and reasons (docs/errors.md), settings (docs/protocol.md, the attributes of an axis on the board and its
+Commands (docs/commands.md), errors and reasons (docs/errors.md), settings (docs/protocol.md, the attributes of an axis on the board and its
 properties on the host), boards (docs/versions.md), the profiles of virtual mounts (docs/mechanics.md), records
 (docs/control-systems.md), the measures of mirror mounts and the bill of materials (docs/build.md), the grammar of a
 line (dialect/line.py of the firmware).
@@ -12,10 +12,12 @@ import re
 import sys
 import tomllib
 from collections.abc import Callable, Iterable, Iterator
+from importlib.metadata import entry_points
 from pathlib import Path
 
 import mirrormount_beam.errors  # noqa: F401  (with them, all errors are declared)
 from mirrormount import errors
+from mirrormount.cli import main as cli
 from mirrormount.deploy.firmware import boards, firmware
 from mirrormount.device.settings import ENCODER, SETTINGS
 from mirrormount.errors import doc_texts, one_line
@@ -41,6 +43,13 @@ def board_errors() -> Rows:
     messages |= {f"n{n:02d}": text for n, text in codes.AXIS_MESSAGES.items()}
     for number, remedy in errors.board_remedies().items():
         yield number, messages[number].decode(), *remedy
+
+
+def commands() -> Rows:
+    """The shell commands."""
+    yield "command", "what it does"
+    names = [*cli.MODULES, *sorted(point.name for point in entry_points(group=cli.GROUP))]
+    yield from ((f"`{command.name}`", one_line(command.summary)) for command in cli.commands(names))
 
 
 def reasons() -> Rows:
@@ -200,6 +209,7 @@ def bill() -> Rows:
 Maker = Callable[[], Rows] | Callable[[], Iterator[str]]
 WRITTEN: dict[str, tuple[Maker, ...]] = {
     "docs/build.md": (mounts, bill),
+    "docs/commands.md": (commands,),
     "docs/control-systems.md": (motor_fields, mount_fields, camera_fields, loop_fields),
     "docs/errors.md": (board_errors, reasons, host_errors),
     "docs/mechanics.md": (profiles,),

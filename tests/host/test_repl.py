@@ -12,7 +12,7 @@ from mirrormount_sim.board import Options, make_simulation
 from mirrormount_sim.clocks import Lockstep
 from mirrormount_sim.profiles import SWITCH_REV
 
-README = Path(__file__).parent.parent.parent / "README.md"
+PAGE = Path(__file__).parent.parent.parent / "docs" / "python.md"
 STEP_US = 200_000
 PROMPT = b"\r\n>>> "
 
@@ -322,9 +322,9 @@ def test_its_words_are_the_hosts(prompt):
     assert eval(prompt.type("REASONS")) == REASONS
 
 
-def test_the_readmes_session_is_what_a_board_says(board):
+def test_the_session_of_the_page_is_what_a_board_says(board):
     board.interrupt()
-    session = re.search(r"```pycon\n(.*?)```", README.read_text(), re.DOTALL)
+    session = re.search(r"```pycon\n(.*?)```", PAGE.read_text(), re.DOTALL)
     assert session
     for part in session[1].split(">>> ")[1:]:
         line, _, answer = part.partition("\n")
