@@ -1,9 +1,9 @@
 """Write the tables and lists that follow from declarations: .venv/bin/python tools/tables.py [--check]
 
-Commands (docs/commands.md), errors and reasons (docs/errors.md), settings (docs/protocol.md, the attributes of an axis on the board and its
-properties on the host), boards (docs/versions.md), the profiles of virtual mounts (docs/mechanics.md), records
-(docs/control-systems.md), the measures of mirror mounts and the bill of materials (docs/build.md), the grammar of a
-line (dialect/line.py of the firmware).
+Commands (docs/commands.md), errors and reasons (docs/errors.md), settings (docs/protocol.md, the attributes of an axis
+on the board and its properties on the host), boards (docs/versions.md), the profiles of virtual mounts
+(docs/mechanics.md), records (docs/control-systems.md), the measures of mirror mounts and the bill of materials
+(docs/build.md), the grammar of a line (dialect/line.py of the firmware).
 --check changes nothing and fails if one of them differs.
 """
 

@@ -1,4 +1,4 @@
-"""The commands of the pages are those of the parser; what is marked, and commands.md and python.md, does what it says."""
+"""The commands of the pages are those of the parser, and the marked ones, commands.md and python.md work."""
 
 import os
 import pydoc
@@ -154,7 +154,7 @@ def test_those_of_a_minute_and_more_work_too(tmp_path):
 
 @pytest.mark.full
 def test_the_site_is_built_without_a_warning_and_asks_no_other_site_for_anything(tmp_path):
-    program = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(tmp_path)]
+    program = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path)]
     done = subprocess.run(program, cwd=ROOT, capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stderr
     pages = {
