@@ -421,11 +421,10 @@ class Server:
         self._client: Client | None = None  # that drives
         self._crowd: list[Client] = []  # those that wait, and those that were refused
         self._session: Session | None = None
-        self._open_board()
         self._retry_at_s = 0.0
         self._asked: list[threading.Event] = []  # by other programs, for a stop: to be set when the board is at rest
         self._confirming: list[threading.Event] = []
-        self._stop_listener = StopListener([self._address, self.where], self._stop_for_another_program)
+        self._open_board()
         if self._stop_listener.why_not:
             _say(f"`mirrormount stop` does not get through this program: {self._stop_listener.why_not}")
 
@@ -541,6 +540,8 @@ class Server:
         self.identity, self._session = identity, session
         self._reader = PortReader(session.link.port)
         self._relay = Relay(session.link.port.write)
+        # At each opening: the board may have come back under another number, and another board may have its old one.
+        self._stop_listener = StopListener([self._address, self.where], self._stop_for_another_program)
 
     def _with_board(self, tell: Callable[[], object]) -> object:
         """Call a function that writes to the board, if there is one. Returns its result."""
@@ -565,6 +566,7 @@ class Server:
 
     def _lose_board(self, why: object) -> None:
         _say(f"{why}: what moves is ended by the board's own keep-alive or run limit; waiting for the board")
+        self._stop_listener.close()  # first: a later stop is meant for what is at the port then
         self._reader.close()
         if self._session:
             self._session.close()

@@ -1,5 +1,7 @@
 """`mirrormount serve`: a virtual board served on TCP; what its pins do when clients come, go and misbehave."""
 
+import os
+import pty
 import signal
 import socket
 
@@ -9,6 +11,7 @@ from serving import GREETING, RUN, Cable, Served, ask, hear, hear_line, rests, r
 
 from mirrormount import errors
 from mirrormount.device.mount import Mount
+from mirrormount.transport import stop_socket
 
 # a client's motion lasts while `serve` feeds the board's keep-alive of 0.5 s: on a busy computer it ends, by design
 FLOOD = b"1XM60000;2XM60000\n" + b"02550255\n" * 10_000 + b"00010255\n" + b"02550255\n" * 10_000
@@ -293,3 +296,23 @@ def test_ending_the_server_stops_the_motors_first(served, board, number, status)
     assert "Traceback" not in serve.log.read_text()
     with Mount.open(str(board.link)) as mount:
         assert mount.y.status().reason == 3
+
+
+def test_a_board_that_comes_back_at_another_device_is_stopped_by_its_name_and_not_by_its_old_one(served, board):
+    serve, device, folder = served(), os.path.realpath(board.link), board.link.parent
+    assert stop_socket.owners(device)
+    board.end()
+    serve.says("waiting for the board")
+    assert not stop_socket.owners(device)
+    taken = [pty.openpty() for _ in range(4)]  # the old number is another terminal's meanwhile
+    with ServedBoard(folder) as again:
+        serve.says("the board is back")
+        assert os.path.realpath(again.link) != device
+        assert not stop_socket.owners(device)
+        serve.drive(RUN)
+        runs(again)
+        assert run_cli("stop", "--port", os.path.realpath(again.link)).stdout.startswith("stopped (by")
+        rests(again)
+    for terminal in taken:
+        os.close(terminal[0])
+        os.close(terminal[1])
