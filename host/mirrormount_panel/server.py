@@ -25,6 +25,7 @@ from mirrormount.supervise.worker import Worker
 from mirrormount.terminal import printable
 from mirrormount_panel import camera, page
 from mirrormount_panel.auth import Auth, SignIn, same
+from mirrormount_panel.connections import BoundedConnection
 from mirrormount_panel.mounts import Orders, Pages, PanelMount, find, stop_all
 from mirrormount_panel.socket import routes
 
@@ -120,7 +121,12 @@ def make_light_server(
         app.include_router(router)
     return uvicorn.Server(
         uvicorn.Config(
-            Auth(app, sign_in), log_config=None, timeout_graceful_shutdown=1, server_header=False, proxy_headers=False
+            Auth(app, sign_in),
+            http=BoundedConnection,
+            log_config=None,
+            timeout_graceful_shutdown=1,
+            server_header=False,
+            proxy_headers=False,
         )
     )
 
@@ -137,6 +143,7 @@ class Server(uvicorn.Server):
         super().__init__(
             uvicorn.Config(
                 app,
+                http=BoundedConnection,
                 log_config=None,
                 lifespan="on",
                 timeout_graceful_shutdown=1,
