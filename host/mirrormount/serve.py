@@ -25,7 +25,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 
 from mirrormount.device.session import Session
-from mirrormount.device.status import parse_status
+from mirrormount.device.status import check_same_board, parse_status
 from mirrormount.errors import (
     AllowNeeded,
     AtPrompt,
@@ -456,7 +456,7 @@ class Server:
                 self._session.link.port.write(b"!\n")
                 self._reader.close()
                 self._session.link.drain(0.1)
-                self._session.stop()
+                _stop(self._session)
         finally:
             self._stop_listener.close()
             if self._session:
@@ -532,8 +532,8 @@ class Server:
             if session.link.lockstep:
                 raise BadValue("a live client needs its own pace: speed=max is for use in one process")
             identity = session.board.identity
-            if self._session is None and getattr(self, "identity", identity).split(",")[:3] != identity.split(",")[:3]:
-                raise NotAMount(f"another board is there: {identity}")
+            if self._session is None and hasattr(self, "identity"):
+                check_same_board(self.identity, identity)
         except MountError:
             session.close()
             raise
@@ -603,6 +603,18 @@ class Server:
         elif self._session and not self._relay.moving:
             while self._confirming:
                 self._confirming.pop().set()
+
+
+def _stop(session: Session) -> None:
+    """Stop, and confirm it. Raises MountError. The rest of an answer to a client may come late, before the own one."""
+    end_s = time.monotonic() + _ANSWER_S
+    while True:
+        try:
+            session.stop()
+            return
+        except NotAMount:
+            if time.monotonic() > end_s:
+                raise
 
 
 def serve(address: str | None, listening: socket.socket, allowed: Sequence[Network], *, finish: bool) -> None:

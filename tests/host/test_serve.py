@@ -4,13 +4,16 @@ import os
 import pty
 import signal
 import socket
+from types import SimpleNamespace
 
 import pytest
 from served import ServedBoard, run_cli, wait_for
 from serving import GREETING, RUN, Cable, Served, ask, hear, hear_line, rests, runs
 
 from mirrormount import errors
+from mirrormount import serve as server
 from mirrormount.device.mount import Mount
+from mirrormount.device.session import Session
 from mirrormount.transport import stop_socket
 
 # a client's motion lasts while `serve` feeds the board's keep-alive of 0.5 s: on a busy computer it ends, by design
@@ -316,3 +319,19 @@ def test_a_board_that_comes_back_at_another_device_is_stopped_by_its_name_and_no
     for terminal in taken:
         os.close(terminal[0])
         os.close(terminal[1])
+
+
+def test_rests_of_answers_that_come_behind_the_last_stop_are_not_taken_for_its_confirmation():
+    session = Session.open("virtual://?speed=max")
+    session.send("1MV+")
+    port, rests = session.link.port, [b"77\n", b"1,0|3,"]  # the last one is cut: it is a line with what follows it
+
+    def read(timeout_s: float) -> bytes:
+        data = port.read(timeout_s)
+        return rests.pop(0) + data if rests and data else data
+
+    session.link.port = SimpleNamespace(write=port.write, read=read, close=port.close)
+    server._stop(session)
+    assert not rests
+    assert not session.status().moving
+    session.close()

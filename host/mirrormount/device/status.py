@@ -170,6 +170,12 @@ AXES_MOST = 4
 # ---- what a session knows of its board
 
 
+def check_same_board(before: str, now: str) -> None:
+    """Raise NotAMount if two answers to *IDN? are of two boards: kind and id differ; the firmware's version may."""
+    if before.split(",")[:3] != now.split(",")[:3]:
+        raise NotAMount(f"another board is there: {now}; to drive it, start this program again")
+
+
 class Board:
     """A board with two axes or more. identity: its answer to *IDN?; x_axis: the number of the axis called x.
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from mirrormount import values
 from mirrormount.device import calibration
 from mirrormount.device.mount import Mount
-from mirrormount.device.status import Status
+from mirrormount.device.status import Status, check_same_board
 from mirrormount.device.table_file import MountPort, find_port, x_axis_of
 from mirrormount.errors import BadFile, BadValue, ConnectionLost, MountError, NotCalibrated
 from mirrormount.supervise.log import WireLog
@@ -184,6 +184,7 @@ class Connection:
         self.port: Port | None = None
         self.mount: Mount | None = None
         self.trouble = "not connected yet"
+        self._identity = ""  # of the board that was opened first: no other one is driven after a loss
         self._closed = False
 
     def open(self) -> Mount:
@@ -200,11 +201,13 @@ class Connection:
             if port.lockstep:
                 raise BadValue("the panel needs a board at its own pace: speed=max is for use in one process")
             mount = Mount(Link(TappedPort(port, self._log)), x_axis=x_axis_of(place, None))
+            check_same_board(self._identity or mount.identity, mount.identity)
         except BaseException:
             port.close()
             raise
         mount.accept_stops(place.address, also=self._on_stop)
         self.port, self.mount, self.trouble = port, mount, ""
+        self._identity = mount.identity
         if self._closed:  # close() was called meanwhile, and nobody else closes what was opened since
             self.close()
             raise ConnectionLost("the port was closed again: it opened only after close()")
