@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrormount import files
+from mirrormount.terminal import printable
 from mirrormount_beam.camera import as_bytes
 from mirrormount_beam.estimates import Estimate, Result, Series
 from mirrormount_beam.runlog import MINUTE_S, ErrorSums, Minute, Run, joined, spectrum
@@ -358,6 +359,12 @@ def _legend(axes: "Axes") -> None:
     axes.legend(fontsize="small", loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2, frameon=False)
 
 
+def _plain(name: str) -> str:
+    """A name as a label of a curve, where $ would begin a formula and a leading _ would hide it."""
+    text = printable(name).replace("$", r"\$")
+    return f" {text}" if text.startswith("_") else text
+
+
 def _draw_errors(axes: "Axes", run: Run) -> None:
     unit_s, unit = _of_time(run)
     began_s = run.minutes[0].begin_s
@@ -366,13 +373,13 @@ def _draw_errors(axes: "Axes", run: Run) -> None:
         times = [(minute.begin_s - began_s) / unit_s for minute in kept]
         rms = [math.hypot(*minute.held.errors_um[camera].rms) for minute in kept]
         most = [minute.held.errors_um[camera].most for minute in kept]
-        axes.plot(times, rms, color=colour, lw=1.2, label=f"{camera}: rms of a minute")
-        axes.plot(times, most, color=colour, lw=0, marker=".", ms=3, label=f"{camera}: largest of a minute")
+        axes.plot(times, rms, color=colour, lw=1.2, label=f"{_plain(camera)}: rms of a minute")
+        axes.plot(times, most, color=colour, lw=0, marker=".", ms=3, label=f"{_plain(camera)}: largest of a minute")
         free = [minute for minute in kept if camera in minute.free_um]
         if free:
             at = [(minute.begin_s - began_s) / unit_s for minute in free]
             far = [math.hypot(*minute.free_um[camera].mean) for minute in free]
-            axes.plot(at, far, color=colour, lw=1, ls=":", label=f"{camera}: if nobody held it")
+            axes.plot(at, far, color=colour, lw=1, ls=":", label=f"{_plain(camera)}: if nobody held it")
     axes.set(xlabel=unit, ylabel="µm", yscale="log")
     from matplotlib.ticker import LogFormatter
 
@@ -387,7 +394,7 @@ def _draw_histogram(axes: "Axes", run: Run) -> None:
         for at, style in enumerate(("-", "--")):
             values = np.array(errors)[:, at]
             counts, edges = np.histogram(values, bins=60)
-            label = f"{camera}, {'xy'[at]}"
+            label = f"{_plain(camera)}, {'xy'[at]}"
             axes.stairs(counts, edges, color=colour, ls=style, label=label)
     axes.set(xlabel="error, µm", ylabel="observations")
     _legend(axes)
@@ -397,7 +404,7 @@ def _draw_spectrum(axes: "Axes", run: Run) -> None:
     for colour, (camera, errors) in zip(_COLOURS, run.errors_um.items(), strict=False):
         for at, style in enumerate(("-", "--")):
             hz, density = spectrum(np.array(run.times_s), np.array(errors)[:, at])
-            axes.plot(hz, density, color=colour, ls=style, lw=1, label=f"{camera}, {'xy'[at]}")
+            axes.plot(hz, density, color=colour, ls=style, lw=1, label=f"{_plain(camera)}, {'xy'[at]}")
     axes.set(xlabel="Hz", ylabel="µm/√Hz", xscale="log", yscale="log")
     _legend(axes)
 
@@ -409,7 +416,7 @@ def _draw_drive(axes: "Axes", run: Run) -> None:
     names = dict.fromkeys(name for minute in run.minutes for name in minute.drive_us)
     for name in names:
         pairs = np.array([minute.drive_us.get(name, (0, 0)) for minute in run.minutes]) * 1e-6
-        axes.plot(times, np.cumsum(pairs[:, 0] - pairs[:, 1]), lw=1, label=name)
+        axes.plot(times, np.cumsum(pairs[:, 0] - pairs[:, 1]), lw=1, label=_plain(name))
     axes.set(xlabel=unit, ylabel="drive forward less back, s")
     if names:
         _legend(axes)

@@ -435,7 +435,9 @@ def read_run(path: Path) -> Run:
     """Read a log, of a run that goes on as well. Raises BadFile if it is none."""
     try:
         with contextlib.closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)) as file:
-            return _read(file)
+            run = _read(file)
+        _check(run)
+        return run
     except (sqlite3.Error, KeyError, TypeError, ValueError, AttributeError) as e:
         raise BadFile(f"{path}: no log of a run ({e})") from e
 
@@ -464,6 +466,39 @@ def _read(file: sqlite3.Connection) -> Run:
                 assert isinstance(spot, SpotSeen)
                 run.errors_um.setdefault(spot.camera, []).append(spot.error_um)
     return run
+
+
+_MOST = 1e12  # of any figure of a log: a second, a micrometre, a count; sums of squares have its square
+_SPAN_S = 10 * 366 * 86_400.0  # no run is longer
+_NAME_MOST = 100  # characters
+
+
+def _check(run: Run) -> None:
+    """Raise ValueError for what no run writes; a report of it would be none, or never end."""
+    times_s = [minute.begin_s for minute in run.minutes]
+    _bounded(_MOST, *times_s, *run.times_s, *(trip[0] for trip in run.interlocks))
+    if times_s and times_s[-1] - times_s[0] > _SPAN_S:
+        raise ValueError("a run of more than ten years")
+    if len(run.times_s) > 1 and not run.times_s[-1] > run.times_s[0]:
+        raise ValueError("observations at one time")
+    for minute in run.minutes:
+        counts = minute.held_s, minute.missed, minute.corrections, minute.pulses, minute.reversals, minute.interlocks
+        _bounded(_MOST, *counts, *(us for pair in minute.drive_us.values() for us in pair), least=0)
+        _bounded(_MOST, minute.change or 0.0)
+        by_camera = {**minute.held.errors_um, **{f"free {name}": sums for name, sums in minute.free_um.items()}}
+        for sums in (minute.held.angle_urad, *by_camera.values()):
+            _bounded(_MOST**2, *astuple(sums))
+            _bounded(_MOST**2, sums.observations, sums.seconds, sums.xx, sums.yy, sums.most, least=0)
+        names = [*by_camera, *minute.drive_us]
+        if any(len(name) > _NAME_MOST for name in names):
+            raise ValueError("a name that is too long")
+    _bounded(_MOST, *(value for errors in run.errors_um.values() for pair in errors for value in pair))
+
+
+def _bounded(most: float, *values: float, least: float | None = None) -> None:
+    for value in values:
+        if not (-most if least is None else least) <= value <= most:  # also if it is not a number
+            raise ValueError(f"{value!r} is no figure of a run")
 
 
 def joined(by_camera: Iterable[Mapping[str, ErrorSums]]) -> dict[str, ErrorSums]:

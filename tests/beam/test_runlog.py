@@ -15,6 +15,7 @@ import pytest
 from loop_rig import Rig
 
 from mirrormount.errors import BadFile, CannotWrite
+from mirrormount.terminal import printable
 from mirrormount_beam import runlog
 from mirrormount_beam.control.events import (
     HOLDING,
@@ -241,6 +242,42 @@ def test_a_file_that_is_no_log_is_one_line(tmp_path, content):
     with pytest.raises(BadFile, match="no log of a run"):
         read_run(tmp_path / "nothing.sqlite")
     assert not (tmp_path / "nothing.sqlite").exists()
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        "UPDATE minutes SET begin_s = 9e307 WHERE begin_s = (SELECT max(begin_s) FROM minutes)",
+        "UPDATE minutes SET held_s = -1",
+        "UPDATE minutes SET change = 9e999",
+        "UPDATE minutes SET pulses = 'many'",
+        "UPDATE errors SET seconds = -3",
+        "UPDATE errors SET observations = NULL",
+        "UPDATE errors SET xx = 1e308",
+        "UPDATE drives SET actuator = printf('%.*c', 100000, 'n')",
+        "UPDATE interlocks SET time_s = -1e300",
+        "UPDATE events SET data = replace(data, '-3.0', '1e305')",
+        "UPDATE events SET data = replace(data, '-3.0', 'NaN')",
+    ],
+)
+def test_a_log_with_figures_that_no_run_has_is_one_line(written, tmp_path, damage):
+    shutil.copy(written, path := tmp_path / "run.sqlite")
+    with contextlib.closing(sqlite3.connect(path)) as file:
+        assert file.execute(damage).rowcount
+        file.commit()
+    with pytest.raises(BadFile, match=r"run\.sqlite: no log of a run \("):
+        read_run(path)
+
+
+@pytest.mark.parametrize("name", ["$\\sqrt{", "_left", "\x1b[2J"])
+def test_a_name_stands_in_a_report_as_it_is(written, tmp_path, name):
+    shutil.copy(written, path := tmp_path / "run.sqlite")
+    with contextlib.closing(sqlite3.connect(path)) as file:
+        file.execute("UPDATE errors SET name = ? WHERE name = 'near'", (name,))
+        file.execute("UPDATE drives SET actuator = ?", (name,))
+        file.commit()
+    write_report(page := tmp_path / "page.html", read_run(path))
+    assert f"{printable(name)}: rms of a minute" in page.read_text()
 
 
 def test_the_page_tells_it_in_words_and_curves_and_holds_nothing_of_others(written, tmp_path):
