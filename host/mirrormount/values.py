@@ -13,7 +13,7 @@ to 100 mrad).
 
 import operator
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Protocol, SupportsFloat, SupportsIndex
 
 from mirrormount.errors import BadValue, NotAMount, NotCalibrated
@@ -76,6 +76,14 @@ class Geometry(Protocol):
         ...
 
 
+def did_you_mean(word: str, names: Iterable[str]) -> str:
+    """The end of an error for a word that is no name: "; did you mean step or stop?"; "" if none is near."""
+    import difflib
+
+    near = difflib.get_close_matches(word, list(names), 2, 0.7)
+    return f"; did you mean {' or '.join(near)}?" if near else ""
+
+
 STEPS = "steps"
 MOST_AMOUNT = 1_000_000_000  # the largest amount of any unit
 
@@ -108,7 +116,7 @@ HELP = "steps (default); mrad, urad: of the mirror; beam-mrad, beam-urad; mm: on
 def check(unit: str) -> str:
     """The unit, if it is one. Raises BadValue."""
     if unit not in UNITS:
-        raise BadValue(f"a unit is {', '.join(UNITS[:-1])} or {UNITS[-1]}, not {unit!r}")
+        raise BadValue(f"a unit is {', '.join(UNITS[:-1])} or {UNITS[-1]}, not {unit!r}{did_you_mean(unit, UNITS)}")
     return unit
 
 

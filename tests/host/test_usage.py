@@ -94,3 +94,21 @@ def test_what_is_no_form_of_a_command_is_wrong_usage(words, capsys):
 def test_a_value_that_cannot_be_is_an_error_like_any_other(words, capsys):
     assert main.main([*words, "--port", "virtual://?speed=max"]) == 1
     assert capsys.readouterr().err.startswith("mirrormount: ")
+
+
+@pytest.mark.parametrize(
+    ("words", "meant"),
+    [
+        (("stpe", "x", "2"), "step"),
+        (("statsu",), "status"),
+        (("camera", "shwo"), "show"),
+        (("move", "x", "1", "beam-mard"), "beam-mrad"),
+    ],
+)
+def test_a_word_that_is_nearly_right_is_answered_with_the_right_one(words, meant, capsys):
+    assert meant in refused(capsys, *words).splitlines()[-1].partition("; did you mean ")[2]
+
+
+def test_a_setting_that_is_nearly_right_is_answered_with_the_right_one(capsys):
+    assert main.main(["config", "get", "x.velocty", "--port", "virtual://?speed=max"]) == 1
+    assert "; did you mean velocity?" in capsys.readouterr().err

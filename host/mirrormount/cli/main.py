@@ -18,7 +18,7 @@ from typing import Any
 from mirrormount.cli.arguments import Command, from_extra, no_arguments, no_work, table_option, whence
 from mirrormount.errors import BadValue, ExtraMissing, MountError, explain
 from mirrormount.terminal import Terminated, printable
-from mirrormount.values import TABLE_VARIABLE
+from mirrormount.values import TABLE_VARIABLE, did_you_mean
 from mountfw import __version__
 
 # ---- the parser
@@ -40,6 +40,14 @@ class Parser(argparse.ArgumentParser):
         if unknown:
             self.error(f"unrecognized arguments: {' '.join(unknown)}{self._in_full(unknown)}")
         return found, unknown
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        """As argparse's; of a word that is nearly one of the choices, that one is told instead of all."""
+        if action.choices is not None and value not in action.choices:
+            meant = did_you_mean(str(value), map(str, action.choices))
+            if meant:
+                raise argparse.ArgumentError(action, f"there is no {value!r}{meant}")
+        super()._check_value(action, value)
 
     def _in_full(self, unknown: Sequence[str]) -> str:
         """The options of which an unknown word is the beginning, to follow an error; "" if there are none."""

@@ -25,7 +25,7 @@ from mirrormount.errors import (
     one_line,
 )
 from mirrormount.terminal import Terminated, printable
-from mirrormount.values import axis_name, is_axis
+from mirrormount.values import axis_name, did_you_mean, is_axis
 from mountfw import board_file
 from mountfw import codes as wire
 from mountfw import settings as declared
@@ -340,5 +340,7 @@ def setting(name: str) -> Setting:
     """The setting called "x.pulse_us". Raises BadValue with the names of all."""
     axis, _, rest = name.partition(".")
     if not is_axis(axis) or rest not in SETTINGS:
-        raise BadValue(f"there is no setting {name!r}: x. or y. and one of {', '.join(SETTINGS)}")
+        everything = f": x. or y. and one of {', '.join(SETTINGS)}"
+        meant = did_you_mean(rest, SETTINGS)
+        raise BadValue(f"there is no setting {name!r}{meant or everything}")
     return SETTINGS[rest]

@@ -38,7 +38,7 @@ from mirrormount.device import calibration
 from mirrormount.errors import BadAddress, BadFile, BadValue, NoBoardFound
 from mirrormount.terminal import printable
 from mirrormount.transport.discovery import find, serial_number, serial_ports
-from mirrormount.values import NAME_RULE, TABLE_VARIABLE, is_name
+from mirrormount.values import NAME_RULE, TABLE_VARIABLE, did_you_mean, is_name
 
 AXIS_OF_X = 2  # of a board that the table does not name
 
@@ -67,6 +67,7 @@ def find_port(address: str) -> MountPort:
     if mounts:
         raise BadAddress(
             f"{address} is no port, and no mount of {path()}: that has {', '.join(mounts)}"
+            f"{did_you_mean(address, mounts)}"
             " (`mirrormount ports` lists ports)"
         )
     return MountPort(address)
