@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import uvicorn
 from fastapi import APIRouter, FastAPI, Request
-from fastapi.responses import HTMLResponse
+from fastapi.responses import HTMLResponse, Response
 from nicegui import app as gui
 from nicegui import core, ui
 from platformdirs import user_log_path
@@ -223,6 +223,10 @@ def make_server(
         fault(error)
         ui.label("The panel has a fault; the motors were stopped. Load the page again.")
 
+    async def nothing(_request: Request, _error: Exception) -> Response:
+        return Response("The panel has no such page.", 404)  # NiceGUI would build a page for each
+
+    gui.add_exception_handler(404, nothing)
     gui.on_exception(fault)
     gui.on_page_exception(fault_of_page)
     ui.run_with(app, title="Mirror mount", dark=None, tailwind=False, show_welcome_message=False, favicon="🎯")

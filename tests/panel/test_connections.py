@@ -70,3 +70,12 @@ def port(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
 def test_a_connection_that_does_not_finish_its_request_is_closed(port, sent):
     with crowd_of(port, 1, sent)[0] as one:
         assert is_closed(one)
+
+
+@pytest.mark.parametrize("path", ["/camera/3", "/hold/state", "/_nicegui/nothing.js"])
+def test_no_page_is_built_for_an_address_that_the_panel_lacks(panel: Panel, path):
+    asking = HTTPConnection("127.0.0.1", panel.port, timeout=PATIENCE_S)
+    asking.request("GET", path)
+    answer = asking.getresponse()
+    assert (answer.status, answer.read()) == (404, b"The panel has no such page.")
+    asking.close()
