@@ -52,8 +52,8 @@ export class Board {
     this.catchResets(mcu, watchdog);
     mcu.qspi.forEach((pin, i) => { pin.padValue = 0x5a; if (i > 0) pin.setInputValue(true); }); // BOOTSEL not pressed
     mcu.gpio.forEach(pin => { pin.padValue = 0x56; pin.lastValue = pin.value; });
+    [this.pioUpToNow, this.pioLook] = attachPio(mcu);
     this.watchPins(mcu);
-    this.pioUpToNow = attachPio(mcu);
     mcu.i2c.forEach((i2c, i) => attachAs5600(i2c, mcu, () => this.angle(i)));
     this.host = new CdcHost(mcu.usbCtrl, mcu.clock);
     this.host.collects = this.collects;
@@ -92,7 +92,10 @@ export class Board {
     const gpio = this.mcu.gpio[i];
     const own = gpio.outputEnable && !gpio.outputDisable ? gpio.outputValue : null;
     const value = this.driven[i] ?? own ?? (gpio.pullupEnabled ? 1 : 0);
-    if (Boolean(value) !== gpio.rawInputValue) gpio.setInputValue(Boolean(value));
+    if (Boolean(value) === gpio.rawInputValue) return;
+    this.pioUpToNow();
+    gpio.setInputValue(Boolean(value));
+    this.pioLook();
   }
   cutPower(operations, half) {
     this.flash.cutAfter(operations, half, () => { this.pending = { cause: 'power', watchdog: null }; });

@@ -8,9 +8,15 @@ const [CLKDIV, SHIFTCTRL, MACHINE, LAST] = [0xc8, 0xd0, 0x18, 0x128];
 const [JOIN_TX, JOIN_RX] = [1 << 30, 1 << 31];
 const LONGEST_ROUND = 200; // in instructions; of what takes longer each one is executed
 
+// Returns two functions: bring the machines up to now, before an input changes; and see to it that they look at the
+// change soon, for what they push then may pace a DMA that reads the clock.
+const LOOK_NS = 500;
 export function attachPio(mcu) {
   const blocks = mcu.pio.map(pio => new Timed(pio, mcu));
-  return () => { for (const block of blocks) block.catchUp(); };
+  const upToNow = () => { for (const block of blocks) block.catchUp(); };
+  const soon = mcu.clock.createAlarm(upToNow);
+  const look = () => { if (mcu.pio.some(pio => pio.machines.some(machine => machine.enabled))) soon.schedule(LOOK_NS); };
+  return [upToNow, look];
 }
 
 class Timed {
