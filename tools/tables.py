@@ -3,11 +3,13 @@
 Commands (docs/commands.md), errors and reasons (docs/errors.md), settings (docs/protocol.md, the attributes of an axis
 on the board and its properties on the host), boards (docs/versions.md), the profiles of virtual mounts
 (docs/mechanics.md), records (docs/control-systems.md), the measures of mirror mounts and the bill of materials
-(docs/build.md), the grammar of a line (dialect/line.py of the firmware).
+(docs/build.md), the grammar of a line (dialect/line.py of the firmware). The table
+of docs/performance.md is copied into the host, as JSON.
 --check changes nothing and fails if one of them differs.
 """
 
 import importlib
+import json
 import re
 import sys
 import tomllib
@@ -30,6 +32,9 @@ from mountfw.wire.frame import PROBE
 sys.path.insert(0, str(Path(__file__).resolve().parent / "mechanics"))
 import bill as mechanics_bill
 from measures import MOUNTS, load
+
+sys.path.insert(0, str(Path(__file__).resolve().parent / "bench"))
+from rows import ON_THE_PAGE
 
 ROOT = Path(__file__).resolve().parent.parent
 FIRMWARE = ROOT / "firmware_py" / "mountfw"
@@ -241,6 +246,21 @@ def _markdown(rows: Iterable[Iterable[str]]) -> Iterator[str]:
             yield f"|{'---|' * len(row)}\n"
 
 
+COPIED = "docs/performance.md", "host/mirrormount/performance.json"
+
+
+def performance() -> str:
+    """The table of docs/performance.md as JSON, for `check --timing`. Raises SystemExit if it is another."""
+    page = (ROOT / COPIED[0]).read_text(encoding="utf-8")
+    cells = [[cell.strip() for cell in line.split("|")[1:-1]] for line in page.splitlines() if line.startswith("| ")]
+    figures = [row[:8] for row in cells if len(row) == 9 and row[2].isdecimal()]
+    if len(figures) != len(ON_THE_PAGE):
+        raise SystemExit("docs/performance.md has other rows than ON_THE_PAGE of tools/bench/rows.py")
+    names = ("what", "unit", "n", "median", "p99", "worst", "sd", "must")
+    rows = [{"name": n} | dict(zip(names, row, strict=True)) for n, row in zip(ON_THE_PAGE, figures, strict=True)]
+    return json.dumps(rows, indent=1, ensure_ascii=False) + "\n"
+
+
 def main(arguments: list[str]) -> int:
     """Returns the exit status: 1 if --check found a difference."""
     different = []
@@ -251,6 +271,11 @@ def main(arguments: list[str]) -> int:
             different.append(name)
             if "--check" not in arguments:
                 (ROOT / name).write_text(wanted, encoding="utf-8")
+    copy = ROOT / COPIED[1]
+    if not copy.exists() or copy.read_text(encoding="utf-8") != performance():
+        different.append(COPIED[1])
+        if "--check" not in arguments:
+            copy.write_text(performance(), encoding="utf-8")
     for name in different:
         print(f"{name} {f'differs: {sys.executable} {__file__}' if '--check' in arguments else 'is written anew'}")
     return 1 if different and "--check" in arguments else 0
