@@ -10,6 +10,7 @@ import argparse
 import math
 import sys
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 from mirrormount.cli.arguments import Command, open_mount, port_options, said_yes
 from mirrormount.device.axis import Axis, counts_between
@@ -35,13 +36,25 @@ _WHY = "what its encoder counts has ended it, see there; docs/errors.md has the 
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
-    """--move, and the port."""
+    """--move, --timing, and the port."""
     port_options(parser)
+    parser.add_argument("--timing", action="store_true", help="instead: time the board's pins, the motors' supply off")
+    parser.add_argument("--supply-off", action="store_true", help="timing: the motors' supply is off; do not ask")
+    parser.add_argument("--report", metavar="FILE", default="timing", help="timing: FILE.json and .html (timing)")
     parser.add_argument("--move", action="store_true", help="also make a few steps on each axis")
 
 
 def run(args: argparse.Namespace) -> None:
     """Print one line a check. Raises CheckFailed if one failed."""
+    if args.timing:
+        from mirrormount.cli.timing import SEND, run_timing
+        from mirrormount.transport.discovery import find_one
+
+        with ended_in_order():
+            ask = None if args.supply_off else said_yes
+            pages = run_timing(args.port or find_one(), Path(args.report), ask)
+        print(f"OK: {pages[0]} and {pages[1]} are written.\n{SEND.format(file=pages[0].name)}")
+        return
     with ended_in_order():
         run_checks(lambda: open_mount(args), move=args.move, ask=said_yes if sys.stdin and sys.stdin.isatty() else None)
 
