@@ -28,6 +28,7 @@ def step_arguments(parser: argparse.ArgumentParser) -> None:
     axis_argument(parser)
     parser.add_argument("n", metavar="N", help="a number, such as 5 or -0.25")
     parser.add_argument("unit", metavar="UNIT", nargs="?", default=STEPS, choices=UNITS, help=UNITS_HELP)
+    _approach(parser)
 
 
 def step(args: argparse.Namespace) -> None:
@@ -37,7 +38,7 @@ def step(args: argparse.Namespace) -> None:
         axis = mount.axis(args.axis)
         with watched(mount, [axis]) as line:
             aim = f"on the way to {axis.position + n:+.1f}" if unit == STEPS else f"on the way by {n:+g} {unit}"
-            made = axis.move_by(n, unit, progress=_shown(line, axis, aim))
+            made = axis.move_by(n, unit, approach=args.approach, progress=_shown(line, axis, aim))
         print(place(axis) + (f" (moved by ≈ {made:+.4g} {unit})" if unit != STEPS else ""))
 
 
@@ -47,6 +48,7 @@ def move_arguments(parser: argparse.ArgumentParser) -> None:
     axis_argument(parser)
     parser.add_argument("position", metavar="POSITION", help="a number, such as 5 or -0.25; 0 is where it was zeroed")
     parser.add_argument("unit", metavar="UNIT", nargs="?", default=STEPS, choices=UNITS, help=UNITS_HELP)
+    _approach(parser)
 
 
 def move(args: argparse.Namespace) -> None:
@@ -56,8 +58,17 @@ def move(args: argparse.Namespace) -> None:
         axis = mount.axis(args.axis)
         with watched(mount, [axis]) as line:
             words = f"{position:+g}" if unit == STEPS else f"{position:+g} {unit}"
-            axis.move_to(position, unit, progress=_shown(line, axis, f"on the way to {words}"))
+            shown = _shown(line, axis, f"on the way to {words}")
+            axis.move_to(position, unit, approach=args.approach, progress=shown)
         print(place(axis) + (f" (≈ {axis.position * axis.per_step(unit):+.4g} {unit})" if unit != STEPS else ""))
+
+
+def _approach(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--approach",
+        choices=("+", "-"),
+        help="the direction of the last part of the way; past the goal and back where it must be",
+    )
 
 
 def home_arguments(parser: argparse.ArgumentParser) -> None:

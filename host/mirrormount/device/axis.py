@@ -10,6 +10,7 @@ that editors and type checkers know each by its name.
 import contextlib
 import html
 import logging
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Generic, Self, TypeVar, cast, overload
@@ -196,17 +197,34 @@ class Axis:
     # ---- moves
 
     def step(
-        self, n: int, *, wait: bool = True, feed: bool = True, by_sight: bool = False, progress: Progress | None = None
+        self,
+        n: int,
+        *,
+        wait: bool = True,
+        feed: bool = True,
+        by_sight: bool = False,
+        approach: str | None = None,
+        progress: Progress | None = None,
     ) -> None:
         """Move by n steps. With wait, returns when they are done, else at once.
 
         Without wait and feed the caller keeps the move alive, as in Mount.drive(). by_sight: without the board's
         take-up, and with rests of 50 ms, for a caller that sees what moves; the board's settings stay as they are.
 
-        Raises BadValue, BoardError if refused, MoveEnded if an end-stop, a limit or somebody else
-        ended it, ConnectionLost, NoAnswer.
+        approach: "+" or "-", the direction of the last part of the way. The axis goes past the goal by more than the
+        backlash and comes back where it must: two motions, and whatever ends the first one ends both.
+
+        Raises BadValue, also for a place of an approach beyond a soft limit, BoardError if refused, MoveEnded if an
+        end-stop, a limit or somebody else ended it, ConnectionLost, NoAnswer.
         """
         n = whole_number(n, MAX_STEPS, "steps")
+        if approach is not None:
+            _check_waits(None if wait and not by_sight else approach)
+            stops = self._session.gate.last_stop()
+            with self._session.stopped_by_interrupt():
+                rest, _ = self._turn(n, 0, approach, feed, progress, stops)
+                self._by(rest, 0, feed, progress, stops)
+            return
         self._move("PR", n, n, wait, feed, progress, by_sight=by_sight)
 
     def pulse(
@@ -226,6 +244,7 @@ class Axis:
         *,
         wait: bool = True,
         feed: bool = True,
+        approach: str | None = None,
         progress: Progress | None = None,
     ) -> float:
         """Move to a position in one of values.UNITS, also between two steps. Returns the one reached, in steps.
@@ -235,10 +254,12 @@ class Axis:
         pulse is 200 us, 0.001 of a step of 200 ms: a smaller remainder stays.
         Angles and mm go by the mean scale of both directions, as positions are shown; NotCalibrated without one.
         Without wait the nearest whole number of steps is the target, which is returned, and steps must be whole. From
-        between two steps the open loop ends up to half a step beside it; `position` tells. Raises as step() does.
+        between two steps the open loop ends up to half a step beside it; `position` tells. approach, and what is
+        raised: as step() has it.
         """
         steps = self._steps_of(position, unit)
         if not wait:
+            _check_waits(approach)
             target = whole_number(
                 steps if unit == values.STEPS else round(steps), MAX_STEPS, "position, without waiting,"
             )
@@ -248,6 +269,8 @@ class Axis:
         stops = self._session.gate.last_stop()
         n, part_us = self.parts_to(wanted)
         with self._session.stopped_by_interrupt():
+            if approach is not None:
+                n, part_us = self._turn(n, part_us, approach, feed, progress, stops)
             if isinstance(wanted, int) and not part_us:
                 self._move("PA", wanted, n, wait, feed, progress, stops)
             else:
@@ -255,25 +278,34 @@ class Axis:
         return self.position
 
     def move_by(
-        self, amount: float, unit: str = values.STEPS, *, wait: bool = True, progress: Progress | None = None
+        self,
+        amount: float,
+        unit: str = values.STEPS,
+        *,
+        wait: bool = True,
+        approach: str | None = None,
+        progress: Progress | None = None,
     ) -> float:
         """Move by an amount of one of values.UNITS. Returns the amount that its pulses are worth.
 
         A part of a step is one pulse of its own length (`XU`) and makes the position an estimate; without wait, the
         nearest whole number of steps is moved, and an amount in steps must be whole. Angles and mm go by the scale of
-        that direction in the calibration file (docs/calibration.md). Raises NotCalibrated without one that belongs to
-        the board's present step, BadFile, and as step() does.
+        that direction in the calibration file (docs/calibration.md). approach: as step() has it. Raises NotCalibrated
+        without a scale that belongs to the board's present step, BadFile, and as step() does.
         """
         amount = real_number(amount, MOST_AMOUNT, f"an amount in {values.check(unit)}")
         if unit == values.STEPS and (not wait or isinstance(amount, int)):
-            self.step(whole_number(amount, MAX_STEPS, "steps"), wait=wait, progress=progress)
+            self.step(whole_number(amount, MAX_STEPS, "steps"), wait=wait, approach=approach, progress=progress)
             return amount
         stops = self._session.gate.last_stop()
         n, part_us, worth = self.parts_of(amount, unit, whole=not wait)
         if wait:
             with self._session.stopped_by_interrupt():
+                if approach is not None:
+                    n, part_us = self._turn(n, part_us, approach, True, progress, stops)
                 self._by(n, part_us, True, progress, stops)
         else:
+            _check_waits(approach)
             self._move("PR", n, n, wait, True, None, stops)
         return worth
 
@@ -396,6 +428,30 @@ class Axis:
             self._move("PR", n, n, True, feed, progress, stops)
         if part_us:
             self._move("XU", part_us, 1, True, feed, progress, stops)
+
+    def _turn(
+        self, n: int, part_us: int, approach: str, feed: bool, progress: Progress | None, stops: int
+    ) -> tuple[int, int]:
+        """Go to where the last part of a way begins. Returns that part: whole steps and a pulse, both of one sign.
+
+        That part is longer than the backlash, also where the whole way goes in its direction: the shaft may stand at
+        the other side of its gap. Raises BadValue before any motion if a soft limit forbids a place of it.
+        """
+        if approach not in ("+", "-"):
+            raise BadValue(f'an approach is "+" or "-", not {approach!r}')
+        pulse_us, take_up_us = self.ask_whole("XP?", "XB?")
+        sign = 1 if approach == "+" else -1
+        way = sign * (n + part_us / pulse_us)
+        last = max(_APPROACH, take_up_us // pulse_us + 2)
+        first = math.floor(way - last)
+        begin, limits = self.position, self.limits
+        for what, steps in (("turns at", begin + sign * first), ("ends at", begin + sign * way)):
+            if limits.checked and not limits.minimum <= steps <= limits.maximum:
+                within = f"{limits.minimum} to {limits.maximum}"
+                raise BadValue(f"{self.name}: this approach {what} {steps:+.3f} steps; the soft limits are {within}")
+        if first:
+            self._by(sign * first, 0, feed, progress, stops)
+        return _split(sign * (way - first), pulse_us)
 
     def _move(
         self,
@@ -602,6 +658,11 @@ def _velocity_by_sight(pulse_us: int) -> float:
     """Steps per second, in hundredths, with _SIGHT_REST_US behind each pulse; no more than the board can do."""
     most = 100_000_000 // (pulse_us + _LEAST_REST_US)
     return min(100_000_000 // (pulse_us + _SIGHT_REST_US), most // 100 * 100 or most) / 100
+
+
+def _check_waits(approach: str | None) -> None:
+    if approach is not None:
+        raise BadValue("an approach is two motions: it waits for them, and is not by sight")
 
 
 def _split(steps: float, pulse_us: int) -> tuple[int, int]:
