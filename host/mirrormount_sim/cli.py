@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from types import FrameType
 
-from mirrormount.cli.arguments import Command, profile_options
+from mirrormount.cli.arguments import DEFAULT_PROFILE, Command, profile_options
 from mirrormount.errors import BadAddress, BadValue, MountError
 from mirrormount.values import digits
 from mirrormount_sim import MACHINES
@@ -60,7 +60,6 @@ def run_virtual(args: argparse.Namespace) -> None:
     """Serve the board until a signal ends it. Raises BadAddress, BadValue, MountError."""
     from mirrormount_sim.board import Options, make_simulation, orders_of, profile_named, seed_of
     from mirrormount_sim.clocks import Lockstep, serve
-    from mirrormount_sim.profiles import SMOOTH
     from mirrormount_sim.simulation import BoardGone
 
     signal.signal(signal.SIGTERM, _end)
@@ -73,7 +72,7 @@ def run_virtual(args: argparse.Namespace) -> None:
     try:
         names = ("machine", "bench", "board", "edges", "files", "image", "flash", "encoder", "truth", "emi")
         given = {name: getattr(args, name) for name in names}
-        profile = profile_named(args.profile or SMOOTH.name, args.supply)
+        profile = profile_named(args.profile or DEFAULT_PROFILE, args.supply)
         mechanics = {"profile": profile, "seed": seed_of(args.seed or "1"), "orders": orders_of(args.fault)}
         simulation = make_simulation(Options(**given, **mechanics))
         try:

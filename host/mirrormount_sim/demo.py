@@ -25,6 +25,7 @@ from mirrormount.errors import BadValue, DemoFailed, ExtraMissing
 from mirrormount.terminal import install_command
 from mirrormount_sim.bench import BACKLASH_X_MRAD, BACKLASH_Y_MRAD, SCREEN_MM, STEP_X_MRAD, STEP_Y_MRAD
 from mirrormount_sim.optics import View
+from mirrormount_sim.profiles import HARDWARE
 
 VIEW = View(-100, 100, -100, 100, pixel=0.4)  # mm: the square fits whichever way a swapped wire turns it
 WIDE = View(-130, 130, -130, 130, VIEW.pixel)  # the same at up to 130 % of the motors' supply
@@ -181,6 +182,7 @@ def demonstrate(address: str, output: Path) -> None:
         seconds = mount.link.port.simulation.us * 1e-6  # type: ignore[attr-defined]
     closures = closure(closed[0], MEASURED_MRAD if encoders else CLOSES_MRAD)
     print_closures(closures)
+    print_hardware()
     title = f"{STEPS} steps right, down, left, up: {rows[0].measured:.2f} and {rows[1].measured:.2f} mrad a step"
     gaps = [_across_and_up(rows[2:4], ".2f"), _across_and_up(closures, "+.3f")]
     draw(title, (corners, trail, pictures), closed, gaps, output)
@@ -345,6 +347,17 @@ def print_closures(closures: list[Closure]) -> None:
     """What is left of the backlash, in mrad of beam angle."""
     for row in closures:
         print(f"{row.what:24}{row.measured:+7.3f} mrad{'':12}{row.most:8.2f}  {'ok' if row.good else 'NOT OK'}")
+
+
+def print_hardware() -> None:
+    """What the first square is on a mount like real ones, in mrad."""
+    with Mount.open(f"virtual://?speed=max&profile={HARDWARE.name}") as mount:
+        step_x, step_y, open_x, open_y, error = (row.measured for row in table(square(mount)[0]))
+    print(
+        f"\nThe first square on `{HARDWARE.name}`, which sticks, and whose directions differ (not the paper's mount):"
+        f"\nstep {step_x:.3f} and {step_y:.3f} mrad, left open {open_x:+.3f} and {open_y:+.3f} mrad,"
+        f" closure error {error:.3f} mrad\n"
+    )
 
 
 def _across_and_up(rows: Sequence[Row | Closure], form: str) -> tuple[str, str]:

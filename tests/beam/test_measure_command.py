@@ -14,7 +14,7 @@ from mirrormount_beam.experiments import steps
 from mirrormount_beam.experiments.rig import MountRig
 from mirrormount_sim.bench import BACKLASH_X_MRAD, BACKLASH_Y_MRAD, STEP_X_MRAD, STEP_Y_MRAD
 
-SEED = ("--virtual", "--seed", "5")
+SEED = ("--virtual", "--profile", "smooth", "--seed", "5")
 pytestmark = pytest.mark.usefixtures("own_folder")
 
 

@@ -9,7 +9,7 @@ from mirrormount.device import calibration
 from mirrormount_beam.cli import measure
 from mirrormount_beam.estimates import Estimate
 
-SEED = ("--virtual", "--seed", "5")
+SEED = ("--virtual", "--profile", "smooth", "--seed", "5")
 pytestmark = pytest.mark.usefixtures("own_folder")
 
 

@@ -104,13 +104,16 @@ def port_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
+DEFAULT_PROFILE = "hardware"  # of commands; an address, such as virtual://, that names none is smooth
+
+
 def profile_options(parser: argparse.ArgumentParser) -> None:
     """--profile and --seed of a virtual board."""
     parser.add_argument(
         "--profile",
         choices=("smooth", "rough", "hardware"),
         help="virtual: kind mechanics, those of a mount of hobby parts, or those of real actuators as far as they are"
-        " known (default: smooth)",
+        f" known (default: {DEFAULT_PROFILE})",
     )
     parser.add_argument("--seed", metavar="N", help="virtual: another seed is another mount of that profile (1)")
 
@@ -206,7 +209,7 @@ def virtual_address(args: argparse.Namespace, scheme: str = "virtual", **options
         return None
     from urllib.parse import urlencode
 
-    return f"{scheme}://" + ("?" + urlencode(options) if options else "")
+    return f"{scheme}://?{urlencode({'profile': DEFAULT_PROFILE} | options)}"
 
 
 def virtual_camera(given: str | None) -> int:

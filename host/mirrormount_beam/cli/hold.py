@@ -124,8 +124,8 @@ def _goals(verb: str, args: argparse.Namespace) -> dict[str, Any]:
     if verb == "hold":
         unbounded = _VIRTUAL_S if args.virtual else None
         seconds = unbounded if args.duration is None else positive(args.duration, "--duration")
-        goals = positive(args.rms_urad, "--rms-urad"), positive(args.max_um, "--max-um")
-        return {"seconds": seconds, "rms_urad": goals[0], "most_um": goals[1]}
+        rms_urad = None if args.rms_urad is None else positive(args.rms_urad, "--rms-urad")
+        return {"seconds": seconds, "rms_urad": rms_urad, "most_um": positive(args.max_um, "--max-um")}
     return {}
 
 
@@ -346,10 +346,12 @@ def _align_arguments(parser: argparse.ArgumentParser) -> None:
 def _hold_arguments(parser: argparse.ArgumentParser) -> None:
     _common(parser, "2")
     parser.add_argument("--duration", metavar="S", help="seconds (default: until Ctrl-C; virtual: 3600)")
-    parser.add_argument("--rms-urad", metavar="N", default="9", help="goal: rms of the beam's angle (9)")
+    parser.add_argument(
+        "--rms-urad", metavar="N", help="goal: rms of the beam's angle (1.5 times the promise; without one 9)"
+    )
     parser.add_argument("--page", action="store_true", help="a page with pictures, errors, alarms, HOLD and STOP")
     web_options(parser)
-    parser.add_argument("--max-um", metavar="N", default="80", help="goal: the largest error on a camera (80)")
+    parser.add_argument("--max-um", metavar="N", default="120", help="goal: the largest error on a camera (120)")
 
 
 def report_arguments(parser: argparse.ArgumentParser) -> None:

@@ -49,7 +49,9 @@ _AIMS = ((8, 0.6), (math.inf, 0.85))
 _HELPED = 0.5  # Corrections by a true calibration leave at most this part of the first error.
 _ALIGN_PRICES, _AT_ANY_PRICE = Prices(pulse_um2=9.0, gap_um2=80.0), Prices(pulse_um2=0.0, gap_um2=0.0, scatter=0.0)
 PERIOD_S = 0.4  # The time between two observations at rest.
-RMS_URAD, MOST_UM = 9.0, 80.0  # The goal of a hold: the rms of the beam's angle, and the largest error on any camera.
+MOST_UM = 120.0  # The goal of a hold: the largest error on any camera, and the rms of the beam's angle,
+RMS_URAD = 9.0  # which is this where no calibration has promised another one.
+_TRUE_TIMES = 1.5  # A promise is true to this factor: so much more than it is the goal.
 _HOLD_PRICES = Prices(pulse_um2=50.0, gap_um2=150.0)
 _PLACE_WEIGHT = 0.5  # The weight of the square of each camera's error.
 # The weight of the square of the cameras' difference. It is larger, because to keep the position costs more
@@ -59,7 +61,7 @@ _MOST_STEPS = 8.0  # A hold corrects no error that takes more steps of an axis: 
 _FIRST_FRAMES = 4  # Images of the first observation, and of one after an interlock.
 _RETRY_S = 0.5  # The time between two observations while an interlock is tripped.
 _BACK_UM = 300.0  # A spot that comes back may be so far from where it was ...
-# So many minutes are compared with the promise, and may be so many times as bad: a promise is true to a factor of 1.5.
+# So many minutes are compared with the promise, and may be so many times as bad.
 _JUDGED_MINUTES, _WORSE_TIMES = 10, 2.0
 _BACK_SIGMAS = 5.0  # ... and so many standard deviations of its drift meanwhile.
 
@@ -252,7 +254,7 @@ class Hold:
         listen: Listen = silent,
         *,
         period_s: float = PERIOD_S,
-        rms_urad: float = RMS_URAD,
+        rms_urad: float | None = None,
         most_um: float = MOST_UM,
     ) -> None:
         check_belongs(response, table)
@@ -260,7 +262,9 @@ class Hold:
         self.summary = Summary(table.cameras, response.promise)
         self._latest = LatestErrors(_JUDGED_MINUTES)
         self.guard = Guard(table, response, gaps, self._tell)
-        self.period_s, self.rms_urad, self.most_um = period_s, rms_urad, most_um
+        promised = response.promise and response.promise.urad
+        self.rms_urad = rms_urad or (_TRUE_TIMES * promised if promised else RMS_URAD)
+        self.period_s, self.most_um = period_s, most_um
         self._listen = listen
         self._ending = threading.Event()
         self._going_on = threading.Event()
