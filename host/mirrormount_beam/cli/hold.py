@@ -330,7 +330,7 @@ def _common(parser: argparse.ArgumentParser, off: str) -> None:
 def _align_arguments(parser: argparse.ArgumentParser) -> None:
     _common(parser, "9")
     parser.add_argument("--within", metavar="UM", default="15", help="the goal on each camera (15)")
-    parser.add_argument("--most", metavar="N", default="10", help="corrections at most (10)")
+    parser.add_argument("--most", metavar="N", default="30", help="corrections at most (30)")
     signal = parser.add_argument_group("instead of spots on cameras, a signal that is brought to its maximum")
     signal.add_argument(
         "--signal",
