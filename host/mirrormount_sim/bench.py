@@ -13,7 +13,7 @@ bench must not learn from the firmware what the firmware should have driven.
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -70,6 +70,7 @@ INCIDENCE = math.radians(45)  # a folding mirror
 LEVER_X_MM = 34.524  # screw to pivot, as seen by the yaw; fitted to STEP_X_MRAD
 LEVER_Y_MM = 22.341  # as seen by the pitch; fitted to STEP_Y_MRAD
 HAND_REV, HAND_S = 0.05, 0.5  # how far and how long a hand turns a knob; assumed
+_MEAN_OF = 10  # steps of a scale
 REST_US = 2000  # a motion is at its end if no drive follows for so long: more than a period of the PWM
 
 
@@ -287,6 +288,23 @@ class Bench:
         """The beam's angle (right, up) in mrad."""
         x, y = self.spot_mm()
         return math.atan2(x, SCREEN_MM) * 1e3, math.atan2(y, SCREEN_MM) * 1e3
+
+    def step_mrad(self, motor: str, pulse_us: int) -> tuple[float, float]:
+        """mrad of the mirror a pulse at full duty, in the positive and the negative direction of the motor.
+
+        It is the mean over some steps without backlash, and without what differs from pulse to pulse and from place to
+        place.
+        """
+        even = replace(self.profile, periodic=0.0, stick_um=0.0, creep=0.0, twist_urad=0.0)
+        mrad: list[float] = []
+        for way in (1.0, -1.0):
+            train = Drivetrain(self.trains[motor].lever_mm, 0.0, profile=even)
+            for _ in range(_MEAN_OF):
+                train.held_s = even.breakaway_s
+                train.advance(pulse_us * 1e-6, way)
+                train.advance(train.coast_s, None)
+            mrad.append(abs(train.mirror_rad) * 1e3 / _MEAN_OF)
+        return mrad[0], mrad[1]
 
     def switch_levels(self) -> dict[str, int]:
         """The level of every switch input that is connected: 0 closed, 1 open (at the end)."""

@@ -7,6 +7,7 @@ clocks.py chooses the length of the interval: as far as the caller waits, or by 
 
 import contextlib
 import json
+import math
 import os
 import random
 import struct
@@ -17,12 +18,14 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from tempfile import TemporaryDirectory
 from typing import IO
 
+from mirrormount.device.calibration import Scale, Step, beam_per_mirror
 from mirrormount.errors import CannotOpen, CannotWrite
-from mirrormount_sim.bench import BUS, ENCODERS, LED, SWITCHES, Bench
+from mirrormount_sim.bench import BUS, ENCODERS, INCIDENCE, LED, SWITCHES, Bench
 from mirrormount_sim.profiles import EMI_GONE, EMI_GONE_S, EMI_LOST, EMI_S
 from mirrormount_sim.truth import Truth
 
 _KEPT = 4096  # bytes: a firmware may make an emulator complain for a week
+FULL_DUTY = 255  # of a board's setting step_duty
 _PATIENCE_S = 1.0  # until the rest has come of a process that has ended
 
 
@@ -243,6 +246,17 @@ class Simulation:
         """As Bench.mirrors_rad(), of a board in real time, for another thread."""
         with self._looking:
             return self.bench.mirrors_rad(self.wall_us)
+
+    def scale(self, axis: int, step: Step) -> Scale | None:
+        """The scale of an axis by its number; None but for steps at full duty that turn a motor."""
+        motor = f"m{axis}"
+        if step.step_duty != FULL_DUTY or motor not in self.bench.trains:
+            return None
+        ways = self.bench.step_mrad(motor, step.pulse_us)
+        if not all(ways):
+            return None
+        positive, negative = reversed(ways) if step.inverted else ways
+        return Scale(positive, negative, step, beam_per_mirror("y" if axis % 2 else "x", math.degrees(INCIDENCE)))
 
     def next_wait(self) -> int:
         """Read records until the firmware blocks at now_us. Returns the us after which it continues by itself.

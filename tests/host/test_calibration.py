@@ -24,6 +24,13 @@ def mount():
         yield mount
 
 
+@pytest.fixture
+def unmeasured(mount, monkeypatch):
+    """The same as a real mount is: its port brings no scale."""
+    monkeypatch.setattr(mount.link.port.simulation, "scale", lambda *_: None)
+    return mount
+
+
 def pulses(mount: Mount, pin: str) -> int:
     edges = [duty for _, name, duty in mount.link.port.simulation.edges if name == pin]
     return sum(1 for on, off in pairwise(edges) if on and not off)
@@ -77,7 +84,8 @@ def test_without_waiting_it_is_the_nearest_whole_number_of_steps(mount):
             mount.x.move_by(amount, unit, wait=False)
 
 
-def test_a_position_in_an_angle_goes_by_the_mean_of_both_directions(mount):
+def test_a_position_in_an_angle_goes_by_the_mean_of_both_directions(unmeasured):
+    mount = unmeasured
     calibration.write(mount.board_id, {2: Scale(0.2, 0.3, USUAL)})
     mount.x.zero()
     assert mount.x.move_to(500, "urad") == 2
@@ -99,6 +107,31 @@ def test_the_command_moves_to_a_position_in_an_angle_and_says_where_it_is(capsys
         calibration.write(mount.board_id, {2: Scale(0.2, 0.3, USUAL)})
     assert main.main(["move", "x", "0.5", "mrad", "--port", "virtual://?speed=max"]) == 0
     assert capsys.readouterr().out == "x: +2.000 steps (≈ +0.5 mrad)\n"
+
+
+@pytest.mark.parametrize("profile", ["smooth", "hardware"])
+@pytest.mark.parametrize(("name", "mirror"), [("x", 0), ("y", 1)])
+def test_a_fresh_virtual_mount_turns_its_mirror_by_the_angle_that_was_asked_for(profile, name, mirror):
+    with Mount.open(f"virtual://?speed=max&profile={profile}") as mount:
+        axis, bench = mount.axis(name), mount.link.port.simulation.bench
+        for way in (1, -1):
+            axis.step(way * 10)  # closes the gap
+            before = bench.mirrors_rad()[0][mirror]
+            assert axis.move_by(way * 3000, "urad") == pytest.approx(way * 3000, abs=1)
+            assert (bench.mirrors_rad()[0][mirror] - before) * 1e6 == pytest.approx(way * 3000, rel=0.1)
+
+
+def test_a_virtual_mounts_own_scale_is_of_full_duty_only(mount):
+    mount.send("2XD200")
+    with pytest.raises(errors.NotCalibrated):
+        mount.x.move_by(1, "mrad")
+
+
+def test_the_commands_say_that_the_scale_is_the_virtual_mounts(capsys):
+    assert main.main(["step", "x", "100", "urad", "--port", "virtual://?speed=max"]) == 0
+    assert capsys.readouterr().out.endswith(" (moved by ≈ +100 urad, by the virtual mount's own scale)\n")
+    assert main.main(["move", "y", "1", "mrad", "--port", "virtual://?speed=max"]) == 0
+    assert capsys.readouterr().out.endswith(" mrad, by the virtual mount's own scale)\n")
 
 
 def test_an_angle_of_the_beam_and_mm_on_the_screen_follow_from_the_mirrors(mount):
@@ -141,7 +174,8 @@ def test_steps_need_no_scale(mount):
     assert pulses(mount, "m2_pos") == 2
 
 
-def test_an_angle_without_a_scale_is_refused_with_the_remedy_and_nothing_moves(mount):
+def test_an_angle_without_a_scale_is_refused_with_the_remedy_and_nothing_moves(unmeasured):
+    mount = unmeasured
     with pytest.raises(errors.NotCalibrated) as refusal:
         mount.y.move_by(0.5, "mrad")
     for part in ("mirrormount setup", str(calibration.path()), f"[{mount.board_id}.axis1]", "positive"):
@@ -149,7 +183,8 @@ def test_an_angle_without_a_scale_is_refused_with_the_remedy_and_nothing_moves(m
     assert not pulses(mount, "m1_en")
 
 
-def test_a_scale_is_for_its_direction_axis_and_board_only(mount):
+def test_a_scale_is_for_its_direction_axis_and_board_only(unmeasured):
+    mount = unmeasured
     calibration.write(mount.board_id, {2: Scale(0.2, None, USUAL)})
     calibration.write("another", {1: Scale(0.2, 0.2, USUAL)})
     for axis, angle in ((mount.x, -1), (mount.y, 1)):

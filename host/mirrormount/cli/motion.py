@@ -39,7 +39,7 @@ def step(args: argparse.Namespace) -> None:
         with watched(mount, [axis]) as line:
             aim = f"on the way to {axis.position + n:+.1f}" if unit == STEPS else f"on the way by {n:+g} {unit}"
             made = axis.move_by(n, unit, approach=args.approach, progress=_shown(line, axis, aim))
-        print(place(axis) + (f" (moved by ≈ {made:+.4g} {unit})" if unit != STEPS else ""))
+        print(place(axis) + (_worth(axis, f"moved by ≈ {made:+.4g} {unit}") if unit != STEPS else ""))
 
 
 def move_arguments(parser: argparse.ArgumentParser) -> None:
@@ -60,7 +60,13 @@ def move(args: argparse.Namespace) -> None:
             words = f"{position:+g}" if unit == STEPS else f"{position:+g} {unit}"
             shown = _shown(line, axis, f"on the way to {words}")
             axis.move_to(position, unit, approach=args.approach, progress=shown)
-        print(place(axis) + (f" (≈ {axis.position * axis.per_step(unit):+.4g} {unit})" if unit != STEPS else ""))
+        at = axis.position * axis.per_step(unit)
+        print(place(axis) + (_worth(axis, f"≈ {at:+.4g} {unit}") if unit != STEPS else ""))
+
+
+def _worth(axis: Axis, amount: str) -> str:
+    """An amount that goes by a scale, and whose scale that is if nobody has measured it."""
+    return f" ({', '.join(filter(None, (amount, axis.scale_source)))})"
 
 
 def _approach(parser: argparse.ArgumentParser) -> None:

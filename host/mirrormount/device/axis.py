@@ -417,10 +417,23 @@ class Axis:
 
     def _per_step(self, unit: str, amount: float, step: tuple[int, int, int]) -> float:
         """How much of a unit one step in the direction of amount is."""
+        made = calibration.Step(*step)
         scale, mirror_mrad = calibration.scale_of(
-            self._session.board.id, self.number, self.name, 1 if amount > 0 else -1, calibration.Step(*step)
+            self._session.board.id, self.number, self.name, 1 if amount > 0 else -1, made, self._own_scale(made)
         )
         return values.per_step(scale, mirror_mrad, unit, self.name)
+
+    def _own_scale(self, step: calibration.Step) -> calibration.Scale | None:
+        """The scale that a virtual mount in this process brings; None of another one."""
+        simulation = getattr(self._session.link.port, "simulation", None)
+        return simulation.scale(self.number, step) if simulation else None
+
+    @property
+    def scale_source(self) -> str:
+        """Whose scale angles go by, for a text: "" that of the calibration file. Raises BadFile."""
+        if not hasattr(self._session.link.port, "simulation"):
+            return ""
+        return "" if calibration.read(self._session.board.id, self.number) else "by the virtual mount's own scale"
 
     def _by(self, n: int, part_us: int, feed: bool, progress: Progress | None, stops: int) -> None:
         """Move by n steps and one pulse of part_us, both signed, and wait."""

@@ -1,5 +1,7 @@
 """How far the mirror turns with a step: the file of scales, and the arithmetic that makes them. Never guessed.
 
+A virtual mount in this process brings its own scale, which goes as long as the file has none of its axis.
+
 The file is calibration.toml in the user's folder for settings (or in $MIRRORMOUNT_CONFIG), with a
 table for each axis of each board, under the board's unique id:
 
@@ -112,12 +114,14 @@ def check_writable() -> None:
     files.check_writable(path().resolve(), make_folder=True)
 
 
-def scale_of(board_id: str, axis: int, name: str, direction: int, step: Step) -> tuple[Scale, float]:
+def scale_of(
+    board_id: str, axis: int, name: str, direction: int, step: Step, own: Scale | None = None
+) -> tuple[Scale, float]:
     """The scale, and mrad of the mirror a step in direction 1 or -1, if it was measured with steps like `step`.
 
-    Raises NotCalibrated, BadFile.
+    own: that of a virtual mount, which goes where none was measured. Raises NotCalibrated, BadFile.
     """
-    scale = read(board_id, axis)
+    scale = read(board_id, axis) or own
     which = "positive" if direction > 0 else "negative"
     value = getattr(scale, which) if scale else None
     if scale is None or value is None:
