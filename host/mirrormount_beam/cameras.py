@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Self
 
 from mirrormount.device import table_file
 from mirrormount.device.table_file import AUTOMATIC, CameraSettings
@@ -13,9 +14,11 @@ from mirrormount.values import is_name
 from mirrormount_beam import genicam
 from mirrormount_beam.camera import Camera, Controls, Image, Limits, Size
 from mirrormount_beam.errors import CameraAbsent
-from mirrormount_beam.recordings import open_file, read_mask
+from mirrormount_beam.observe import SETTLE_S, SpotObserver
+from mirrormount_beam.recordings import Folder, open_file, read_mask
 from mirrormount_beam.scale import Scale
 from mirrormount_beam.selection import Selection
+from mirrormount_beam.spot.find import NoSpot, Spot, find_spot
 from mirrormount_beam.webcams import open_webcam
 
 
@@ -42,6 +45,43 @@ def open_camera(
         camera.close()
         raise
     return camera
+
+
+class SpotCamera:
+    """A camera that is asked for the spot.
+
+    with SpotCamera.open("0") as camera:
+        spot = camera.spot()
+
+    camera: the Camera itself, for all else.
+    """
+
+    def __init__(self, camera: Camera) -> None:
+        self.camera = camera
+        settle_s = 0.0 if isinstance(camera, Folder) else SETTLE_S  # no mount moves the beam in pictures of files
+        self._observer = SpotObserver(camera, settle_s=settle_s)
+
+    @classmethod
+    def open(cls, address: str, settings: CameraSettings = CameraSettings()) -> Self:  # noqa: B008
+        """Open a camera by its address. Raises what open_camera() raises."""
+        return cls(open_camera(address, settings=settings))
+
+    def spot(self) -> Spot | NoSpot:
+        """The spot, or why there is none, in an image that is exposed from now on, when a mount that moved has settled.
+
+        Of files it is the next picture. Raises CameraError, also if no such image comes or the files are at their end.
+        """
+        return find_spot(self._observer.settled())
+
+    def close(self) -> None:
+        """Release the camera."""
+        self.camera.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
 
 def select(camera: Camera, settings: CameraSettings) -> None:

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
+import mirrormount_beam
 from mirrormount.cli.main import main
 from mirrormount.device.table_file import CameraSettings
 from mirrormount.errors import BadValue, CannotWrite
@@ -109,6 +110,21 @@ def test_a_folder_of_pictures_is_a_camera(tmp_path):
     camera = open_camera(str(tmp_path))
     assert [frame.number for frame in camera.frames()] == [0, 1, 2]
     assert camera.size == Size(64, 48)
+
+
+def test_a_camera_of_files_is_asked_for_the_spot_of_each_picture_until_their_end(tmp_path):
+    for number in range(3):
+        cv2.imwrite(str(tmp_path / f"{number}.png"), spot_at(100 + number))
+    with mirrormount_beam.SpotCamera.open(str(tmp_path)) as camera:
+        spots = [camera.spot() for _ in range(3)]
+        assert [spot.x for spot in spots] == pytest.approx([100, 101, 102], abs=0.5)
+        with pytest.raises(CameraGone, match="no more frames"):
+            camera.spot()
+
+
+def test_the_packages_names_are_listed_and_there():
+    assert {"find_spot", "SpotCamera", "open_camera", "Table"} <= set(dir(mirrormount_beam))
+    assert all(getattr(mirrormount_beam, name).__name__ == name for name in mirrormount_beam.__all__)
 
 
 # ---- videos

@@ -15,6 +15,9 @@ import pytest
 from mirrormount.cli.main import parser
 from mirrormount.device.mount import Mount
 from mirrormount.device.settings import SETTINGS
+from mirrormount.transport.link import Link
+from mirrormount.transport.ports import open_table
+from mirrormount_beam import cameras
 
 ROOT = Path(__file__).parent.parent.parent
 COMMANDS = (ROOT / "docs" / "commands.md").read_text()
@@ -33,6 +36,22 @@ def test_the_ten_lines_of_python_run(capsys):
     assert code.count('"virtual://"') == 1
     exec(compile(code.replace("virtual://", "virtual://?speed=max"), "python.md", "exec"), {})
     assert capsys.readouterr().out == "5.0 unknown\n"
+
+
+def test_the_raster_of_the_page_writes_where_the_spot_is(tmp_path, monkeypatch):
+    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "beam.md").read_text(encoding="utf-8"), re.DOTALL)
+    (code,) = [block for block in blocks if "raster.csv" in block]
+    monkeypatch.chdir(tmp_path)
+    with open_table("virtual-table://?mounts=1") as table:
+        monkeypatch.setattr(Mount, "open", lambda: Mount(Link(table.ports[0])))
+        monkeypatch.setattr(cameras, "open_webcam", lambda *_, **__: table.cameras[0])
+        exec(compile(code, "beam.md", "exec"), {})
+    rows = [[float(value) for value in line.split(",")] for line in (tmp_path / "raster.csv").read_text().splitlines()]
+    assert [row[:2] for row in rows] == [[x, y] for y in range(5) for x in range(5)]
+    places = {(x, y): (right, down) for x, y, right, down in rows}
+    for y in range(5):
+        for x in range(4):
+            assert places[x + 1, y][0] > places[x, y][0] and places[y, x + 1][1] < places[y, x][1]
 
 
 def shell_lines() -> list[str]:
