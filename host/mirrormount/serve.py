@@ -541,7 +541,8 @@ class Server:
         self._reader = PortReader(session.link.port)
         self._relay = Relay(session.link.port.write)
         # At each opening: the board may have come back under another number, and another board may have its old one.
-        self._stop_listener = StopListener([self._address, self.where], self._stop_for_another_program)
+        names = [self._address, self.where]
+        self._stop_listener = StopListener(names, self._stop_for_another_program, session.board.id)
 
     def _with_board(self, tell: Callable[[], object]) -> object:
         """Call a function that writes to the board, if there is one. Returns its result."""

@@ -15,6 +15,7 @@ from served import PATIENCE_S, run_cli, wait_for
 
 from mirrormount import errors
 from mirrormount.cli import main
+from mirrormount.device import table_file
 from mirrormount.device.mount import Mount
 from mirrormount.transport import stop_socket
 from mirrormount.transport.stop_socket import SENT, STOPPED, StopListener, ask, ask_all, held_here, owners
@@ -145,6 +146,52 @@ def test_a_stop_goes_through_the_program_that_has_its_port(capsys):
     try:
         assert main.main(["stop", "--port", "/dev/ttyTEST"]) == 0
         assert capsys.readouterr().out.startswith("stopped (by process ")
+    finally:
+        owner.close()
+
+
+@pytest.fixture
+def named(monkeypatch):
+    """near, a mount of the table; its port is known, and its board is the one named."""
+
+    def name(port: str, board: str) -> None:
+        monkeypatch.setattr(table_file, "find_port", lambda _name: table_file.MountPort(port, None, board))
+
+    return name
+
+
+@pytest.mark.parametrize(("meant", "status"), [("e66AA", 0), ("e66bb", 1)])
+def test_a_named_boards_stop_is_told_only_if_that_board_has_stopped(named, capsys, meant, status):
+    stops = []
+    owner = StopListener(["/dev/ttyTEST"], lambda: stops.append(1) or STOPPED, "e66aa")
+    try:
+        named("/dev/ttyTEST", meant)
+        assert main.main(["stop", "--port", "near"]) == status
+        assert stops == [1]  # the owner's own board, whichever was meant
+        said = capsys.readouterr()
+        assert said.out.endswith("which has the port; board e66aa)\n") == (not status)
+        assert ("has stopped the board e66aa, not e66bb: that may still move" in said.err) == bool(status)
+    finally:
+        owner.close()
+
+
+def test_another_board_at_a_free_port_is_stopped_and_that_is_no_stop_of_the_named_one(board, named, capsys):
+    with open(board.link, "wb", buffering=0) as raw:
+        raw.write(b"1XM60000;1MV+\n")
+    wait_for(board.driving, "the motor to run")
+    named(str(board.link), "e66bb")
+    assert main.main(["stop", "--port", "near"]) == 1
+    assert "has stopped, not e66bb: that may still move" in capsys.readouterr().err
+    assert not board.driving()
+
+
+def test_a_program_of_version_0_2_that_asks_gets_the_answer_that_it_knows():
+    owner = StopListener(["/dev/ttyTEST"], lambda: STOPPED, "e66aa")
+    try:
+        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as asker:
+            asker.connect(str(owners()[0].path))
+            asker.sendall(b"stop\n")
+            assert asker.recv(100) == b"stopped\n"
     finally:
         owner.close()
 

@@ -12,7 +12,7 @@ from queue import SimpleQueue
 
 from mirrormount.cli.arguments import Command, PortOfEnvironment, port_options
 from mirrormount.errors import MountError, NoAnswer, NoBoardFound, NotAMount, PortBusy
-from mirrormount.transport.stop_socket import STOPPED, Owner, ask, owners, real_name, why_none
+from mirrormount.transport.stop_socket import STOPPED, Owner, ask_for, owners, real_name, why_none
 from mirrormount.values import is_name
 
 _BUSY_S = 1.5  # how long a program may have a port and take no stop: another `stop`, or one that has just opened it
@@ -40,18 +40,20 @@ def run(args: argparse.Namespace) -> None:
 
 def _stop_one(address: str) -> list[MountError]:
     """Stop the mount at an address or of a name. Returns what went wrong."""
+    board = ""
     if is_name(address):
         from mirrormount.device.table_file import find_port
 
-        address = find_port(address).address
+        address, _, board = find_port(address)
     stops, asked = _Stops(), owners(address)
     for owner in asked:
-        stops.begin(lambda owner=owner: _ask(owner))
+        stops.begin(lambda owner=owner: _ask(owner, board))
     problems = stops.tell()
     if asked and not problems:
         return []
     try:
-        print(_open(address, asked))  # a program that could not stop may have closed the port, which does not stop
+        # a program that could not stop may have closed the port, which does not stop
+        print(_open(address, asked, board))
         return []
     except MountError as e:
         return problems or [e]
@@ -156,10 +158,14 @@ def _every_port(of_environment: str | None) -> tuple[dict[str, bool], list[Mount
     return real or every, problems  # a virtual board would be a new one, in which nothing runs
 
 
-def _ask(owner: Owner) -> str:
-    """Ask a program that has a port for a stop. Returns what it did. Raises NoAnswer."""
-    how = "stopped" if ask(owner) == STOPPED else "stop sent, and not confirmed by the board"
-    return f"{how} (by {owner}, which has the port)"
+def _ask(owner: Owner, board: str = "") -> str:
+    """Ask a program that has a port for a stop. Returns what it did. board: the id of the one that is meant, if known.
+
+    Raises NoAnswer.
+    """
+    done, stopped = ask_for(owner, board)
+    how = "stopped" if done == STOPPED else "stop sent, and not confirmed by the board"
+    return f"{how} (by {owner}, which has the port{f'; board {stopped}' if stopped else ''})"
 
 
 def _stop_at(address: str, asked: Sequence[Owner], *, may_interrupt: bool) -> str:
@@ -168,20 +174,23 @@ def _stop_at(address: str, asked: Sequence[Owner], *, may_interrupt: bool) -> st
     return "" if has and all(owner in asked for owner in has) else _open(address, asked, may_interrupt=may_interrupt)
 
 
-def _open(address: str, asked: Sequence[Owner], *, may_interrupt: bool = True) -> str:
+def _open(address: str, asked: Sequence[Owner], board: str = "", *, may_interrupt: bool = True) -> str:
     """Open a mount, which stops it, or ask programs that have opened it meanwhile. Returns what was done.
 
-    asked: programs that were asked. may_interrupt: if it is no mount that answers, a program at a Python prompt there
-    may be ended. Raises MountError.
+    asked: programs that were asked. board: the id of the one that is meant, if known. may_interrupt: if it is no mount
+    that answers, a program at a Python prompt there may be ended. Raises MountError.
     """
     from mirrormount.device.session import Session
 
     end = time.monotonic() + _BUSY_S
     while True:
         if others := [owner for owner in owners(address) if owner not in asked]:
-            return "\n".join(_ask(owner) for owner in others)
+            return "\n".join(_ask(owner, board) for owner in others)
         try:
-            Session.open(address).close()  # opening stops, and says so if it could not
+            session = Session.open(address)  # which stops, and says so if it could not
+            session.close()
+            if board and session.board.id.upper() != board.upper():
+                raise NoAnswer(f"{address}: the board {session.board.id} has stopped, not {board}: that may still move")
             return "stopped"
         except PortBusy as e:
             if owners(address) or time.monotonic() > end:

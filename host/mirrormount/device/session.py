@@ -400,7 +400,7 @@ class Session:
             return own.stop_for_another_program(also) if own else STOPPED
 
         if not self.link.lockstep and not self.stop_listener:
-            self.stop_listener = StopListener([address], stop)
+            self.stop_listener = StopListener([address], stop, self.board.id)
             weakref.finalize(self, self.stop_listener.close)
 
     def stop_for_another_program(self, also: Callable[[], None] | None = None) -> str:

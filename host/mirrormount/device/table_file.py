@@ -47,10 +47,14 @@ AXIS_OF_X = 2  # of a board that the table does not name
 
 
 class MountPort(NamedTuple):
-    """Where a mount is: its port's address, and the number of the axis that is x (None: nobody has said it)."""
+    """Where a mount is: its port's address, and the number of the axis that is x (None: nobody has said it).
+
+    board: its unique id, "" if only its port is known.
+    """
 
     address: str
     x_axis: int | None = None
+    board: str = ""
 
 
 def find_port(address: str) -> MountPort:
@@ -81,7 +85,7 @@ def port_of_entry(name: str, entry: "MountEntry") -> MountPort:
     if entry.board is None or entry.board.upper() not in plugged:
         others = f" (there: {', '.join(map(printable, plugged.values()))})" if plugged else ""
         raise NoBoardFound(f"{name}: the board {printable(str(entry.board))} is not plugged in{others}")
-    return MountPort(plugged[entry.board.upper()], entry.x_axis)
+    return MountPort(plugged[entry.board.upper()], entry.x_axis, entry.board)
 
 
 def table_addresses() -> list[str]:

@@ -5,6 +5,9 @@ which any program of this user may request a stop. `mirrormount stop` does:
 
     ask_all(owners(address))
 
+The question is "stop" and the id of the board that is meant, "?" if only its port is known. The owner stops the board
+that it has, whichever was meant, for a stop is never refused; its answer names that board, if it knows its id.
+
 Unix sockets are needed: without them (Windows; see supported()) only the program that has a port open can stop it.
 `mirrormount stop` imports this before anything is stopped, so it imports little.
 """
@@ -145,11 +148,19 @@ def ask_all(asked: Sequence[Owner], timeout_s: float = ANSWER_S) -> list[str | N
 
 def ask(owner: Owner, timeout_s: float = ANSWER_S) -> str:
     """Ask an owner for a stop. Returns STOPPED or SENT. Raises NoAnswer, naming the process."""
+    return ask_for(owner, "", timeout_s)[0]
+
+
+def ask_for(owner: Owner, board: str, timeout_s: float = ANSWER_S) -> tuple[str, str]:
+    """As ask(), and which board has stopped: its id, "" if the owner does not say it. board: the one that is meant.
+
+    Raises NoAnswer if another one has stopped, too.
+    """
     assert owner.path
     try:
         with _connect(owner.path, timeout_s) as connection:
             connection.settimeout(timeout_s)
-            connection.sendall(b"stop\n")
+            connection.sendall(f"stop {board or '?'}\n".encode())
             with connection.makefile("rb") as answers:
                 answer = printable(answers.readline(1000).decode("utf-8", "replace").strip())
     except OSError as e:
@@ -157,9 +168,12 @@ def ask(owner: Owner, timeout_s: float = ANSWER_S) -> str:
             f"{owner} has the port and does not answer: the board's keep-alive ends what moves within"
             f" {KEEP_ALIVE_MS / 1000:g} s if that program hangs; to be sure, end it or cut the motors' supply"
         ) from e
-    if answer not in (STOPPED, SENT):
+    done, _, stopped = answer.partition(" ")
+    if done not in (STOPPED, SENT):
         raise NoAnswer(f"{owner} has the port and could not stop: {answer.removeprefix(FAILED) or 'no reason given'}")
-    return answer
+    if board and stopped and board.upper() != stopped.upper():
+        raise NoAnswer(f"{owner} has the port, and has stopped the board {stopped}, not {board}: that may still move")
+    return done, stopped
 
 
 def _make_folder() -> Path:
@@ -233,11 +247,13 @@ class StopListener:
     """The owner's side: accepts stops for a port that is open in this process, until close().
 
     names: the addresses of the port. stop: called in a thread of its own; it writes the stop without waiting for a
-    lock that a hanging thread may hold, and returns STOPPED or SENT; it may raise MountError. Without a socket the port
-    works all the same, and `why_not` has the reason.
+    lock that a hanging thread may hold, and returns STOPPED or SENT; it may raise MountError. board: the id of the
+    board at the port, "" if it is not known. Without a socket the port works all the same, and `why_not` has the
+    reason.
     """
 
-    def __init__(self, names: Sequence[str], stop: Callable[[], str]) -> None:
+    def __init__(self, names: Sequence[str], stop: Callable[[], str], board: str = "") -> None:
+        self._board = board
         self._names = [real_name(name) for name in names]
         self._stop = stop
         self.why_not: str | None = None
@@ -317,12 +333,13 @@ class StopListener:
                 continue
             with asker, contextlib.suppress(OSError):  # it has disconnected
                 asker.settimeout(_REQUEST_S)
-                if _user(asker) in (None, os.getuid(), 0) and asker.recv(16).startswith(b"stop"):
-                    asker.sendall(self._answer().encode() + b"\n")
+                if _user(asker) in (None, os.getuid(), 0) and (asked := asker.recv(100)).startswith(b"stop"):
+                    asker.sendall(self._answer(tell_board=b" " in asked).encode() + b"\n")
 
-    def _answer(self) -> str:
+    def _answer(self, *, tell_board: bool) -> str:
+        """tell_board: False for an asker of version 0.2, which would take the id for a failure."""
         try:
-            return self._stop()
+            return f"{self._stop()} {self._board if tell_board else ''}".strip()
         except Exception as e:  # of any kind: it is sent to the program that requested the stop
             return FAILED + (str(e) or type(e).__name__)
 
