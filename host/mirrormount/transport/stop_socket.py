@@ -3,7 +3,8 @@
 A program that opens a port holds a StopListener as long as it is open: a socket in a folder of this user only, on
 which any program of this user may request a stop. `mirrormount stop` does:
 
-    ask_all(owners(address))
+    for owner in owners(address):
+        ask_for(owner, board)
 
 The question is "stop" and the id of the board that is meant, "?" if only its port is known. The owner stops the board
 that it has, whichever was meant, for a stop is never refused; its answer names that board, if it knows its id.
@@ -126,24 +127,6 @@ def why_none() -> str | None:
 
 
 # ---- asking for a stop
-
-
-def ask_all(asked: Sequence[Owner], timeout_s: float = ANSWER_S) -> list[str | NoAnswer]:
-    """Ask all at the same time: one without an answer delays no other's stop. Returns the answers in their order."""
-    answers: list[str | NoAnswer] = [NoAnswer(f"{owner} was not asked") for owner in asked]
-
-    def ask_one(i: int) -> None:
-        try:
-            answers[i] = ask(asked[i], timeout_s)
-        except NoAnswer as e:
-            answers[i] = e
-
-    threads = [threading.Thread(target=ask_one, args=(i,), daemon=True) for i in range(len(asked))]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    return answers
 
 
 def ask(owner: Owner, timeout_s: float = ANSWER_S) -> str:
