@@ -14,7 +14,7 @@ from mirrormount_beam.control.events import Corrected, Observed, Pulsed
 from mirrormount_beam.control.hold import angle_weight
 from mirrormount_beam.control.kalman import Tracker
 
-ONE = ("--virtual", "--mounts", "1", "--cameras", "1", "--off", "0")
+ONE = ("--virtual", "--profile", "smooth", "--mounts", "1", "--cameras", "1", "--off", "0")
 LEVER_M = 1.2  # between the cameras
 SECONDS = 240
 

@@ -81,12 +81,10 @@ def test_homing_that_takes_longer_than_the_board_allows_is_stopped():
     mount.close()
 
 
-def test_save_and_recall_are_one_command_each_and_their_refusal_is_told():
+def test_save_is_one_command_and_its_refusal_is_told():
     refused = sent("SM", error="214, AXIS 2 MOTION IN PROGRESS")
-    mount = opened([*sent("SM"), *sent("*RCL1"), *sent("*RCL0"), *refused, ("TB?", NO_ERROR)])
+    mount = opened([*sent("SM"), *refused, ("TB?", NO_ERROR)])
     mount.save()
-    mount.recall()
-    mount.recall(factory=True)
     with pytest.raises(errors.BoardError) as refusal:
         mount.save()
     assert refusal.value.code == 214

@@ -56,8 +56,9 @@ def test_a_position_of_another_board_is_not_gone_to_and_its_board_is_named(mount
             other.presets.back("good")
 
 
-def test_after_zero_a_position_is_refused_until_zero_is_undone(mount):
-    mount.x.zero(5)
+@pytest.mark.parametrize("known", [True, False], ids=["counted", "unknown"])
+def test_after_zero_a_position_is_refused_until_zero_is_undone(mount, known):
+    mount.x.zero(5) if known else mount.x.step(5)
     mount.presets.keep("good")
     mount.x.step(2)
     mount.x.zero()

@@ -226,4 +226,5 @@ def test_the_shell_refuses_a_profile_of_a_real_board_and_a_seed_that_is_no_numbe
 def test_the_shells_words_become_the_address():
     args = parser().parse_args(["panel", "--virtual", "--profile", "rough", "--seed", "7"])
     assert virtual_address(args) == "virtual://?profile=rough&seed=7"
-    assert virtual_address(args, "virtual-table", mounts="1") == "virtual-table://?mounts=1&profile=rough&seed=7"
+    assert virtual_address(args, "virtual-table", mounts="1") == "virtual-table://?profile=rough&mounts=1&seed=7"
+    assert virtual_address(parser().parse_args(["panel", "--virtual"])) == "virtual://?profile=hardware"

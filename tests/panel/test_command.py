@@ -76,7 +76,7 @@ def test_the_only_mount_of_a_table_is_taken_and_of_several_all(served, monkeypat
 
 def test_an_encoder_is_of_the_virtual_board(served):
     assert main.main(["panel", "--virtual", "--encoder", "shaft", "--http", "0"]) == 0
-    assert served[0][0] == "virtual://?encoder=shaft"
+    assert served[0][0] == "virtual://?profile=hardware&encoder=shaft"
 
 
 def test_a_port_that_is_named_is_taken(served):

@@ -166,10 +166,13 @@ class Presets:
         What another computer has set on the board meanwhile is not known.
         """
         status = self._mount.status()
-        found: list[str] = []
+        board, found = self._mount.board_id, list[str]()
         for axis, then in self._axes(preset):
             now = self._place(axis, status.by_name[axis.name])
-            if why := _doubt(then, now, status.boot_id != preset.boot_id):
+            undone = any(
+                at > preset.at and boot_id == status.boot_id for _, at, boot_id in former(board, f"undone {axis.number}")
+            )
+            if why := _doubt(then, now, status.boot_id != preset.boot_id, undone):
                 found.append(f"{axis.name}: {why}")
         return found
 
@@ -215,6 +218,9 @@ class Presets:
         wanted = now.position + entry["from"] - entry["to"]
         with records.opened(FILE, _SCHEMA, write=True) as file:  # both are done, or none
             file.execute("delete from former where id = ?", (number,))
+            if wanted == round(wanted):  # else what was kept is not exactly that place any more
+                row = (mount.board_id, f"undone {zeroed.number}", time.time(), json.dumps(status.boot_id))
+                file.execute("insert into former (board, what, at, entry) values (?, ?, ?, ?)", row)
             zeroed.define(round(wanted))
         rounded = "" if wanted == round(wanted) else f", the whole step next to {wanted:+.3f}"
         return (
@@ -235,15 +241,18 @@ class Presets:
         )
 
 
-def _doubt(then: Place, now: Place, restarted: bool) -> str:
-    """Why a position may not be the same place any more; "" for no reason that is known."""
+def _doubt(then: Place, now: Place, restarted: bool, undone: bool) -> str:
+    """Why a position may not be the same place any more; "" for no reason that is known.
+
+    undone: a Zero was undone since, and the board calls the position counted from then on, whatever it was before.
+    """
     if then.zero != now.zero:
-        return "its 0 was set since (Zero)"
+        return "its 0 was set since (Zero), which `mirrormount undo` takes back"
     if restarted and now.certainty == "unknown":
         return "the board has restarted since, and does not know where it is"
     if now.certainty == "homed" != then.certainty:
         return "it was homed since, and was not when the position was kept: its 0 is another one"
-    if now.certainty == "counted" and then.certainty in ("homed", "unknown"):
+    if now.certainty == "counted" and then.certainty in ("homed", "unknown") and not undone:
         return f"its 0 was {then.certainty} when the position was kept, and was set since"
     if then.step != now.step:
         return f"its steps were others (pulse, duty, direction {then.step}, now {now.step})"
