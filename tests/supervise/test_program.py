@@ -9,6 +9,7 @@ from three_axes import make_board_files
 
 from mirrormount.errors import BadValue, BoardError, ConnectionLost, MoveEnded, NotInControl
 from mirrormount.supervise.lease import Client
+from mirrormount.supervise.motions import Motion
 from mirrormount.supervise.supervisor import Supervisor
 from mirrormount.transport import stop_socket
 from mountfw import codes as wire
@@ -113,6 +114,23 @@ def test_a_program_that_leaves_stops_what_it_moved(loop, board):
     rests(board)
     with pytest.raises(MoveEnded):
         motion.wait(PATIENCE_S)
+
+
+@pytest.mark.parametrize("patience_s", [0.35])
+def test_a_program_whose_order_comes_while_the_status_is_read_is_stopped_too(supervisor, loop, board):
+    """On a busy computer the order is begun in that same poll, whose status says that nothing moves."""
+    asked: list[Motion] = []
+
+    def order(_status):
+        if not asked:
+            loop.beat()
+            asked.append(loop.step("x", 1000))
+
+    supervisor.listen(order)
+    wait_for(lambda: asked, "the order")
+    with pytest.raises(MoveEnded):  # without beats: not by wait()
+        asked[0].future.result(PATIENCE_S)
+    assert not board.driving()
 
 
 @pytest.mark.parametrize("patience_s", [0.35])

@@ -697,9 +697,9 @@ class Worker:
         if errors:
             self._pad.report_errors(status.moving)
         self._motions.poll(mount, status, errors)
-        self._deliver()
         if not status.moving and self._pad.rest():
-            self.driver = None
+            self.driver = None  # before the next one: what begins here is not in this status yet
+        self._deliver()
         self._begin_next_press()
 
     def _see(self, mount: Mount) -> Status:
