@@ -72,7 +72,8 @@ def _draw(event: Observed, newest: dict[str, Any], time_s: float, font: Any) -> 
         error = np.hypot(*spot.error_um) / 1000
         text = f"camera {i + 1}: {error:.2f} mm off" + (f", {time_s:.0f} s (simulated)" if i else "")
         pen.text((at + 4, 4), text, fill=0, font=font)
-    return sheet.point(lambda grey: grey // 16 * 17).quantize(16, dither=Image.Dither.NONE)  # a sixth of the bytes
+    sixteen = [grey // 16 * 17 for grey in range(256)]
+    return sheet.point(sixteen).quantize(16, dither=Image.Dither.NONE)  # a sixth of the bytes
 
 
 if __name__ == "__main__":

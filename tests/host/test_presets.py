@@ -101,7 +101,7 @@ def test_what_a_certainty_says_of_a_kept_position(mount, monkeypatch, then, now,
     step = mount.x.ask_whole("XP?", "XD?", "XI?")
     preset = presets.Preset("good", 0.0, mount.status().boot_id - restarted, {mount.x.number: Place(0, then, step, 0)})
     place = Place(0, now, step, 0)
-    monkeypatch.setattr(mount.presets, "_place", lambda *_: place)
+    monkeypatch.setattr(presets.Presets, "_place", lambda *_: place)
     assert bool(mount.presets.doubts(preset)) == doubted
 
 

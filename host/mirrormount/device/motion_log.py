@@ -154,7 +154,7 @@ def _program() -> str:
         name = " ".join(["mirrormount", *[word for word in sys.argv[1:] if not word.startswith("-")][:1]])
     try:
         user = getpass.getuser()
-    except (OSError, KeyError):
+    except (OSError, KeyError, ImportError):  # ImportError: Windows without USERNAME, up to Python 3.12
         user = f"user {os.getuid()}" if hasattr(os, "getuid") else "somebody"
     return f"{'Python' if name in ('', '-c') else name} of {user}"
 

@@ -43,7 +43,11 @@ class Mount:
         self.by_name = {name: Axis(self.session, name, number) for name, number in self.session.board.numbers.items()}
         self.axes = tuple(sorted(self.by_name.values(), key=lambda axis: axis.number))
         self.x, self.y = self.by_name["x"], self.by_name["y"]
-        self.presets = Presets(self)
+
+    @property
+    def presets(self) -> Presets:
+        """The named positions. Made anew each time: a mount that refers to itself outlives its owner, and drives on."""
+        return Presets(self)
 
     @classmethod
     def open(cls, address: str | None = None, *, x_axis: int | None = None) -> Self:

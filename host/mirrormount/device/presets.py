@@ -170,7 +170,8 @@ class Presets:
         for axis, then in self._axes(preset):
             now = self._place(axis, status.by_name[axis.name])
             undone = any(
-                at > preset.at and boot_id == status.boot_id for _, at, boot_id in former(board, f"undone {axis.number}")
+                at > preset.at and boot_id == status.boot_id
+                for _, at, boot_id in former(board, f"undone {axis.number}")
             )
             if why := _doubt(then, now, status.boot_id != preset.boot_id, undone):
                 found.append(f"{axis.name}: {why}")
