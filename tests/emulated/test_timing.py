@@ -6,6 +6,8 @@ import pytest
 from lab import ENABLES, on_times_us
 
 from mirrormount.cli import main, timing
+from mirrormount.deploy.prompt import SENT, StopAnswer
+from mirrormount.errors import CheckFailed
 from mirrormount.transport.link import Link
 from mirrormount_sim.board import LockstepPort
 
@@ -18,7 +20,7 @@ def test_the_board_times_its_own_pins_as_the_pin_log_does_and_is_left_as_it_was(
     board = make_board("rp2040")
     firmware = board.ask(b"XF?\n", ANSWER_US)
     began_us = board.simulation.us
-    told, seen = timing.timed(Link(LockstepPort(board.simulation, board)), 2)
+    told, seen = timing.timed(Link(LockstepPort(board.simulation, board)), StopAnswer(), 2)
     edges = [edge for edge in board.edges_after(began_us) if edge[1] in ENABLES]
 
     rises = [us for us, _, duty in edges if duty]
@@ -53,3 +55,22 @@ def test_nothing_is_timed_on_another_board_or_unless_the_supply_is_said_to_be_of
     assert main.main(["check", "--timing", *words, "--port", address, "--report", str(tmp_path / "report")]) == 1
     assert why in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
+
+
+def test_after_a_stop_nothing_more_is_driven():
+    class Wire:
+        def __init__(self):
+            self.port, self.sent = self, []
+
+        def write(self, data):
+            self.sent.append(data)
+
+        def sleep(self, _seconds):
+            pass
+
+    wire, stops = Wire(), StopAnswer()
+    stops.asking(wire)
+    assert stops.stop() == SENT
+    with pytest.raises(CheckFailed, match="somebody stopped the board"):
+        timing.Trials(wire, stops).frame(0)
+    assert set(wire.sent) == {b"!\n"}

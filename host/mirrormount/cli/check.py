@@ -48,11 +48,12 @@ def run(args: argparse.Namespace) -> None:
     """Print one line a check. Raises CheckFailed if one failed."""
     if args.timing:
         from mirrormount.cli.timing import SEND, run_timing
+        from mirrormount.device.table_file import find_port
         from mirrormount.transport.discovery import find_one
 
         with ended_in_order():
             ask = None if args.supply_off else said_yes
-            pages = run_timing(args.port or find_one(), Path(args.report), ask)
+            pages = run_timing(find_port(args.port).address if args.port else find_one(), Path(args.report), ask)
         print(f"OK: {pages[0]} and {pages[1]} are written.\n{SEND.format(file=pages[0].name)}")
         return
     with ended_in_order():

@@ -37,6 +37,7 @@ _REST_US = 10_000  # Pins that were low for so long: an episode is over. Lines t
 _WRAP = 1 << 32
 _LONGEST_S = 30.0
 _KEEP_ALIVE_MS = 100
+KEPT_ALIVE = b"XK500"  # what runs ends half a second after the host died
 _IDLE_S = 0.3  # After an answer the loop has work for a while, and a frame that comes then waits for it.
 LENGTHS_US = (1_000, 5_000, 50_000, 200_000)
 SHORTEST_US = 200
@@ -227,11 +228,16 @@ class Trials:
     """The episodes that a board was led through, and what each is evaluated as."""
 
     link: Link
+    stops: prompt.StopAnswer
     evaluate: list[Callable[[list[Change], Values], None]] = field(default_factory=list)
     round_trips_ms: list[float] = field(default_factory=list)
 
     def all(self, n: int, gate: bool) -> None:
-        """n trials of each row; without the gate those alone that need no time of a packet."""
+        """n trials of each row; without the gate those alone that need no time of a packet.
+
+        Raises CheckFailed if somebody stops the board meanwhile.
+        """
+        self.ask(KEPT_ALIVE)
         for i in range(n):
             self.pulses(LENGTHS_US[i % len(LENGTHS_US)], (1, 2), "pulse", i)
             self.pulses(SHORTEST_US, (1,), "pulse-shortest", i)
@@ -243,7 +249,12 @@ class Trials:
             for i in range(min(n, 5)):
                 self.partial(i)
                 self.silence(i)
-            self.ask(b"XK0")
+            self.ask(KEPT_ALIVE)
+
+    def move(self, data: bytes) -> None:
+        """Write what moves something, unless a stop came. Raises CheckFailed."""
+        if not self.stops.write_unless_asked(self.link, data):
+            raise CheckFailed("somebody stopped the board: nothing more was driven, and nothing is told")
 
     def ask(self, line: bytes) -> None:
         """A message and a question, whose answer is timed."""
@@ -257,14 +268,14 @@ class Trials:
         velocity = b"%d.%02d" % divmod(100_000_000 // (us + 1_000), 100)
         self.ask(b";".join(b"%dXP%d;%dVA%s" % (axis, us, axis, velocity) for axis in axes))
         self.link.sleep(0.02)
-        self.link.write(b";".join(b"%dPR%d" % (axis, -1 if i % 2 else 1) for axis in axes) + b"\n")
+        self.move(b";".join(b"%dPR%d" % (axis, -1 if i % 2 else 1) for axis in axes) + b"\n")
         self.link.sleep(us * 1e-6 + 0.05)
         self.evaluate.append(lambda seen, values: values[row].extend(t - us for t in _on_us(seen, axes)))
 
     def frame(self, i: int) -> None:
         """Both motors at full duty by a frame, and a stop."""
         self.link.sleep(_IDLE_S)
-        self.link.write(encode_frame(*(-255, 255) if i % 2 else (255, -255)))
+        self.move(encode_frame(*(-255, 255) if i % 2 else (255, -255)))
         self.link.sleep(0.02 + i % 7 * 0.003)
         self.halt()
         self.evaluate.append(_frame_and_stop)
@@ -272,7 +283,7 @@ class Trials:
     def stream(self, i: int) -> None:
         """The same frame each millisecond, and a stop among them."""
         for _ in range(40):
-            self.link.write(encode_frame(255, 255) if i % 2 else encode_frame(-255, -255))
+            self.move(encode_frame(255, 255) if i % 2 else encode_frame(-255, -255))
             self.link.sleep(0.001)
         self.halt()
         self.evaluate.append(lambda seen, values: values["stop-stream-gate"].append(_since_packet(seen[-1])))
@@ -281,9 +292,9 @@ class Trials:
         """A frame of partial duty, whose last byte comes alone; the stop soon, for each period is two changes."""
         self.link.sleep(_IDLE_S)
         frame = encode_frame(*(-120, 120) if i % 2 else (120, -120))
-        self.link.write(frame[:7])
+        self.move(frame[:7])
         self.link.sleep(0.02)
-        self.link.write(frame[7:])
+        self.move(frame[7:])
         self.link.sleep(0.004)
         self.halt()
         self.evaluate.append(lambda seen, values: values["frame-alone"].append(_both_high(seen)))
@@ -291,9 +302,9 @@ class Trials:
     def silence(self, i: int) -> None:
         """Two runs, and no more bytes: the keep-alive ends them."""
         self.link.sleep(0.02)
-        self.link.write(b"XK%d;1MV%s;2MV%s\n" % (_KEEP_ALIVE_MS, *((b"-", b"+") if i % 2 else (b"+", b"-"))))
+        self.move(b"XK%d;1MV%s;2MV%s\n" % (_KEEP_ALIVE_MS, *((b"-", b"+") if i % 2 else (b"+", b"-"))))
         self.link.sleep(_KEEP_ALIVE_MS / 1000 + 0.1)
-        self.ask(b"XK0")
+        self.ask(KEPT_ALIVE)
         self.evaluate.append(lambda seen, values: values["keep-alive"].append(_since_packet(seen[-1]) - _KEEP_ALIVE_MS))
 
     def halt(self) -> None:
@@ -301,7 +312,7 @@ class Trials:
         self.link.write(b"!")
         self.link.sleep(0.02)
         self.link.write(b"\n")
-        self.ask(b"XK0")
+        self.ask(KEPT_ALIVE)
         self.link.sleep(0.01)
 
     def values(self, seen: Seen) -> Values:
@@ -430,7 +441,7 @@ def html_of(told: dict, send: str) -> str:
     )
 
 
-def timed(link: Link, n: int) -> tuple[dict, Seen]:
+def timed(link: Link, stops: prompt.StopAnswer, n: int) -> tuple[dict, Seen]:
     """Lead a board at rest through all trials, and reset it. Returns the report and what the board saw.
 
     Raises CheckFailed, MountError; the board is reset in any case.
@@ -440,7 +451,7 @@ def timed(link: Link, n: int) -> tuple[dict, Seen]:
         raise CheckFailed(f"--timing is not possible here: {why}")
     try:
         start(link)
-        trials = Trials(link)
+        trials = Trials(link, stops)
         trials.all(n, health.split(",")[-1] == _IN_PLACE)
         seen = read(link)
     finally:
@@ -463,7 +474,10 @@ def run_timing(port: str, to: Path, ask: Callable[[str], bool] | None, n: int = 
 
     Returns their paths. Raises CheckFailed, MountError.
     """
-    if ask and not ask("The motors' supply must be off: the drive pins are driven for half a minute. Is it off?"):
+    if ask and not ask(
+        "The motors' supply must be off: the drive pins are driven for half a minute, and what the board knows of its"
+        " positions is lost. Is it off?"
+    ):
         raise CheckFailed("nothing was timed: switch the motors' supply off, then say yes, or --supply-off")
     check_writable(to.with_suffix(".json"))
     with prompt.stop_answered(port) as answer:
@@ -471,14 +485,15 @@ def run_timing(port: str, to: Path, ask: Callable[[str], bool] | None, n: int = 
         try:
             answer.asking(link)
             prompt.quiet(link, stop=False)
-            told, _ = timed(link, n)
+            told, _ = timed(link, answer, n)
         finally:
             link.close()
+    pages = write(told, to)
     if "://" not in port:
         from mirrormount.deploy.micropython import come_back
 
         come_back(port, None)
-    return write(told, to)
+    return pages
 
 
 def refusal(identity: str, health: str) -> str:

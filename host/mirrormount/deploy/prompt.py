@@ -190,11 +190,20 @@ class StopAnswer:
         self._link: Link | None = None
         self._at_rest = False
         self._known = threading.Event()
+        self._lock = threading.Lock()
+        self.asked = False  # somebody has stopped the board
 
     def asking(self, link: Link) -> None:
         """On this link the firmware is asked whether a motor moves."""
         self._link = link
         self._known.set()
+
+    def write_unless_asked(self, link: Link, data: bytes) -> bool:
+        """Write what moves something. False: a stop came before, and nothing was written."""
+        with self._lock:
+            if not self.asked:
+                link.write(data)
+            return not self.asked
 
     def found(self, at_rest: bool) -> None:
         """It said that none does. False: no firmware of ours has answered, so a stop means nothing to the board."""
@@ -209,7 +218,13 @@ class StopAnswer:
             return STOPPED
         if (link := self._link) is None:
             raise MountError("the board had no firmware that takes a stop; what ran there was interrupted")
+        self.asked = True  # nothing that moves is begun to be written from here on
+        free = self._lock.acquire(blocking=False)
         link.port.write(b"!\n")  # without the link's lock, which a hanging exchange may hold
+        if not free and (free := self._lock.acquire(timeout=_OPENS_S)):
+            link.port.write(b"!\n")  # behind what was being written
+        if free:
+            self._lock.release()
         return SENT
 
 
