@@ -19,7 +19,7 @@ def board(tmp_path: Path) -> Iterator[ServedBoard]:
 
 @pytest.fixture
 def patience_s() -> float:
-    return 5.0  # but where a test is about a client that hangs
+    return 50.0  # but where a test is about a client that hangs
 
 
 @pytest.fixture

@@ -432,6 +432,7 @@ class Worker:
         self.state = State()
         self.stop_cause = self.gone = ""
         self.driver: Client | None = None
+        self._unbegun: Asked | None = None  # in whose begin the board has gone: it is told after those who listen
         self.notices = Notices()
         self._clock = clock
         self._pad = Pad(self.state, clock, self.stop)
@@ -664,8 +665,8 @@ class Worker:
                     self._pad.step(mount, hold)
                 else:
                     start(mount, asked, self.state)
-        except (ConnectionLost, NoAnswer) as e:
-            asked.drop(e)
+        except (ConnectionLost, NoAnswer):
+            self._unbegun = asked
             raise
         except MoveEnded:
             asked.drop()
@@ -763,4 +764,7 @@ class Worker:
         self.connection.lose(why)
         self._tell(None)
         self._motions.fail(why)
+        if unbegun := self._unbegun:
+            self._unbegun = None
+            unbegun.drop(why)
         self._mail.fail(why)
