@@ -528,6 +528,7 @@ class Server:
     def _open_board(self) -> None:
         """Open it, which stops it. Raises MountError."""
         session = Session.open(self._address)
+        session.motion_log = None  # the clients' motions: their answers are relayed, not read
         try:
             if session.link.lockstep:
                 raise BadValue("a live client needs its own pace: speed=max is for use in one process")

@@ -87,7 +87,8 @@ class MotionLog:
                         how = REASONS.get(axis.reason, str(axis.reason))
                     else:
                         how = "changed at rest: set, or turned by hand"
-                    self._add(number, begun or (now, self.client), before, axis.position, how)
+                    ours = begun or self._started or number in self._set
+                    self._add(number, begun or (now, self.client if ours else ""), before, axis.position, how)
                 elif before is not None and jitters:
                     continue
                 self._rest[number] = axis.position
@@ -102,14 +103,21 @@ class MotionLog:
         finally:
             self._set.discard(number)
 
-    def close(self) -> None:
-        """Write what is left, with what nobody has seen the end of."""
+    def lose(self) -> None:
+        """The board has restarted: the end of what moved was not seen, and the positions from before count no more."""
         with self._lock:
             for number, begun in self._begun.items():
                 if self._last and number in self._rest:
                     at = self._last.axes[number - 1].position
                     self._add(number, begun, self._rest[number], at, "its end was not seen")
             self._begun.clear()
+            self._rest.clear()
+            self._started = False
+
+    def close(self) -> None:
+        """Write what is left, with what nobody has seen the end of."""
+        self.lose()
+        with self._lock:
             writer = self._writer
         if writer:
             writer.join(_CLOSE_S)
@@ -162,5 +170,5 @@ def _program() -> str:
 def read(since: float = 0.0, board: str = "") -> Iterator[LoggedMotion]:
     """The motions that ended since then, oldest first; board: how its id begins. Raises BadFile, CannotWrite."""
     with records.opened(FILE, _SCHEMA) as file:
-        rows = file.execute("select * from motions where ended >= ? order by id", (since,))
-        yield from (row for row in (LoggedMotion(*each[1:]) for each in rows) if row.board.startswith(board))
+        rows = file.execute("select * from motions where ended >= ? order by id", (since,)).fetchall()
+    yield from (row for row in (LoggedMotion(*each[1:]) for each in rows) if row.board.startswith(board))

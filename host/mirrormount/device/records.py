@@ -36,8 +36,10 @@ def opened(name: str, schema: str, *, write: bool = False) -> Iterator["sqlite3.
     schema makes the tables that are missing. To read a file that is not there makes none. Raises BadFile if it is
     damaged, CannotWrite if nothing more can be written: a full disk, no rights, or another program is busy with it.
     """
-    import sqlite3  # a stop needs none of it
-
+    try:
+        import sqlite3  # a stop needs none of it
+    except ImportError as e:
+        raise CannotWrite(f"{name}: this Python was built without sqlite3") from e
     file = path(name)
     try:
         if write:

@@ -554,6 +554,8 @@ class Session:
     def _receive_status(self, line: str) -> Status:
         status = self.board.receive_status(line, self.link.monotonic())
         if self.board.has_restarted(status):
+            if self.motion_log:
+                self.motion_log.lose()
             cause = RESET_CAUSES.get(self.ask("XH?").split(",")[3], "it does not say why")
             raise ConnectionLost(
                 f"the board has restarted ({cause}): what was moving has stopped, positions start anew"
