@@ -40,7 +40,8 @@ class BoundedConnection(HttpToolsProtocol):
     def _end_if_idle(self) -> None:
         cycle = self.cycle
         is_new, self._served = cycle is not self._served, cycle
-        if cycle is None or cycle.more_body or not is_new:
+        is_idle = cycle is not None and cycle.response_complete and not is_new
+        if cycle is None or cycle.more_body or is_idle:
             self.transport.abort()
         else:
             self._deadline = self.loop.call_later(_REQUEST_S, self._end_if_idle)
