@@ -105,6 +105,41 @@ def test_what_a_certainty_says_of_a_kept_position(mount, monkeypatch, then, now,
     assert bool(mount.presets.doubts(preset)) == doubted
 
 
+def test_after_homing_a_position_of_before_is_refused_also_when_the_axis_has_moved_since():
+    with Mount.open("virtual://?speed=max&bench=switches") as mount:
+        mount.x.switches = 3
+        mount.x.zero(4)
+        mount.presets.keep("good")
+        mount.x.home()
+        mount.x.pulse(1_000)
+        assert mount.status().x.certainty == "estimated"
+        with pytest.raises(PositionDoubtful, match="it was homed since"):
+            mount.presets.back("good")
+        with pytest.raises(PositionDoubtful, match="it was homed since"):
+            mount.presets.undo_zero()
+
+
+def test_the_log_invents_no_motion_after_a_restart(mount):
+    log = mount.session.motion_log = motion_log.MotionLog(mount.board_id)
+    mount.status()
+    mount.x.step(2)
+    log.lose()
+    mount.session.motion_log = None
+    mount.x.define(0)  # in the place of a restart
+    log.see(mount.status())
+    log.close()
+    assert [(motion.from_steps, motion.to_steps) for motion in motion_log.read()] == [(0, 2)]
+
+
+def test_settings_are_undone_by_the_motor_and_not_by_the_name_of_its_axis():
+    with Mount.open("virtual://?speed=max", x_axis=2) as mount:
+        mount.x.pulse_us = 150_000  # of motor 2
+    with Mount.open("virtual://?speed=max", x_axis=1) as mount:
+        mount.y.pulse_us = 150_000  # the same motor
+        mount.undo_settings()
+        assert (mount.x.pulse_us, mount.y.pulse_us) == (200_000, 200_000)
+
+
 def test_a_position_whose_steps_were_others_is_refused(mount):
     mount.presets.keep("good")
     mount.x.step_duty = 200
@@ -154,7 +189,7 @@ def test_a_change_that_cannot_be_kept_is_made_and_told(mount, folder, caplog):
     mount.x.velocity = 3
     assert (mount.x.position, mount.x.velocity) == (3, 3)
     assert [record.message.partition(":")[0] for record in caplog.records] == 2 * [
-        "what this changes is not kept for an undo"
+        "what this changes is not kept for an undo, nor known to `mirrormount back`"
     ]
 
 

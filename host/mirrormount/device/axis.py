@@ -539,6 +539,7 @@ class Axis:
     def start_homing(self) -> None:
         """Start homing and return; the caller keeps it alive, as in Mount.drive(). Raises BoardError."""
         self._seek("OR")
+        presets.remember(self._session.board.id, f"homed {self.number}", "")
 
     def find_end_stop(self, direction: int) -> None:
         """Go to the end-stop in direction 1 or -1, and stand at it. Raises as home() does."""

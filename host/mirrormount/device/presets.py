@@ -51,7 +51,7 @@ def remember(board: str, what: str, entry: object) -> None:
                 (board, what, board, what, _MOST_FORMER),
             )
     except MountError as e:
-        _log.warning("what this changes is not kept for an undo: %s", e)
+        _log.warning("what this changes is not kept for an undo, nor known to `mirrormount back`: %s", e)
 
 
 def former(board: str, what: str) -> list[tuple[int, float, Any]]:
@@ -78,13 +78,15 @@ def _parsed(entry: str) -> Any:
 class Place:
     """Where an axis was, in steps, and how certain that was.
 
-    step: length, duty and direction of its steps (XP, XD, XI); zero: the last Zero that this computer knows of.
+    step: length, duty and direction of its steps (XP, XD, XI); zero, homed: the last Zero and the last homing that this
+    computer knows of.
     """
 
     position: float
     certainty: str
     step: list[int]
     zero: int
+    homed: int = 0
 
 
 @dataclass(frozen=True)
@@ -213,8 +215,9 @@ class Presets:
         zeroed = axes[entry["axis"]]
         status = mount.status()
         now, name = status.by_name[zeroed.name], zeroed.name
-        if not sure and (now.certainty in ("unknown", "homed") or status.boot_id != entry["boot_id"]):
-            why = "it was homed since" if now.certainty == "homed" else "the board has restarted since"
+        homed = now.certainty == "homed" or _latest(mount.board_id, f"homed {zeroed.number}") > number
+        if not sure and (homed or now.certainty == "unknown" or status.boot_id != entry["boot_id"]):
+            why = "it was homed since" if homed else "the board has restarted since"
             raise PositionDoubtful(f"{name}: {why}, so its 0 may not be that Zero's any more")
         wanted = now.position + entry["from"] - entry["to"]
         with records.opened(FILE, _SCHEMA, write=True) as file:  # both are done, or none
@@ -236,10 +239,13 @@ class Presets:
         return [(axes[number], place) for number, place in preset.places.items()]
 
     def _place(self, axis: "Axis", status: AxisStatus) -> Place:
-        zeros = former(self._mount.board_id, f"zero {axis.number}")
-        return Place(
-            status.position, status.certainty, axis.ask_whole("XP?", "XD?", "XI?"), zeros[0][0] if zeros else 0
-        )
+        zero, homed = (_latest(self._mount.board_id, f"{what} {axis.number}") for what in ("zero", "homed"))
+        return Place(status.position, status.certainty, axis.ask_whole("XP?", "XD?", "XI?"), zero, homed)
+
+
+def _latest(board: str, what: str) -> int:
+    """The number of the last entry of that kind; 0: there is none."""
+    return next((number for number, _, _ in former(board, what)), 0)
 
 
 def _doubt(then: Place, now: Place, restarted: bool, undone: bool) -> str:
@@ -247,11 +253,13 @@ def _doubt(then: Place, now: Place, restarted: bool, undone: bool) -> str:
 
     undone: a Zero was undone since, and the board calls the position counted from then on, whatever it was before.
     """
-    if then.zero != now.zero:
+    if then.zero < now.zero:
         return "its 0 was set since (Zero), which `mirrormount undo` takes back"
+    if then.zero > now.zero:
+        return "the Zero from which it was counted was undone since"
     if restarted and now.certainty == "unknown":
         return "the board has restarted since, and does not know where it is"
-    if now.certainty == "homed" != then.certainty:
+    if then.certainty != "homed" and (then.homed != now.homed or now.certainty == "homed"):
         return "it was homed since, and was not when the position was kept: its 0 is another one"
     if now.certainty == "counted" and then.certainty in ("homed", "unknown") and not undone:
         return f"its 0 was {then.certainty} when the position was kept, and was set since"

@@ -176,7 +176,7 @@ def write(session: Session, wanted: Mapping[str, Mapping[str, int | float]]) -> 
         changed = False
         for one in _differing(session, wanted):
             if not changed:
-                presets.remember(session.board.id, _FORMER, before)
+                _remember(session, before)
             changed = True
             _set(session, *one)
         _warn(wanted)
@@ -232,7 +232,13 @@ def recall(session: Session, *, factory: bool) -> None:
     before = read(session)
     session.send("*RCL0" if factory else "*RCL1")
     if read(session) != before:
-        presets.remember(session.board.id, _FORMER, before)
+        _remember(session, before)
+
+
+def _remember(session: Session, before: Mapping[str, Mapping[str, int | float]]) -> None:
+    """Keep the settings for undo(): by the axes' numbers, for which axis is called x may change meanwhile."""
+    numbers = session.board.numbers
+    presets.remember(session.board.id, _FORMER, {str(numbers[name]): values for name, values in before.items()})
 
 
 def undo(session: Session) -> dict[str, int | float]:
@@ -241,7 +247,9 @@ def undo(session: Session) -> dict[str, int | float]:
     A second undo() changes them again. Returns what was changed, by "x.pulse_us" … Raises NotKept, and as write().
     """
     now = read(session)
-    for _, _, before in presets.former(session.board.id, _FORMER):
+    names = {str(number): name for name, number in session.board.numbers.items()}
+    for _, _, entry in presets.former(session.board.id, _FORMER):
+        before = {names[number]: values for number, values in entry.items() if number in names}
         if before != now:
             write(session, before)
             after = read(session)
