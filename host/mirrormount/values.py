@@ -108,16 +108,38 @@ _OF: Mapping[str, tuple[Callable[[Geometry, float], float | None], float]] = {
     "beam-mrad": (_beam, 1.0),
     "beam-urad": (_beam, 1e3),
     "mm": (_screen, 1.0),
+    "um": (_screen, 1e3),
 }
 UNITS = (STEPS, *_OF)
-HELP = "steps (default); mrad, urad: of the mirror; beam-mrad, beam-urad; mm: on the screen"
+HELP = "steps (default); mrad, urad: of the mirror; beam-mrad, beam-urad; mm, um: on the screen"
+_MICRO = str.maketrans("\u00b5\u03bc", "uu")  # the micro sign, and the Greek letter that looks like it
+_WITH_UNIT = re.compile(r"(.*?[0-9.])([a-z\u00b5\u03bc-]+)", re.IGNORECASE)
+
+
+def spelled(unit: str) -> str:
+    """A unit as UNITS has it: urad for µrad, with either of the two signs that keyboards have for micro."""
+    return unit.translate(_MICRO)
 
 
 def check(unit: str) -> str:
-    """The unit, if it is one. Raises BadValue."""
-    if unit not in UNITS:
-        raise BadValue(f"a unit is {', '.join(UNITS[:-1])} or {UNITS[-1]}, not {unit!r}{did_you_mean(unit, UNITS)}")
-    return unit
+    """The unit as UNITS has it, if it is one. Raises BadValue."""
+    found = spelled(unit)
+    if found not in UNITS:
+        raise BadValue(f"a unit is {', '.join(UNITS[:-1])} or {UNITS[-1]}, not {unit!r}{did_you_mean(found, UNITS)}")
+    return found
+
+
+def amount_and_unit(text: str, unit: str | None) -> tuple[str, str]:
+    """The number and the unit of an amount that a person has typed as "100urad", or as "100" and "urad", or as "5".
+
+    unit: the second word, None without one. Raises BadValue for what is no unit, and for two of them.
+    """
+    joined = _WITH_UNIT.fullmatch(text)
+    if joined is None:
+        return text, check(unit or STEPS)
+    if unit is not None:
+        raise BadValue(f"{text} has a unit already: leave {unit} out")
+    return joined[1], check(joined[2])
 
 
 def per_step(geometry: Geometry, mirror_mrad: float, unit: str, name: str) -> float:

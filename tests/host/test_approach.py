@@ -114,6 +114,6 @@ def test_an_approach_that_nobody_waits_for_is_refused(board, options):
 
 def test_the_shell_takes_an_approach(capsys):
     assert main(["step", "x", "2", "--approach", "-", "--port", "virtual://?speed=max"]) == 0
-    assert capsys.readouterr().out == "x: +2.000 steps\n"
+    assert capsys.readouterr().out == "x: moved +2 steps, now at +2 (unknown)\n"
     assert main(["move", "x", "-1", "--approach", "+", "--port", "virtual://?speed=max"]) == 0
-    assert capsys.readouterr().out == "x: -1.000 steps\n"
+    assert capsys.readouterr().out == "x: moved -1 steps, now at -1 (unknown)\n"

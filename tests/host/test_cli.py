@@ -62,7 +62,7 @@ def test_wrong_input_is_one_line(words, says):
 
 def test_what_works_prints_what_happened():
     run = run_cli("step", "x", "3", *VIRTUAL)
-    assert (run.returncode, run.stdout) == (0, "x: +3.000 steps\n")
+    assert (run.returncode, run.stdout) == (0, "x: moved +3 steps, now at +3 (unknown)\n")
     run = run_cli("status", *VIRTUAL)
     assert run.stdout.startswith("mirrormount,Raspberry Pi Pico,") and "unknown" in run.stdout
     assert run_cli("stop", *VIRTUAL).stdout == "stopped\n"
@@ -178,7 +178,7 @@ def test_a_port_that_closes_in_mid_move_is_one_line(board):
 def test_the_port_may_come_from_the_environment(board, monkeypatch, capsys):
     monkeypatch.setenv("MIRRORMOUNT_PORT", board.tcp)
     assert main.main(["step", "y", "1"]) == 0
-    assert capsys.readouterr().out == "y: +1.000 steps\n"
+    assert capsys.readouterr().out == "y: moved +1 steps, now at +1 (unknown)\n"
 
 
 @pytest.mark.parametrize(

@@ -30,8 +30,8 @@ def test_status_has_a_line_for_each_axis(run):
 
 
 def test_a_step_and_a_move_of_the_third_axis_say_where_it_is(run):
-    assert run("step", "axis3", "2") == (0, "axis3: +2.000 steps\n", "")
-    assert run("move", "axis3", "-1")[:2] == (0, "axis3: -1.000 steps\n")
+    assert run("step", "axis3", "2") == (0, "axis3: moved +2 steps, now at +2 (unknown)\n", "")
+    assert run("move", "axis3", "-1")[:2] == (0, "axis3: moved -1 steps, now at -1 (unknown)\n")
 
 
 def test_a_jog_of_the_third_axis_ends_after_its_seconds(run):

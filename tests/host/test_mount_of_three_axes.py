@@ -192,7 +192,7 @@ def test_a_setting_of_an_axis_that_the_board_has_not_is_refused_before_anything_
 def test_the_shell_moves_and_shows_the_third_axis(root, monkeypatch, capsys):
     monkeypatch.setattr("mirrormount.device.mount.open_port", lambda _: switch_on(root))
     assert main.main(["step", "axis3", "2", "--port", "virtual://"]) == 0
-    assert capsys.readouterr().out == "axis3: +2.000 steps\n"
+    assert capsys.readouterr().out == "axis3: moved +2 steps, now at +2 (unknown)\n"
     assert main.main(["status", "--port", "virtual://"]) == 0
     _, *axes = capsys.readouterr().out.splitlines()
     assert [line.partition(": +0.000 steps")[0] for line in axes] == ["x", "y", "axis3"]

@@ -41,7 +41,7 @@ def test_a_mount_is_opened_by_its_name_with_its_axis_of_x(table):
 
 def test_every_command_takes_the_name(table):
     table.write_text('[mounts.far]\nport = "virtual://?speed=max"\n')
-    assert run_cli("step", "x", "2", "--port", "far").stdout == "x: +2.000 steps\n"
+    assert run_cli("step", "x", "2", "--port", "far").stdout == "x: moved +2 steps, now at +2 (unknown)\n"
 
 
 def test_another_file_may_be_named_before_or_behind_the_command(table):

@@ -372,7 +372,8 @@ def encoder_in_a_move(axis: Axis) -> str:
 def _none_lost(axis: Axis) -> str:
     """A board says that counts were lost by taking back what a measured position is worth; any other it does not."""
     if axis.status().certainty != _MEASURED:
-        return f", lost counts not looked for (that needs the closed loop and a measured position: {axis.number}DH0)"
+        needed = f"the closed loop and a measured position: `mirrormount zero {axis.name}`"
+        return f", lost counts not looked for (that needs {needed})"
     axis.step(_STEPS)
     axis.step(-_STEPS)
     if axis.status().certainty != _MEASURED:

@@ -11,6 +11,7 @@ import contextlib
 import importlib
 import io
 import os
+import re
 import sys
 from collections.abc import Sequence
 from typing import Any
@@ -23,6 +24,8 @@ from mountfw import __version__
 
 # ---- the parser
 
+_NEGATIVE = re.compile(r"-\.?[0-9]")
+
 
 class Parser(argparse.ArgumentParser):
     """A parser that takes no part of an option for the option: what turns a motor is written in full.
@@ -33,6 +36,7 @@ class Parser(argparse.ArgumentParser):
 
     def __init__(self, **options: Any) -> None:
         super().__init__(**options, allow_abbrev=False)
+        self._negative_number_matcher = _NEGATIVE  # argparse takes -1e-3 and -5urad for options
 
     def parse_known_args(self, *given: Any, **named: Any) -> Any:
         """As argparse's, but nothing is left that nobody knows."""
@@ -50,10 +54,12 @@ class Parser(argparse.ArgumentParser):
         super()._check_value(action, value)
 
     def _in_full(self, unknown: Sequence[str]) -> str:
-        """The options of which an unknown word is the beginning, to follow an error; "" if there are none."""
-        begun = [word.partition("=")[0] for word in unknown if word.startswith("--")]
-        meant = [name for name in self._option_string_actions if any(name.startswith(word) for word in begun)]
-        return f" (an option is written in full: {' or '.join(meant)})" if meant else ""
+        """The options of which an unknown word is the beginning, or nearly one, to follow an error; "" without any."""
+        words = [word.partition("=")[0] for word in unknown if word.startswith("--")]
+        meant = [name for name in self._option_string_actions if any(name.startswith(word) for word in words)]
+        if meant:
+            return f" (an option is written in full: {' or '.join(meant)})"
+        return "".join(did_you_mean(word, self._option_string_actions) for word in words[:1])
 
 
 class WholeParser(Parser):
@@ -79,7 +85,7 @@ class WholeParser(Parser):
 # commands in COMMANDS.
 MODULES = {
     **dict.fromkeys(("ports", "status"), "mirrormount.cli.status"),
-    **dict.fromkeys(("step", "move", "home", "jog", "drive"), "mirrormount.cli.motion"),
+    **dict.fromkeys(("step", "move", "home", "zero", "jog", "drive"), "mirrormount.cli.motion"),
     "stop": "mirrormount.cli.stop",
     **dict.fromkeys(("keep", "back", "undo", "log"), "mirrormount.cli.presets"),
     "config": "mirrormount.cli.config",

@@ -1,7 +1,7 @@
-"""`mirrormount step`, `move`, `home`, `jog`, `drive`.
+"""`mirrormount step`, `move`, `home`, `zero`, `jog`, `drive`.
 
-A motion is shown on one line while it lasts, if stderr is a terminal. However it ends, the position at the
-end is printed; Ctrl-C stops both motors first.
+A motion is shown on one line while it lasts, if stderr is a terminal. However it ends, how far it went and the position
+at the end are printed; Ctrl-C stops both motors first.
 """
 
 import argparse
@@ -16,7 +16,7 @@ from mirrormount.device.status import AxisStatus
 from mirrormount.errors import REASONS, BadValue, MountError
 from mirrormount.terminal import StatusLine
 from mirrormount.values import HELP as UNITS_HELP
-from mirrormount.values import STEPS, UNITS
+from mirrormount.values import STEPS, UNITS, amount_and_unit, spelled
 from mountfw import codes as wire
 
 _LOOK_S = 0.05  # between two looks at a run's status
@@ -26,50 +26,58 @@ def step_arguments(parser: argparse.ArgumentParser) -> None:
     """AXIS, N and UNIT."""
     port_options(parser)
     axis_argument(parser)
-    parser.add_argument("n", metavar="N", help="a number, such as 5 or -0.25")
-    parser.add_argument("unit", metavar="UNIT", nargs="?", default=STEPS, choices=UNITS, help=UNITS_HELP)
-    _approach(parser)
+    parser.add_argument("n", metavar="N", help="a number, such as 5 or -0.25, also with its unit: 100urad")
+    _unit_and_approach(parser)
 
 
 def step(args: argparse.Namespace) -> None:
-    """Move by N of a unit and print the position. Raises MountError."""
-    n, unit = number(args.n, "N"), args.unit
+    """Move by N of a unit, and print how far it went and where it is. Raises MountError."""
+    n, unit = _amount(args.n, args.unit, "N")
     with _opened(args) as mount:
         axis = mount.axis(args.axis)
+        before = axis.position
         with watched(mount, [axis]) as line:
-            aim = f"on the way to {axis.position + n:+.1f}" if unit == STEPS else f"on the way by {n:+g} {unit}"
+            aim = f"on the way to {before + n:+.1f}" if unit == STEPS else f"on the way by {n:+g} {unit}"
             made = axis.move_by(n, unit, approach=args.approach, progress=_shown(line, axis, aim))
-        print(place(axis) + (_worth(axis, f"moved by ≈ {made:+.4g} {unit}") if unit != STEPS else ""))
+        print(moved(axis, before, by=_worth(axis, made, unit)))
 
 
 def move_arguments(parser: argparse.ArgumentParser) -> None:
     """AXIS, POSITION and UNIT."""
     port_options(parser)
     axis_argument(parser)
-    parser.add_argument("position", metavar="POSITION", help="a number, such as 5 or -0.25; 0 is where it was zeroed")
-    parser.add_argument("unit", metavar="UNIT", nargs="?", default=STEPS, choices=UNITS, help=UNITS_HELP)
-    _approach(parser)
+    parser.add_argument(
+        "position", metavar="POSITION", help="a number, such as 5, -0.25 or 2mrad; 0 is where it was zeroed"
+    )
+    _unit_and_approach(parser)
 
 
 def move(args: argparse.Namespace) -> None:
-    """Move to a position of a unit, which may lie between two steps, and print it. Raises MountError."""
-    position, unit = number(args.position, "POSITION"), args.unit
+    """Move to a position of a unit, which may lie between two steps. Prints as step(). Raises MountError."""
+    position, unit = _amount(args.position, args.unit, "POSITION")
     with _opened(args) as mount:
         axis = mount.axis(args.axis)
+        before = axis.position
         with watched(mount, [axis]) as line:
             words = f"{position:+g}" if unit == STEPS else f"{position:+g} {unit}"
             shown = _shown(line, axis, f"on the way to {words}")
             axis.move_to(position, unit, approach=args.approach, progress=shown)
-        at = axis.position * axis.per_step(unit)
-        print(place(axis) + (_worth(axis, f"≈ {at:+.4g} {unit}") if unit != STEPS else ""))
+        print(moved(axis, before, at=_worth(axis, axis.position * axis.per_step(unit), unit)))
 
 
-def _worth(axis: Axis, amount: str) -> str:
-    """An amount that goes by a scale, and whose scale that is if nobody has measured it."""
-    return f" ({', '.join(filter(None, (amount, axis.scale_source)))})"
+def _amount(text: str, unit: str | None, what: str) -> tuple[float, str]:
+    """The number and the unit that were typed, in one word or in two. Raises BadValue."""
+    value, unit = amount_and_unit(text, unit)
+    return number(value, what), unit
 
 
-def _approach(parser: argparse.ArgumentParser) -> None:
+def _worth(axis: Axis, amount: float, unit: str) -> str:
+    """An amount that goes by a scale, and whose scale that is if nobody has measured it; "" of steps."""
+    return "" if unit == STEPS else ", ".join(filter(None, (f"≈ {amount:+.4g} {unit}", axis.scale_source)))
+
+
+def _unit_and_approach(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("unit", metavar="UNIT", nargs="?", type=spelled, choices=UNITS, help=UNITS_HELP)
     parser.add_argument(
         "--approach",
         choices=("+", "-"),
@@ -90,6 +98,21 @@ def home(args: argparse.Namespace) -> None:
         with watched(mount, [axis]) as line:
             off = axis.home(progress=_shown(line, axis, "on the way to the end-stop")).discrepancy_steps
         print(f"{axis.name}: at home" + ("" if off is None else f"; the count was off by {off:+.3f} steps"))
+
+
+def zero_arguments(parser: argparse.ArgumentParser) -> None:
+    """AXIS."""
+    port_options(parser)
+    axis_argument(parser, optional=True)
+
+
+def zero(args: argparse.Namespace) -> None:
+    """Call the present position of an axis, or of all of them, 0, and print what it was. Raises MountError."""
+    with open_mount(args) as mount:
+        for axis in [mount.axis(args.axis)] if args.axis else list(mount.by_name.values()):
+            before = axis.status()
+            undo = f"`mirrormount undo {axis.name}` takes it back" if axis.zero() else "there is no undo of it"
+            print(f"{axis.name}: 0 is here; it was at {_steps(before.position)} ({before.certainty}). {undo}")
 
 
 def jog_arguments(parser: argparse.ArgumentParser) -> None:
@@ -134,6 +157,18 @@ def place(axis: Axis, status: AxisStatus | None = None) -> str:
     return f"{axis.name}: {(status or axis.status()).position:+.3f} steps"
 
 
+def moved(axis: Axis, before: float, *, by: str = "", at: str = "") -> str:
+    """What a motion has done: "x: moved +3 steps, now at +12 (counted)". by, at: the same two in another unit."""
+    now = axis.status()
+    way = f"{_steps(now.position - before)} steps{by and f' ({by})'}"
+    return f"{axis.name}: moved {way}, now at {_steps(now.position)} ({', '.join(filter(None, (now.certainty, at)))})"
+
+
+def _steps(count: float) -> str:
+    """A number of steps, to the thousandth that the board counts."""
+    return f"{round(count, 3) + 0.0:+.10g}"  # + 0.0: no -0
+
+
 @contextlib.contextmanager
 def watched(mount: Mount, axes: Sequence[Axis]) -> Iterator[StatusLine]:
     """A line to show a motion on. A KeyboardInterrupt stops both motors, and then says where the axes are."""
@@ -168,10 +203,11 @@ def _run(mount: Mount, axes: Sequence[Axis], seconds: float | None, start: Calla
     if seconds is not None and seconds > limit_s:
         name = next(axis.name for axis in axes if axis.run_limit_s == limit_s)
         raise BadValue(f"the board lets {name} run for {limit_s:g} s at most (setting {name}.run_limit_ms)")
+    before = mount.status().by_name
     with watched(mount, axes) as line:
         start()
         ended = _watch_run(mount, axes, seconds, limit_s, line)
-    print(", ".join(place(axis) for axis in axes) + ended)
+    print("; ".join(moved(axis, before[axis.name].position) for axis in axes) + ended)
 
 
 def _watch_run(mount: Mount, axes: Sequence[Axis], seconds: float | None, limit_s: float, line: StatusLine) -> str:
@@ -222,6 +258,7 @@ COMMANDS = (
     ),
     Command("move", "move to a position, in steps, or in an angle, or in mm on the screen", move, move_arguments),
     Command("home", "find an axis's end-stop; position 0 is there", home, home_arguments),
+    Command("zero", "call the position here 0, of AXIS or of all axes, without motion", zero, zero_arguments),
     Command("jog", "run at SPEED until Ctrl-C or the board's run limit, or for S seconds", jog, jog_arguments),
     Command(
         "drive",

@@ -379,7 +379,7 @@ def encoder(mount: Mount, axis: Axis, talk: Dialogue) -> None:
         f"  it counts {way} as the motor turns its positive way: {abs(found.positive):.0f} a step,"
         f" {abs(found.negative):.0f} back"
     )
-    talk.say("  whether it loses counts: `mirrormount check --move`, once the position is defined (1DH0;2DH0)")
+    talk.say("  whether it loses counts: `mirrormount check --move`, once the position is defined (`mirrormount zero`)")
     closed = talk.yes(f"Close the loop, so that a step of {axis.name} is {abs(found.per_step)} counts from now on?")
     mount.apply({axis.name: found.settings | {"closed_loop": int(closed)}})
 

@@ -257,6 +257,7 @@ class Axis:
         between two steps the open loop ends up to half a step beside it; `position` tells. approach, and what is
         raised: as step() has it.
         """
+        unit = values.check(unit)
         steps = self._steps_of(position, unit)
         if not wait:
             _check_waits(approach)
@@ -293,7 +294,8 @@ class Axis:
         that direction in the calibration file (docs/calibration.md). approach: as step() has it. Raises NotCalibrated
         without a scale that belongs to the board's present step, BadFile, and as step() does.
         """
-        amount = real_number(amount, MOST_AMOUNT, f"an amount in {values.check(unit)}")
+        unit = values.check(unit)
+        amount = real_number(amount, MOST_AMOUNT, f"an amount in {unit}")
         if unit == values.STEPS and (not wait or isinstance(amount, int)):
             self.step(whole_number(amount, MAX_STEPS, "steps"), wait=wait, approach=approach, progress=progress)
             return amount
@@ -314,7 +316,8 @@ class Axis:
 
         whole: in whole steps, the nearest. Raises BadValue, NotCalibrated, BadFile, ConnectionLost, NoAnswer.
         """
-        amount = real_number(amount, MOST_AMOUNT, f"an amount in {values.check(unit)}")
+        unit = values.check(unit)
+        amount = real_number(amount, MOST_AMOUNT, f"an amount in {unit}")
         pulse_us, duty, inverted = self.ask_whole("XP?", "XD?", "XI?")
         per_step = 1.0 if unit == values.STEPS else self._per_step(unit, amount, (pulse_us, duty, inverted))
         steps = real_number(amount / per_step, MAX_STEPS, f"{amount:g} {unit} in steps")
@@ -339,7 +342,8 @@ class Axis:
 
         Raises BadValue, NotCalibrated, BadFile, ConnectionLost, NoAnswer.
         """
-        if values.check(unit) == values.STEPS:
+        unit = values.check(unit)
+        if unit == values.STEPS:
             return 1.0
         pulse_us, duty, inverted = self.ask_whole("XP?", "XD?", "XI?")
         return sum(self._per_step(unit, way, (pulse_us, duty, inverted)) for way in (1, -1)) / 2
@@ -410,7 +414,7 @@ class Axis:
         self._deadline = self._session.link.monotonic() + longest_s + _SLACK_S
 
     def _steps_of(self, position: float, unit: str) -> float:
-        if values.check(unit) == values.STEPS:
+        if unit == values.STEPS:
             return position
         amount = real_number(position, MOST_AMOUNT, f"a position in {unit}")
         return real_number(amount / self.per_step(unit), MAX_STEPS, f"{amount:g} {unit} in steps")
@@ -505,16 +509,16 @@ class Axis:
 
     # ---- homing and limits
 
-    def zero(self, steps: int = 0) -> None:
+    def zero(self, steps: int = 0) -> bool:
         """Define the present position as `steps`; from here on it is counted. Raises BadValue as step() does.
 
-        The position before is kept on this computer: mount.presets.undo_zero().
+        The position before is kept on this computer: mount.presets.undo_zero(). Returns whether that could be done.
         """
         before = self._session.status()
         self.define(steps)
         was = before.by_name[self.name]
         entry = {"axis": self.number, "from": was.position, "to": steps, "certainty": was.certainty}
-        presets.remember(self._session.board.id, f"zero {self.number}", entry | {"boot_id": before.boot_id})
+        return presets.remember(self._session.board.id, f"zero {self.number}", entry | {"boot_id": before.boot_id})
 
     def define(self, steps: int) -> None:
         """zero(), of which nothing is kept. Raises as zero()."""

@@ -17,7 +17,7 @@ from mirrormount.device import records
 from mirrormount.device.status import AxisStatus
 from mirrormount.errors import BadFile, BadValue, MountError, NotKept, PositionDoubtful
 from mirrormount.terminal import printable
-from mirrormount.values import NAME_RULE, is_name
+from mirrormount.values import NAME_RULE, did_you_mean, is_name
 
 if TYPE_CHECKING:
     from mirrormount.device.axis import Axis
@@ -36,10 +36,10 @@ _log = logging.getLogger("mirrormount")
 # ---- what was before a change
 
 
-def remember(board: str, what: str, entry: object) -> None:
+def remember(board: str, what: str, entry: object) -> bool:
     """Keep what is to be changed, for undo. Where it cannot be kept, that is told, and the change is made all the same.
 
-    what: "settings", or "zero" and the number of an axis.
+    what: "settings", or "zero" and the number of an axis. Returns whether it is kept.
     """
     try:
         with records.opened(FILE, _SCHEMA, write=True) as file:
@@ -52,6 +52,8 @@ def remember(board: str, what: str, entry: object) -> None:
             )
     except MountError as e:
         _log.warning("what this changes is not kept for an undo, nor known to `mirrormount back`: %s", e)
+        return False
+    return True
 
 
 def former(board: str, what: str) -> list[tuple[int, float, Any]]:
@@ -154,6 +156,7 @@ class Presets:
             f"no position {'' if name is None else printable(name, 40) + ' '}is kept of this board"
             f" ({self._mount.board_id}; kept: {there})"
             + "".join(f"; the board {printable(board)} has one of that name" for (board,) in others[:1])
+            + did_you_mean(name or "", (preset.name for preset in kept))
         )
 
     def remove(self, name: str) -> None:
