@@ -158,7 +158,8 @@ def test_the_shell_keeps_lists_goes_back_and_says_why_not(board):
     assert back.stderr.startswith("note: back to good, kept ")
     assert run_cli("keep", "1st", *port).returncode == 1
     wrong = run_cli("back", "god", *port)
-    assert (wrong.returncode, wrong.stderr.count("\n")) == (1, 1) and "kept: good)" in wrong.stderr
+    assert (wrong.returncode, wrong.stderr.count("\n")) == (1, 1)
+    assert "kept: good); did you mean good?\n" in wrong.stderr
 
 
 # ---- undo of settings
@@ -234,6 +235,27 @@ def test_of_a_supervised_mount_the_log_names_the_client(board):
     assert (row["to_steps"], row["who"].partition(",")[0]) == ("2.0", "camera loop")
 
 
+def test_the_newest_motion_is_listed_first_and_for_other_programs_last(board):
+    for n in "+1", "+2":
+        run_cli("step", "x", n, "--port", str(board.link))
+    assert [line.partition(" to ")[2][:6] for line in run_cli("log").stdout.splitlines()] == ["+3.000", "+1.000"]
+    assert [row["to_steps"] for row in logged()] == ["1.0", "3.0"]
+
+
+def test_the_log_knows_the_mounts_of_the_table_by_their_names(board, folder):
+    with Mount.open(str(board.link)) as mount:
+        mount.x.step(1)
+        identity = mount.board_id
+    (folder / "table.toml").write_text(
+        f'[mounts.near]\nboard = "{identity}"\n[mounts.far]\nboard = "{identity}"\nx_axis = 3\n'
+    )
+    assert "  near  x: +0.000 to +1.000 steps" in run_cli("log").stdout
+    (row,) = logged("--board", "near")
+    assert row["board"] == identity and logged("--board", identity[:4]) == [row]
+    assert logged("--board", "far") == []
+    assert "; did you mean near?" in run_cli("log", "--board", "neer").stderr
+
+
 def test_two_programs_log_at_once_and_nothing_is_lost():
     code = (
         "from mirrormount.device.motion_log import MotionLog\n"
@@ -263,7 +285,7 @@ def motion_log_status(steps: int):
 
 def test_a_full_disk_costs_a_warning_and_no_motion(board):
     run = run_with_room(0, "step", "x", "2", "--port", str(board.link))
-    assert (run.returncode, run.stdout) == (0, "x: +2.000 steps\n")
+    assert (run.returncode, run.stdout) == (0, "x: moved +2 steps, now at +2 (unknown)\n")
     assert run.stderr.startswith("what moves is not being logged: cannot use ") and run.stderr.count("\n") == 1
     kept = run_with_room(0, "keep", "good", "--port", str(board.link))
     assert (kept.returncode, kept.stderr.count("\n")) == (1, 1)
@@ -276,7 +298,7 @@ def test_a_damaged_file_costs_a_warning_and_no_motion(board, folder, content):
     for name in (motion_log.FILE, presets.FILE):
         (folder / name).write_bytes(content)
     run = run_with_room(1 << 30, "step", "x", "2", "--port", str(board.link))
-    assert (run.returncode, run.stdout) == (0, "x: +2.000 steps\n")
+    assert (run.returncode, run.stdout) == (0, "x: moved +2 steps, now at +2 (unknown)\n")
     assert "what moves is not being logged" in run.stderr and "damaged" in run.stderr
     for words in (("log",), ("keep", "good", "--port", str(board.link)), ("back", "--port", str(board.link))):
         refused = run_cli(*words)

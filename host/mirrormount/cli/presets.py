@@ -8,9 +8,11 @@ from datetime import UTC, datetime, timedelta
 
 from mirrormount.cli.arguments import Command, axis_argument, note, open_mount, port_options, said_yes
 from mirrormount.errors import BadValue
+from mirrormount.values import did_you_mean
 
 _SPAN = re.compile(r"([0-9]{1,6})([smhd])")
 _UNITS = {"s": "seconds", "m": "minutes", "h": "hours", "d": "days"}
+_DAYS = ("today", "yesterday")
 _YES = "do not ask, even where it may be another place"
 
 
@@ -90,15 +92,22 @@ def log_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--since", metavar="WHEN", default="1d", help="30m, 1h, 2d, today, yesterday, or 2026-01-31[T18:00] (1d)"
     )
-    parser.add_argument("--board", metavar="ID", default="", help="only of the board whose id begins so")
-    parser.add_argument("--csv", action="store_true", help="as a table for other programs, with times in UTC")
+    parser.add_argument("--board", metavar="NAME", default="", help="only of this mount, or of the board of this id")
+    parser.add_argument("--csv", action="store_true", help="as a table for other programs: oldest first, times in UTC")
 
 
 def log(args: argparse.Namespace) -> None:
-    """Print what has moved. Raises MountError."""
-    from mirrormount.device import motion_log
+    """Print what has moved, newest first. Raises MountError."""
+    from mirrormount.device import motion_log, table_file
 
-    motions = motion_log.read(since(args.since, datetime.now()).timestamp(), args.board)
+    names = table_file.mounts_by_axis()
+    named = args.board in names.values()
+    motions = list(motion_log.read(since(args.since, datetime.now()).timestamp(), "" if named else args.board))
+    if named:
+        motions = [motion for motion in motions if names.get((motion.board.upper(), motion.axis)) == args.board]
+    if not motions:
+        meant = did_you_mean(args.board, set(names.values()))
+        print(f"nothing that moved since then is logged on this computer{meant}", file=sys.stderr)
     if args.csv:
         table = csv.writer(sys.stdout, lineterminator="\n")
         table.writerow(motion_log.COLUMNS)
@@ -106,24 +115,26 @@ def log(args: argparse.Namespace) -> None:
             begun, ended = (datetime.fromtimestamp(t, UTC).isoformat("T", "milliseconds") for t in motion[:2])
             table.writerow([begun, ended, *motion[2:]])
         return
+    lines: list[str] = []
     last: dict[tuple[str, int], float] = {}
     for motion in motions:
         was = last.get((motion.board, motion.axis), motion.from_steps)
         last[motion.board, motion.axis] = motion.to_steps
         gap = "" if abs(was - motion.from_steps) < 0.001 else f" (not logged: it was at {was:+.3f} before)"
-        print(
-            f"{datetime.fromtimestamp(motion.ended).astimezone().isoformat(' ', 'seconds')}  {motion.board}"
+        lines.append(
+            f"{datetime.fromtimestamp(motion.ended).astimezone().isoformat(' ', 'seconds')}"
+            f"  {names.get((motion.board.upper(), motion.axis), motion.board)}"
             f"  {motion.name}: {motion.from_steps:+.3f} to {motion.to_steps:+.3f} steps{gap}, {motion.how}"
             f" ({motion.certainty}), by {motion.who}"
         )
-    if not last:
-        print("nothing that moved since then is logged on this computer", file=sys.stderr)
+    for line in reversed(lines):
+        print(line)
 
 
 def since(text: str, now: datetime) -> datetime:
     """The local time that --since names. Raises BadValue."""
     midnight = now.replace(hour=0, minute=0, second=0, microsecond=0)
-    if text in ("today", "yesterday"):
+    if text in _DAYS:
         return midnight - timedelta(days=text == "yesterday")
     try:
         if span := _SPAN.fullmatch(text):
@@ -132,6 +143,7 @@ def since(text: str, now: datetime) -> datetime:
     except (ValueError, OverflowError):
         raise BadValue(
             f"--since is a time such as 30m, 1h, 2d, today, yesterday or 2026-01-31T18:00, not {text!r}"
+            f"{did_you_mean(text, _DAYS)}"
         ) from None
 
 
@@ -139,5 +151,5 @@ COMMANDS = (
     Command("keep", "keep the position of all axes under NAME; without one list them", keep, keep_arguments),
     Command("back", "go back to the position NAME, or to the last one that was kept", back, back_arguments),
     Command("undo", "undo the last Zero: the coordinates from before, without motion", undo, undo_arguments),
-    Command("log", "show what has moved: when, by whom, from where to where, how it ended", log, log_arguments),
+    Command("log", "show what has moved, newest first: when, who, from where to where, its end", log, log_arguments),
 )

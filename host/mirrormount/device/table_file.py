@@ -38,7 +38,7 @@ from mirrormount.device import calibration
 from mirrormount.errors import BadAddress, BadFile, BadValue, NoBoardFound
 from mirrormount.terminal import printable
 from mirrormount.transport.discovery import find, serial_number, serial_ports
-from mirrormount.values import NAME_RULE, TABLE_VARIABLE, did_you_mean, is_name
+from mirrormount.values import NAME_RULE, TABLE_VARIABLE, did_you_mean, is_name, paired
 
 AXIS_OF_X = 2  # of a board that the table does not name
 
@@ -95,6 +95,16 @@ def table_addresses() -> list[str]:
         with contextlib.suppress(NoBoardFound):
             found[port_of_entry(name, entry).address] = name
     return list(found)
+
+
+def mounts_by_axis() -> dict[tuple[str, int], str]:
+    """The names of the mounts, by their boards' unique ids in capitals and their axes' numbers. Raises BadFile."""
+    return {
+        (entry.board.upper(), number): name
+        for name, entry in read().mounts.items()
+        if entry.board
+        for number in (entry.x_axis, paired(entry.x_axis))
+    }
 
 
 def plugged_boards() -> dict[str, str]:
@@ -166,7 +176,8 @@ class CameraSettings:
 
     def __post_init__(self) -> None:
         if self.backend not in (None, *BACKENDS):
-            raise BadValue(f"the backend is {', '.join(BACKENDS)}, not {printable(str(self.backend), 40)!r}")
+            named = printable(str(self.backend), 40)
+            raise BadValue(f"the backend is {', '.join(BACKENDS)}, not {named!r}{did_you_mean(named, BACKENDS)}")
         code = self.fourcc
         if code is not None and not (len(code) == 4 and code.isascii() and code.isprintable()):
             raise BadValue(f"the fourcc has four characters, such as MJPG, not {printable(code, 40)!r}")
@@ -184,7 +195,8 @@ class CameraSettings:
                 f"the roi is at 0,0 or more, and has {_SIDES_PX[0]} pixels or more to a side, not {self.roi}"
             )
         if self.channel not in (None, *CHANNELS):
-            raise BadValue(f"the channel is {', '.join(CHANNELS)}, not {printable(str(self.channel), 40)!r}")
+            named = printable(str(self.channel), 40)
+            raise BadValue(f"the channel is {', '.join(CHANNELS)}, not {named!r}{did_you_mean(named, CHANNELS)}")
         if self.contrast is not None and not 0 <= self.contrast <= _MOST_GREY:
             raise BadValue(f"the contrast is 0 to {_MOST_GREY} grey values, not {self.contrast:g}")
 
@@ -375,7 +387,8 @@ def _names(kind: type) -> list[str]:
 def _only(entry: Mapping[str, Any], known: Sequence[str], where: str) -> None:
     for key in entry:
         if key not in known:
-            raise BadFile(f"{where}: {printable(key, 40)} is not known: {', '.join(known)} are")
+            named = printable(key, 40)
+            raise BadFile(f"{where}: {named} is not known: {', '.join(known)} are{did_you_mean(named, known)}")
 
 
 def _text(entry: Mapping[str, Any], key: str, where: str) -> str | None:
