@@ -213,6 +213,15 @@ def test_a_drift_is_told_in_angles_of_the_beam_where_there_is_a_scale(tmp_path, 
     assert "mm/sqrt(s)" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("opens", [False, True])
+def test_the_last_line_names_the_page_and_a_browser_opens_it_only_if_asked(opens, tmp_path, capsys, monkeypatch):
+    opened = []
+    monkeypatch.setattr("webbrowser.open", lambda url: not opened.append(url))
+    assert main.main(["measure", "drift", *SEED, "--minutes", "0.5", *["--open"] * opens]) == 0
+    assert capsys.readouterr().out.endswith("\nopen measure-drift.html\n")
+    assert opened == [(tmp_path / "measure-drift.html").as_uri()] * opens
+
+
 def test_ctrl_c_keeps_what_was_measured(tmp_path, capsys, monkeypatch, tables):
     class Interrupted(measure.SpotObserver):
         count = 0
@@ -226,7 +235,8 @@ def test_ctrl_c_keeps_what_was_measured(tmp_path, capsys, monkeypatch, tables):
     monkeypatch.setattr(measure, "SpotObserver", Interrupted)
     assert main.main(["measure", "drift", *SEED]) == 130
     out, err = capsys.readouterr()
-    assert "partial report: measure-drift.html" in out and err == "mirrormount: stopped\n"
+    assert out.startswith("partial report: measure-drift.html") and out.endswith("\nopen measure-drift.html\n")
+    assert err == "mirrormount: stopped\n"
     numbers = json.loads((tmp_path / "measure-drift.json").read_text())
     assert numbers["partial"] == "stopped by Ctrl-C" and len(numbers["readings"]) == 4
     assert "4 readings of the spot. The JSON file has each of them." in (tmp_path / "measure-drift.html").read_text()

@@ -68,7 +68,7 @@ def test_a_process_that_is_told_to_end_leaves_a_partial_report(name, tmp_path):
         finally:
             child.kill()  # no effect on one that has ended
     assert child.returncode == 128 + getattr(signal, name)
-    assert out == "partial report: measure-drift.html, numbers: measure-drift.json\n"
+    assert out == "partial report: measure-drift.html, numbers: measure-drift.json\nopen measure-drift.html\n"
     numbers = json.loads((tmp_path / "measure-drift.json").read_text())
     assert numbers["partial"] == f"ended by {name}" and len(numbers["readings"]) >= 3
     assert f"Ended early:</b> ended by {name}" in (tmp_path / "measure-drift.html").read_text()

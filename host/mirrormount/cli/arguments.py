@@ -225,6 +225,21 @@ def note(text: str) -> None:
     print(f"note: {text}", file=sys.stderr)
 
 
+def open_option(parser: argparse.ArgumentParser) -> None:
+    """--open, of a command that writes a page; tell_page() does it."""
+    parser.add_argument("--open", action="store_true", help="open the page in the browser at the end")
+
+
+def tell_page(page: Path, opens: bool) -> None:
+    """The last line of a command that has written a page: which file to open. opens: a browser shows it."""
+    print(f"open {page}", flush=True)
+    if opens:
+        import webbrowser
+
+        if not webbrowser.open(page.resolve().as_uri()):
+            note("no browser was found here")
+
+
 def said_yes(question: str) -> bool:
     """Ask the person. No answer is no, and so is nobody at a terminal."""
     if not (sys.stdin and sys.stdin.isatty()):

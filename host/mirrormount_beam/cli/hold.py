@@ -18,12 +18,14 @@ from mirrormount.cli.arguments import (
     camera_settings,
     from_extra,
     number,
+    open_option,
     page_of,
     patience_of,
     patience_option,
     positive,
     selection_options,
     table_option,
+    tell_page,
     virtual_address,
     virtual_options,
     web_options,
@@ -358,6 +360,7 @@ def report_arguments(parser: argparse.ArgumentParser) -> None:
     """The log and the page."""
     parser.add_argument("log", type=Path, metavar="LOG", help="the file that `mirrormount hold --log` writes")
     parser.add_argument("--html", type=Path, metavar="FILE", help="the page (default: beside the log, as .html)")
+    open_option(parser)
 
 
 def run_report(args: argparse.Namespace) -> None:
@@ -367,7 +370,7 @@ def run_report(args: argparse.Namespace) -> None:
         from mirrormount_beam.runlog import read_run
     page = args.html or args.log.with_suffix(".html")
     write_report(page, read_run(args.log))
-    print(page)
+    tell_page(page, args.open)
 
 
 COMMANDS = (

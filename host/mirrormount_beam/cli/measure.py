@@ -24,7 +24,9 @@ from mirrormount.cli.arguments import (
     mount_and_camera,
     note,
     number,
+    open_option,
     positive,
+    tell_page,
     virtual_address,
     virtual_camera,
 )
@@ -35,6 +37,7 @@ from mirrormount.errors import BadValue, CannotWrite, MountError, NotCalibrated
 from mirrormount.terminal import StatusLine, ended_in_order
 from mirrormount.transport.link import Link
 from mirrormount.transport.ports import open_table
+from mirrormount.values import did_you_mean, spelled
 from mirrormount_beam import scale as camera_scale
 from mirrormount_beam.camera import Camera, Size
 from mirrormount_beam.cameras import open_beside_mount, select
@@ -229,12 +232,14 @@ def run(args: argparse.Namespace) -> None:
             result.partial = "stopped by Ctrl-C" if isinstance(e, KeyboardInterrupt) else str(e) or type(e).__name__
             if result.readings:
                 _write(page, numbers, result, origin, observer)
+                tell_page(page, False)
             raise
         try:
             _write(page, numbers, result, origin, observer)
         finally:
             _summarise(result, optics)
         apply_result(args.apply, mount, axes, result, optics)
+    tell_page(page, args.open)
 
 
 def _check_writable(path: Path, begins: str) -> None:
@@ -266,11 +271,11 @@ def _wanted_series(args: argparse.Namespace) -> tuple[float, str] | None:
     """The size of a step that is asked for, and its unit."""
     if args.step is None:
         return None
-    size, unit = positive(args.step[0], "--step"), args.step[1]
+    size, unit = positive(args.step[0], "--step"), spelled(args.step[1])
     if args.experiment != "steps":
         raise BadValue("--step is of the experiment steps")
     if unit not in OF_PX:
-        raise BadValue(f"the unit of --step is {', '.join(OF_PX)}, not {unit!r}")
+        raise BadValue(f"the unit of --step is {', '.join(OF_PX)}, not {unit!r}{did_you_mean(unit, OF_PX)}")
     return size, unit
 
 
@@ -439,6 +444,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--report", type=Path, metavar="FILE", help="the page (default: measure-EXPERIMENT.html)")
     parser.add_argument("--json", type=Path, metavar="FILE", help="all numbers (default: beside the page)")
+    open_option(parser)
     parser.add_argument(
         "--apply", action="store_true", help="save what was measured: scales, or take-up or step on the board"
     )
