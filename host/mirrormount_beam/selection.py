@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from mirrormount.device.table_file import AUTOMATIC, CHANNELS
 from mirrormount.errors import BadValue
+from mirrormount.values import did_you_mean
 
 LEAST_PX = 32  # of a side of what is looked at
 _AT = {"green": 1, "red": 2, "blue": 0}  # in OpenCV's order; the first of equals is taken: of green are most pixels
@@ -53,7 +54,8 @@ class Selection:
         if self.mask is not None and not (isinstance(self.mask, np.ndarray) and self.mask.dtype == np.bool_):
             raise BadValue("a mask is an array of truth values (rows, columns), True where nothing is to be looked at")
         if self.channel not in CHANNELS:
-            raise BadValue(f"the channel is {', '.join(CHANNELS)}, not {str(self.channel)[:40]!r}")
+            named = str(self.channel)[:40]
+            raise BadValue(f"the channel is {', '.join(CHANNELS)}, not {named!r}{did_you_mean(named, CHANNELS)}")
         if not 0 <= self.contrast <= 0xFFFF:
             raise BadValue(f"the contrast is 0 to {0xFFFF} grey values, not {self.contrast}")
 

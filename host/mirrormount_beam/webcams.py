@@ -13,8 +13,11 @@ from typing import Any, NamedTuple, Protocol
 
 import cv2
 
+from mirrormount.device import table_file
 from mirrormount.device.table_file import CameraSettings
 from mirrormount.terminal import NETWORK, printable, without_credentials
+from mirrormount.transport.ports import TABLE_SCHEMES
+from mirrormount.values import did_you_mean, is_name
 from mirrormount_beam.camera import OF_DRIVER, Controls, Image, Limits, Picture, Size, checked
 from mirrormount_beam.errors import CameraAbsent, CameraGone, CameraSettingRefused
 from mirrormount_beam.selection import WHOLE
@@ -93,7 +96,7 @@ def open_webcam(
         number = "several cameras" if matching else "no camera, file or folder"
         known = ", ".join(f"{device.number} {device.name}" for device in devices) or "none"
         paths = ", ".join(path for device in matching for path in device.paths[:1])
-        told = f"; these tell them apart: {paths}" if paths else ""
+        told = f"; these tell them apart: {paths}" if paths else _meant(which)
         raise CameraAbsent(
             printable(f"{number} of the name {without_credentials(which)[:80]!r}; there is: {known}{told}", 1000)
         )
@@ -102,6 +105,14 @@ def open_webcam(
     place = next((os.path.basename(path) for path in device.paths if which.lower() in path.lower()), None)
     name = device.name if which.lower() in device.name.lower() or not place else f"{device.name} ({place})"
     return Webcam(_capture(device.number, settings.backend), name, limits, settings)
+
+
+def _meant(which: str) -> str:
+    """Of a name that is nearly one of the table's, or an address that begins nearly right: did_you_mean()."""
+    scheme, mark, _ = which.partition("://")
+    if mark:
+        return did_you_mean(scheme, (*NETWORK, *TABLE_SCHEMES))
+    return did_you_mean(which, table_file.read().cameras) if is_name(which) else ""
 
 
 # ---- OpenCV

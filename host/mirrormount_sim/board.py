@@ -10,10 +10,11 @@ virtual://?speed=max            in lockstep with the caller: fast, exact, the sa
 
 import contextlib
 import math
+import re
 import socket
 import tempfile
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO
@@ -22,7 +23,7 @@ from urllib.parse import parse_qsl
 from mirrormount.errors import BadAddress, BadValue, CannotOpen, ConnectionLost, MountError
 from mirrormount.terminal import printable
 from mirrormount.transport.ports import SocketPort
-from mirrormount.values import digits, typed_number
+from mirrormount.values import did_you_mean, digits, typed_number
 from mirrormount_sim import MACHINES, emulator, machines
 from mirrormount_sim.bench import Bench, Order
 from mirrormount_sim.clocks import Lockstep, serve
@@ -82,13 +83,12 @@ class Options:
             ("machine", self.machine, MACHINES),
             ("bench", self.bench, BENCHES),
             ("virtual board", self.board, tuple(BOARDS)),
+            ("encoder", self.encoder, KINDS),
         ):
-            if value not in known:
-                raise BadAddress(f"there is no {what} {value!r}: choose one of {', '.join(known)}")
+            if value is not None and value not in known:
+                raise _no_such(what, value, known)
         if self.axes not in (2, 4) or (self.axes == 4 and (self.machine, self.board) != ("cpython", "pico")):
             raise BadAddress("a virtual board has two axes; with machine=cpython and board=pico it may have four")
-        if self.encoder not in (None, *KINDS):
-            raise BadAddress(f"there is no encoder {self.encoder!r}: choose one of {', '.join(KINDS)}")
         if self.encoder == "shaft" and any(order.name == "lost" for order in self.orders):
             raise BadAddress("encoder=shaft tells angles, and has no edges to lose: fault=lost is for encoder=motor")
         of_wires = [order.name for order in self.orders if order.name in OF_WIRES]
@@ -103,10 +103,14 @@ class Options:
             raise BadAddress("the rp2040 machine keeps its files in its flash: flash=FILE (--flash), not files")
 
 
+def _no_such(what: str, name: str, known: Iterable[str]) -> BadAddress:
+    return BadAddress(f"there is no {what} {name!r}: choose one of {', '.join(known)}{did_you_mean(name, known)}")
+
+
 def profile_named(name: str, supply: str | None = None) -> Profile:
     """The profile of that name, with the supply that a person has typed. Raises BadAddress."""
     if name not in PROFILES:
-        raise BadAddress(f"there is no profile {name!r}: choose one of {', '.join(PROFILES)}")
+        raise _no_such("profile", name, PROFILES)
     profile = PROFILES[name]
     if supply is None:
         return profile
@@ -143,7 +147,7 @@ def orders_of(text: str) -> tuple[Order, ...]:
         if name not in FAULTS or motor not in ("", "m1", "m2") or not 0 <= begins_s <= _MOST_FAULT_S:
             raise BadAddress(
                 f"a fault is one of {', '.join(FAULTS)}, as in fault=broken, fault=broken@5 (after 5 s) or"
-                f" fault=m1:broken@5, not {word[:80]!r}"
+                f" fault=m1:broken@5, not {word[:80]!r}{did_you_mean(name, FAULTS)}"
             )
         orders += [Order(name, which, round(begins_s * 1e6)) for which in ([motor] if motor else ["m1", "m2"])]
     return tuple(orders)
@@ -256,6 +260,17 @@ def _files(options: Options, board: str | None, scratch: list[tempfile.Temporary
 
 # ---- ports
 
+_OPTIONS = (
+    "speed=1|max, machine=, bench=, board=, profile=, seed=NUMBER, supply=, axes=2|4, encoder=motor|shaft, fault=,"
+    " truth=, edges=, files=, image=, flash=, emi=0|1"
+)
+
+
+def wrong_option(url: str, options: str, unknown: Iterable[str]) -> BadAddress:
+    """The error of an address with another option than these, or with one that has another value."""
+    meant = "".join(did_you_mean(word, re.findall(r"(\w+)=", options)) for word in unknown)
+    return BadAddress(f"{printable(url)}: options are {options}{meant}")
+
 
 def open_virtual(url: str) -> "RealtimePort | LockstepPort":
     """A port (mirrormount.transport.ports) on a new virtual board. Raises BadAddress for an option it has not."""
@@ -268,10 +283,7 @@ def open_virtual(url: str) -> "RealtimePort | LockstepPort":
     encoder = given.pop("encoder", None)
     orders, emi = orders_of(given.pop("fault", "")), given.pop("emi", "0")
     if given or speed not in ("1", "max") or axes not in ("2", "4") or emi not in ("0", "1"):
-        raise BadAddress(
-            f"{printable(url)}: options are speed=1|max, machine=, bench=, board=, profile=, seed=NUMBER, supply=,"
-            " axes=2|4, encoder=motor|shaft, fault=, truth=, edges=, files=, image=, flash=, emi=0|1"
-        )
+        raise wrong_option(url, _OPTIONS, given)
     options = Options(seed=seed, profile=profile, axes=int(axes), encoder=encoder, orders=orders, emi=emi == "1")
     simulation = make_simulation(replace(options, **texts, **paths))
     try:

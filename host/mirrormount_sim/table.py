@@ -30,15 +30,21 @@ from urllib.parse import parse_qsl
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrormount.errors import BadAddress
-from mirrormount.terminal import printable
 from mirrormount_beam.camera import Controls, Image, Limits, Picture, Size, checked
 from mirrormount_beam.errors import CameraGone
 from mirrormount_beam.scale import Scale
 from mirrormount_beam.selection import WHOLE
 from mirrormount_sim.beams import draw_beam, draw_defects, draw_window
 from mirrormount_sim.bench import INCIDENCE, POWER
-from mirrormount_sim.board import LockstepPort, Options, RealtimePort, make_simulation, profile_named, seed_of
+from mirrormount_sim.board import (
+    LockstepPort,
+    Options,
+    RealtimePort,
+    make_simulation,
+    profile_named,
+    seed_of,
+    wrong_option,
+)
 from mirrormount_sim.clocks import Lockstep
 from mirrormount_sim.mechanics import KINDS
 from mirrormount_sim.optics import DEFAULT, BeamPath, Day, Drift, Fibre, Geometry, Sensor, Spot
@@ -666,6 +672,12 @@ def _geometry(kind: Kind) -> Geometry:
     return Geometry(geometry.laser_m, geometry.between_m, geometry.cameras_m[-1:])
 
 
+_OPTIONS = (
+    "mounts=1|2, cameras=1|2, profile=, seed=NUMBER, supply=, encoder=motor|shaft,"
+    f" off=0 … {MOST_OFF_MM:g} (mm), window=0|1, emi=0|1, speed=max|1"
+)
+
+
 def open_table(url: str) -> VirtualTable:
     """A new table. Raises BadAddress for an option it has not."""
     given = dict(parse_qsl(url.removeprefix(_SCHEME).removeprefix("?"), keep_blank_values=True))
@@ -684,10 +696,6 @@ def open_table(url: str) -> VirtualTable:
         or encoder not in (None, *KINDS)
         or not off_mm <= MOST_OFF_MM
     ):
-        raise BadAddress(
-            f"{printable(url)}: options are mounts=1|2, cameras=1|2, profile=, seed=NUMBER, supply=,"
-            " encoder=motor|shaft,"
-            f" off=0 … {MOST_OFF_MM:g} (mm), window=0|1, emi=0|1, speed=max|1"
-        )
+        raise wrong_option(url, _OPTIONS, given)
     options = {"encoder": encoder, "window": window == "1", "emi": emi == "1", "realtime": speed == "1"}
     return VirtualTable(Kind(int(mounts), int(cameras), profile, seed, off_mm, **options))

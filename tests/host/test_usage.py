@@ -103,10 +103,38 @@ def test_a_value_that_cannot_be_is_an_error_like_any_other(words, capsys):
         (("statsu",), "status"),
         (("camera", "shwo"), "show"),
         (("move", "x", "1", "beam-mard"), "beam-mrad"),
+        (("virtual", "--profile", "ruogh"), "rough"),
+        (("jog", "x", "0.5", "--secnds", "3", *PORT), "--seconds"),
     ],
 )
 def test_a_word_that_is_nearly_right_is_answered_with_the_right_one(words, meant, capsys):
     assert meant in refused(capsys, *words).splitlines()[-1].partition("; did you mean ")[2]
+
+
+@pytest.mark.parametrize(
+    ("words", "meant"),
+    [
+        (("step", "x", "1mard"), "mrad"),
+        (("status", "--port", "virtual://?profile=ruogh"), "rough"),
+        (("status", "--port", "virtual://?bench=swiches"), "switches"),
+        (("status", "--port", "virtual://?machin=cpython"), "machine"),
+        (("status", "--port", "virtul://"), "virtual"),
+        (("status", "--port", "virtual://?fault=m1:brokn"), "broken"),
+        (("camera", "show", "--camera", "virtual-table://?camera=1"), "cameras"),
+        (("camera", "show", "--camera", "virtal-table://"), "virtual-table"),
+        (("camera", "show", "--camera", "neer"), "near"),
+        (("camera", "show", "--virtual", "--channel", "gren"), "green or grey"),
+        (("camera", "show", "--camera", "0", "--backend", "v4l"), "v4l2"),
+        (("table", "remove", "neer"), "near"),
+        (("measure", "steps", "--virtual", "--step", "3", "mard"), "mrad"),
+        (("align", "--signal", "fibre", "--virtual", "--axes", "secnd.y"), "second.y or second.x"),
+        (("log", "--since", "yestrday"), "yesterday"),
+    ],
+)
+def test_a_name_that_is_nearly_right_is_answered_with_the_right_one(words, meant, capsys, own_folder, tmp_path):
+    (tmp_path / "table.toml").write_text('[cameras.near]\ncamera = "0"\n')
+    assert main.main([*words]) == 1
+    assert f"; did you mean {meant}?\n" in capsys.readouterr().err
 
 
 def test_a_setting_that_is_nearly_right_is_answered_with_the_right_one(capsys):

@@ -20,7 +20,7 @@ from mirrormount.device.table_file import CameraEntry, MountEntry, TableFile
 from mirrormount.errors import BadValue, NoBoardFound
 from mirrormount.terminal import printable, without_credentials
 from mirrormount.transport.discovery import find_one
-from mirrormount.values import paired
+from mirrormount.values import did_you_mean, paired
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -124,7 +124,8 @@ def remove_name(args: argparse.Namespace) -> None:
     """Forget a name. What was measured of the mount is kept under its board's id."""
     table = table_file.read()
     if args.name not in table.mounts and args.name not in table.cameras:
-        raise BadValue(f"{printable(args.name, 40)} is no name of {table_file.path()}")
+        name, names = printable(args.name, 40), [*table.mounts, *table.cameras]
+        raise BadValue(f"{name} is no name of {table_file.path()}{did_you_mean(name, names)}")
     mounts = {name: entry for name, entry in table.mounts.items() if name != args.name}
     cameras = {name: entry for name, entry in table.cameras.items() if name != args.name}
     _write(TableFile(mounts, cameras))

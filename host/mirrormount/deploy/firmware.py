@@ -19,6 +19,7 @@ from mirrormount.errors import DeployError
 from mirrormount.files import scratch_folder
 from mirrormount.supported import Version
 from mirrormount.terminal import printable
+from mirrormount.values import did_you_mean
 from mountfw import board_file as rules
 
 PACKAGE = "mountfw"
@@ -208,7 +209,7 @@ def known_hashes() -> Iterator[str]:
 def check_choice(board: str | None, files: Collection[str]) -> None:
     """Raise DeployError unless the board file that --board names is among these paths."""
     if board and board not in (known := boards(files)):
-        raise DeployError(f"there is no board file {board!r}, only {', '.join(known)}")
+        raise DeployError(f"there is no board file {board!r}, only {', '.join(known)}{did_you_mean(board, known)}")
 
 
 def check_board_file(name: str, files: Collection[str]) -> None:

@@ -31,7 +31,7 @@ from mirrormount.errors import (
 )
 from mirrormount.terminal import install_command, printable
 from mirrormount.transport.stop_socket import owners, who_has
-from mirrormount.values import host_and_port
+from mirrormount.values import did_you_mean, host_and_port
 
 WRITE_S = 2.0  # longest time that a write waits
 
@@ -143,7 +143,9 @@ class SerialPort:
             self._serial.write_timeout = WRITE_S
             self._serial.open()
         except ValueError as e:
-            raise BadAddress(f"{address}: not a port's address") from e
+            scheme, mark, _ = address.partition("://")
+            meant = did_you_mean(scheme, SCHEMES) if mark else ""
+            raise BadAddress(f"{address}: not a port's address{meant}") from e
         except (OSError, serial.SerialException) as e:
             raise explain_open_error(address, e) from e
 

@@ -8,6 +8,7 @@ from mirrormount.cli.arguments import camera_settings, patience_of, positive, vi
 from mirrormount.device.mount import Mount
 from mirrormount.errors import BadValue
 from mirrormount.terminal import ended_in_order
+from mirrormount.values import did_you_mean
 from mirrormount_beam.cli.hold import check_numbers, told, virtual_table, write_numbers
 from mirrormount_beam.control.interfaces import LoopTable
 from mirrormount_beam.control.maximise import Maximum, maximise
@@ -41,7 +42,7 @@ def _axes(text: str | None, names: list[str]) -> list[str]:
     asked = [name.strip() for name in text.split(",")] if text else names
     for name in asked:
         if name not in names:
-            raise BadValue(f"--axes: there is no {name!r}; there are {', '.join(names)}")
+            raise BadValue(f"--axes: there is no {name!r}; there are {', '.join(names)}{did_you_mean(name, names)}")
     return asked
 
 
@@ -87,7 +88,8 @@ def _real(args: argparse.Namespace, baud: int) -> Opened:
         def ask(name: str, question: Callable[[Mount], int]) -> int:
             names = list(table.supervisors)
             if name and name not in names:
-                raise BadValue(f"--signal board:{name}: there is no such mount; there are {', '.join(names)}")
+                there = f"{', '.join(names)}{did_you_mean(name, names)}"
+                raise BadValue(f"--signal board:{name}: there is no such mount; there are {there}")
             return answer(table.supervisors[name or names[0]].ask(question))
 
         with open_signal(args.signal, ask, camera_settings(args), args.query, baud) as source:
