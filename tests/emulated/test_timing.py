@@ -57,6 +57,12 @@ def test_nothing_is_timed_on_another_board_or_unless_the_supply_is_said_to_be_of
     assert not list(tmp_path.iterdir())
 
 
+def test_what_is_code_in_a_row_is_code_on_the_page(tmp_path):
+    told = timing.report({"board": "a <board>"}, {"pulse": [-3.0, 1.0]}, [2.0])
+    page = timing.write(told, tmp_path / "report")[1].read_text(encoding="utf-8")
+    assert "a &lt;board&gt;" in page and "<code>!</code> to both enables low" in page and "`" not in page
+
+
 def test_after_a_stop_nothing_more_is_driven():
     class Wire:
         def __init__(self):

@@ -15,10 +15,11 @@ import re
 import statistics
 import struct
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from importlib.resources import files as package_files
 from pathlib import Path
+from typing import Any
 
 from mirrormount.deploy import prompt
 from mirrormount.device.mount import encode_frame
@@ -328,27 +329,13 @@ class Trials:
         return {name: found for name, found in values.items() if found}
 
 
-MEASURED = {
-    "frame-burst": "from the interrupt of its USB packet on, full duty",
-    "frame-alone": "from the interrupt of its USB packet on",
-    "stop-run-gate": "from the interrupt of its USB packet on",
-    "stop-stream-gate": "from the interrupt of its USB packet on; the host's clock paces the frames",
-    "pulse": "1 ms to 200 ms",
-    "pulse-shortest": "",
-    "keep-alive": "from the interrupt of the last USB packet on, XK is 100 ms",
-}
-_NO_GATE = "not measured: it is of a firmware without the gate, and the board is left as it is"
-_HANGS = "not measured: the firmware would have to hang"
-NOT_MEASURED = {
-    "stop-run": _NO_GATE,
-    "stop-stream": _NO_GATE,
-    "hanging-stop": _HANGS,
-    "hanging-stop-gate": _HANGS,
-    "rate": "not measured: the clock of a host cannot pace the frames",
-    "end-stop": "not measured: nothing but a person turns a switch",
-    "record": "not measured: it writes the flash after 10 s of rest",
-    "reset": "not measured: no clock of the board runs in a reset",
-}
+MEASURED = ("frame-burst", "frame-alone", "stop-run-gate", "stop-stream-gate", "pulse", "pulse-shortest", "keep-alive")
+NOTES = (
+    "The emulator's figures are those of docs/performance.md, the board's are by its own timer, to 1 µs: from the"
+    " interrupt of the USB packet on, which only the gate times; of pulses 1 to 200 ms long; of `XK100`.",
+    "Rows without a figure of the board need a firmware without the gate, or one that hangs; frames in better pace"
+    " than a host's clock has; a switch that a person turns; a write to the flash; or a clock that runs in a reset.",
+)
 
 
 def _on_us(seen: list[Change], axes: Sequence[int]) -> list[int]:
@@ -390,55 +377,49 @@ def emulated() -> list[dict]:
 
 def report(about: dict[str, str], values: Values, round_trips_ms: Sequence[float]) -> dict:
     """The report as data: what ran, and each row of docs/performance.md with what the board has measured."""
-    rows = []
-    for row in emulated():
-        name, found = row["name"], values.get(row["name"])
-        why = MEASURED.get(name) if found else NOT_MEASURED.get(name, "not measured: the gate is not in place")
-        board = {"n": len(found), **_summary(found), "values": found} if found else None
-        rows.append({**row, "board": board, "remark": why})
-    trips = {"n": len(round_trips_ms), **_summary(round_trips_ms)} if round_trips_ms else None
-    return {"about": about, "rows": rows, "round_trip_of_IDN_ms_by_the_host": trips}
+    rows = [{**row, "board": _summary(values.get(row["name"], ()))} for row in emulated()]
+    trips = _summary(round_trips_ms)
+    return {"about": about, "notes": NOTES, "rows": rows, "round_trip_of_IDN_ms_by_the_host": trips}
 
 
-def _summary(values: Sequence[float]) -> dict[str, float]:
+def _summary(values: Sequence[float]) -> dict[str, Any] | None:
+    """How many values, their magnitudes' median and largest, and themselves; None without any."""
+    if not values:
+        return None
     sizes = [abs(value) for value in values]
-    return {"median": round(statistics.median(sizes), 4), "worst": round(max(sizes), 4)}
+    median, worst = round(statistics.median(sizes), 4), round(max(sizes), 4)
+    return {"n": len(sizes), "median": median, "worst": worst, "values": list(values)}
 
 
-_STYLE = """:root{color-scheme:light dark}body{font:16px/1.5 system-ui,sans-serif;margin:0 auto;max-width:70rem;
-padding:1rem}.wide{overflow-x:auto}table{border-collapse:collapse}
-td,th{padding:.25rem .75rem .25rem 0;text-align:left;border-bottom:1px solid #8886;vertical-align:top}
-td{min-width:2rem}td.n{text-align:right;white-space:nowrap;font-variant-numeric:tabular-nums}"""
+_HEAD = """<!doctype html><html lang="en"><meta charset="utf-8"><meta name="viewport" content="width=device-width">
+<title>Timing of a board</title><style>:root{color-scheme:light dark}body{font-family:sans-serif;max-width:70rem;
+margin:auto;padding:1rem}div{overflow-x:auto}td,th{padding:.25rem .5rem;text-align:left;vertical-align:top}
+td:nth-child(n+3){text-align:right}</style><h1>Timing of a board</h1>"""
+_COLUMNS = ("row", "unit", "emulator, median", "worst", "board, n", "median", "worst")
 
 
 def html_of(told: dict, send: str) -> str:
     """The report as one page."""
-    text = lambda value: html.escape(str(value))  # noqa: E731
-    facts = "".join(f"<tr><th>{text(k)}</th><td>{text(v)}</td></tr>" for k, v in told["about"].items())
-    lines = []
-    for row in told["rows"]:
-        board = row["board"]
-        cells = (row["median"], row["worst"], *((board["n"], board["median"], board["worst"]) if board else ("",) * 3))
-        numbers = "".join(f"<td class=n>{text(cell)}</td>" for cell in cells)
-        lines.append(
-            f"<tr><td>{text(row['what'])}</td><td>{text(row['unit'])}</td>{numbers}"
-            f"<td>{text(row['remark'] or '')}</td></tr>"
-        )
-    trips = told["round_trip_of_IDN_ms_by_the_host"]
-    host = (
-        f"<p>The host timed {trips['n']} round trips of <code>*IDN?</code>: median {trips['median']:.3g} ms, worst"
-        f" {trips['worst']:.3g} ms.</p>"
-        if trips
-        else ""
-    )
-    return (
-        '<!doctype html><html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width,'
-        f'initial-scale=1"><title>Timing of a board</title><style>{_STYLE}</style></head><body>'
-        f"<h1>Timing of a board</h1><div class=wide><table>{facts}</table></div>"
-        "<p>The emulator's figures are those of docs/performance.md. The board's are by its own timer, to 1 µs.</p>"
-        "<div class=wide><table><tr><th>row<th>unit<th>emulator, median<th>worst<th>board, n<th>median<th>worst<th>"
-        f"remark</tr>{''.join(lines)}</table></div>{host}<p>{text(send)}</p></body></html>\n"
-    )
+    rows = [
+        (row["what"], row["unit"], row["median"], row["worst"], *list((row["board"] or {}).values())[:3])
+        for row in told["rows"]
+    ]
+    notes = [*told["notes"], send]
+    if trips := told["round_trip_of_IDN_ms_by_the_host"]:
+        sizes = f"median {trips['median']:.3g} ms, worst {trips['worst']:.3g} ms"
+        notes.insert(0, f"The host timed {trips['n']} round trips of `*IDN?`: {sizes}.")
+    paragraphs = "".join(f"<p>{_marked(note)}" for note in notes)
+    return f"{_HEAD}{_table(told['about'].items())}{_table([_COLUMNS, *rows])}{paragraphs}\n"
+
+
+def _table(rows: Iterable[Iterable[object]]) -> str:
+    lines = ("".join(f"<td>{_marked(cell)}" for cell in row) for row in rows)
+    return f"<div><table>{''.join(f'<tr>{line}' for line in lines)}</table></div>"
+
+
+def _marked(text: object) -> str:
+    """The text in HTML; what stands between backticks is code."""
+    return re.sub("`(.+?)`", r"<code>\1</code>", html.escape(str(text)))
 
 
 def timed(link: Link, stops: prompt.StopAnswer, n: int) -> tuple[dict, Seen]:
