@@ -433,6 +433,8 @@ class Run:
 
 def read_run(path: Path) -> Run:
     """Read a log, of a run that goes on as well. Raises BadFile if it is none."""
+    if not path.exists():
+        raise BadFile(f"{path}: there is no such file")
     try:
         with contextlib.closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)) as file:
             run = _read(file)

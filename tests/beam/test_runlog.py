@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from loop_rig import Rig
 
+from mirrormount.cli.main import main
 from mirrormount.errors import BadFile, CannotWrite
 from mirrormount.terminal import printable
 from mirrormount_beam import runlog
@@ -239,7 +240,7 @@ def test_a_file_that_is_no_log_is_one_line(tmp_path, content):
         read_run(path)
     with pytest.raises(BadFile, match="no log of a run"):
         read_run(tmp_path)
-    with pytest.raises(BadFile, match="no log of a run"):
+    with pytest.raises(BadFile, match=r"nothing\.sqlite: there is no such file"):
         read_run(tmp_path / "nothing.sqlite")
     assert not (tmp_path / "nothing.sqlite").exists()
 
@@ -287,6 +288,16 @@ def test_the_page_tells_it_in_words_and_curves_and_holds_nothing_of_others(writt
     assert "&lt;two&gt; mounts" in text and "<two>" not in text
     for words in ("near, µm", "far, µm", "angle of the beam, µrad", "hour 2", "no spot", "near: too dark", "78"):
         assert words in text
+
+
+@pytest.mark.parametrize("opens", [False, True])
+def test_the_command_ends_with_the_page_and_opens_it_only_if_asked(opens, written, tmp_path, capsys, monkeypatch):
+    opened = []
+    monkeypatch.setattr("webbrowser.open", lambda url: not opened.append(url))
+    page = tmp_path / "page.html"
+    assert main(["report", str(written), "--html", str(page), *["--open"] * opens]) == 0
+    assert capsys.readouterr().out == f"open {page}\n"
+    assert opened == [page.as_uri()] * opens
 
 
 def test_a_report_replaces_no_file_but_a_page(written, tmp_path):
