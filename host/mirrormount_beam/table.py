@@ -20,6 +20,7 @@ from mirrormount.device.table_file import CameraEntry, CameraSettings
 from mirrormount.errors import BadFile, MountError, MoveEnded, NoAnswer, NotCalibrated
 from mirrormount.supervise.motions import Motion
 from mirrormount.supervise.supervisor import Program, Supervised, Supervisor, supervised
+from mirrormount.transport.link import Link
 from mirrormount.values import PATIENCE_S
 from mirrormount_beam import scale
 from mirrormount_beam.camera import Camera, Image, Size
@@ -173,6 +174,20 @@ class LocalTable:
         self.now_s = now_s
         self._sleep = sleep
         self._mounts = list(mounts.values())
+
+    @classmethod
+    def of_virtual(cls, table: Any, mounts: Mapping[str, Mount] | None = None) -> Self:
+        """Of a virtual table. Each camera's target is the middle of its picture.
+
+        mounts: those that are open already; None: all are opened, as first and second.
+        """
+        if mounts is None:
+            mounts = {name: Mount(Link(port)) for name, port in zip(("first", "second"), table.ports, strict=False)}
+        cameras = []
+        for camera in table.cameras:
+            middle, um = ((camera.size.width - 1) / 2, (camera.size.height - 1) / 2), 1000 * camera.scale.mm_per_px
+            cameras.append(TargetCamera(camera.name, camera, middle, (um, um), camera.distance_m))
+        return cls(mounts, cameras, table.now_s, table.sleep)
 
     def stop(self) -> None:
         """As LoopTable.stop(). A board that has gone, or is slow to confirm it, keeps no other one from its stop."""

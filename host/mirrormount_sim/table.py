@@ -30,7 +30,10 @@ from urllib.parse import parse_qsl
 import numpy as np
 from numpy.typing import NDArray
 
+from mirrormount.device import mount as device
+from mirrormount.transport.link import Link
 from mirrormount_beam.camera import Controls, Image, Limits, Picture, Size, checked
+from mirrormount_beam.cameras import SpotCamera
 from mirrormount_beam.errors import CameraGone
 from mirrormount_beam.scale import Scale
 from mirrormount_beam.selection import WHOLE
@@ -537,7 +540,7 @@ class Kind:
 
 
 class VirtualTable:
-    """An open table: ports for `Mount(Link(port))`, cameras, a clock, and the truth.
+    """An open table: mounts (or their ports, for Mount(Link(port))), cameras, a clock, and the truth.
 
     In lockstep time passes in a port's read() and sleep(), in a camera's frames(), and in sleep(); on all boards alike.
     """
@@ -585,6 +588,14 @@ class VirtualTable:
             from_mm = 1000 * distance_m if kind.mounts == 1 else None
             camera.scale = Scale(*camera.size, sensor.pixel_mm, 0.0, from_mm, 0.0, math.degrees(INCIDENCE))
             self.cameras.append(camera)
+
+    def mount(self, number: int = 1) -> device.Mount:
+        """The first or the second mount, opened. Raises as Mount.open()."""
+        return device.Mount(Link(self.ports[number - 1]))
+
+    def camera(self, number: int = 1) -> SpotCamera:
+        """The first or the second camera, which is asked for the spot."""
+        return SpotCamera(self.cameras[number - 1])
 
     def power(self) -> float:
         """What a power meter at the fibre shows, of 1 for all light; a reading takes READING_S."""
