@@ -1,6 +1,7 @@
 """Cameras by their addresses: webcams, cameras of the network, files, and cameras of a virtual table."""
 
 import os
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Self
@@ -8,6 +9,7 @@ from typing import Self
 from mirrormount.device import table_file
 from mirrormount.device.table_file import AUTOMATIC, CameraSettings
 from mirrormount.errors import BadAddress, BadValue
+from mirrormount.markup import html_text
 from mirrormount.terminal import printable
 from mirrormount.transport.ports import TABLE_SCHEMES, open_table
 from mirrormount.values import is_name
@@ -19,6 +21,7 @@ from mirrormount_beam.recordings import Folder, open_file, read_mask
 from mirrormount_beam.scale import Scale
 from mirrormount_beam.selection import Selection
 from mirrormount_beam.spot.find import NoSpot, Spot, find_spot
+from mirrormount_beam.spot.picture import as_png, html_picture
 from mirrormount_beam.webcams import open_webcam
 
 
@@ -53,11 +56,13 @@ class SpotCamera:
     with SpotCamera.open("0") as camera:
         spot = camera.spot()
 
-    camera: the Camera itself, for all else.
+    camera: the Camera itself, for all else. last: the image that spot() has looked at last, and what was in it.
     """
 
     def __init__(self, camera: Camera) -> None:
         self.camera = camera
+        self.last: tuple[Image, Spot | NoSpot] | None = None
+        self._lock = threading.Lock()  # a cell of a notebook and the page of show() may ask at the same time
         settle_s = 0.0 if isinstance(camera, Folder) else SETTLE_S  # no mount moves the beam in pictures of files
         self._observer = SpotObserver(camera, settle_s=settle_s)
 
@@ -71,7 +76,25 @@ class SpotCamera:
 
         Of files it is the next picture. Raises CameraError, also if no such image comes or the files are at their end.
         """
-        return find_spot(self._observer.settled())
+        with self._lock:
+            image = self._observer.settled()
+            found = find_spot(image)
+            self.last = image, found
+        return found
+
+    def png(self) -> bytes | None:
+        """The last image with the spot drawn into it; None before the first. The camera is not asked."""
+        if not self.last:
+            return None
+        image, found = self.last
+        return as_png(image.selection.shown(image.image), found)
+
+    def _repr_html_(self) -> str:
+        picture = self.png()
+        name = html_text(self.camera.name)
+        return (
+            f"{html_picture(picture, 'the last picture')}<p>{name}</p>" if picture else f"<p>{name}: not asked yet</p>"
+        )
 
     def close(self) -> None:
         """Release the camera."""

@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mirrormount.markup import html_table, html_text
+
 _ROUNDING = 1e-12  # relative error of a chain of floating-point operations
 _TWO_SIDED = 2.0  # standard deviations that the quantile is taken at
 
@@ -133,6 +135,13 @@ class Result:
     remarks: list[str] = field(default_factory=list)
     partial: str = ""
     moves: bool = True
+
+    def _repr_html_(self) -> str:
+        early = f"<p><b>Ended early:</b> {html_text(self.partial)}</p>" if self.partial else ""
+        rows = [(name, estimate, estimate.count) for name, estimate in self.estimates.items()]
+        caption = f"measure {self.experiment}: {len(self.readings)} readings"
+        told = "".join(f"<p>{html_text(remark)}</p>" for remark in self.remarks)
+        return early + html_table(("", "measured", "of samples"), rows, caption) + told
 
     def to_json(self) -> dict[str, Any]:
         """All numbers with units and errors."""

@@ -4,8 +4,6 @@ The report of a measurement has its pictures, and JSON beside it has every numbe
 is made of its log: how well the beam was held, what it would have done without the loop, and what the loop did.
 """
 
-import base64
-import html
 import io
 import json
 import math
@@ -15,17 +13,17 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from mirrormount import files
+from mirrormount.markup import html_table, html_text
 from mirrormount.terminal import printable
-from mirrormount_beam.camera import as_bytes
 from mirrormount_beam.estimates import Estimate, Result, Series
 from mirrormount_beam.runlog import MINUTE_S, ErrorSums, Minute, Run, joined, spectrum
 from mirrormount_beam.scale import Optics
 from mirrormount_beam.spot.find import Spot
+from mirrormount_beam.spot.picture import as_png, html_picture
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -57,11 +55,6 @@ _FEW = 3  # columns of a table that fit a phone
 BEGINS = '<!doctype html><html lang="en"><head><meta charset="utf-8"><meta name="viewport" '
 
 
-def html_text(value: object) -> str:
-    """Anything as text of a page."""
-    return html.escape(str(value))
-
-
 def html_page(title: str, parts: Sequence[str], reload_s: int | None = None) -> str:
     """A whole page. title is text, parts are HTML. reload_s: a browser loads it again after so many seconds."""
     again = f'<meta http-equiv="refresh" content="{reload_s}">' if reload_s else ""
@@ -73,25 +66,10 @@ def html_page(title: str, parts: Sequence[str], reload_s: int | None = None) -> 
     )
 
 
-def html_table(head: Sequence[object], rows: Sequence[Sequence[object]]) -> str:
-    """Rows of texts; the first of each is a name, the others are figures."""
-    titles = "".join(f"<th>{html_text(title)}</th>" for title in head)
-    lines = "".join(
-        f"<tr><td>{_breakable(name)}</td>"
-        + "".join(
-            f'<td class=n data-of="{html_text(of)}">{html_text(cell)}</td>'
-            for of, cell in zip(head[1:], cells, strict=True)
-        )
-        + "</tr>"
-        for name, *cells in rows
-    )
+def _wide_table(head: Sequence[object], rows: Sequence[Sequence[object]]) -> str:
+    """A table that a phone shows, too."""
     kind = "wide many" if len(head) > _FEW else "wide"
-    return f'<div class="{kind}"><table><tr>{titles}</tr>{lines}</table></div>'
-
-
-def _breakable(name: object) -> str:
-    """A name that a phone may break between its words: x.to_positive.repeatability."""
-    return html_text(name).replace("_", "_<wbr>").replace(".", ".<wbr>")
+    return f'<div class="{kind}">{html_table(head, rows)}</div>'
 
 
 def html_chart(title: str, draw: "Callable[[Axes], object]", height: float = 3.2, width: float = 7.0) -> str:
@@ -166,7 +144,8 @@ def write_page(path: Path, result: Result, origin: Origin, last: tuple[NDArray[A
     for series in [*result.series, *(_readings(result) if result.partial and not result.series else ())]:
         parts += [f"<h2>{html_text(series.title)}</h2>", _chart(series)]
     if last:
-        parts += ["<h2>The camera's last picture, with the spot that was found</h2>", _picture(*last)]
+        picture = html_picture(as_png(*last), "the spot in the picture")
+        parts += ["<h2>The camera's last picture, with the spot that was found</h2>", picture]
     parts += ["<h2>Settings of the mount</h2>", _settings(origin.settings)]
     files.write_atomic(path, html_page(f"measure {result.experiment}", parts))
 
@@ -200,7 +179,7 @@ def _table(result: Result, optics: Optics) -> str:
     shown = {title: cells for title, cells in columns.items() if any(cells)}
     cells_of = zip(estimates, *shown.values(), strict=True)
     rows = [(name, *(_in_words(cell) if cell else "" for cell in cells)) for name, *cells in cells_of]
-    return html_table(("", *shown), rows)
+    return _wide_table(("", *shown), rows)
 
 
 def _in_words(estimate: Estimate) -> str:
@@ -211,7 +190,7 @@ def _in_words(estimate: Estimate) -> str:
 
 def _settings(settings: Mapping[str, Mapping[str, int | float]]) -> str:
     names = dict.fromkeys(name for values in settings.values() for name in values)
-    return html_table(("", *settings), [(name, *(each.get(name, "") for each in settings.values())) for name in names])
+    return _wide_table(("", *settings), [(name, *(each.get(name, "") for each in settings.values())) for name in names])
 
 
 def _chart(series: Series) -> str:
@@ -234,15 +213,6 @@ def _chart(series: Series) -> str:
             axes.legend(fontsize="small", loc="center")
 
     return html_chart(series.title, draw, height=4.0 if series.in_picture else 2.8, width=5.2)
-
-
-def _picture(image: NDArray[Any], spot: Spot) -> str:
-    shown = cv2.cvtColor(as_bytes(image), cv2.COLOR_GRAY2BGR)
-    at = round(spot.x), round(spot.y)
-    cv2.circle(shown, at, round(max(spot.width, spot.height) * 2), (60, 180, 255), 1, cv2.LINE_AA)
-    cv2.drawMarker(shown, at, (60, 180, 255), cv2.MARKER_CROSS, 12, 1, cv2.LINE_AA)
-    data = cv2.imencode(".png", shown)[1].tobytes()
-    return f'<img alt="the spot in the picture" src="data:image/png;base64,{base64.b64encode(data).decode()}">'
 
 
 # ---- runs
@@ -312,7 +282,7 @@ def _results(run: Run) -> str:
         ("interlocks that tripped", sum(minute.interlocks for minute in run.minutes)),
         ("observations without a spot", sum(minute.missed for minute in run.minutes)),
     ]
-    return html_table(head, rows) + html_table(("", ""), counts)
+    return _wide_table(head, rows) + _wide_table(("", ""), counts)
 
 
 def _figure(value: float) -> str:
@@ -335,7 +305,7 @@ def _hours(run: Run) -> str:
         )
         rows.append((f"hour {hour + 1}", *cells, corrections, reversals, trips))
     head = ("", *(f"{camera}, µm rms" for camera in cameras), "corrections", "reversals", "interlocks")
-    return html_table(head, rows)
+    return _wide_table(head, rows)
 
 
 def _of_observations(run: Run) -> Iterator[str]:
@@ -437,4 +407,4 @@ def _interlocks(run: Run) -> str:
     if not rows:
         return "<p>None has tripped.</p>"
     more = f"<p>The first {_TRIPS_SHOWN} of {len(rows)}.</p>" if len(rows) > _TRIPS_SHOWN else ""
-    return html_table(("", "number", "interlock", "cause"), rows[:_TRIPS_SHOWN]) + more
+    return _wide_table(("", "number", "interlock", "cause"), rows[:_TRIPS_SHOWN]) + more

@@ -37,12 +37,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 from mirrormount import files
 from mirrormount.device.mount import Mount
 from mirrormount.errors import BadValue, CannotWrite, ExtraMissing, MountError
+from mirrormount.markup import html_table, html_text
 from mirrormount.terminal import install_command
 from mirrormount.values import whole_number
 from mirrormount_beam.camera import Camera, Image
 from mirrormount_beam.errors import SpotLost
 from mirrormount_beam.observe import OF_MEASUREMENT, SpotObserver
-from mirrormount_beam.report import BEGINS, html_page, html_text
+from mirrormount_beam.report import BEGINS, html_page
 from mountfw import __version__
 
 if TYPE_CHECKING:
@@ -173,6 +174,12 @@ class Sample:
     certainty_y: str
     values: tuple[float, ...]
     missing: str = ""
+
+    def _repr_html_(self) -> str:
+        values = self.missing or ", ".join(f"{value:.5g}" for value in self.values)
+        at = f"{self.position_x:+.3f}, {self.position_y:+.3f} ({self.certainty_x}, {self.certainty_y})"
+        rows = [(f"{self.x}, {self.y}", at, values)]
+        return html_table(("x, y, steps from the start", "positions", "values"), rows)
 
 
 @dataclass(frozen=True)
@@ -305,11 +312,12 @@ _DARK, _MIDDLE, _BRIGHT = (48, 18, 92), (198, 66, 84), (252, 230, 120)
 
 
 class ScanPage:
-    """The page of one scan. columns of errors are not shown."""
+    """The page of one scan. columns of errors are not shown. path None: no file, for a notebook, which shows it."""
 
-    def __init__(self, path: Path, pattern: Pattern, signal: Signal) -> None:
+    def __init__(self, path: Path | None, pattern: Pattern, signal: Signal) -> None:
         """Write the empty page. Raises CannotWrite, also if a file is there that is no page."""
-        files.check_replaceable(path, BEGINS)
+        if path:
+            files.check_replaceable(path, BEGINS)
         self._path, self._pattern, self._signal = path, pattern, signal
         self._samples: list[Sample] = []
         measured = [place for place in pattern.places if place.measured]
@@ -332,20 +340,29 @@ class ScanPage:
         self._write(how)
 
     def _write(self, ended: str) -> None:
+        if not self._path:
+            return
         begun_s = time.monotonic()
         state = f"Ended: {ended}" if ended else "Under way; this page reloads itself"
         parts = [
             f"<h1>mirrormount scan {html_text(self._pattern.name)}</h1>",
-            f"<p>{len(self._samples)} of {self._pattern.measured} places. {html_text(state)}.</p>",
+            *self._maps(f"{html_text(state)}."),
         ]
+        files.write_atomic(self._path, html_page("mirrormount scan", parts, None if ended else _RELOAD_S))
+        self._next_s = time.monotonic() + max(_EVERY_S, _SHARE * (time.monotonic() - begun_s))
+
+    def _repr_html_(self) -> str:
+        return "".join(self._maps())
+
+    def _maps(self, state: str = "") -> list[str]:
+        parts = [f"<p>{len(self._samples)} of {self._pattern.measured} places. {state}</p>"]
         for k, (name, unit) in enumerate(self._signal.columns.items()):
             if not name.startswith("error_"):
                 parts += self._map(k, name, unit)
         missing = [sample.missing for sample in self._samples if sample.missing]
         if missing:
             parts.append(f"<p>{len(missing)} without a value; the last: {html_text(missing[-1])}</p>")
-        files.write_atomic(self._path, html_page("mirrormount scan", parts, None if ended else _RELOAD_S))
-        self._next_s = time.monotonic() + max(_EVERY_S, _SHARE * (time.monotonic() - begun_s))
+        return parts
 
     def _map(self, k: int, name: str, unit: str) -> Sequence[str]:
         known = [sample.values[k] for sample in self._samples if sample.values]

@@ -8,7 +8,6 @@ that editors and type checkers know each by its name.
 """
 
 import contextlib
-import html
 import logging
 import math
 from collections.abc import Callable
@@ -20,6 +19,7 @@ from mirrormount.device import calibration, presets, settings
 from mirrormount.device.session import Session
 from mirrormount.device.status import AxisStatus, Ended, Homed, Limits, table
 from mirrormount.errors import BadValue, BoardError, EncoderFault, MoveEnded, NoAnswer, NotAMount, NotSupported
+from mirrormount.markup import html_text
 from mirrormount.values import MOST_AMOUNT, jog_duty, positive_numbers, real_number, whole_number, whole_numbers
 from mountfw import codes as wire
 from mountfw.settings import MAX_STEPS
@@ -169,7 +169,7 @@ class Axis:
     def _repr_html_(self) -> str:
         last = self._session.board.last
         if not last:
-            return html.escape(repr(self))
+            return html_text(repr(self))
         return table({self.name: last[1].by_name[self.name]}, self._session.age())
 
     # ---- state and queries

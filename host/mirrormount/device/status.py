@@ -4,12 +4,12 @@ AxisStatus, Status and their neighbours are single answers. Board is what a sess
 axes, last status. Nothing here reads or writes a port.
 """
 
-import html
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 from mirrormount.errors import REASONS, BadValue, BoardError, NotAMount
+from mirrormount.markup import html_table
 from mirrormount.terminal import printable
 from mirrormount.values import axis_name, paired, whole_numbers
 from mountfw import codes as wire
@@ -117,12 +117,16 @@ class QueuedError:
 def table(axes: Mapping[str, AxisStatus], caption: str = "") -> str:
     """Axes as an HTML table, for a notebook; the caption is text."""
     rows = [
-        f"<tr><th>{name}</th><td>{axis.position:+.3f}</td><td>{axis.certainty}</td>"
-        f"<td>{'moving' if axis.moving else 'at rest'}</td><td>{REASONS.get(axis.reason, axis.reason)}</td></tr>"
+        (
+            name,
+            f"{axis.position:+.3f}",
+            axis.certainty,
+            "moving" if axis.moving else "at rest",
+            REASONS.get(axis.reason, axis.reason),
+        )
         for name, axis in axes.items()
     ]
-    titles = "".join(f"<th>{title}</th>" for title in ("axis", "steps", "certainty", "now", "last move"))
-    return f"<table><caption>{html.escape(caption)}</caption><tr>{titles}</tr>{''.join(rows)}</table>"
+    return html_table(("axis", "steps", "certainty", "now", "last move"), rows, caption)
 
 
 def parse_status(line: str, x_axis: int) -> Status:

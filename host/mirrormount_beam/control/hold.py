@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mirrormount.errors import MountError
+from mirrormount.markup import html_table
 from mirrormount_beam.control.backlash import Gap
 from mirrormount_beam.control.controller import QUICKLY, Prices
 from mirrormount_beam.control.events import (
@@ -121,6 +122,17 @@ class Summary:
         """The beam's angle at the end, of x or y, whichever is larger; None where no distance is known."""
         angle = None if self.last_um is None else angle_urad(self.cameras, self.last_um)
         return None if angle is None else max(map(abs, angle))
+
+    def _repr_html_(self) -> str:
+        at_end = {} if self.last_um is None else _by_camera(self.cameras, self.last_um)
+        rows: list[tuple[object, object]] = [("goal", "reached" if self.reached else "NOT reached")]
+        rows += [(f"{camera}, at the end, um", f"{um['x']:+.1f}, {um['y']:+.1f}") for camera, um in at_end.items()]
+        if self.rms_urad is not None:
+            rows.append(("rms of the beam's angle over time, urad", f"{self.rms_urad:.1f}"))
+        rows += [("largest error over time, um", f"{self.max_um:.1f}"), ("corrections", self.corrections)]
+        rows += [("pulses, reversals", f"{self.actions}, {self.reversals}"), ("seconds", f"{self.seconds:.0f}")]
+        rows += [(f"interlock {each.number}, {each.name}", f"{each.cause}; {each.remedy}") for each in self.interlocks]
+        return html_table(("loop", ""), rows)
 
     def to_json(self, *, final: bool) -> dict[str, Any]:
         """Plain data. final: what is left at the end (an alignment), else over time (a hold)."""

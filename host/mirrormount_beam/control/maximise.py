@@ -22,6 +22,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from mirrormount.errors import MountError
+from mirrormount.markup import html_table
 from mirrormount_beam.control.controller import Mover
 from mirrormount_beam.control.events import ALIGNING, ENDED, Listen, SignalRead, StateChanged, silent
 from mirrormount_beam.control.interfaces import LoopTable
@@ -105,6 +106,14 @@ class Maximum:
     seconds: float = 0.0
     reached: bool = False
     bounded: list[str] = field(default_factory=list)
+
+    def _repr_html_(self) -> str:
+        goal = "reached" if self.reached else "NOT reached"
+        signals = [(name, f"{getattr(self, name):.4g}") for name in ("begin", "best", "end")]
+        ways = [(f"way of {name}, steps", f"{way:+.2f}") for name, way in self.ways.items()]
+        limits = [("at the limit", ", ".join(self.bounded))] if self.bounded else []
+        counts = [("pulses", self.pulses), ("seconds", f"{self.seconds:.0f}")]
+        return html_table(("signal", ""), [("maximum", goal), *signals, *ways, *limits, *counts])
 
     def to_json(self) -> dict[str, Any]:
         """Plain data."""

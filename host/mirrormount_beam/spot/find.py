@@ -15,9 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrormount.device.table_file import AUTOMATIC
+from mirrormount.markup import html_table, html_text
 from mirrormount_beam.camera import Dark, Grey, grey, in_one_channel
 from mirrormount_beam.selection import WHOLE, Selection, hides
 from mirrormount_beam.spot import beam, blobs
+from mirrormount_beam.spot.picture import html_reduced
 
 if TYPE_CHECKING:
     from mirrormount_beam.camera import Image
@@ -136,6 +138,9 @@ class Spot:
     angle: float = 0.0
     detection: blobs.Detection | None = field(default=None, repr=False, compare=False)
 
+    def __str__(self) -> str:
+        return f"spot at x {self.x:.3f} ± {self.sigma_x:.3f} px, y {self.y:.3f} ± {self.sigma_y:.3f} px"
+
     @property
     def ellipticity(self) -> float:
         """The shorter D4-sigma width over the longer one: 1 for a round beam."""
@@ -148,6 +153,18 @@ class Spot:
         across = longer * (self.width**2 + self.height**2) / 2 * math.sin(math.radians(2 * self.angle))
         across = max(min(across, 0.95 * self.width * self.height), -0.95 * self.width * self.height)
         return np.array([[self.width**2, across], [across, self.height**2]])
+
+    def _repr_html_(self) -> str:
+        """The reduced picture in which it was found, with the spot drawn into it, and its figures."""
+        rows = [
+            ("x, px", f"{self.x:.3f} ± {self.sigma_x:.3f}"),
+            ("y, px", f"{self.y:.3f} ± {self.sigma_y:.3f}"),
+            ("width, height, px", f"{self.width:.2f}, {self.height:.2f}"),
+            ("doubt by the shape, px", f"{self.shape_px:.3f}"),
+            ("peak above background", f"{self.peak:.0f} above {self.background:.0f}"),
+            ("saturated pixels", self.saturated),
+        ]
+        return html_reduced(self.detection, self) + html_table(("spot", ""), rows)
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,6 +179,9 @@ class NoSpot:
 
     def __str__(self) -> str:
         return f"no spot: {self.reason.words}"
+
+    def _repr_html_(self) -> str:
+        return f"{html_reduced(self.detection, self)}<p>{html_text(self)}</p>"
 
 
 def find_spot(
