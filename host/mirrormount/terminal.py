@@ -1,7 +1,8 @@
 """What a command prints and how it ends: safe text, progress, signals, and other commands to start.
 
-Text from outside (a board, a drive, a file, a network) goes through printable(). A long task shows a line or a bar on
-stderr if that is a terminal. A signal that ends a program becomes an exception, so that motors are stopped on the way.
+Text from outside (a board, a drive, a file, a network) goes through printable(). A long task shows a line or a bar, on
+a terminal or in a notebook's cell. A signal that ends a program becomes an exception, so that motors are stopped
+on the way.
 """
 
 import contextlib
@@ -46,29 +47,36 @@ def without_credentials(address: str) -> str:
 # ---- progress
 
 _WIDTH = 24  # characters of a bar
+_CELL = 100  # columns of a notebook's cell
 
 
 class StatusLine:
-    """One line on a terminal that is written over and over: show() and, when the task is over, end().
+    """One line that is written over and over: show() and, when the task is over, end().
 
-    A text that is wider than the terminal is cut: the end of a wrapped line alone would be written over. Where stderr
-    is no terminal nothing is shown.
+    It is on stderr if that is a terminal, and in a notebook in the output of the cell; elsewhere nothing is shown. A
+    text that is wider than the terminal is cut: the end of a wrapped line alone would be written over.
     """
 
     def __init__(self) -> None:
-        self._out = sys.stderr
-        self._terminal = bool(self._out and self._out.isatty())
+        self._in_notebook = type(sys.stdout).__module__.partition(".")[0] == "ipykernel"
+        self._out = sys.stdout if self._in_notebook else sys.stderr
+        self._seen = self._in_notebook or bool(self._out and self._out.isatty())
         self._shown = ""
 
     def show(self, text: str) -> None:
         """Show this instead of what was shown."""
-        if self._terminal and text != self._shown:
-            print(f"\r{self._cut(text)}\x1b[K", end="", file=self._out, flush=True)
+        if self._seen and (text := self._cut(text)) != self._shown:
+            self._write(text)
             self._shown = text
+
+    def _write(self, text: str) -> None:
+        # a notebook overwrites characters, and knows no code that clears the rest of a line
+        rest = " " * (len(self._shown) - len(text)) if self._in_notebook else "\x1b[K"
+        print(f"\r{text}{rest}", end="", file=self._out, flush=True)
 
     def _cut(self, text: str) -> str:
         try:
-            columns = os.get_terminal_size(self._out.fileno()).columns
+            columns = _CELL if self._in_notebook else os.get_terminal_size(self._out.fileno()).columns
         except (OSError, ValueError):  # a terminal without a size, or no file
             columns = 0
         return f"{text[: columns - 2]}…" if 2 < columns <= len(text) else text
@@ -76,7 +84,9 @@ class StatusLine:
     def end(self) -> None:
         """Clear the line."""
         if self._shown:
-            print("\r\x1b[K", end="", file=self._out, flush=True)
+            self._write("")
+            if self._in_notebook:
+                print("\r", end="", file=self._out, flush=True)
             self._shown = ""
 
 
@@ -84,29 +94,23 @@ class Progress:
     """phase() for each part of the task, bar() within one, end() when the bar is over."""
 
     def __init__(self) -> None:
-        self._out = sys.stderr
-        self._terminal = bool(self._out and self._out.isatty())
-        self._shown = False
+        self._line = StatusLine()
 
     def phase(self, what: str) -> None:
         """A part of the task begins."""
         self.end()
-        if self._out:
-            print(what, file=self._out, flush=True)
+        if sys.stderr:
+            print(what, file=sys.stderr, flush=True)
 
     def bar(self, done: int, of: int, what: str) -> None:
         """done of `of` parts are over, now comes `what`."""
-        if self._terminal and of:
+        if of:
             full = _WIDTH * done // of
-            text = f"[{'#' * full}{'-' * (_WIDTH - full)}] {done}/{of} {what}"
-            print(f"\r{text}\x1b[K", end="", file=self._out, flush=True)
-            self._shown = True
+            self._line.show(f"[{'#' * full}{'-' * (_WIDTH - full)}] {done}/{of} {what}")
 
     def end(self) -> None:
         """Clear the bar."""
-        if self._shown:
-            print("\r\x1b[K", end="", file=self._out, flush=True)
-            self._shown = False
+        self._line.end()
 
 
 # ---- signals

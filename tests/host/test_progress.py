@@ -1,5 +1,6 @@
 """The line that a long task shows on a terminal."""
 
+import io
 import os
 import struct
 
@@ -41,3 +42,15 @@ def test_a_terminal_that_does_not_tell_its_size_gets_the_whole_line(terminal):
     shown = terminal(0)
     StatusLine().show("y" * 100)
     assert shown() == "\r" + "y" * 100 + "\x1b[K"
+
+
+def test_in_a_notebook_one_line_of_the_cell_is_written_over(monkeypatch):
+    cell = type("OutStream", (io.StringIO,), {"__module__": "ipykernel.iostream"})()
+    monkeypatch.setattr("sys.stdout", cell)
+    line = StatusLine()
+    for text in ("10 %, a long phase", "20 %", "20 %", "z" * 200):
+        line.show(text)
+    line.end()
+    # a notebook overwrites characters and knows no code that clears a line: the rest is blanks
+    longest = "z" * 98 + "…"
+    assert cell.getvalue() == f"\r10 %, a long phase\r20 %{' ' * 14}\r{longest}\r{' ' * 99}\r"

@@ -34,18 +34,19 @@ from mirrormount.cli.arguments import (
 from mirrormount.device import calibration
 from mirrormount.device.mount import Mount
 from mirrormount.errors import BadValue, CannotWrite
-from mirrormount.terminal import StatusLine, ended_in_order
+from mirrormount.terminal import ended_in_order
 from mirrormount.transport.link import Link
 from mirrormount.transport.ports import open_table
 from mirrormount_beam.cameras import select
 from mirrormount_beam.control.backlash import Gap
 from mirrormount_beam.control.calibrate import Calibration, check_controllable
-from mirrormount_beam.control.events import Event, InterlockCleared, InterlockTripped, Listen, Progress, StateChanged
+from mirrormount_beam.control.events import Event, Listen
 from mirrormount_beam.control.hold import Hold, Summary, align
 from mirrormount_beam.control.interfaces import LoopTable
 from mirrormount_beam.control.response import Response, check_place, load, save
+from mirrormount_beam.progress import LoopLine
 from mirrormount_beam.runlog import RunLog
-from mirrormount_beam.table import LocalTable, Table, TargetCamera
+from mirrormount_beam.table import LocalTable, Table
 
 
 class LoopPage(Protocol):
@@ -152,15 +153,7 @@ def virtual_table(args: argparse.Namespace) -> Iterator[tuple[LocalTable, Any, d
         mounts = {name: stack.enter_context(Mount(Link(port))) for name, port in zip(names, table.ports, strict=True)}
         for camera in table.cameras:
             select(camera, settings)
-        um = 1000 * table.cameras[0].scale.mm_per_px
-        distances_m = [camera.distance_m for camera in table.cameras]
-        cameras = [
-            TargetCamera(
-                camera.name, camera, ((camera.size.width - 1) / 2, (camera.size.height - 1) / 2), (um, um), at_m
-            )
-            for camera, at_m in zip(table.cameras, distances_m, strict=True)
-        ]
-        yield LocalTable(mounts, cameras, table.now_s, table.sleep), table, mounts
+        yield LocalTable.of_virtual(table, mounts), table, mounts
 
 
 @contextlib.contextmanager
@@ -212,9 +205,8 @@ def _keep(response: Response, path: Path | None, numbers: Path | None, result: d
 @contextlib.contextmanager
 def told(args: argparse.Namespace, also: Listen | None) -> Iterator[Listen]:
     """What takes the loop's events: the line on the terminal, interlocks on stdout, and the log."""
-    line = StatusLine()
     with contextlib.ExitStack() as stack:
-        stack.callback(line.end)
+        line = stack.enter_context(LoopLine())
         log: RunLog | None = None
         trouble = ""
         if args.log:
@@ -226,24 +218,10 @@ def told(args: argparse.Namespace, also: Listen | None) -> Iterator[Listen]:
                 log(event)
                 if log.trouble != trouble:
                     trouble = log.trouble
-                    line.end()
-                    print(f"{event.time_s:.1f} s: the log cannot be written: {trouble}; the loop goes on")
+                    line.say(event, f"the log cannot be written: {trouble}; the loop goes on")
             if also:
                 also(event)
-            match event:
-                case InterlockTripped():
-                    line.end()
-                    name = f"interlock {event.number}, {event.name}"
-                    print(f"{event.time_s:.1f} s: {name}: {event.cause}; {event.remedy}")
-                case InterlockCleared():
-                    line.end()
-                    print(f"{event.time_s:.1f} s: interlock {event.number}, {event.name}, is cleared; the loop goes on")
-                case StateChanged():
-                    line.show(f"{event.time_s:8.1f} s  {event.state}: {event.why}"[:110])
-                case Progress():
-                    line.show(f"{event.done:4.0%}  {event.what}")
-                case _:
-                    pass
+            line(event)
 
         yield tell
 

@@ -34,7 +34,7 @@ from mirrormount.device import calibration
 from mirrormount.device.calibration import beam_per_mirror, take_up
 from mirrormount.device.mount import Mount
 from mirrormount.errors import BadValue, CannotWrite, MountError, NotCalibrated
-from mirrormount.terminal import StatusLine, ended_in_order
+from mirrormount.terminal import ended_in_order
 from mirrormount.transport.link import Link
 from mirrormount.transport.ports import open_table
 from mirrormount.values import did_you_mean, spelled
@@ -45,6 +45,7 @@ from mirrormount_beam.estimates import Result, Tell
 from mirrormount_beam.experiments import backlash, drift, square, steps
 from mirrormount_beam.experiments.rig import MountRig, Rig
 from mirrormount_beam.observe import SpotObserver
+from mirrormount_beam.progress import MeasurementLine
 from mirrormount_beam.report import BEGINS, NUMBERS_BEGIN, Origin, write_json, write_page
 from mirrormount_beam.scale import OF_PX, Optics, Scale
 from mountfw import __version__
@@ -226,7 +227,7 @@ def run(args: argparse.Namespace) -> None:
         observer = SpotObserver(camera)
         origin = Origin(began, __version__, mount.identity, camera.name, mount.settings(), optics)
         try:
-            with _shown(mount) as tell, _stopped(mount), mount.unless_stopped(since_open=True):
+            with MeasurementLine(mount) as tell, _stopped(mount), mount.unless_stopped(since_open=True):
                 work(MountRig(mount, observer, axes), result, tell)
         except BaseException as e:
             result.partial = "stopped by Ctrl-C" if isinstance(e, KeyboardInterrupt) else str(e) or type(e).__name__
@@ -367,23 +368,6 @@ def _stopped(mount: Mount) -> Iterator[None]:
             mount.stop()
         raise
     mount.stop()
-
-
-@contextlib.contextmanager
-def _shown(mount: Mount) -> Iterator[Tell]:
-    """A line with the part that is done and the time that is left, by the mount's clock."""
-    line = StatusLine()
-    begun_s = mount.link.monotonic()
-
-    def tell(done: float, phase: str) -> None:
-        passed_s = mount.link.monotonic() - begun_s
-        left = f", {passed_s * (1 / done - 1) / 60:.1f} min left" if done > 0.02 else ""
-        line.show(f"{done:4.0%}{left}  {phase}  (Ctrl-C stops and keeps what was measured)")
-
-    try:
-        yield tell
-    finally:
-        line.end()
 
 
 def _write(page: Path, numbers: Path, result: Result, origin: Origin, observer: SpotObserver) -> None:

@@ -20,13 +20,14 @@ from mirrormount.cli.arguments import (
 )
 from mirrormount.device.mount import Mount
 from mirrormount.errors import BadValue, CannotWrite
-from mirrormount.terminal import StatusLine, ended_in_order
+from mirrormount.terminal import ended_in_order
 from mirrormount.transport.link import Link
 from mirrormount.transport.ports import open_table
 from mirrormount_beam import scale as scales
 from mirrormount_beam import scan as scan_module
 from mirrormount_beam.camera import Camera
 from mirrormount_beam.cameras import open_beside_mount, select
+from mirrormount_beam.progress import ScanLine
 from mirrormount_beam.scale import Scale
 from mirrormount_beam.scan import (
     COMPLETE,
@@ -66,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
             if not (keeps or searches):
                 print("nothing is kept: --csv FILE or --hdf5 FILE writes place and value of each", flush=True)
             samples = scan(mount, pattern, signal, back=searches or args.back)
-            with contextlib.closing(samples), _shown(pattern, mount, keeps) as show:
+            with contextlib.closing(samples), ScanLine(pattern, keeps=keeps) as show:
                 for sample in samples:
                     kept.add(sample)
                     show(sample)
@@ -167,31 +168,6 @@ def _opened(args: argparse.Namespace) -> Iterator[tuple[Mount, Camera, Scale | N
         camera = table.cameras[which - 1]
         select(camera, settings)
         yield mount, camera, camera.scale
-
-
-@contextlib.contextmanager
-def _shown(pattern: Pattern, mount: Mount, keeps: bool) -> Iterator["_Show"]:
-    """The line of progress."""
-    line = StatusLine()
-    try:
-        yield _Show(line, pattern, mount, keeps)
-    finally:
-        line.end()
-
-
-class _Show:
-    """Shows how many places are measured, the time that is left on the mount's clock, and the last values."""
-
-    def __init__(self, line: StatusLine, pattern: Pattern, mount: Mount, keeps: bool) -> None:
-        self._line, self._of = line, pattern.measured
-        line.show(f"0/{self._of}  (Ctrl-C stops{' and keeps what was measured' * keeps})")
-
-    def __call__(self, sample: Sample) -> None:
-        """After each sample."""
-        done = sample.number + 1
-        left_min = sample.time_s / done * (self._of - done) / 60
-        values = sample.missing or "  ".join(f"{value:.4g}" for value in sample.values)
-        self._line.show(f"{done}/{self._of}, {left_min:.1f} min left  ({sample.x}, {sample.y}): {values[:60]}")
 
 
 def _tell(args: argparse.Namespace, pattern: Pattern, kept: _Kept) -> int:
