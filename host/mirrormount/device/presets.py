@@ -9,12 +9,12 @@ They are kept on this computer, under the board's unique id: another board at th
 import json
 import logging
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from mirrormount.device import records
-from mirrormount.device.status import AxisStatus
+from mirrormount.device.status import AxisStatus, Status
 from mirrormount.errors import BadFile, BadValue, MountError, NotKept, PositionDoubtful
 from mirrormount.terminal import printable
 from mirrormount.values import NAME_RULE, did_you_mean, is_name
@@ -92,35 +92,69 @@ class Place:
 
 
 @dataclass(frozen=True)
+class SeenSpot:
+    """Where a camera saw the spot: its centroid with standard errors, and the size of the picture, px."""
+
+    camera: str
+    x: float
+    y: float
+    error_x: float
+    error_y: float
+    width: int
+    height: int
+
+
+@dataclass(frozen=True)
 class Preset:
-    """A named position. at: when it was kept, seconds since 1970; places: by the number of the axis."""
+    """A named position. at: when it was kept, seconds since 1970; places: by the number of the axis.
+
+    spot: where a camera saw the spot then, if one was asked.
+    """
 
     name: str
     at: float
     boot_id: int
     places: Mapping[int, Place]
+    spot: SeenSpot | None = None
 
     def __str__(self) -> str:
         return f"{self.name}, kept {time.strftime('%Y-%m-%d %H:%M:%S', time.localtime(self.at))}"
 
 
 class Presets:
-    """The named positions of an open mount. Methods raise BadFile, CannotWrite, and what Mount.status() raises."""
+    """The named positions of an open mount. Methods raise BadFile, CannotWrite, and what Mount.status() raises.
 
-    def __init__(self, mount: "Mount") -> None:
+    ask: runs what asks the board, work(mount), and returns its result: for a program in which one thread has the board,
+    and must not wait for a disk. Only back() moves, and does not use it.
+    """
+
+    def __init__(self, mount: "Mount", ask: "Callable[[Callable[[Mount], Any]], Any] | None" = None) -> None:
         self._mount = mount
+        self._ask = ask or (lambda work: work(mount))
 
-    def keep(self, name: str) -> Preset:
-        """Keep the present position of all axes under a name, new or used. Raises BadValue, also while it moves."""
+    def keep(self, name: str, *, spot: SeenSpot | None = None) -> Preset:
+        """Keep the present position of all axes under a name, new or used. Raises BadValue, also while it moves.
+
+        spot: where a camera sees the spot now (mirrormount_beam.kept.seen()).
+        """
         if not isinstance(name, str) or not is_name(name):  # pyright: ignore[reportUnnecessaryIsInstance]
             raise BadValue(f"a position's name is {NAME_RULE}, not {printable(repr(name), 60)}")
         mount = self._mount
-        status = mount.status()
+        status, steps = self._now()
         if status.moving:
             raise BadValue("the mount moves: a position is kept when it is at rest")
-        places = {axis.number: self._place(axis, status.by_name[axis.name]) for axis in mount.by_name.values()}
-        preset = Preset(name, time.time(), status.boot_id, places)
-        entry = json.dumps({"boot_id": status.boot_id, "places": {n: asdict(place) for n, place in places.items()}})
+        places = {
+            axis.number: self._place(axis, status.by_name[axis.name], steps[axis.number])
+            for axis in mount.by_name.values()
+        }
+        preset = Preset(name, time.time(), status.boot_id, places, spot)
+        entry = json.dumps(
+            {
+                "boot_id": status.boot_id,
+                "places": {n: asdict(place) for n, place in places.items()},
+                "spot": spot and asdict(spot),
+            }
+        )
         with records.opened(FILE, _SCHEMA, write=True) as file:
             (others,) = file.execute(
                 "select count(*) from positions where board = ? and name != ?", (mount.board_id, name)
@@ -137,7 +171,13 @@ class Presets:
             rows = file.execute(question, (self._mount.board_id,)).fetchall()
         try:
             return [
-                Preset(name, at, entry["boot_id"], {int(n): Place(**place) for n, place in entry["places"].items()})
+                Preset(
+                    name,
+                    at,
+                    entry["boot_id"],
+                    {int(n): Place(**place) for n, place in entry["places"].items()},
+                    SeenSpot(**entry["spot"]) if entry.get("spot") else None,
+                )
                 for name, at, entry in ((name, at, _parsed(entry)) for name, at, entry in rows)
             ]
         except (KeyError, TypeError, ValueError, AttributeError) as e:
@@ -170,10 +210,10 @@ class Presets:
 
         What another computer has set on the board meanwhile is not known.
         """
-        status = self._mount.status()
+        status, steps = self._now()
         board, found = self._mount.board_id, list[str]()
-        for axis, then in self._axes(preset):
-            now = self._place(axis, status.by_name[axis.name])
+        for axis, then in self.axes(preset):
+            now = self._place(axis, status.by_name[axis.name], steps[axis.number])
             undone = any(
                 at > preset.at and boot_id == status.boot_id
                 for _, at, boot_id in former(board, f"undone {axis.number}")
@@ -197,7 +237,7 @@ class Presets:
             preset = self.get(name)
             if not sure and (doubts := self.doubts(preset)):
                 raise PositionDoubtful(f"nothing was moved to {preset.name}: {'; '.join(doubts)}")
-            for axis, place in self._axes(preset):
+            for axis, place in self.axes(preset):
                 if axis.position != place.position:
                     axis.move_to(place.position, progress=progress)
         return preset
@@ -216,34 +256,53 @@ class Presets:
             raise NotKept(f"no Zero {f'of {axis} ' if axis else ''}is known on this computer that could be undone")
         number, entry = zeros[0]
         zeroed = axes[entry["axis"]]
-        status = mount.status()
+        status, _ = self._now()
         now, name = status.by_name[zeroed.name], zeroed.name
         homed = now.certainty == "homed" or _latest(mount.board_id, f"homed {zeroed.number}") > number
         if not sure and (homed or now.certainty == "unknown" or status.boot_id != entry["boot_id"]):
             why = "it was homed since" if homed else "the board has restarted since"
             raise PositionDoubtful(f"{name}: {why}, so its 0 may not be that Zero's any more")
-        wanted = now.position + entry["from"] - entry["to"]
+
+        def put_back(mount: "Mount") -> float:
+            wanted = mount.status().by_name[name].position + entry["from"] - entry["to"]
+            mount.axis(name).define(round(wanted))
+            return wanted
+
         with records.opened(FILE, _SCHEMA, write=True) as file:  # both are done, or none
             file.execute("delete from former where id = ?", (number,))
-            if wanted == round(wanted):  # else what was kept is not exactly that place any more
-                row = (mount.board_id, f"undone {zeroed.number}", time.time(), json.dumps(status.boot_id))
-                file.execute("insert into former (board, what, at, entry) values (?, ?, ?, ?)", row)
-            zeroed.define(round(wanted))
+            row = (mount.board_id, f"undone {zeroed.number}", time.time(), json.dumps(status.boot_id))
+            undone = file.execute("insert into former (board, what, at, entry) values (?, ?, ?, ?)", row).lastrowid
+            wanted = float(self._ask(put_back))
+            if wanted != round(wanted):  # what was kept is not exactly that place any more
+                file.execute("delete from former where id = ?", (undone,))
         rounded = "" if wanted == round(wanted) else f", the whole step next to {wanted:+.3f}"
         return (
             f"{name}: the position here is {round(wanted):+d} steps as before Zero{rounded}; nothing has moved"
             f" (certainty before: {entry['certainty']}; the board calls it counted)"
         )
 
-    def _axes(self, preset: Preset) -> "Iterable[tuple[Axis, Place]]":
+    def zeroed(self) -> list[str]:
+        """The axes that have a Zero which undo_zero() would take back."""
+        return [axis.name for axis in self._mount.axes if _latest(self._mount.board_id, f"zero {axis.number}")]
+
+    def axes(self, preset: Preset) -> "Sequence[tuple[Axis, Place]]":
+        """The axes of a position, in the order in which back() moves them, and where each was. Raises NotKept."""
         axes = {axis.number: axis for axis in self._mount.axes}
         if missing := preset.places.keys() - axes.keys():
             raise NotKept(f"{preset.name} has an axis {min(missing)}, which this board has not")
         return [(axes[number], place) for number, place in preset.places.items()]
 
-    def _place(self, axis: "Axis", status: AxisStatus) -> Place:
+    def _now(self) -> tuple[Status, dict[int, list[int]]]:
+        """The status, and length, duty and direction of a step of each axis (by its number)."""
+
+        def read(mount: "Mount") -> tuple[Status, dict[int, list[int]]]:
+            return mount.status(), {axis.number: axis.ask_whole("XP?", "XD?", "XI?") for axis in mount.axes}
+
+        return self._ask(read)
+
+    def _place(self, axis: "Axis", status: AxisStatus, step: list[int]) -> Place:
         zero, homed = (_latest(self._mount.board_id, f"{what} {axis.number}") for what in ("zero", "homed"))
-        return Place(status.position, status.certainty, axis.ask_whole("XP?", "XD?", "XI?"), zero, homed)
+        return Place(status.position, status.certainty, step, zero, homed)
 
 
 def _latest(board: str, what: str) -> int:

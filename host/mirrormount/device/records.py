@@ -16,6 +16,7 @@ from mirrormount.terminal import printable
 if TYPE_CHECKING:
     import sqlite3
 
+_CHANGES = slice(24, 28)  # SQLite's change counter in the file's header (its page "Database File Format")
 _BUSY_S = 1.0  # how long another program's writing is waited for
 
 
@@ -27,6 +28,13 @@ def path(name: str) -> Path:
     from platformdirs import user_data_path  # a stop needs none of it
 
     return user_data_path("mirrormount", appauthor=False) / name
+
+
+def version(name: str) -> bytes:
+    """Another one after each change of the database, by whatever program; b"" if it is not there."""
+    with contextlib.suppress(OSError), path(name).open("rb") as file:
+        return file.read(_CHANGES.stop)[_CHANGES]
+    return b""
 
 
 @contextlib.contextmanager

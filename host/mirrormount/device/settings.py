@@ -11,6 +11,7 @@ from typing import Any
 
 from mirrormount.device import presets
 from mirrormount.device.session import Session
+from mirrormount.device.status import Board
 from mirrormount.errors import (
     BadValue,
     BoardError,
@@ -37,6 +38,8 @@ _log = logging.getLogger(__name__)
 MOST_STALL_DUTY = 100
 
 _FORMER = "settings"  # as presets.remember() calls them
+
+Settings = Mapping[str, Mapping[str, int | float]]  # of each axis, by name: {"x": {"pulse_us": …}, …}
 
 
 @dataclass(frozen=True)
@@ -247,19 +250,34 @@ def undo(session: Session) -> dict[str, int | float]:
     A second undo() changes them again. Returns what was changed, by "x.pulse_us" … Raises NotKept, and as write().
     """
     now = read(session)
-    names = {str(number): name for name, number in session.board.numbers.items()}
-    for _, _, entry in presets.former(session.board.id, _FORMER):
+    before = former(session.board, now)
+    if before is None:
+        raise NotKept("this computer knows of no change of this board's settings that could be undone")
+    write(session, before)
+    return differing(now, read(session))
+
+
+def former(board: Board, now: Settings) -> Settings | None:
+    """The settings from before the last change that this computer has made; None if it knows of none.
+
+    now: the present ones. The board is not asked. Raises BadFile, CannotWrite.
+    """
+    names = {str(number): name for name, number in board.numbers.items()}
+    for _, _, entry in presets.former(board.id, _FORMER):
         before = {names[number]: values for number, values in entry.items() if number in names}
         if before != now:
-            write(session, before)
-            after = read(session)
-            return {
-                f"{axis}.{name}": value
-                for axis, values in after.items()
-                for name, value in values.items()
-                if value != now[axis].get(name)
-            }
-    raise NotKept("this computer knows of no change of this board's settings that could be undone")
+            return before
+    return None
+
+
+def differing(now: Settings, other: Settings) -> dict[str, int | float]:
+    """What of the others is not as it is now, by "x.pulse_us" …"""
+    return {
+        f"{axis}.{name}": value
+        for axis, values in other.items()
+        for name, value in values.items()
+        if value != now[axis].get(name)
+    }
 
 
 def _set_differing(session: Session, before: Mapping[str, Mapping[str, int | float]]) -> list[str]:
