@@ -8,13 +8,13 @@ import sys
 
 import pytest
 from full_disk import run_with_room
-from served import run_cli
+from served import ServedBoard, run_cli, wait_for
 
 from mirrormount.device import motion_log, presets, records
 from mirrormount.device.mount import Mount
 from mirrormount.device.presets import Place
 from mirrormount.device.status import parse_status
-from mirrormount.errors import BadFile, CannotWrite, NotKept, PositionDoubtful
+from mirrormount.errors import BadFile, CannotWrite, MoveEnded, NotKept, PositionDoubtful
 from mirrormount.supervise.supervisor import Supervisor
 
 
@@ -28,6 +28,12 @@ def folder(tmp_path, monkeypatch):
 def mount():
     with Mount.open("virtual://?speed=max") as mount:
         yield mount
+
+
+@pytest.fixture
+def board_with_switches(tmp_path):
+    with ServedBoard(tmp_path / "switches", "--bench", "switches") as board:
+        yield board
 
 
 # ---- named positions
@@ -217,7 +223,7 @@ def test_what_moved_is_logged_with_whom_how_far_and_how_it_ended(board):
     assert [(row["name"], row["how"], row["certainty"]) for row in rows] == [
         ("x", "done", "unknown"),
         ("x", "done", "unknown"),
-        ("y", "aborted", "unknown"),
+        ("y", "stopped: its program asked for it", "unknown"),
         ("x", "set, not moved", "counted"),
     ]
     assert (rows[0]["from_steps"], rows[0]["to_steps"]) == ("0.0", "2.0")
@@ -225,6 +231,35 @@ def test_what_moved_is_logged_with_whom_how_far_and_how_it_ended(board):
     assert all(row["who"].startswith("page 1 (127.0.0.1), ") for row in rows)
     assert logged("--board", "no such id") == [] == logged("--since", "2999-01-01")
     assert "x: +0.000 to +2.000 steps, done (unknown), by page 1" in run_cli("log", "--since", "1h").stdout
+
+
+def test_a_stop_is_logged_with_its_cause_and_the_next_motion_without(board):
+    with Supervisor(str(board.link)) as supervisor, supervisor.join("camera loop", lost=print) as loop:
+        loop.take_control()
+        jog = loop.jog("x", 0.5)
+        wait_for(lambda: supervisor.status and supervisor.status.moving, "the jog")
+        supervisor.worker.stop("a beam shutter has closed")
+        with pytest.raises(MoveEnded):
+            jog.wait()
+        loop.take_control()
+        loop.step("x", 1).wait()
+    assert [row["how"] for row in logged()] == ["stopped: a beam shutter has closed", "done"]
+
+
+def test_a_homing_is_logged_as_one_for_its_0_is_another_afterwards(board_with_switches):
+    with Mount.open(str(board_with_switches.link)) as mount:
+        mount.x.switches = 3
+        mount.x.home()
+        mount.x.step(1)
+    assert [row["how"] for row in logged()] == ["homed: 0 is there since", "done"]
+
+
+def test_the_version_of_a_database_changes_with_each_change_of_it(mount):
+    seen = [records.version(presets.FILE)]
+    for work in (mount.presets.all, lambda: mount.presets.keep("good"), mount.presets.all, mount.x.zero):
+        work()
+        seen.append(records.version(presets.FILE))
+    assert seen[0] == seen[1] == b"" and seen[2] == seen[3] and len({*seen}) == 3
 
 
 def test_of_a_supervised_mount_the_log_names_the_client(board):

@@ -4,9 +4,13 @@ import argparse
 import csv
 import re
 import sys
+from collections.abc import Iterable, Iterator
 from datetime import UTC, datetime, timedelta
+from typing import TextIO
 
 from mirrormount.cli.arguments import Command, axis_argument, note, open_mount, port_options, said_yes
+from mirrormount.device import motion_log
+from mirrormount.device.motion_log import LoggedMotion
 from mirrormount.errors import BadValue
 from mirrormount.values import did_you_mean
 
@@ -98,7 +102,7 @@ def log_arguments(parser: argparse.ArgumentParser) -> None:
 
 def log(args: argparse.Namespace) -> None:
     """Print what has moved, newest first. Raises MountError."""
-    from mirrormount.device import motion_log, table_file
+    from mirrormount.device import table_file
 
     names = table_file.mounts_by_axis()
     named = args.board in names.values()
@@ -109,26 +113,31 @@ def log(args: argparse.Namespace) -> None:
         meant = did_you_mean(args.board, set(names.values()))
         print(f"nothing that moved since then is logged on this computer{meant}", file=sys.stderr)
     if args.csv:
-        table = csv.writer(sys.stdout, lineterminator="\n")
-        table.writerow(motion_log.COLUMNS)
-        for motion in motions:
-            begun, ended = (datetime.fromtimestamp(t, UTC).isoformat("T", "milliseconds") for t in motion[:2])
-            table.writerow([begun, ended, *motion[2:]])
+        write_csv(motions, sys.stdout)
         return
-    lines: list[str] = []
+    for motion, what in reversed(list(in_words(motions))):
+        at = datetime.fromtimestamp(motion.ended).astimezone().isoformat(" ", "seconds")
+        print(f"{at}  {names.get((motion.board.upper(), motion.axis), motion.board)}  {what}, by {motion.who}")
+
+
+def in_words(motions: Iterable[LoggedMotion]) -> Iterator[tuple[LoggedMotion, str]]:
+    """Each motion, with what moved from where to where and how it ended; oldest first."""
     last: dict[tuple[str, int], float] = {}
     for motion in motions:
         was = last.get((motion.board, motion.axis), motion.from_steps)
         last[motion.board, motion.axis] = motion.to_steps
         gap = "" if abs(was - motion.from_steps) < 0.001 else f" (not logged: it was at {was:+.3f} before)"
-        lines.append(
-            f"{datetime.fromtimestamp(motion.ended).astimezone().isoformat(' ', 'seconds')}"
-            f"  {names.get((motion.board.upper(), motion.axis), motion.board)}"
-            f"  {motion.name}: {motion.from_steps:+.3f} to {motion.to_steps:+.3f} steps{gap}, {motion.how}"
-            f" ({motion.certainty}), by {motion.who}"
-        )
-    for line in reversed(lines):
-        print(line)
+        way = f"{motion.from_steps:+.3f} to {motion.to_steps:+.3f} steps"
+        yield motion, f"{motion.name}: {way}{gap}, {motion.how} ({motion.certainty})"
+
+
+def write_csv(motions: Iterable[LoggedMotion], file: TextIO) -> None:
+    """Write motions as a table with a heading, times in UTC."""
+    table = csv.writer(file, lineterminator="\n")
+    table.writerow(motion_log.COLUMNS)
+    for motion in motions:
+        begun, ended = (datetime.fromtimestamp(t, UTC).isoformat("T", "milliseconds") for t in motion[:2])
+        table.writerow([begun, ended, *motion[2:]])
 
 
 def since(text: str, now: datetime) -> datetime:

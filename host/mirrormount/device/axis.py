@@ -542,7 +542,9 @@ class Axis:
 
     def start_homing(self) -> None:
         """Start homing and return; the caller keeps it alive, as in Mount.drive(). Raises BoardError."""
-        self._seek("OR")
+        log = self._session.motion_log
+        with log.homing(self.number) if log else contextlib.nullcontext():
+            self._seek("OR")
         presets.remember(self._session.board.id, f"homed {self.number}", "")
 
     def find_end_stop(self, direction: int) -> None:

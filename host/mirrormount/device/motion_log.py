@@ -15,9 +15,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 from mirrormount.device import records
-from mirrormount.device.status import Status
+from mirrormount.device.status import AxisStatus, Status
 from mirrormount.errors import REASONS, MountError
 from mirrormount.terminal import printable
+from mountfw import codes as wire
 
 FILE = "motions.sqlite"
 MOST = 200_000  # motions that are kept, about 30 MB
@@ -60,6 +61,8 @@ class MotionLog:
         self._last: Status | None = None
         self._started = False
         self._set: set[int] = set()  # the axes whose position is being defined
+        self._homing: set[int] = set()  # the axes that search their home
+        self._stopped = ""  # why this program has stopped what moves, "" if it has not
         self._lock = threading.Lock()  # never held while a disk is waited for
         self._rows: list[LoggedMotion] = []
         self._writer: threading.Thread | None = None
@@ -68,6 +71,11 @@ class MotionLog:
     def started(self) -> None:
         """A motion was started: it may be over before the next status."""
         self._started = True
+        self._stopped = ""
+
+    def stopping(self, cause: str) -> None:
+        """All motion is stopped now; the first cause counts. No lock: a signal handler may call it."""
+        self._stopped = self._stopped or cause
 
     def see(self, status: Status) -> None:
         """Find what has ended since the status before."""
@@ -84,7 +92,7 @@ class MotionLog:
                     if number in self._set:
                         how = "set, not moved"
                     elif begun or self._started:
-                        how = REASONS.get(axis.reason, str(axis.reason))
+                        how = self._end_of(number, axis)
                     else:
                         how = "changed at rest: set, or turned by hand"
                     ours = begun or self._started or number in self._set
@@ -92,7 +100,17 @@ class MotionLog:
                 elif before is not None and jitters:
                     continue
                 self._rest[number] = axis.position
+                self._homing -= {number} if begun else set()
             self._started = self._started and status.moving
+
+    def _end_of(self, number: int, axis: AxisStatus) -> str:
+        """How a motion ended, in words."""
+        how = REASONS.get(axis.reason, str(axis.reason))
+        if axis.reason == wire.ABORTED and self._stopped:
+            how = f"stopped: {self._stopped}"
+        if number in self._homing:  # a search that is over has another 0 than it began with
+            return "homed: 0 is there since" if axis.reason == wire.DONE else f"search for home: {how}"
+        return how
 
     @contextlib.contextmanager
     def setting(self, number: int) -> Iterator[None]:
@@ -103,6 +121,16 @@ class MotionLog:
         finally:
             self._set.discard(number)
 
+    @contextlib.contextmanager
+    def homing(self, number: int) -> Iterator[None]:
+        """Inside, that axis begins to search its home."""
+        self._homing.add(number)
+        try:
+            yield
+        except BaseException:
+            self._homing.discard(number)
+            raise
+
     def lose(self) -> None:
         """The board has restarted: the end of what moved was not seen, and the positions from before count no more."""
         with self._lock:
@@ -111,6 +139,7 @@ class MotionLog:
                     at = self._last.axes[number - 1].position
                     self._add(number, begun, self._rest[number], at, "its end was not seen")
             self._begun.clear()
+            self._homing.clear()
             self._rest.clear()
             self._started = False
 
@@ -167,8 +196,14 @@ def _program() -> str:
     return f"{'Python' if name in ('', '-c') else name} of {user}"
 
 
-def read(since: float = 0.0, board: str = "") -> Iterator[LoggedMotion]:
-    """The motions that ended since then, oldest first; board: how its id begins. Raises BadFile, CannotWrite."""
+def read(since: float = 0.0, board: str = "", most: int = -1) -> Iterator[LoggedMotion]:
+    """The motions that ended since then, oldest first; board: how its id begins. most: only so many, the latest.
+
+    Raises BadFile, CannotWrite.
+    """
     with records.opened(FILE, _SCHEMA) as file:
-        rows = file.execute("select * from motions where ended >= ? order by id", (since,)).fetchall()
-    yield from (row for row in (LoggedMotion(*each[1:]) for each in rows) if row.board.startswith(board))
+        rows = file.execute(
+            "select * from motions where ended >= ? and substr(board, 1, ?) = ? order by id desc limit ?",
+            (since, len(board), board, most),
+        ).fetchall()
+    yield from (LoggedMotion(*row[1:]) for row in reversed(rows))

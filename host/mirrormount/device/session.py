@@ -297,6 +297,7 @@ def _check_served(received: str) -> None:
 # ---- session
 
 _LOCK_S = 1.0  # longest wait of another program's stop for the answers of this one
+_OWN_STOP, _STOP_BY_OTHERS = "its program asked for it", "mirrormount stop"  # for the log of motions
 _GATE_S = 0.05  # longest wait of another program's stop for a thread that writes a line
 _ECHO_LINES = 5  # lines that a board sends back for a frame
 _LONGEST_ANSWER = 4096  # characters
@@ -384,6 +385,8 @@ class Session:
         A motion that another thread is about to start does not start after it. Raises ConnectionLost.
         """
         self._check_open()
+        if self.motion_log:
+            self.motion_log.stopping(_OWN_STOP)
         with self.gate.stopping():
             self.keep_alive.end()
             self.link.port.write(b"!\n")
@@ -409,6 +412,8 @@ class Session:
         Returns STOPPED or SENT. Raises ConnectionLost, NoAnswer.
         """
         self.stops_by_others += 1
+        if self.motion_log:
+            self.motion_log.stopping(_STOP_BY_OTHERS)
         with self.gate.stopping(_GATE_S):
             self.keep_alive.end()
             self.link.port.write(b"!\n")

@@ -19,12 +19,13 @@ import queue
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import TypeVar
 
 from mirrormount.device.mount import Mount
+from mirrormount.device.settings import Settings
 from mirrormount.device.status import Status
 from mirrormount.errors import (
     BoardError,
@@ -43,7 +44,6 @@ from mirrormount.supervise.requests import Press, Request
 from mountfw import codes as wire
 
 T = TypeVar("T")
-Settings = Mapping[str, Mapping[str, int | float]]
 
 
 def _ignore(_why: MountError) -> None:
@@ -529,6 +529,9 @@ class Worker:
         tell: add it to the notices; not from a signal handler, for that takes a lock.
         """
         self.stop_cause = cause
+        mount = self.mount
+        if mount and mount.session.motion_log:
+            mount.session.motion_log.stopping(cause)
         if not counted:
             self.lease.stops += 1
         self._brake.pull()
