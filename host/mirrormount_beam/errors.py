@@ -70,6 +70,13 @@ class NotMeasurable(MountError):
     """
 
 
+class CannotCompare(MountError):
+    """The place of the spot that was kept with a position cannot be found again with this camera: it was kept without a
+    spot, with another camera, or in a picture of another size.
+    Remedy: What the line says; `mirrormount keep NAME --camera CAMERA` keeps the position of now with its spot.
+    """
+
+
 class ResponseOfOther(MountError):
     """The saved calibration of the table belongs to other boards, other cameras, another length of a step, or another
     size of the pictures: what it says of a pulse is not true here.

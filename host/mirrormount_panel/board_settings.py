@@ -1,55 +1,55 @@
-"""The board's settings for all pages: changed, replaced, and kept for an undo."""
+"""The board's settings for all pages: read, changed, and what an undo would put back."""
 
 import asyncio
 from collections.abc import Callable
 
+from mirrormount.device import settings
 from mirrormount.device.mount import Mount
-from mirrormount.errors import MountError
-from mirrormount.supervise.worker import Settings, Worker
+from mirrormount.device.settings import Settings
+from mirrormount.errors import NotKept
+from mirrormount.supervise.worker import Worker
 
 
 class BoardSettings:
-    """The settings of a worker's mount, for all clients. For one asyncio loop."""
+    """The settings of a worker's mount, for all clients. For one asyncio loop.
+
+    to_undo: what undo() would set, by "x.pulse_us" …; {}: nothing that is known. As of the last read().
+    """
 
     def __init__(self, worker: Worker) -> None:
+        self.to_undo: dict[str, int | float] = {}
         self._worker = worker
-        self._before: tuple[str, Settings] | None = None  # of which board
 
     @property
     def axes(self) -> tuple[str, ...]:
         """The names of the mount's axes."""
         return self._worker.state.axes
 
-    @property
-    def before(self) -> Settings | None:
-        """The settings that undo() brings back, None: nothing to undo."""
-        mount = self._worker.mount
-        return self._before[1] if self._before and mount and mount.board_id == self._before[0] else None
-
     async def read(self) -> Settings:
         """The present settings; clients that ask at the same time share one exchange. Raises MountError."""
-        return await asyncio.wrap_future(self._worker.settings())
+        mount = self._worker.mount
+        now = await asyncio.wrap_future(self._worker.settings())
+        if mount:
+            before = await asyncio.to_thread(settings.former, mount.session.board, now)  # it may wait for a disk
+            self.to_undo = settings.differing(now, before) if before else {}
+        return now
 
     async def change(self, work: Callable[[Mount], object]) -> None:
-        """Run work(mount), which may change settings. Raises MountError."""
+        """Run work(mount), which may change settings; undo() takes it back. Raises MountError."""
         await asyncio.wrap_future(self._worker.call(work, changes=True))
 
-    async def replace(self, work: Callable[[Mount], object]) -> None:
-        """Run work(mount), which replaces all settings (factory, saved); it can be undone. Raises MountError."""
+    async def undo(self) -> dict[str, int | float]:
+        """Put back the settings from before the last change, as `mirrormount config undo`; twice changes them again.
 
-        def change(mount: Mount) -> None:
-            before = mount.settings()
-            work(mount)
-            # a second click on Factory changes nothing, and keeps what the first one has replaced
-            if self.before is None or mount.settings() != before:
-                self._before = mount.board_id, before
+        Returns what was changed. Raises NotKept also if that would be something else than to_undo; MountError.
+        """
+        wanted = self.to_undo
 
-        await self.change(change)
+        def undo(mount: Mount) -> dict[str, int | float]:
+            now = mount.settings()
+            before = settings.former(mount.session.board, now)
+            if before is None or settings.differing(now, before) != wanted:
+                raise NotKept("nothing was done: the settings were changed since this page has read them; look again")
+            return mount.undo_settings()
 
-    async def undo(self) -> None:
-        """Apply the settings from before replace(). Raises MountError; then it can be tried again."""
-        before = self.before
-        if before is None:
-            raise MountError("nothing was done: there is nothing to undo")
-        await self.change(lambda mount: mount.apply(before))
-        self._before = None
+        return await asyncio.wrap_future(self._worker.call(undo, changes=True))

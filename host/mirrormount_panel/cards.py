@@ -8,7 +8,7 @@ import contextlib
 import itertools
 import json
 import time
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from typing import Any
 
 from nicegui import ui
@@ -216,23 +216,31 @@ _DONE = "done"
 _SHOWN_S = 5  # as long as a page may take to show what was read
 
 
-def settings_card(settings: BoardSettings, refusal: Callable[[object], str], mount: int) -> Callable[[], None]:
-    """A card that opens to all settings. refusal(tick): why this page may not change them; "" if it may.
+Refusal = Callable[[object], str]  # refusal(tick): why this page may not do it; "" if it may
 
-    mount: its number, as static/panel.js counts.
+
+def ticked(word: str, action: Callable[[], Awaitable[object]], refusal: Refusal, mount: int) -> ui.button:
+    """A button of NiceGUI's own, for what moves nothing. mount: its number, as static/panel.js counts.
+
+    A click carries the last tick that the page has seen: NiceGUI keeps a click until the network is back.
     """
 
-    def button(word: str, action: Callable[[], Awaitable[object]]) -> ui.button:
-        async def clicked(event: GenericEventArguments) -> None:
-            why = refusal(event.args)
-            if why:
-                warn(why)
-            else:
-                await action()
+    async def clicked(event: GenericEventArguments) -> None:
+        why = refusal(event.args)
+        if why:
+            warn(why)
+        else:
+            await action()
 
-        # A click carries the last tick that the page has seen: NiceGUI keeps a click until the network is back.
-        tick = f"() => emit(window.mountTick({mount}))"
-        return ui.button(word).on("click", clicked, js_handler=tick).props("no-caps")
+    tick = f"() => emit(window.mountTick({mount}))"
+    return ui.button(word).on("click", clicked, js_handler=tick).props("no-caps")
+
+
+def settings_card(settings: BoardSettings, refusal: Refusal, mount: int) -> Callable[[], None]:
+    """A card that opens to all settings. mount: its number, as static/panel.js counts."""
+
+    def button(word: str, action: Callable[[], Awaitable[object]]) -> ui.button:
+        return ticked(word, action, refusal, mount)
 
     with card("Settings"), ui.expansion(", ".join(groups()).capitalize()).classes("fold") as fold:
         form = _Form(settings)
@@ -240,7 +248,7 @@ def settings_card(settings: BoardSettings, refusal: Callable[[object], str], mou
             ui.label("Replace all settings by the factory's?").classes("title")
             ui.label(
                 "All settings of all axes change at once: direction, switches, limits, pulse and speed."
-                " What is saved on the board stays saved. The present settings are kept, to be put back."
+                " What is saved on the board stays saved. The present settings are kept, for an undo."
             )
             with ui.element("div").classes("line"):
 
@@ -260,16 +268,25 @@ def settings_card(settings: BoardSettings, refusal: Callable[[object], str], mou
             button("Restore saved", form.restore).props("flat")
             button("Factory …", inquire).props("flat")
         with ui.element("div").classes("line undo") as undo:
-            ui.label("All settings were replaced. The ones before are kept.").classes("grow")
-            button("Put them back", form.undo).props("outline")
+            before = ui.label().classes("grow")
+            button("Undo the last change", form.undo).props("outline")
         ui.label("Applied settings last until the board restarts, unless they are saved.").classes("hint")
     fold.on_value_change(lambda e: form.read() if e.value else form.rest())
 
     def refresh() -> None:
-        undo.set_visibility(settings.before is not None)
+        undo.set_visibility(bool(settings.to_undo))
+        before.set_text(f"Before the last change: {_listed(settings.to_undo)}")
 
     refresh()
     return refresh
+
+
+def _listed(values: Mapping[str, object], most: int = 4) -> str:
+    """The first of some settings, and how many more there are."""
+    more = len(values) - most
+    return ", ".join(f"{name} = {value}" for name, value in [*values.items()][:most]) + (
+        f", and {more} more" if more > 0 else ""
+    )
 
 
 class _Form:
@@ -344,15 +361,21 @@ class _Form:
 
     async def restore(self) -> None:
         """Load the settings that are saved on the board."""
-        await self._made(self._settings.replace(lambda mount: mount.recall()), "restored")
+        await self._made(self._settings.change(lambda mount: mount.recall()), "restored")
 
     async def factory(self) -> None:
         """Load the defaults; saved settings stay."""
-        await self._made(self._settings.replace(lambda mount: mount.recall(factory=True)), "factory settings")
+        await self._made(self._settings.change(lambda mount: mount.recall(factory=True)), "factory settings")
 
     async def undo(self) -> None:
-        """Apply the settings from before restore() or factory()."""
-        await self._made(self._settings.undo(), "the earlier settings are back")
+        """Put back the settings from before the last change, and tell which."""
+        changed: dict[str, int | float] = {}
+
+        async def undo() -> None:
+            changed.update(await self._settings.undo())
+
+        if await self._made(undo(), ""):
+            confirm(f"put back: {_listed(changed)}")
 
     async def _made(self, change: Awaitable[None], done: str) -> bool:
         """Await a change and show the settings after it. True if the board took it."""
@@ -438,8 +461,8 @@ _COLOURS = ("#0b8f98", "#d9480f", "#6741d9", "#5c940d")
 Refresh = Callable[[], None]
 
 
-def axis_card(worker: Worker, name: str) -> Refresh:
-    """Position, target, lamps and reason of one axis; go to, zero, home."""
+def axis_card(worker: Worker, name: str, undo: Callable[[str], Refresh] | None = None) -> Refresh:
+    """Position, target, lamps and reason of one axis; go to, zero, home. undo(axis): builds what undoes a Zero."""
     with card(_TITLES.get(name, axis_title(name))) as box:
         with ui.element("div").classes("line"):
             position = ui.label().classes("position mono")
@@ -461,9 +484,12 @@ def axis_card(worker: Worker, name: str) -> Refresh:
             send("Go to", {"do": "goto", "axis": name}, fields, enter=f"target_{name}")
             send("Home", {"do": "home", "axis": name}).props("flat")
             send("Zero", {"do": "zero", "axis": name}).props("flat")
+            refresh_undo = undo(name) if undo else None
 
     def refresh() -> None:
         refresh_units()
+        if refresh_undo:
+            refresh_undo()
         state = worker.state
         known = state.is_known
         box.classes(toggle=None, add="" if known else "stale", remove="stale" if known else "")

@@ -5,7 +5,7 @@ import logging
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from nicegui import app, ui
 
@@ -13,7 +13,10 @@ from mirrormount.supervise.worker import Worker
 from mirrormount_panel import cards
 from mirrormount_panel.auth import CODE_S
 from mirrormount_panel.board_settings import BoardSettings
+from mirrormount_panel.log_card import log_card
 from mirrormount_panel.mounts import Page, PanelMount, Part, warn
+from mirrormount_panel.position_cards import positions_card, undo_zero
+from mirrormount_panel.positions import Positions
 from mirrormount_panel.socket import refusal
 
 if TYPE_CHECKING:
@@ -24,23 +27,37 @@ STATIC = Path(__file__).parent / "static"
 _REFRESH_S = 0.1
 _HEAD = """<link rel="stylesheet" href="/panel/panel.css">
 <script src="/panel/moved.js" defer></script><script src="/panel/panel.js" defer></script>
-<script src="/panel/screen.js" defer></script><script src="/panel/camera.js" defer></script>"""
+<script src="/panel/screen.js" defer></script><script src="/panel/camera.js" defer></script>
+<script src="/panel/positions.js" defer></script>"""
 _CUT = "No connection to the panel. Nothing can be driven from here; what this page drove has been stopped."
 _MOVED = "Not carried out: the page had just moved what you pressed. Press again."
 _MODES = {None: "brightness_auto", False: "light_mode", True: "dark_mode"}
+
+
+class Board(NamedTuple):
+    """What all pages of a mount share of its board."""
+
+    settings: BoardSettings
+    positions: Positions
+
 
 Refresh = Callable[[], None]
 Link = Callable[[], str] | None
 _log = logging.getLogger("mirrormount_panel")
 
 
-def register(mounts: Sequence[PanelMount], link: Link, view: "CameraView[LiveCamera] | None") -> None:
+def register(
+    mounts: Sequence[PanelMount],
+    positions: Sequence[Positions],
+    link: Link,
+    view: "CameraView[LiveCamera] | None",
+) -> None:
     """Register the page with NiceGUI. link(): a new link for a phone, None if only this computer can open the panel.
 
-    view: the camera, if there is one.
+    positions: of each mount. view: the camera, if there is one.
     """
     app.add_static_files("/panel", STATIC, max_cache_age=0)
-    settings = [BoardSettings(mount.worker) for mount in mounts]
+    boards = [Board(BoardSettings(mount.worker), kept) for mount, kept in zip(mounts, positions, strict=True)]
 
     @ui.page("/", title="Mirror mount", response_timeout=10)
     def index() -> None:
@@ -52,12 +69,10 @@ def register(mounts: Sequence[PanelMount], link: Link, view: "CameraView[LiveCam
         for mount, page in parts:
             page.drop = client.delete
             client.on_delete(partial(mount.pages.forget, page))
-        _build(parts, settings, link, view)
+        _build(parts, boards, link, view)
 
 
-def _build(
-    parts: Sequence[Part], settings: Sequence[BoardSettings], link: Link, view: "CameraView[LiveCamera] | None"
-) -> None:
+def _build(parts: Sequence[Part], boards: Sequence[Board], link: Link, view: "CameraView[LiveCamera] | None") -> None:
     ui.add_head_html(_HEAD)
     refreshes: list[tuple[Page, Refresh]] = []
     with ui.element("header").classes("top"):
@@ -82,7 +97,7 @@ def _build(
     if len(parts) == 1:
         (mount, page) = parts[0]
         with ui.element("main").classes("cards").props(f'data-page="{page.key}"'):
-            refreshes += [(page, refresh) for refresh in _cards(0, mount, page, settings[0], view)]
+            refreshes += [(page, refresh) for refresh in _cards(0, mount, page, boards[0], view)]
     else:
         with ui.element("main").classes("mounts"):
             for number, (mount, page) in enumerate(parts):
@@ -94,9 +109,7 @@ def _build(
                     with ui.element("div").classes("banners"):
                         refreshes += _mount_banners((mount, page))
                     with ui.element("div").classes("cards"):
-                        refreshes += [
-                            (page, refresh) for refresh in _cards(number, mount, page, settings[number], None)
-                        ]
+                        refreshes += [(page, refresh) for refresh in _cards(number, mount, page, boards[number], None)]
     _footer(len(parts) > 1)
     axes = [mount.worker.state.axes for mount, _ in parts]
 
@@ -116,24 +129,32 @@ def _build(
 
 
 def _cards(
-    number: int, mount: PanelMount, page: Page, settings: BoardSettings, view: "CameraView[LiveCamera] | None"
+    number: int, mount: PanelMount, page: Page, board: Board, view: "CameraView[LiveCamera] | None"
 ) -> list[Refresh]:
     """The cards of one mount, in three columns. number: of the mount, from 0, as static/panel.js counts them."""
     worker = mount.worker
     refreshes: list[Refresh] = []
+
+    def refused(tick: object) -> str:
+        return refusal(worker, page, tick)
+
+    def undo(axis: str) -> Refresh:
+        return undo_zero(board.positions, axis, refused, number)
+
     with ui.element("div").classes("column"):
         refreshes += [cards.press_card(worker)]
         refreshes += [cards.number_cards(worker)]
     with ui.element("div").classes("column"):
         if view:
             cards.camera_card(view)
-        refreshes += [cards.axis_card(worker, name) for name in worker.state.axes]
+        refreshes += [cards.axis_card(worker, name, undo) for name in worker.state.axes]
         refreshes += [cards.plot_card(worker), cards.news_card(page, worker, mount.name)]
     with ui.element("div").classes("column"):
         if worker.connection.spot_mm() and not view:
             cards.screen_card(number)
-        refreshes += [cards.settings_card(settings, lambda tick: refusal(worker, page, tick), number)]
-        refreshes += [cards.wire_card(worker, mount.name)]
+        refreshes += [positions_card(board.positions, page, refused, number)]
+        refreshes += [cards.settings_card(board.settings, refused, number)]
+        refreshes += [log_card(worker, mount.name), cards.wire_card(worker, mount.name)]
     return refreshes
 
 

@@ -27,6 +27,8 @@ from mirrormount_panel import camera, page
 from mirrormount_panel.auth import Auth, SignIn, same
 from mirrormount_panel.connections import BoundedConnection
 from mirrormount_panel.mounts import Orders, Pages, PanelMount, find, stop_all
+from mirrormount_panel.page_moves import PageMoves
+from mirrormount_panel.positions import Positions
 from mirrormount_panel.socket import routes
 
 if TYPE_CHECKING:
@@ -198,19 +200,23 @@ def make_server(
     """
     log_to_file()
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
-    orders = Orders()
-    if view:
-        from mirrormount_panel.spot_moves import SpotMoves
+    mounts: list[PanelMount] = []
+    kept: list[Positions] = []
+    for number, (name, worker) in enumerate(workers.items()):
+        moves = PageMoves(worker)
+        orders, spots = {}, None
+        if view and number == 0:
+            from mirrormount_panel.spot_moves import SpotMoves
 
-        moves = SpotMoves(next(iter(workers.values())), view)
-        orders = Orders({"place": moves.place, "learn": moves.learn}, moves.give_way)
+            spots = SpotMoves(worker, view, moves)
+            orders = {"place": spots.place, "learn": spots.learn}
+        kept.append(Positions(worker, moves, spots))
+        all_orders = Orders({**orders, "back": kept[-1].back}, moves.give_way)
+        mounts.append(PanelMount(name if len(workers) > 1 else "", worker, Pages(worker.lease), all_orders))
+    if view:
         app.include_router(camera.routes([view], lambda request: _viewer(mounts, request)))
-    mounts = [
-        PanelMount(name if len(workers) > 1 else "", worker, Pages(worker.lease), Orders() if number else orders)
-        for number, (name, worker) in enumerate(workers.items())
-    ]
     app.include_router(routes(mounts, sign_in.key))
-    page.register(mounts, link, view)
+    page.register(mounts, kept, link, view)
 
     def fault(error: Exception) -> None:
         stop_all(mounts, "the panel has a fault", tell=False)

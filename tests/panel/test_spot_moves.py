@@ -1,19 +1,15 @@
 """Clicks on the picture of a virtual table's camera, without a browser: what is refused, what ends a move, who sees."""
 
-import contextlib
 import json
 import math
-import socket
-import threading
 from collections.abc import Iterator
 from types import SimpleNamespace
 
 import httpx
 import pytest
-import uvicorn
+from desks import order, served, ticked
 from fastapi import FastAPI
 from served import wait_for
-from websockets.sync.client import ClientConnection, connect
 
 from mirrormount.supervise.supervisor import Supervisor
 from mirrormount_beam.live import LiveCamera
@@ -22,6 +18,8 @@ from mirrormount_panel import camera as camera_module
 from mirrormount_panel.auth import Auth, SignIn
 from mirrormount_panel.camera import CameraView
 from mirrormount_panel.mounts import Orders, Pages, PanelMount
+from mirrormount_panel.page_moves import PageMoves
+from mirrormount_panel.positions import Positions
 from mirrormount_panel.socket import routes
 from mirrormount_panel.spot_moves import SpotMoves
 from mirrormount_sim.table import open_table
@@ -45,11 +43,13 @@ def desk(bench) -> Iterator[SimpleNamespace]:
     """The panel's routes, with one page that is in control and one that watches."""
     bench.worker.notices = type(bench.worker.notices)()
     view = CameraView(bench.live)
-    moves = SpotMoves(bench.worker, view, announced_s=0.2)
+    ways = PageMoves(bench.worker)
+    moves = SpotMoves(bench.worker, view, ways, announced_s=0.2)
+    positions = Positions(bench.worker, ways, moves)
     pages = Pages(bench.worker.lease)
     first, second = pages.add("here"), pages.add("here")
     app = FastAPI()
-    orders = Orders({"place": moves.place, "learn": moves.learn}, moves.give_way)
+    orders = Orders({"place": moves.place, "learn": moves.learn, "back": positions.back}, ways.give_way)
     app.include_router(routes([PanelMount("", bench.worker, pages, orders)], None))
     named = {first.key: "first"}
     app.include_router(camera_module.routes([view], lambda request: named.get(request.headers.get("x-page"))))
@@ -60,31 +60,21 @@ def desk(bench) -> Iterator[SimpleNamespace]:
         wait_for(lambda: not bench.live.trouble, "a picture")
         with httpx.Client(base_url=f"http://{at}") as http:
             yield SimpleNamespace(
-                drive=drive, watch=watch, first=first, second=second, view=view, moves=moves, http=http
+                drive=drive,
+                watch=watch,
+                first=first,
+                second=second,
+                view=view,
+                moves=moves,
+                ways=ways,
+                positions=positions,
+                http=http,
             )
-        moves.close()
-
-
-def ticked(at: str) -> ClientConnection:
-    """A driving socket, whose ticks nobody reads."""
-    return connect(f"ws://{at}/drive", max_queue=None)
-
-
-@contextlib.contextmanager
-def served(app) -> Iterator[str]:
-    """A web server in a thread; yields its address."""
-    listener = socket.create_server(("127.0.0.1", 0))
-    server = uvicorn.Server(uvicorn.Config(app, log_config=None, timeout_graceful_shutdown=1))
-    thread = threading.Thread(target=server.run, args=([listener],))
-    thread.start()
-    yield f"127.0.0.1:{listener.getsockname()[1]}"
-    server.should_exit = True
-    thread.join()
-    listener.close()
+        ways.close()
 
 
 def ask(bench, end, **message) -> None:
-    end.send(json.dumps({"tick": bench.worker.lease.tick(), **message}))
+    order(bench.worker, end, **message)
 
 
 def told(bench) -> list[str]:
@@ -128,14 +118,14 @@ def test_a_click_that_cannot_be_carried_out_is_refused_in_one_line_and_moves_not
     ask(bench, desk.drive, **{**CLICK, **message})
     wait_for(lambda: desk.first.notices, "the refusal")
     assert why in desk.first.notices[0] and "\n" not in desk.first.notices[0]
-    assert desk.moves._move is None and turned(bench) == before
+    assert desk.ways._last is None and turned(bench) == before
 
 
 def test_a_page_that_watches_moves_no_spot(bench, desk):
     ask(bench, desk.watch, do="learn")
     wait_for(lambda: desk.second.notices, "the refusal")
     assert "another page controls" in desk.second.notices[0]
-    assert desk.moves._move is None
+    assert desk.ways._last is None
 
 
 def test_a_click_on_a_picture_that_is_not_of_now_is_refused(bench, desk):
@@ -185,7 +175,7 @@ def test_what_ends_a_move_of_the_spot_in_its_middle(bench, desk, how):
             ask(bench, desk.watch, do="claim")
         case "the page closes":
             desk.drive.close()
-    desk.moves._move.thread.join(20)
+    desk.ways._last.thread.join(20)
     assert any("the move of the spot has ended" in text for text in told(bench))
     assert desk.view.doing == ""
 

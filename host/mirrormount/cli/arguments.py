@@ -56,10 +56,22 @@ def from_extra(extra: str, what: str) -> Iterator[None]:
 
 def page_of(command: str) -> Callable[..., Any]:
     """What serves the web page of a command: an entry point of the group mirrormount.pages. Raises ExtraMissing."""
+    return _of_other_package("mirrormount.pages", command, "a page needs")
+
+
+def spot_of(mount: "Mount", args: argparse.Namespace) -> Any:
+    """The spot in the camera of the arguments, for a mount: an entry point of the group mirrormount.spots.
+
+    Raises ExtraMissing, and what opening a camera raises.
+    """
+    return _of_other_package("mirrormount.spots", "kept", "--camera needs")(mount, args)
+
+
+def _of_other_package(group: str, name: str, what: str) -> Any:
     from importlib.metadata import entry_points
 
-    (point,) = entry_points(group="mirrormount.pages", name=command)
-    with from_extra(",".join(point.extras), "a page needs"):
+    (point,) = entry_points(group=group, name=name)
+    with from_extra(",".join(point.extras), what):
         return point.load()
 
 

@@ -1,16 +1,28 @@
 """`mirrormount keep`, `back`, `undo` and `log`: named positions, Zero undone, and what has moved."""
 
 import argparse
+import contextlib
 import csv
 import re
 import sys
 from collections.abc import Iterable, Iterator
 from datetime import UTC, datetime, timedelta
-from typing import TextIO
+from typing import Any, TextIO
 
-from mirrormount.cli.arguments import Command, axis_argument, note, open_mount, port_options, said_yes
+from mirrormount.cli.arguments import (
+    Command,
+    axis_argument,
+    camera_options,
+    camera_settings,
+    note,
+    open_mount,
+    port_options,
+    said_yes,
+    spot_of,
+)
 from mirrormount.device import motion_log
 from mirrormount.device.motion_log import LoggedMotion
+from mirrormount.device.mount import Mount
 from mirrormount.errors import BadValue
 from mirrormount.values import did_you_mean
 
@@ -26,6 +38,7 @@ def keep_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("name", nargs="?", metavar="NAME", help="without one the kept positions are listed")
     parser.add_argument("--list", action="store_true", help="list the kept positions of this board")
     parser.add_argument("--remove", action="store_true", help="forget that position")
+    _camera(parser, "keep also where this camera sees the spot")
 
 
 def keep(args: argparse.Namespace) -> None:
@@ -38,14 +51,16 @@ def keep(args: argparse.Namespace) -> None:
             presets.remove(args.name)
             print(f"{args.name} is forgotten")
             return
-        kept = presets.all() if args.list or not args.name else [presets.keep(args.name)]
+        with _spot(mount, args) as spot:
+            new = args.name and not args.list
+            kept = [presets.keep(args.name, spot=spot and spot.seen())] if new else presets.all()
         names = {axis.number: axis.name for axis in mount.axes}
         for preset in kept:
             places = (
                 f"{names.get(number, f'axis {number}')} {place.position:+.3f} ({place.certainty})"
                 for number, place in preset.places.items()
             )
-            print(f"{preset}: {', '.join(places)}")
+            print(f"{preset}: {', '.join(places)}" + (f"; {preset.spot}" if preset.spot else ""))
         if not kept:
             print("no position of this board is kept")
 
@@ -55,26 +70,44 @@ def back_arguments(parser: argparse.ArgumentParser) -> None:
     port_options(parser)
     parser.add_argument("name", nargs="?", metavar="NAME", help="default: the last one that was kept")
     parser.add_argument("--yes", action="store_true", help=_YES)
+    _camera(parser, "then bring the spot to where this camera saw it")
+
+
+def _camera(parser: argparse.ArgumentParser, what: str) -> None:
+    parser.add_argument("--camera", metavar="CAMERA", help=f"{what} (as `mirrormount camera` takes it)")
+    camera_options(parser)
+
+
+def _spot(mount: Mount, args: argparse.Namespace) -> contextlib.AbstractContextManager[Any]:
+    """The spot in the camera of the arguments; None without one. Raises as spot_of(), BadValue."""
+    if args.camera is not None:
+        return spot_of(mount, args)
+    if given := camera_settings(args).given:
+        raise BadValue(f"{', '.join(given)}: of a camera; add --camera")
+    return contextlib.nullcontext()
 
 
 def back(args: argparse.Namespace) -> None:
     """Go back to a position, and print it. Raises MountError."""
     from mirrormount.cli.motion import place, watched
 
-    with open_mount(args) as mount, mount.unless_stopped(since_open=True):
+    with open_mount(args) as mount, mount.unless_stopped(since_open=True), _spot(mount, args) as spot:
         preset = mount.presets.get(args.name)
+        if spot:
+            spot.check(preset)  # before anything moves
         if args.name is None:
             note(f"back to {preset}, the last position that was kept")
         sure = args.yes
         if not sure and (doubts := mount.presets.doubts(preset)):
             sure = said_yes(f"{'; '.join(doubts)}. Go all the same?")
         with watched(mount, mount.axes) as line:
-            mount.presets.back(
-                preset.name, sure=sure, progress=lambda _: line.show(f"on the way to {preset.name}; Ctrl-C stops")
-            )
+            where_to = f"on the way to {preset.name}; Ctrl-C stops"
+            mount.presets.back(preset.name, sure=sure, progress=lambda _: line.show(where_to))
+            brought = spot.bring(preset, lambda text: line.show(f"{preset.name}: {text}; Ctrl-C stops")) if spot else ""
         print(
             f"{preset.name}: "
             + ", ".join(f"{place(axis)} ({axis.status().certainty})" for axis in mount.by_name.values())
+            + (f"; {brought}" if brought else "")
         )
 
 

@@ -103,6 +103,12 @@ class SeenSpot:
     width: int
     height: int
 
+    def __str__(self) -> str:
+        return (
+            f"the spot at ({self.x:.2f} ± {self.error_x:.2f}, {self.y:.2f} ± {self.error_y:.2f}) px"
+            f" of {self.width}x{self.height} in {printable(self.camera, 60)}"
+        )
+
 
 @dataclass(frozen=True)
 class Preset:

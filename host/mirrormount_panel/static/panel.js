@@ -5,6 +5,7 @@
 //   data-send='{"do": "goto", "axis": "x"}'   a request; the page's fields are put in where it names them
 //   data-stop                                 stop
 //   data-fields="to:target_x"                 fields of a request: key:name of the input
+//   data-of="mount-1"                         it belongs to the mount of that id, and stands elsewhere (in a dialog)
 // An element with data-page holds what belongs to one mount; each has a connection of its own. Only STOP is for all.
 // Everything is sent at once or not at all: nothing is kept for later (see socket.py).
 "use strict";
@@ -95,7 +96,7 @@
   }, 250);
 
   const mountOf = (element) => {
-    const root = element.closest?.("[data-page]");
+    const root = element.closest?.("[data-page]") ?? document.getElementById(element.closest?.("[data-of]")?.dataset.of);
     return mounts.find((mount) => mount.root === root) ?? (mounts.length === 1 ? mounts[0] : null);
   };
 
