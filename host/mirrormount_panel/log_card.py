@@ -35,7 +35,7 @@ def log_card(worker: Worker, name: str) -> Callable[[], None]:
 
     with card("What has moved"), ui.expansion("Which motions, by whom, how they ended").classes("fold") as fold:
         with ui.element("div").classes("line"):
-            ui.label(f"The last {_SHOWN}, newest first. The file has {_SAVED}, in UTC.").classes("hint grow")
+            ui.label(f"The last {_SHOWN}, newest first. The file has the last {_SAVED}, in UTC.").classes("hint grow")
             ui.button("Save as a file", on_click=save).props("no-caps flat dense")
         rows = ui.element("div").classes("news moved").props("role=log tabindex=0 aria-label='What has moved'")
     shown = [-1]
@@ -57,11 +57,15 @@ def log_card(worker: Worker, name: str) -> Callable[[], None]:
     return refresh
 
 
+def when(at_s: float) -> str:
+    """A time for a person: of today without the day."""
+    then = time.localtime(at_s)
+    return time.strftime("%H:%M:%S" if then[:3] == time.localtime()[:3] else "%Y-%m-%d %H:%M", then)
+
+
 def _row(motion: LoggedMotion, what: str) -> None:
     with ui.element("div").classes("notice"):
-        today = time.strftime("%Y-%m-%d") == time.strftime("%Y-%m-%d", time.localtime(motion.ended))
-        form = "%H:%M:%S" if today else "%Y-%m-%d %H:%M"
-        ui.label(time.strftime(form, time.localtime(motion.ended))).classes("mono hint")
+        ui.label(when(motion.ended)).classes("mono hint")
         with ui.element("div").classes("grow"):
             ui.label(what.replace("-", "−"))
             ui.label(f"by {motion.who}").classes("hint")

@@ -4,13 +4,13 @@ The map is drawn by static/positions.js. Back is a request by static/panel.js; t
 """
 
 import json
-import time
 from collections.abc import Callable
 
 from nicegui import ui
 
 from mirrormount.device.presets import Preset
 from mirrormount_panel.cards import Refresh, Refusal, axis_title, card, ticked
+from mirrormount_panel.log_card import when
 from mirrormount_panel.mounts import Page, confirm, run_on_mount
 from mirrormount_panel.positions import Positions
 
@@ -75,17 +75,20 @@ def positions_card(positions: Positions, page: Page, refusal: Refusal, mount: in
 
 
 def undo_zero(positions: Positions, axis: str, refusal: Refusal, mount: int) -> Refresh:
-    """A button that undoes the axis's last Zero, and below it what it has done."""
+    """A button that undoes the axis's last Zero, if there is one, and below it what it has done."""
 
     async def undo() -> None:
         await run_on_mount(positions.undo_zero(axis))
         positions.reading.refresh()
 
-    button = ticked("Undo Zero", undo, refusal, mount).props(f'flat aria-label="Undo Zero of {axis}"')
+    button = ticked("Undo Zero", undo, refusal, mount).classes("undo-zero")
+    button.props(f'flat aria-label="Undo Zero of {axis}"')
     done = ui.label().classes("hint undone").props("role=status")
 
     def refresh() -> None:
-        button.set_enabled(axis in positions.kept.zeroed)
+        there = axis in positions.kept.zeroed
+        button.set_enabled(there)
+        button.classes(toggle=None, add="" if there else "none", remove="none" if there else "")
         done.set_text(positions.done.get(axis, ""))
 
     return refresh
@@ -123,14 +126,13 @@ def _row(positions: Positions, preset: Preset, remove: Callable[[], None]) -> No
         for number, place in preset.places.items()
     )
     spot = f"; the spot at ({preset.spot.x:.1f}, {preset.spot.y:.1f}) px" if preset.spot else ""
-    kept = time.strftime("%Y-%m-%d %H:%M", time.localtime(preset.at))
     with ui.element("div").classes("place"):
         with ui.element("div").classes("grow"):
             ui.label(preset.name).classes("place-name")
-            ui.label(f"{where.replace('-', '−')}{spot}; {kept}").classes("hint")
+            ui.label(f"{where.replace('-', '−')}{spot}; kept {when(preset.at)}").classes("hint")
         _send(positions, "Back", preset.name).props("outline")
         if preset.spot and positions.spots:
-            _send(positions, "Back by the beam", preset.name, beam=True).props("outline")
+            _send(positions, "Back by the beam", preset.name, beam=True).props("outline").classes("by-beam")
         button = ui.button("Remove", on_click=remove).props("flat no-caps")
         button.props["aria-label"] = f"Remove {preset.name}"
 

@@ -146,18 +146,22 @@ def test_factory_asks_first_and_cancel_changes_nothing(page, panel, board):
 
 
 @pytest.mark.full
-def test_factory_can_be_undone_after_the_page_was_loaded_again(open_page, page, panel, board):
+def test_factory_can_be_undone_after_the_panel_was_started_anew_and_undone_again(
+    open_page, page, panel, board, tmp_path
+):
     label = change_direction(page)
     page.get_by_role("button", name="Factory").click()
     page.get_by_role("button", name="Replace them").click()
     wait_for_value(page, label, "0")
-    page.reload()
-    page.wait_for_selector("body.steady")
+    panel.end()
+    panel = Panel(str(board.link), tmp_path, "--patience", "2")
+    page = open_page(panel.url)
     open_settings(page)
-    assert page.get_by_label(label).input_value() == "0"
-    page.get_by_role("button", name="Put them back").click()
+    page.get_by_text("Before the last change: x.inverted = 1").wait_for()
+    page.get_by_role("button", name="Undo the last change").click()
+    page.get_by_text("put back: x.inverted = 1").wait_for()
     wait_for_value(page, label, "1")
-    page.get_by_role("button", name="Put them back").wait_for(state="hidden")
+    page.get_by_text("Before the last change: x.inverted = 0").wait_for()
     panel.end()
     with Mount.open(str(board.link)) as mount:
         assert mount.settings()["x"]["inverted"] == 1

@@ -38,8 +38,8 @@ def test_everything_can_be_read(open_page, panel, board, colors):
     page.get_by_text("Replace all settings by the factory's?").wait_for()
     assert_readable(page, "Replace them", "Cancel")
     page.get_by_role("button", name="Replace them").click()
-    page.get_by_role("button", name="Put them back").wait_for()
-    assert_readable(page, "Put them back")
+    page.get_by_role("button", name="Undo the last change").wait_for()
+    assert_readable(page, "Undo the last change")
 
 
 @pytest.mark.full

@@ -3,7 +3,8 @@
 import asyncio
 import contextlib
 import json
-from collections.abc import Iterator
+from collections.abc import Coroutine, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
 
 import pytest
@@ -49,6 +50,12 @@ def desk(board) -> Iterator[SimpleNamespace]:
             ways.close()
 
 
+def run(work: Coroutine[object, object, object]) -> object:
+    """Await it in a thread of its own: where a browser is under test, this thread has a loop already."""
+    with ThreadPoolExecutor(1) as pool:
+        return pool.submit(asyncio.run, work).result()
+
+
 def keep(desk, name: str, x: float, y: float) -> None:
     """Keep a position there, and go away from it: to (0, 0)."""
     for place in ((x, y), (0, 0)):
@@ -56,7 +63,7 @@ def keep(desk, name: str, x: float, y: float) -> None:
             ask(desk, do="goto", axis=axis, to=to)
             wait_for(lambda axis=axis, to=to: at_rest(desk) and at(desk)["xy".index(axis)] == to, f"{axis} at {to}")
         if place == (x, y):
-            asyncio.run(desk.positions.keep(name))
+            run(desk.positions.keep(name))
 
 
 def ask(desk, **message) -> None:
@@ -175,7 +182,7 @@ def end_it(desk, how: str) -> None:
             desk.drive.close()
         case "undo of a Zero":
             with pytest.raises(NotKept):
-                asyncio.run(desk.positions.undo_zero("x"))
+                run(desk.positions.undo_zero("x"))
 
 
 @pytest.mark.parametrize(
@@ -212,7 +219,7 @@ def test_a_mount_that_moves_is_not_sent_elsewhere(desk):
 
 def test_a_database_that_is_locked_keeps_no_run_from_going_on(desk):
     """It is waited for in another thread: the keep-alive (0.5 s) is fed on."""
-    asyncio.run(desk.positions.keep("good"))
+    run(desk.positions.keep("good"))
     ask(desk, do="zero", axis="x")
     wait_for(lambda: desk.worker.state.status.x.certainty == "counted", "Zero")
     ask(desk, do="drive", x="0", y="100")
@@ -220,18 +227,18 @@ def test_a_database_that_is_locked_keeps_no_run_from_going_on(desk):
     with records.opened(presets.FILE, presets._SCHEMA, write=True):
         for work in (desk.positions.remove("good"), desk.positions.undo_zero("x")):
             with pytest.raises(CannotWrite, match="locked"):
-                asyncio.run(work)
+                run(work)
     assert not at_rest(desk) and not any("says 62" in text for text in told(desk))
 
 
 def test_keep_and_undo_move_nothing_and_undo_says_what_it_has_done(desk, board):
     ask(desk, do="zero", axis="x")
     wait_for(lambda: desk.worker.state.status.x.certainty == "counted", "Zero")
-    assert asyncio.run(desk.positions.keep("good")) == "good is kept"
-    assert "x: the position here is +0 steps as before Zero" in asyncio.run(desk.positions.undo_zero("x"))
+    assert run(desk.positions.keep("good")) == "good is kept"
+    assert "x: the position here is +0 steps as before Zero" in run(desk.positions.undo_zero("x"))
     assert desk.positions.done["x"].startswith("x: the position here is +0 steps")
     with pytest.raises(NotKept):
-        asyncio.run(desk.positions.undo_zero("x"))
+        run(desk.positions.undo_zero("x"))
     assert board.edges() == []
 
 
@@ -241,5 +248,5 @@ def test_an_undo_while_the_axis_moves_undoes_nothing(desk):
     ask(desk, do="drive", x="0", y="100")
     wait_for(lambda: not at_rest(desk), "the run")
     with pytest.raises(BoardError):
-        asyncio.run(desk.positions.undo_zero("y"))
+        run(desk.positions.undo_zero("y"))
     assert desk.positions._presets().zeroed() == ["y"]

@@ -1,5 +1,6 @@
 """Clicks on the picture of a virtual table's camera, without a browser: what is refused, what ends a move, who sees."""
 
+import asyncio
 import json
 import math
 from collections.abc import Iterator
@@ -178,6 +179,32 @@ def test_what_ends_a_move_of_the_spot_in_its_middle(bench, desk, how):
     desk.ways._last.thread.join(20)
     assert any("the move of the spot has ended" in text for text in told(bench))
     assert desk.view.doing == ""
+
+
+def test_by_the_beam_without_learn_is_refused_before_anything_moves(bench, desk):
+    assert asyncio.run(desk.positions.keep("unlearned")) == "unlearned is kept with its spot"
+    before = turned(bench)
+    ask(bench, desk.drive, do="back", name="unlearned", beam=True)
+    wait_for(lambda: any("press Learn first" in text for text in told(bench)), "the refusal")
+    assert turned(bench) == before
+
+
+@pytest.mark.wall_clock  # some steps, each with pictures after it, in real time
+def test_back_by_the_beam_brings_the_spot_to_where_it_was_kept(bench, desk):
+    learned(bench, desk)
+    spot = desk.moves.seen()
+    asyncio.run(desk.positions.keep("good"))
+    for way, n in ((-1, "5"), (1, "2")):  # away, and back by the steps of the other side
+        for axis in ("x", "y"):
+            to = turned(bench)["xy".index(axis)] + way * int(n)
+            ask(bench, desk.drive, do="steps", axis=axis, way=way, n=n)
+            wait_for(lambda axis=axis, to=to: abs(turned(bench)["xy".index(axis)] - to) < 0.1, f"{n} of {axis}")
+            wait_for(lambda: not bench.worker.state.status.moving, "rest")
+    ask(bench, desk.drive, do="back", name="good", beam=True)
+    wait_for(lambda: any("back at good" in text for text in told(bench)), "the end", lambda: told(bench))
+    assert "px from where it was kept" in told(bench)[-1]
+    now = desk.moves.seen()
+    assert math.dist((now.x, now.y), (spot.x, spot.y)) < 1.0
 
 
 def test_a_response_of_another_length_of_a_step_is_not_used(bench, desk):

@@ -109,7 +109,7 @@
       dot.append(make("title", {}, `${name}: ${number(x)}, ${number(y)}`));
       const label = svg.appendChild(make("text", { class: "map-name" }, name));
       const long = label.getComputedTextLength();
-      const box = [[7, -7], [-7 - long, -7], [-long / 2, -21], [-long / 2, 6]]
+      const box = [[11, -7], [-11 - long, -7], [-long / 2, -24], [-long / 2, 10]]
         .map(([dx, dy]) => [px + dx, py + dy, px + dx + long, py + dy + 14])
         .find(free);
       if (!box) {
