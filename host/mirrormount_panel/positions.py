@@ -117,14 +117,21 @@ class Positions:
         """Keep the present position, with the spot if the panel's camera sees one. Returns what was done, in words."""
 
         def keep() -> str:
-            spot, without = None, ""
-            if self.spots:
-                try:
-                    spot = self.spots.seen()
-                except MountError as e:
-                    without = f", without a spot: {e}"
-            self._presets().keep(name, spot=spot)
-            return f"{name} is kept{' with its spot' if spot else without}"
+            kept = self._presets()
+            if self.spots is None:
+                kept.keep(name)
+                return f"{name} is kept"
+            before = ask_board(self.worker, _at)
+            try:
+                spot = self.spots.seen()
+            except MountError as e:
+                kept.keep(name)
+                return f"{name} is kept, without a spot: {e}"
+            preset = kept.keep(name, spot=spot)
+            if before != {number: place.position for number, place in preset.places.items()}:
+                kept.keep(name)
+                return f"{name} is kept, without a spot: the mount has moved while the camera looked"
+            return f"{name} is kept with its spot"
 
         return await asyncio.to_thread(keep)
 
@@ -135,8 +142,9 @@ class Positions:
     async def undo_zero(self, axis: str) -> str:
         """Give an axis the coordinates from before its last Zero. Returns what was done, in words."""
         self._moves.give_way()
-        self.done[axis] = await asyncio.to_thread(lambda: self._presets().undo_zero(axis))
-        return self.done[axis]
+        done = await asyncio.to_thread(lambda: self._presets().undo_zero(axis))
+        self.done[axis] = f"{time.strftime('%H:%M:%S')} {done}"
+        return done
 
     # ---- Back
 
@@ -201,6 +209,10 @@ class Positions:
         arrival = self.spots.bring(move, spot)
         end = "" if arrival.reached else ": press it again"
         return f"back at {name}; the spot is {arrival.off_px:.1f} px from where it was kept{end}"
+
+
+def _at(mount: Mount) -> dict[int, float]:
+    return {number: axis.position for number, axis in enumerate(mount.status().axes, 1)}
 
 
 def _kept(mount: Mount) -> Kept:

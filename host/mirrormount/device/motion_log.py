@@ -100,7 +100,8 @@ class MotionLog:
                 elif before is not None and jitters:
                     continue
                 self._rest[number] = axis.position
-                self._homing -= {number} if begun else set()
+                if begun or (self._started and axis.certainty == "homed"):  # or it was over at the first look
+                    self._homing.discard(number)
             self._started = self._started and status.moving
 
     def _end_of(self, number: int, axis: AxisStatus) -> str:

@@ -11,7 +11,6 @@
   const LEAST = 5; // steps from the middle to the edge, at least
   const [LEFT, RIGHT, TOP, BOTTOM] = [44, 12, 12, 24]; // room for the numbers, px
   const TICK_PX = 52; // between two numbers, at least
-  const HIGH = 0.72; // of the width
 
   const maps = new Map(); // {trail, kept, at, moved, drawn} of each box
 
@@ -50,7 +49,7 @@
     const svg = box.querySelector("svg.map");
     const map = maps.get(box);
     if (!svg || !svg.clientWidth) return;
-    const size = [svg.clientWidth, Math.round(svg.clientWidth * HIGH)];
+    const size = [svg.clientWidth, svg.clientHeight];
     const [wide, high] = [size[0] - LEFT - RIGHT, size[1] - TOP - BOTTOM];
     const kept = map.kept.filter(([, x, y]) => Number.isFinite(x) && Number.isFinite(y));
     const points = [...kept.map(([, x, y]) => [x, y]), ...map.trail];
@@ -63,7 +62,6 @@
     if (drawn !== map.drawn) {
       map.drawn = drawn;
       svg.setAttribute("viewBox", `0 0 ${size[0]} ${size[1]}`);
-      svg.style.height = `${size[1]}px`;
       svg.replaceChildren();
       grid(svg, view, at, wide, high);
       places(svg, kept, at, wide);
@@ -125,7 +123,7 @@
   function read(box) {
     if (!maps.has(box)) {
       maps.set(box, { trail: [], kept: [], at: null, moved: false, drawn: "" });
-      new ResizeObserver(() => draw(box)).observe(box);
+      new ResizeObserver(() => requestAnimationFrame(() => draw(box))).observe(box);
     }
     const map = maps.get(box);
     map.kept = JSON.parse(box.dataset.kept ?? "[]");
