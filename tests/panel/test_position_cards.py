@@ -89,7 +89,7 @@ def test_go_all_the_same_goes(kept, page, board):
     press(button(page, "Back to good"))
     press(button(page, "Go all the same"))
     page.locator(".news").get_by_text("back at good, by steps").wait_for()
-    assert page.locator(".position").first.inner_text() == "+2.000"
+    expect(page.locator(".position").first).to_have_text("+2.000")
 
 
 def test_a_name_is_text_whatever_is_in_it(kept, page):
