@@ -19,7 +19,7 @@ from mirrormount.device.status import AxisStatus
 from mirrormount.errors import REASONS, BadValue, remedy_of
 from mirrormount.supervise.connection import AxisScale, Point
 from mirrormount.supervise.log import Entry, Notice
-from mirrormount.supervise.requests import COARSE_STEPS, FINE_STEPS, FULL
+from mirrormount.supervise.requests import FINE, FULL
 from mirrormount.supervise.worker import HOLD_S, MOST, Worker
 from mirrormount_panel.board_settings import BoardSettings
 from mirrormount_panel.camera import CameraView, camera_html
@@ -57,7 +57,7 @@ _SLIDER = (
 
 
 def press_card(worker: Worker) -> Callable[[], None]:
-    """The pad: a short press is one step, a long one runs at the slider's speed. Shows how many presses wait."""
+    """The pad: a short press is some steps, a long one runs at the slider's speed. Shows how many presses wait."""
     with card("Press and hold"):
         with ui.element("div").classes("pad"):
             for place, press, arrow, word in _PAD:
@@ -74,9 +74,12 @@ def press_card(worker: Worker) -> Callable[[], None]:
             ui.label("Speed").classes("name")
             # Plain HTML, because Vue would put an input's first value back whenever anything on the page changes.
             ui.html(_SLIDER, sanitize=False).classes("slider")
+            ui.label("Step").classes("name")
+            number("press_steps", "1", "Steps of a short press", keyboard="numeric", remember=True).classes("short")
         ui.label(
-            f"Short press: {FINE_STEPS} step. Longer than {HOLD_S:g} s: runs until you let go. Arrow keys do the same;"
-            f" with Shift {COARSE_STEPS} steps, and full speed. Presses while it steps are queued, up to {MOST}."
+            f"Short press: as many steps as Step says. Longer than {HOLD_S:g} s: runs until you let go. Arrow keys do"
+            f" the same, and Enter on a button; with Shift one step, and 1/{FINE} of the speed. Presses while it steps"
+            f" are queued, up to {MOST}."
         ).classes("hint")
 
     def refresh() -> None:
@@ -172,13 +175,14 @@ def _is_known(unit: str, scale: AxisScale | None) -> bool:
             return scale is not None and scale.beam_mrad is not None
 
 
-def number(name: str, value: str, label: str, keyboard: str = "text") -> ui.input:
+def number(name: str, value: str, label: str, keyboard: str = "text", *, remember: bool = False) -> ui.input:
     """A text field for a number; it is checked when it is sent, and never rounded or clamped.
 
-    keyboard: a phone's; "numeric" has no minus on some.
+    keyboard: a phone's; "numeric" has no minus on some. remember: the browser does (static/panel.js).
     """
     return ui.input(value=value).props(
         f'name={name} inputmode={keyboard} autocomplete=off dense outlined hide-bottom-space aria-label="{label}"'
+        + " data-remember" * remember
     )
 
 

@@ -59,14 +59,28 @@ def test_a_short_stroke_of_an_arrow_key_is_one_step_that_way(page, board, word):
     assert on_times_us(board, LEGS[word][:2] + "_en") == [pytest.approx(PULSE_US, abs=50)]
 
 
-@pytest.mark.full
-def test_shift_makes_ten_steps(page, board):
-    page.keyboard.down("Shift")
+def set_step(page, typed: str) -> None:
+    page.get_by_label("Steps of a short press").fill(typed)
+    page.get_by_label("Steps of a short press").blur()
+
+
+def test_a_short_press_makes_as_many_steps_as_the_field_says_and_with_shift_one(page, board):
+    set_step(page, "3")
     page.keyboard.press("ArrowRight")
-    page.keyboard.up("Shift")
-    wait_for_pulses(board, 10)
-    page.get_by_text("last move: done").first.wait_for()
-    assert on_times_us(board, "m2_en") == [pytest.approx(PULSE_US, abs=50)] * 10
+    wait_for_pulses(board, 3)
+    page.get_by_text("+3.000").wait_for()
+    page.keyboard.press("Shift+ArrowRight")
+    page.get_by_text("+4.000").wait_for()
+    assert on_times_us(board, "m2_en") == [pytest.approx(PULSE_US, abs=50)] * 4
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("typed", ["0", "-1", "101", "1.5", "", "ten"])
+def test_a_step_that_cannot_be_is_told_and_drives_nothing(page, board, typed):
+    set_step(page, typed)
+    page.keyboard.press("ArrowRight")
+    page.get_by_text("nothing was done: the step of a press").wait_for()
+    assert board.edges() == []
 
 
 def hold(page, word: str) -> None:
@@ -112,6 +126,19 @@ def duties(board) -> list[int]:
 
 
 @pytest.mark.full
+def test_a_held_run_with_shift_has_a_quarter_of_the_speed(page, board):
+    page.get_by_role("slider", name="Speed").fill("100")
+    page.get_by_role("slider", name="Speed").blur()
+    page.keyboard.down("Shift")
+    page.keyboard.down("ArrowRight")
+    wait_for_run(board)
+    page.keyboard.up("ArrowRight")
+    page.keyboard.up("Shift")
+    wait_for_rest(board)
+    assert duties(board) == [65535, 0, 25 * 257, 0]
+
+
+@pytest.mark.full
 def test_the_slider_starts_slow_and_sets_the_speed_of_the_run_and_not_of_the_step(open_page, panel, board):
     page = open_page(panel.url, **FRESH)
     assert page.get_by_role("slider", name="Speed").input_value() == str(SLOW)
@@ -151,27 +178,25 @@ def test_four_taps_in_a_row_are_four_steps(page, board):
 
 @pytest.mark.full
 def test_taps_that_wait_are_shown_and_stop_drops_them(page, board):
-    page.keyboard.down("Shift")
+    set_step(page, "10")
     for _ in range(4):
         page.keyboard.press("ArrowRight")
-    page.keyboard.up("Shift")
     page.get_by_text("3 queued").wait_for()
     page.keyboard.press("Escape")
     wait_for_rest(board)
     page.get_by_text("queued", exact=False).filter(has_text=re.compile("^[0-9]+ queued$")).wait_for(state="detached")
     page.get_by_text("last move: aborted (STOP was pressed)").wait_for()
-    page.keyboard.press("ArrowUp")
+    page.keyboard.press("Shift+ArrowUp")
     page.locator("section", has_text="Y ·").get_by_text("+1.000").wait_for()
     assert len(on_times_us(board, "m2_en")) < 10
 
 
 @pytest.mark.full
 def test_more_taps_than_can_wait_are_told(page, board):
-    page.keyboard.down("Shift")
+    set_step(page, "10")
     for _ in range(MOST + 2):
         page.keyboard.press("ArrowRight")
-    page.keyboard.up("Shift")
-    page.get_by_text("this press was not counted: 10 steps wait already").first.wait_for()
+    page.get_by_text("this press was not counted: 10 presses wait already").first.wait_for()
     page.keyboard.press("Escape")
     wait_for_rest(board)
 

@@ -5,7 +5,7 @@ import pytest
 from mirrormount.errors import BadValue
 from mirrormount.supervise.requests import Drive, GoTo, Home, MoveBy, MoveTo, Press, Steps, Zero, parse
 
-PRESS = {"do": "press", "x": 1, "y": 0, "speed": "128"}
+PRESS = {"do": "press", "x": 1, "y": 0, "speed": "128", "steps": "1"}
 
 
 @pytest.mark.parametrize(
@@ -24,9 +24,10 @@ PRESS = {"do": "press", "x": 1, "y": 0, "speed": "128"}
         ({"do": "home", "axis": "x"}, Home("x")),
         ({"do": "zero", "axis": "y"}, Zero("y")),
         (PRESS, Press({"x": 1}, 128)),
-        ({"do": "press", "z": -1, "speed": 7}, Press({"z": -1}, 7)),
+        ({"do": "press", "z": -1, "speed": 7, "steps": 1}, Press({"z": -1}, 7)),
         ({"do": "home", "axis": "z"}, Home("z")),
-        (PRESS | {"coarse": True}, Press({"x": 1}, 128, coarse=True)),
+        (PRESS | {"steps": " 100 "}, Press({"x": 1}, 128, steps=100)),
+        (PRESS | {"y": -1, "steps": "7"}, Press({"x": 1, "y": -1}, 128, steps=7)),
     ],
 )
 def test_a_request_is_understood(message, request_):
@@ -64,6 +65,12 @@ def test_a_request_is_understood(message, request_):
         PRESS | {"speed": "0"},
         PRESS | {"speed": "-5"},
         PRESS | {"speed": "9" * 5000},
+        PRESS | {"steps": "0"},
+        PRESS | {"steps": "-1"},
+        PRESS | {"steps": "101"},
+        PRESS | {"steps": "1.5"},
+        PRESS | {"steps": ""},
+        PRESS | {"steps": None},
     ],
 )
 def test_what_is_no_request_is_refused_in_words(message):
@@ -72,12 +79,11 @@ def test_what_is_no_request_is_refused_in_words(message):
     assert len(str(e.value).splitlines()) == 1
 
 
-def test_a_coarse_press_is_ten_steps_and_full_speed():
-    assert parse(PRESS | {"x": -1, "coarse": True}).steps == {"x": -10}
-    assert parse(PRESS | {"x": -1, "coarse": True}).run == {"x": -1.0}
-    assert parse(PRESS).steps == {"x": 1}
-    assert parse(PRESS).run == {"x": pytest.approx(128 / 255)}
+@pytest.mark.parametrize(("speed", "fine"), [(255, 63), (80, 20), (3, 1), (1, 1)])
+def test_a_fine_press_is_one_step_and_a_quarter_of_the_speed_whatever_the_step_is(speed, fine):
+    for steps in ("100", "", "a word"):
+        assert parse(PRESS | {"speed": speed, "steps": steps, "fine": True}) == Press({"x": 1}, fine)
 
 
 def test_a_diagonal_press_is_of_both_axes():
-    assert parse(PRESS | {"y": -1}).steps == {"x": 1, "y": -1}
+    assert parse(PRESS | {"y": -1}).ways == {"x": 1, "y": -1}

@@ -61,7 +61,7 @@ def tap(worker, page, press=RIGHT) -> None:
 @pytest.mark.parametrize("how", ["stop", "gone", "refusal"])
 def test_presses_that_wait_are_dropped(worker, page, lease, how):
     for _ in range(5):
-        tap(worker, page, Press({"x": 1}, 255, coarse=True))
+        tap(worker, page, Press({"x": 1}, 255, steps=10))
     wait_for(lambda: moving(worker) and len(worker.presses) == 4, "the first one")
     if how == "stop":
         worker.stop("the test")
@@ -76,7 +76,7 @@ def test_presses_that_wait_are_dropped(worker, page, lease, how):
 
 def test_a_press_of_a_diagonal_that_one_axis_refuses_stops_the_other(worker, page):
     worker.call(lambda mount: mount.apply({"y": {"soft_maximum": 3, "checking": 8}})).result(PATIENCE_S)
-    tap(worker, page, Press({"x": 1, "y": 1}, 255, coarse=True))
+    tap(worker, page, Press({"x": 1, "y": 1}, 255, steps=10))
     wait_for(lambda: page.notices, "the refusal")
     wait_for(lambda: not moving(worker), "rest")
     polled(worker)

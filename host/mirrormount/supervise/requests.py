@@ -11,31 +11,21 @@ from mirrormount.values import real_number, whole_number
 from mountfw.settings import MAX_STEPS
 
 MOST_STEPS = MAX_STEPS
-FINE_STEPS = 1
-COARSE_STEPS = 10
 FULL = 255
+MOST_PRESS_STEPS = 100  # of one press of a direction button
+FINE = 4  # A fine press is one step, and its run has the speed divided by this.
 
 
 @dataclass(frozen=True)
 class Press:
     """A direction button goes down: some steps at once, and a run at `speed` (1 … 255) while it is held.
 
-    ways: the axes that take part, each with its direction 1 or -1.
+    ways: the axes that take part, each with its direction 1 or -1. steps: of each of them.
     """
 
     ways: Mapping[str, int]
     speed: int
-    coarse: bool = False
-
-    @property
-    def steps(self) -> dict[str, int]:
-        """Steps made at once, signed."""
-        return {axis: way * (COARSE_STEPS if self.coarse else FINE_STEPS) for axis, way in self.ways.items()}
-
-    @property
-    def run(self) -> dict[str, float]:
-        """Speeds of the run, -1 … 1; a coarse one runs at full speed."""
-        return {axis: way * (1.0 if self.coarse else self.speed / FULL) for axis, way in self.ways.items()}
+    steps: int = 1
 
 
 @dataclass(frozen=True)
@@ -149,10 +139,19 @@ def _press(message: Mapping[str, Any], axes: Sequence[str]) -> Press:
     ways = {axis: _whole(message, axis, 1, "a direction") for axis in axes if axis in message}
     if not any(ways.values()):
         raise BadValue("a press has a direction")
-    speed = _whole(message, "speed", FULL, "the speed")
-    if speed < 1:
-        raise BadValue(f"the speed is 1 … {FULL}, not {speed}")
-    return Press({axis: way for axis, way in ways.items() if way}, speed, message.get("coarse") is True)
+    moved = {axis: way for axis, way in ways.items() if way}
+    speed = _counted(message, "speed", FULL, "the speed")
+    if message.get("fine") is True:
+        return Press(moved, max(1, speed // FINE))
+    return Press(moved, speed, _counted(message, "steps", MOST_PRESS_STEPS, "the step of a press"))
+
+
+def _counted(message: Mapping[str, Any], key: str, most: int, what: str) -> int:
+    """A whole number from 1 on."""
+    number = _whole(message, key, most, what)
+    if number < 1:
+        raise BadValue(f"{what} is 1 … {most}, not {number}")
+    return number
 
 
 def _way(message: Mapping[str, Any]) -> int:

@@ -40,7 +40,7 @@ from mirrormount.supervise.connection import MOVING_POLL_S, POLL_S, Address, Con
 from mirrormount.supervise.lease import Client, Lease
 from mirrormount.supervise.log import Notices, ToNotices, WireLog
 from mirrormount.supervise.motions import REPLACING, Asked, Motion, Motions, start
-from mirrormount.supervise.requests import Press, Request
+from mirrormount.supervise.requests import FULL, Press, Request
 from mountfw import codes as wire
 
 T = TypeVar("T")
@@ -235,7 +235,7 @@ class Brake:
 # ---- direction buttons
 
 HOLD_S = 0.7  # A button that is held longer than this runs; one that is released before makes only its step.
-MOST = 10  # presses that may wait, which is 2 s of steps
+MOST = 10  # presses that may wait
 
 
 @dataclass(eq=False)
@@ -333,7 +333,10 @@ class Pad:
         if last and not last.released:
             return False  # one hand at a time
         if self.presses.full:
-            hold.client.notices.append(f"this press was not counted: {len(self.presses)} steps wait already")
+            waiting = len(self.presses)
+            hold.client.notices.append(
+                f"this press was not counted: {waiting} presses wait already; wait for them, or drop them by STOP"
+            )
             return False
         self.presses.add(hold)
         return True
@@ -364,12 +367,12 @@ class Pad:
 
     def step(self, mount: Mount, hold: Hold) -> None:
         """Begin the steps of a press. Raises MountError."""
-        for name, steps in hold.press.steps.items():
+        for name, way in hold.press.ways.items():
             self._state.targets[name] = None
             try:
-                mount.axis(name).step(steps, wait=False, feed=False)
+                mount.axis(name).step(way * hold.press.steps, wait=False, feed=False)
             except BoardError:
-                if len(hold.press.steps) > 1:  # one axis of two
+                if len(hold.press.ways) > 1:  # one axis of two
                     self._stop("one axis of a diagonal step was refused")
                 raise
             self._state.began(name)
@@ -386,9 +389,9 @@ class Pad:
 
     def run(self, mount: Mount, hold: Hold) -> None:
         """Begin the run of a button that is held. Raises MountError."""
-        for name, speed in hold.press.run.items():
+        for name, way in hold.press.ways.items():
             if not hold.released:
-                mount.axis(name).jog(speed, feed=False)
+                mount.axis(name).jog(way * hold.press.speed / FULL, feed=False)
 
     def report_errors(self, moving: bool) -> None:
         """The board has reported errors: no press goes on."""

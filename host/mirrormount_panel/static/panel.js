@@ -127,12 +127,12 @@
 
   // ---- press and hold
 
-  function press(element, by, coarse) {
+  function press(element, by, fine) {
     const mount = mountOf(element);
     if (held || element.disabled || !mount) return;
     const ways = element.dataset.press.split(" ").map((way) => way.split(":"));
     const axes = Object.fromEntries(ways.map(([axis, way]) => [axis, Number(way)]));
-    if (!mount.send({ do: "press", ...axes, coarse, speed: mount.field("speed") })) return;
+    if (!mount.send({ do: "press", ...axes, fine, speed: mount.field("speed"), steps: mount.field("press_steps") })) return;
     held = { element, by, mount };
     element.classList.add("held");
   }
