@@ -192,8 +192,8 @@ moved since the loop began, estimated from the pulses. The colours are those bes
 line of the grid is ten times as far as the one below.</p></section>
 <section class="card"><h2 class="title">What it did</h2><p class="hold-counts mono"></p>
 <div class="hold-news" role="log"></div></section></main>
-<footer class="bottom"><button class="stop" type="button" data-stop aria-label="STOP all motors (Escape)">
-<span>STOP</span><span class="key">Esc</span></button></footer>"""
+<footer class="bottom"><button class="stop" type="button" data-stop aria-label="STOP all motors (Space, or Escape)">
+<span>STOP</span><span class="key">Space · Esc</span></button></footer>"""
 _PICTURE = """<section class="card"><h2 class="title">{name}</h2>{html}<p class="hold-off mono" data-of="{at}"></p>
 </section>"""
 

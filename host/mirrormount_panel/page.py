@@ -282,6 +282,6 @@ def _mode_button() -> None:
 
 def _footer(several: bool) -> None:
     with ui.element("footer").classes("bottom"), ui.element("button").classes("stop") as button:
-        button.props("data-stop type=button aria-label='STOP all motors (Escape)'")
+        button.props("data-stop type=button aria-label='STOP all motors (Space, or Escape)'")
         ui.label("STOP ALL" if several else "STOP")
-        ui.label("Esc").classes("key")
+        ui.label("Space · Esc").classes("key")

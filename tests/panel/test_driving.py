@@ -4,6 +4,8 @@ import itertools
 import re
 
 import pytest
+from looks import settled
+from playwright.sync_api import expect
 from running import press, pulses, run_until_driving, wait_for_rest
 from served import wait_for
 
@@ -112,11 +114,11 @@ def test_a_held_key_runs_until_it_is_let_go(page, board):
 
 
 @pytest.mark.full
-def test_a_button_in_focus_is_held_with_the_space_bar(page, board):
+def test_a_button_in_focus_is_held_with_enter(page, board):
     page.get_by_role("button", name="LEFT", exact=True).focus()
-    page.keyboard.down(" ")
+    page.keyboard.down("Enter")
     wait_for_run(board)
-    page.keyboard.up(" ")
+    page.keyboard.up("Enter")
     wait_for_rest(board)
     assert legs_used(board) == {"m2_neg"}
 
@@ -285,20 +287,75 @@ def test_zero_makes_the_present_position_zero(page, board):
     page.get_by_text("+1.000").wait_for(state="detached")
 
 
-@pytest.mark.parametrize("how", ["button", pytest.param("Escape", marks=pytest.mark.full), "Escape in a field"])
-def test_stop_ends_a_move_of_20_steps(page, board, how):
+FOCUSED = {
+    "what drove": "[data-send][data-fields^='n:']",
+    "a field": 'input[name="steps"]',
+    "the slider": 'input[name="speed"]',
+    "a direction button": '[data-press="y:1"]',
+}
+
+
+@pytest.mark.parametrize(
+    ("key", "focused"),
+    [
+        (None, None),
+        pytest.param("Escape", None, marks=pytest.mark.full),
+        ("Escape", "a field"),
+        (" ", None),
+        pytest.param(" ", "what drove", marks=pytest.mark.full),
+        pytest.param(" ", "the slider", marks=pytest.mark.full),
+        (" ", "a direction button"),
+    ],
+)
+def test_stop_ends_a_move_of_20_steps(page, board, key, focused):
     page.get_by_label("Number of steps").fill("20")
     press(page.get_by_text("right ▶"))
     run_until_driving(board)
-    if how == "button":
-        page.get_by_role("button", name="STOP").click()
+    if focused:
+        page.locator(FOCUSED[focused]).first.focus()
     else:
-        if how == "Escape in a field":
-            page.get_by_label("Number of steps").focus()
-        page.keyboard.press("Escape")
-    page.get_by_text("last move: aborted").wait_for()
+        page.evaluate("document.activeElement.blur()")
+    if key:
+        page.keyboard.press(key)
+    else:
+        page.get_by_role("button", name="STOP").click()
+    page.get_by_text("last move: aborted (STOP was pressed)").wait_for()
     assert not board.driving()
     assert pulses(board, "m2_pos") < 20
+    assert legs_used(board) == {"m2_pos"}
+
+
+def test_space_stops_when_it_goes_down_and_what_was_clicked_last_is_not_driven(page, board):
+    press(page.get_by_role("button", name="RIGHT", exact=True))  # which has the focus now
+    page.get_by_text("+1.000").wait_for()
+    page.keyboard.down("ArrowUp")
+    wait_for_run(board, "m1_en")
+    page.keyboard.down(" ")
+    wait_for_rest(board)
+    page.keyboard.up(" ")
+    page.keyboard.up("ArrowUp")
+    page.locator(".news").get_by_text("stopped: STOP was pressed").wait_for()
+    assert len(on_times_us(board, "m2_en")) == 1
+
+
+@pytest.mark.full
+def test_space_on_a_control_that_drives_nothing_is_for_that_control_and_stops_while_a_key_is_held(page, board):
+    page.get_by_text("What goes over the wire").click()
+    box = page.get_by_role("checkbox", name="with the questions after the state")
+    settled(page)
+    box.focus()
+    expect(box).to_be_focused()
+    page.keyboard.press(" ")
+    expect(box).to_be_checked()
+    page.keyboard.down("ArrowUp")
+    wait_for_run(board, "m1_en")
+    page.keyboard.press(" ")
+    wait_for_rest(board)
+    page.keyboard.up("ArrowUp")
+    expect(box).to_be_checked()
+    page.get_by_label("Number of steps").focus()
+    page.keyboard.type(" 1 0")
+    expect(page.locator(".news").get_by_text("stopped: STOP was pressed")).to_have_count(1)
 
 
 @pytest.mark.full

@@ -75,6 +75,18 @@ def test_each_state_can_be_read_from_afar_and_stop_is_asked_for(open_page, loop)
     assert asked == ["stop"]
 
 
+def test_space_is_stop_also_on_hold_which_was_clicked_before(open_page, loop):
+    url, board, asked = loop
+    page = open_page(url, until="body.ready")
+    board.listen(gate(clears_itself=False))
+    board.listen(events.StateChanged(6.0, events.WAITING, "a gate is closed"))
+    expect(page.locator(".hold-state")).to_have_text("Alarm: no spot")
+    page.locator("[data-go]").click()
+    page.keyboard.press(" ")
+    expect(page.locator(".hold-state")).to_have_text("Stopped")
+    assert asked == ["go", "stop"]
+
+
 def test_a_cause_is_told_once_and_with_the_symbols_of_units(open_page, loop):
     url, board, _ = loop
     page = open_page(url, until="body.ready")

@@ -145,6 +145,8 @@
     fetch("/stop", { method: "POST", keepalive: true }).catch(() => set(".hold-refused", "STOP did not arrive: switch the motors' supply off"));
   }
 
+  const spaceStops = (event) => event.code === "Space" && !event.target.closest?.("[data-quiet], [data-mode]");
+
   document.addEventListener("pointerdown", (event) => {
     listenable();
     if (event.target.closest?.("[data-stop]")) stop(); // when it goes down: not when it comes up again
@@ -160,8 +162,11 @@
   });
   document.addEventListener("keydown", (event) => {
     listenable();
-    if (event.key === "Escape") stop();
+    if (event.key !== "Escape" && !spaceStops(event)) return;
+    event.preventDefault(); // HOLD has the focus after its click: Space is no second one
+    stop();
   });
+  document.addEventListener("keyup", (event) => spaceStops(event) && event.preventDefault()); // Firefox clicks here
 
   // ---- the history
 

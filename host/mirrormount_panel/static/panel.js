@@ -137,6 +137,12 @@
     element.classList.add("held");
   }
 
+  // The same by a key or a gamepad, which has no place on the page: it is for the mount that was touched last.
+  function pressChosen(way, by, fine) {
+    const element = chosen?.root.querySelector(`[data-press="${way}"]`);
+    if (element) press(element, by, fine);
+  }
+
   function letGo() {
     if (!held) return;
     const { element, mount } = held;
@@ -234,6 +240,12 @@
   }
 
   const typing = (target) => target.closest?.("input, textarea, select, [contenteditable], [role=slider], [role=tab]");
+  const FIELD = "input:not([type=range]), textarea, select, [contenteditable]";
+  const PUSHED = "a[href], button, summary, .q-item, [role=button], [role=checkbox], [role=tab]";
+  const DRIVES = "[data-press], [data-send], [data-stop]";
+  // Space is for what has the focus, and no stop: in a field, and on a control that drives nothing.
+  const usesSpace = (target) => target.closest?.(FIELD) || (target.closest?.(PUSHED) && !target.closest(DRIVES));
+  let spaceStopped = false; // the space bar that is down has stopped
 
   document.addEventListener(
     "keydown",
@@ -242,10 +254,16 @@
         stop();
         return;
       }
+      if (event.code === "Space" && (held || spaceStopped || !usesSpace(event.target))) {
+        event.preventDefault();
+        event.stopPropagation(); // the page's framework would click what has the focus
+        if (!spaceStopped || !event.repeat) stop(); // one that is down for long stops once
+        spaceStopped = true;
+        return;
+      }
       if (event.metaKey) letGo(); // macOS tells of no key that comes up while Cmd is down
       const focused = event.target.closest?.("[data-press], [data-stop]");
-      const push = event.key === " " || event.key === "Enter";
-      if (focused && push) {
+      if (focused && event.key === "Enter") {
         event.preventDefault();
         if (event.repeat) return;
         if (focused.matches("[data-stop]")) stop();
@@ -255,12 +273,21 @@
       const way = ARROWS[event.key];
       if (!way || typing(event.target) || event.ctrlKey || event.altKey || event.metaKey) return;
       event.preventDefault();
-      const element = chosen?.root.querySelector(`[data-press="${way}"]`);
-      if (element && !event.repeat) press(element, event.code, event.shiftKey);
+      if (!event.repeat) pressChosen(way, event.code, event.shiftKey);
     },
     true,
   );
-  document.addEventListener("keyup", (event) => held?.by === event.code && letGo(), true);
+  document.addEventListener(
+    "keyup",
+    (event) => {
+      if (held?.by === event.code) letGo();
+      if (event.code !== "Space" || !spaceStopped) return;
+      spaceStopped = false;
+      event.preventDefault(); // Firefox would click what has the focus,
+      event.stopPropagation(); // and the page's framework change a checkbox
+    },
+    true,
+  );
 
   // ---- whatever takes the page away from its user
 
@@ -270,7 +297,7 @@
 
   // Enter in a field of a request sends that request.
   document.addEventListener("keydown", (event) => {
-    if (event.key !== "Enter" || !event.target.matches?.("input[name]")) return;
+    if (event.key !== "Enter" || event.repeat || !event.target.matches?.("input[name]")) return;
     const name = event.target.name;
     const element = mountOf(event.target)?.root.querySelector(`[data-enter~="${name}"]`);
     if (element && !element.disabled) request(element);
