@@ -17,10 +17,11 @@ from nicegui.events import GenericEventArguments
 from mirrormount.device.settings import ENCODER, SETTINGS, groups
 from mirrormount.device.status import AxisStatus
 from mirrormount.errors import REASONS, BadValue, remedy_of
-from mirrormount.supervise.connection import AxisScale, Point
+from mirrormount.supervise.connection import AxisScale, Point, State
 from mirrormount.supervise.log import Entry, Notice
 from mirrormount.supervise.requests import FINE, FULL
 from mirrormount.supervise.worker import HOLD_S, MOST, Worker
+from mirrormount.values import STEPS
 from mirrormount_panel.board_settings import BoardSettings
 from mirrormount_panel.camera import CameraView, camera_html
 from mirrormount_panel.mounts import Page, confirm, run_on_mount, warn
@@ -42,7 +43,7 @@ _STEP_WORDS = {"x": ("◀ left", "right ▶"), "y": ("▼ down", "up ▲")}
 SLOW = 80  # Where the slider starts: a third of full speed (255).
 
 UNITS = {  # The units of values.py, as a person reads them.
-    "steps": "steps",
+    STEPS: "steps",
     "urad": "µrad of the mirror",
     "mrad": "mrad of the mirror",
     "beam-urad": "µrad of the beam",
@@ -51,7 +52,7 @@ UNITS = {  # The units of values.py, as a person reads them.
 }
 
 _SLIDER = (
-    f'<input type="range" name="speed" min="1" max="{FULL}" value="{SLOW}" aria-label="Speed">'
+    f'<input type="range" name="speed" min="1" max="{FULL}" value="{SLOW}" aria-label="Speed" data-remember>'
     f'<output class="mono" data-shows="speed">{SLOW}</output>'
 )
 
@@ -107,7 +108,7 @@ def number_cards(worker: Worker) -> Callable[[], None]:
     with card("Fine steps"):
         with ui.element("div").classes("line"):
             ui.label("Move by").classes("name")
-            number("steps", "1", "Number of steps, or of another unit", keyboard="decimal")
+            number("steps", "1", "Number of steps, or of another unit", keyboard="decimal", remember=True)
             refresh_units = unit_choice(worker, "steps_unit", "Unit of fine steps", worker.state.axes)
         with ui.element("div").classes("fine"):
             for axis in worker.state.axes:
@@ -143,12 +144,20 @@ def card(title: str) -> ui.element:
     return box
 
 
-def unit_choice(worker: Worker, name: str, label: str, axes: Sequence[str]) -> Callable[[], None]:
-    """A choice of units for a number beside it. Those without a scale for any of these axes cannot be chosen."""
-    with ui.element("select").classes("unit-choice").props(f'name={name} aria-label="{label}"'):
+def unit_choice(
+    worker: Worker, name: str, label: str, axes: Sequence[str], chosen: Callable[[str], object] = str
+) -> Callable[[], None]:
+    """A choice of units for a number beside it. Those without a scale for any of these axes cannot be chosen.
+
+    chosen(unit): called when the page's choice is another one. A chosen unit that loses its scale is told.
+    """
+    with ui.element("select").classes("unit-choice").props(f'name={name} data-remember aria-label="{label}"') as choice:
+        choice.props('title="Units in grey have no scale yet: mirrormount setup measures it"')
         options = {
             unit: ui.html(words, sanitize=False, tag="option").props(f"value={unit}") for unit, words in UNITS.items()
         }
+    choice.on("input", lambda event: chosen(event.args), js_handler="(event) => emit(event.target.value)")
+    ui.html('<p class="lost" data-lost role="alert"></p>', sanitize=False).classes("lost-box")
     known = set(UNITS)
 
     def refresh() -> None:
@@ -164,15 +173,7 @@ def unit_choice(worker: Worker, name: str, label: str, axes: Sequence[str]) -> C
 
 
 def _is_known(unit: str, scale: AxisScale | None) -> bool:
-    match unit:
-        case "steps":
-            return True
-        case "mrad" | "urad":
-            return scale is not None
-        case "mm":
-            return scale is not None and scale.screen_mm is not None
-        case _:
-            return scale is not None and scale.beam_mrad is not None
+    return unit == STEPS or (scale is not None and scale.per_step(unit) is not None)
 
 
 def number(name: str, value: str, label: str, keyboard: str = "text", *, remember: bool = False) -> ui.input:
@@ -470,11 +471,9 @@ def axis_card(worker: Worker, name: str, undo: Callable[[str], Refresh] | None =
     with card(_TITLES.get(name, axis_title(name))) as box:
         with ui.element("div").classes("line"):
             position = ui.label().classes("position mono")
-            ui.label("steps").classes("unit")
-            with ui.label().classes("mrad mono") as mrad:
-                ui.tooltip(
-                    "mrad of the mirror, mm on the screen: steps times the measured scale, the mean of both directions."
-                )
+            unit = ui.label().classes("unit")
+            with ui.label().classes("mrad mono") as beside:
+                ui.tooltip("≈: steps times the measured scale, the mean of both directions; mrad are of the mirror.")
             ui.element("span").classes("spring")
             target = ui.label().classes("hint mono")
         with ui.element("div").classes("lamps"):
@@ -483,7 +482,10 @@ def axis_card(worker: Worker, name: str, undo: Callable[[str], Refresh] | None =
         reason = ui.label().classes("hint reason").props("role=status")
         with ui.element("div").classes("line"):
             number(f"target_{name}", "0", f"Target of {name}").classes("grow")
-            refresh_units = unit_choice(worker, f"unit_{name}", f"Unit for {name}", [name])
+            wanted_unit = [STEPS]
+            refresh_units = unit_choice(
+                worker, f"unit_{name}", f"Unit for {name}", [name], lambda one: wanted_unit.__setitem__(0, one)
+            )
             fields = f"to:target_{name} unit:unit_{name}"
             send("Go to", {"do": "goto", "axis": name}, fields, enter=f"target_{name}")
             send("Home", {"do": "home", "axis": name}).props("flat")
@@ -498,8 +500,8 @@ def axis_card(worker: Worker, name: str, undo: Callable[[str], Refresh] | None =
         known = state.is_known
         box.classes(toggle=None, add="" if known else "stale", remove="stale" if known else "")
         status = state.last.by_name.get(name) if state.last else None
-        position.set_text("–" if status is None else f"{status.position:+.3f}".replace("-", "−"))
-        mrad.set_text("" if status is None else state.angle_text(name, status.position))
+        for label, text in zip((position, unit, beside), _texts(state, name, status, wanted_unit[0]), strict=True):
+            label.set_text(text.replace("-", "−"))
         wanted = state.targets.get(name)
         if status is None or not known:
             target.set_text("")
@@ -519,6 +521,19 @@ def axis_card(worker: Worker, name: str, undo: Callable[[str], Refresh] | None =
         reason.set_text(_reason(status, state.stopped_by.get(name, "")))
 
     return refresh
+
+
+def _texts(state: State, name: str, status: AxisStatus | None, unit: str) -> tuple[str, str, str]:
+    """A position, its unit, and what stands beside it: in the chosen unit first, if its scale is known."""
+    if status is None:
+        return "–", UNITS[STEPS], ""
+    steps = f"{status.position:+.3f}"
+    scale = state.scales.get(name)
+    per_step = scale.per_step(unit) if scale and unit in UNITS and unit != STEPS else None
+    if per_step is None:
+        return steps, UNITS[STEPS], state.angle_text(name, status.position)
+    decimals = 0 if unit.endswith("urad") else 2
+    return f"≈ {status.position * per_step:+.{decimals}f}", UNITS[unit], f"{steps} {UNITS[STEPS]}"
 
 
 def _reason(status: AxisStatus, stopped_by: str) -> str:

@@ -145,12 +145,13 @@ def test_a_position_is_typed_in_the_unit_that_a_person_thinks_in(page):
     unit.select_option("µrad of the mirror")
     y.get_by_label("Target of y").fill("-412.5")
     y.get_by_label("Target of y").press("Enter")
-    expect(y.locator(".position")).to_have_text("−1.250")
+    expect(y.locator(".mrad")).to_contain_text("−1.250 steps")
+    expect(y.locator(".position")).to_have_text("≈ −412")
     y.get_by_label("Target of y").fill("0,5")
     y.get_by_label("Target of y").press("Enter")
     told = page.locator(".toast .q-notification__message")
     expect(told).to_have_text("nothing was done: the target of y is a number such as 3 or 0.25, not '0,5'")
-    expect(y.locator(".position")).to_have_text("−1.250")
+    expect(y.locator(".position")).to_have_text("≈ −412")
 
 
 @pytest.mark.full

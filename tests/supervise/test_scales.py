@@ -45,6 +45,7 @@ def test_what_a_step_is_is_told_for_each_axis(state):
     assert state.step_text() == (
         "x: a step is about 200 µrad of the mirror, 400 µrad of the beam, 0.6 mm on the screen."
         " y: a step is about 220 µrad of the mirror. axis3: no scale, so steps only."
+        " mirrormount setup measures a scale."
     )
 
 

@@ -37,6 +37,12 @@ class AxisScale:
     beam_mrad: float | None = None
     screen_mm: float | None = None
 
+    def per_step(self, unit: str) -> float | None:
+        """One step in a unit of values.UNITS other than steps; None: not known."""
+        known = {"mrad": self.mirror_mrad, "beam-mrad": self.beam_mrad, "mm": self.screen_mm}
+        amount = known[unit.replace("urad", "mrad")]
+        return amount * 1e3 if amount is not None and unit.endswith("urad") else amount
+
 
 Scales = dict[str, AxisScale | None]
 
@@ -149,7 +155,9 @@ class State:
 
     def step_text(self) -> str:
         """What a step of each axis is, in units of mirror, beam and screen; in steps where no scale is known."""
-        return " ".join(_step_text(name, self.scales.get(name)) for name in self.axes)
+        of_axes = " ".join(_step_text(name, self.scales.get(name)) for name in self.axes)
+        lacking = any(self.scales.get(name) is None for name in self.axes)
+        return of_axes + " mirrormount setup measures a scale." * lacking
 
 
 def _step_text(name: str, scale: AxisScale | None) -> str:

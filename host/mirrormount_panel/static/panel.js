@@ -6,6 +6,7 @@
 //   data-stop                                 stop
 //   data-fields="to:target_x"                 fields of a request: key:name of the input
 //   data-of="mount-1"                         it belongs to the mount of that id, and stands elsewhere (in a dialog)
+//   data-remember                             this browser remembers what the field has, for each mount
 // An element with data-page holds what belongs to one mount; each has a connection of its own. Only STOP is for all.
 // Everything is sent at once or not at all: nothing is kept for later (see socket.py).
 "use strict";
@@ -32,7 +33,6 @@
       this.heardAt = -Infinity; // when it came
       this.lost = false; // it was connected, or should be
       this.beatAt = -Infinity; // when the last beat was sent
-      remembered(this);
       this.connect();
     }
 
@@ -109,6 +109,7 @@
   function begin() {
     const roots = [...document.querySelectorAll("[data-page]")];
     mounts = roots.map((root, number) => new Mount(root, number));
+    mounts.forEach(restore);
     if (mounts.length === 1) chosen = mounts[0];
     if (!roots.length) setTimeout(begin, 50);
   }
@@ -162,28 +163,53 @@
     mount.send(message);
   }
 
-  // ---- the slider: this browser remembers it
+  // ---- fields that this browser remembers
 
-  const speedOf = (mount) => ["mirrormount-speed", mount.root.dataset.mount].filter(Boolean).join(" ");
+  let filling = false; // a field is filled by this file, not by a person
 
-  function show(root, input) {
-    const shown = root.querySelector(`[data-shows="${input.name}"]`);
-    if (shown) shown.textContent = input.value;
+  const memoryOf = (mount, field) => [`mirrormount-${field.name}`, mount.root.dataset.mount].filter(Boolean).join(" ");
+
+  function fill(field, value) {
+    const before = field.value;
+    field.value = value;
+    const taken = field.value === value && field.selectedIndex !== -1;
+    if (!taken) field.value = before; // it cannot have that: out of a slider's range, no such choice
+    filling = true;
+    field.dispatchEvent(new Event("input", { bubbles: true })); // the page's framework keeps a copy
+    filling = false;
   }
 
-  function remembered(mount) {
-    const input = mount.root.querySelector('input[name="speed"]');
-    const speed = Number(localStorage.getItem(speedOf(mount)));
-    if (!input || !(speed >= Number(input.min) && speed <= Number(input.max))) return;
-    input.value = speed;
-    show(mount.root, input);
+  function restore(mount) {
+    for (const field of mount.root.querySelectorAll("[data-remember]")) {
+      const value = localStorage.getItem(memoryOf(mount, field));
+      if (value !== null) fill(field, value);
+    }
+    const choices = [...mount.root.querySelectorAll("select")];
+    const check = () => choices.filter((choice) => choice.selectedOptions[0]?.disabled).forEach(giveUp);
+    check();
+    for (const choice of choices) new MutationObserver(check).observe(choice, { subtree: true, attributeFilter: ["disabled"] });
   }
 
-  document.addEventListener("input", (event) => {
-    const mount = mountOf(event.target);
+  // The chosen unit has no scale now. An amount that was typed for it is none in steps. The memory keeps the unit.
+  function giveUp(choice) {
+    const unit = choice.selectedOptions[0].textContent;
+    fill(choice, choice.options[0].value);
+    const line = choice.closest(".line");
+    const amount = line?.querySelector("input");
+    if (amount) fill(amount, "");
+    const told = line?.querySelector("[data-lost]");
+    if (told) told.textContent = `There is no scale for ${unit} now (mirrormount setup measures it): type the amount in steps.`;
+  }
+
+  document.addEventListener("input", ({ target }) => {
+    const mount = mountOf(target);
     if (!mount) return;
-    show(mount.root, event.target);
-    if (event.target.name === "speed") localStorage.setItem(speedOf(mount), event.target.value);
+    const shown = mount.root.querySelector(`[data-shows="${target.name}"]`);
+    if (shown) shown.textContent = target.value;
+    if (filling) return;
+    if ("remember" in target.dataset) localStorage.setItem(memoryOf(mount, target), target.value);
+    const told = target.closest(".line")?.querySelector("[data-lost]");
+    if (told) told.textContent = "";
   });
 
   const under = (event) => document.elementFromPoint(event.clientX, event.clientY)?.closest("[data-press]");
