@@ -82,6 +82,8 @@ def press_card(worker: Worker) -> Callable[[], None]:
             f" the same, and Enter on a button; with Shift one step, and 1/{FINE} of the speed. Presses while it steps"
             f" are queued, up to {MOST}."
         ).classes("hint")
+        # Plain HTML: static/gamepad.js fills it.
+        ui.html('<p class="hint" data-gamepad role="status"></p>', sanitize=False).classes("gamepad")
 
     def refresh() -> None:
         queued.set_text(f"{len(worker.presses)} queued" if worker.presses else "")

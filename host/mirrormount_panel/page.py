@@ -27,8 +27,8 @@ STATIC = Path(__file__).parent / "static"
 _REFRESH_S = 0.1
 _HEAD = """<link rel="stylesheet" href="/panel/panel.css">
 <script src="/panel/moved.js" defer></script><script src="/panel/panel.js" defer></script>
-<script src="/panel/screen.js" defer></script><script src="/panel/camera.js" defer></script>
-<script src="/panel/positions.js" defer></script>"""
+<script src="/panel/gamepad.js" defer></script><script src="/panel/positions.js" defer></script>
+<script src="/panel/screen.js" defer></script><script src="/panel/camera.js" defer></script>"""
 _CUT = "No connection to the panel. Nothing can be driven from here; what this page drove has been stopped."
 _MOVED = "Not carried out: the page had just moved what you pressed. Press again."
 _MODES = {None: "brightness_auto", False: "light_mode", True: "dark_mode"}

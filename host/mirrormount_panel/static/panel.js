@@ -331,6 +331,10 @@
 
   window.mountSend = (message) => mounts[0]?.send(message); // a click on the picture (camera.js)
   window.mountTick = (number) => mounts[number]?.tick ?? null; // for what NiceGUI's own buttons ask
+  window.mountPress = pressChosen; // for a gamepad (gamepad.js)
+  window.mountHeld = () => held?.by;
+  window.mountRelease = letGo;
+  window.mountStop = stop;
 
   begin();
 })();
