@@ -177,7 +177,7 @@ async function enter(secret) {{
       location.replace("/");
     }} else told.textContent = text;
   }} catch {{
-    told.textContent = "The panel does not answer.";
+    told.textContent = "The panel does not answer: see that it still runs, then try again.";
   }}
 }}
 const code = location.hash.slice(1);
@@ -254,7 +254,7 @@ class SignIn:
                 return Answer(403, "This link is too old: take a new one.")
         elif not same(secret, self.token):
             self.guesses.wrong(client)
-            return Answer(403, "This link was used already, or the token is wrong.")
+            return Answer(403, "This link was used already, or the token is wrong: take a new link, or type it again.")
         return Answer(200, self.key, self.key)
 
 

@@ -407,7 +407,7 @@ class _Form:
         try:
             return float(text) if SETTINGS[name].decimals else int(text)
         except ValueError:
-            raise BadValue(f"{axis}, {SETTINGS[name].what}: a number, not {text!r}") from None
+            raise BadValue(f"{axis}, {SETTINGS[name].what}: type a number, not {text!r}") from None
 
 
 # ---- the wire log

@@ -290,7 +290,7 @@ class HoldPage:
     def go(self) -> None:
         """HOLD was pressed. Raises NotInControl."""
         if self.hold is None:
-            raise NotInControl("nothing was done: the loop has not begun to hold the beam")
+            raise NotInControl("nothing was done: the loop has not begun to hold the beam; wait until it holds")
         self.hold.go_on()
 
     def stop(self) -> None:

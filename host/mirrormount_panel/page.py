@@ -29,7 +29,10 @@ _HEAD = """<link rel="stylesheet" href="/panel/panel.css">
 <script src="/panel/moved.js" defer></script><script src="/panel/panel.js" defer></script>
 <script src="/panel/gamepad.js" defer></script><script src="/panel/positions.js" defer></script>
 <script src="/panel/screen.js" defer></script><script src="/panel/camera.js" defer></script>"""
-_CUT = "No connection to the panel. Nothing can be driven from here; what this page drove has been stopped."
+_CUT = (
+    "No connection to the panel. Nothing can be driven from here; what this page drove has been stopped."
+    " See that mirrormount panel still runs, and the network: this page connects again by itself."
+)
 _MOVED = "Not carried out: the page had just moved what you pressed. Press again."
 _MODES = {None: "brightness_auto", False: "light_mode", True: "dark_mode"}
 
@@ -220,7 +223,8 @@ def _trouble(worker: Worker) -> Refresh:
 
     def refresh() -> None:
         trouble = worker.connection.trouble
-        banner.set_text(f"No board: {trouble}. The panel looks for it every second." if trouble else "")
+        told = f"No board: {trouble}. Look at its cable and power. The panel looks for it every second."
+        banner.set_text(told if trouble else "")
         banner.set_visibility(bool(trouble))
 
     return refresh
@@ -254,7 +258,7 @@ def _show_link(pages: Sequence[Page], link: Callable[[], str]) -> None:
 
     # A page whose driving socket is connected has shown the key; without the key there is no link for others either.
     if not all(page.connected for page in pages):
-        warn("nothing was done: this page has no connection of its own to the panel")
+        warn("nothing was done: this page has no connection of its own to the panel; load it again")
         return
     text = link()
     with ui.dialog() as dialog, ui.card():

@@ -113,7 +113,7 @@ class PageMove:
             told = f"{self._what} has ended: {e}"
         except Exception as e:
             _log.exception("%s has failed", self._what)
-            told = f"{self._what} has failed ({type(e).__name__})"
+            told = f"{self._what} has failed ({type(e).__name__}): ask again; more in the panel's log"
         self._say("")
         if told:
             self._worker.report(told)

@@ -63,7 +63,7 @@ def routes(mounts: Sequence[PanelMount], key: str | None) -> APIRouter:
                     _receive(message, page, worker, mount.orders)
         except WebSocketDisconnect as e:
             if e.code == FLOOD:
-                worker.report(f"{page.name} was closed: it sent too many messages")
+                worker.report(f"{page.name} was cut off: it sent too many messages; it connects again by itself")
         except (RuntimeError, KeyError):  # KeyError: not a text
             pass
         finally:

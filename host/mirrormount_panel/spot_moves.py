@@ -84,7 +84,7 @@ class SpotMoves:
         if str(message.get("camera", "1")) != "1":
             raise BadValue("there is no such camera")
         if self._view.live.trouble:
-            raise BadValue(f"the picture is not of now: {self._view.live.trouble}")
+            raise BadValue(f"the picture is not of now: {self._view.live.trouble}; wait for the next one")
 
     # ---- in another thread
 

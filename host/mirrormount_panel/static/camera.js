@@ -64,7 +64,7 @@
           }
           this.take(seen);
         } catch (error) {
-          this.failed = error instanceof TypeError ? "the program does not answer" : `no picture: ${error.message}`;
+          this.failed = error instanceof TypeError ? "the program does not answer: see that it still runs" : `no picture: ${error.message}`;
           this.tell();
           await pause(AGAIN_MS);
         }

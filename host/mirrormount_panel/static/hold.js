@@ -51,7 +51,7 @@
 
   function cut() {
     set(".hold-state", "No connection");
-    set(".hold-why", "The program that holds the beam does not answer: its motors are stopped by the board if it has ended.");
+    set(".hold-why", "The program that holds the beam does not answer: see that it still runs. If it has ended, the board has stopped its motors.");
     raise("alarm");
   }
 
@@ -138,7 +138,7 @@
   async function go() {
     set(".hold-refused", "");
     const answer = await fetch("/hold/go", { method: "POST", body: String(tick ?? ""), headers: key() }).catch(() => null);
-    if (!answer?.ok) set(".hold-refused", answer ? await answer.text() : "nothing was done: no connection");
+    if (!answer?.ok) set(".hold-refused", answer ? await answer.text() : "nothing was done: no connection; see that the loop still runs");
   }
 
   function stop() {
