@@ -11,8 +11,8 @@ board_settings.py  the board's settings for all pages
 camera.py          a camera on a page: what is told of it, and its pictures
 spot_moves.py      clicks on the picture move the spot
 hold_page.py       the page of a loop that holds the beam
-static/            panel.js (drives), moved.js (a press on what has just moved does nothing), screen.js (the virtual
-                   screen), camera.js, hold.js, light.js, panel.css
+static/            panel.js (drives), gamepad.js, moved.js (a press on what has just moved does nothing), mode.js
+                   (colours), screen.js (the virtual screen), camera.js, hold.js, light.js, panel.css
 
 The mount itself is owned by mirrormount.supervise.
 """

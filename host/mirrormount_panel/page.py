@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 STATIC = Path(__file__).parent / "static"
 _REFRESH_S = 0.1
-_HEAD = """<link rel="stylesheet" href="/panel/panel.css">
+_HEAD = """<link rel="stylesheet" href="/panel/panel.css"><script src="/panel/mode.js"></script>
 <script src="/panel/moved.js" defer></script><script src="/panel/panel.js" defer></script>
 <script src="/panel/gamepad.js" defer></script><script src="/panel/positions.js" defer></script>
 <script src="/panel/screen.js" defer></script><script src="/panel/camera.js" defer></script>"""
@@ -34,7 +34,7 @@ _CUT = (
     " See that mirrormount panel still runs, and the network: this page connects again by itself."
 )
 _MOVED = "Not carried out: the page had just moved what you pressed. Press again."
-_MODES = {None: "brightness_auto", False: "light_mode", True: "dark_mode"}
+MODE_BUTTON = '<button type="button" class="mode" data-mode></button>'  # static/mode.js names it
 
 
 class Board(NamedTuple):
@@ -91,7 +91,7 @@ def _build(parts: Sequence[Part], boards: Sequence[Board], link: Link, view: "Ca
             ui.button(icon="qr_code_2", on_click=lambda: _show_link([page for _, page in parts], link)).props(
                 "flat dense aria-label='Open on a phone'"
             )
-        _mode_button()
+        ui.html(MODE_BUTTON, sanitize=False)
     with ui.element("div").classes("banners"):
         _banner("cut", _CUT)
         _banner("moved", _MOVED)
@@ -270,18 +270,6 @@ def _show_link(pages: Sequence[Page], link: Callable[[], str]) -> None:
         ).classes("hint")
         ui.button("Close", on_click=dialog.close).props("no-caps flat")
     dialog.open()
-
-
-def _mode_button() -> None:
-    mode = ui.dark_mode(None)
-    button = ui.button(icon=_MODES[None]).props("flat dense aria-label='Light, dark, or as the system'")
-
-    def change() -> None:
-        order = (None, True, False)
-        mode.value = order[(order.index(mode.value) + 1) % 3]
-        button.props(f"icon={_MODES[mode.value]}")
-
-    button.on_click(change)
 
 
 def _footer(several: bool) -> None:

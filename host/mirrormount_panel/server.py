@@ -91,9 +91,10 @@ def light_page(title: str, body: str, *scripts: str) -> str:
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         f'<title>{escape(title)}</title><link rel="icon" href="data:,"><link rel="stylesheet" href="/panel/panel.css">'
+        '<script src="/panel/mode.js"></script>'
         + "".join(f'<script src="/panel/{name}" defer></script>' for name in ("light.js", *scripts))
         + f'</head><body class="light"><header class="top"><span class="brand">mirrormount</span>'
-        f'<span class="board">{escape(title)}</span></header>{body}</body></html>'
+        f'<span class="board">{escape(title)}</span>{page.MODE_BUTTON}</header>{body}</body></html>'
     )
 
 

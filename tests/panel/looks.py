@@ -1,6 +1,7 @@
 """What tests of every page measure in the browser: contrasts, sizes for a finger, what is cut off."""
 
-THEMES = ["light", "dark"]
+SYSTEMS = ["light", "dark"]
+THEMES = [*SYSTEMS, "night"]
 PHONE, DESK = {"width": 390, "height": 844}, {"width": 1600, "height": 1000}
 
 # The contrast (WCAG 2.2) of every text with what is painted behind it. Backgrounds are mixed as they lie on each other.
@@ -52,6 +53,12 @@ CONTRASTS = """() => {
   for (const input of document.querySelectorAll("input:not([type=range])")) if (input.value) check(input, input.value);
   return { poor, seen };
 }"""
+
+
+def dress(page, theme: str) -> None:
+    """Give a page of the panel the colours of a theme: as the system has them, or night's."""
+    page.emulate_media(color_scheme="dark" if theme == "dark" else "light")
+    page.evaluate("(theme) => mountMode(theme === 'night' ? theme : 'auto')", theme)
 
 
 def settled(page) -> None:

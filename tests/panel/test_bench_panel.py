@@ -6,7 +6,7 @@ One panel for all of them. The last test closes the loop of x and jams its motor
 import re
 
 import pytest
-from looks import DESK, PHONE, THEMES, assert_nothing_cut_off, assert_readable, assert_touchable
+from looks import DESK, PHONE, THEMES, assert_nothing_cut_off, assert_readable, assert_touchable, dress
 from playwright.sync_api import expect
 from running import PANEL_ON_BENCH, Panel, press
 from served import HANG_S, wait_for
@@ -88,7 +88,7 @@ def test_the_card_of_the_camera_can_be_read_and_touched_and_nothing_is_cut_off(p
         assert_touchable(page)
         assert_nothing_cut_off(page)
         for colors in THEMES:
-            page.emulate_media(color_scheme=colors)
+            dress(page, colors)
             assert_readable(page, "x ", "threshold", "Move the spot there", "Learn", "Click on the picture")
 
 
@@ -126,7 +126,7 @@ def test_a_camera_that_fails_is_one_line_and_its_picture_is_no_target(page, pane
         page.locator("canvas.picture").click()
         expect(page.locator(".toast")).to_contain_text("nothing was done: the picture is not of now")
         for colors in THEMES:
-            page.emulate_media(color_scheme=colors)
+            dress(page, colors)
             assert_readable(page, "was unplugged")
     finally:
         panel.bench("plug")

@@ -3,9 +3,10 @@
 import re
 
 import pytest
-from looks import DESK, PHONE, THEMES, assert_nothing_cut_off, assert_readable, assert_touchable
+from looks import DESK, PHONE, THEMES, assert_nothing_cut_off, assert_readable, assert_touchable, dress
 from playwright.sync_api import expect
 from test_hold_page import SPOT, far_camera, gate
+from test_night import RED, brightest
 from test_spot_moves import served
 
 from mirrormount_beam.control import events
@@ -51,7 +52,7 @@ def assert_looks(page, *texts: str) -> None:
         assert float(state.evaluate("(e) => parseFloat(getComputedStyle(e).fontSize)")) >= READ_FROM_3_M_PX
         assert state.bounding_box()["y"] < viewport["height"] / 3  # in sight without scrolling
         for colors in THEMES:
-            page.emulate_media(color_scheme=colors, reduced_motion="reduce")
+            dress(page, colors)
             assert_readable(page, *texts)
 
 
@@ -85,6 +86,15 @@ def test_space_is_stop_also_on_hold_which_was_clicked_before(open_page, loop):
     page.keyboard.press(" ")
     expect(page.locator(".hold-state")).to_have_text("Stopped")
     assert asked == ["go", "stop"]
+
+
+def test_at_night_a_picture_that_is_old_has_no_green_and_no_blue_either(open_page, loop):
+    page = open_page(loop[0], until="body.ready", reduced_motion="reduce")
+    expect(page.locator(".camera")).to_have_class(re.compile(r"\bold\b"))
+    page.wait_for_function("document.querySelector('canvas.picture').width !== 300")  # drawn: it has its own size
+    page.wait_for_function("document.querySelector('svg.filters')")
+    dress(page, "night")
+    assert brightest(page.screenshot()) == RED
 
 
 def test_a_cause_is_told_once_and_with_the_symbols_of_units(open_page, loop):

@@ -3,7 +3,7 @@
 import signal
 
 import pytest
-from looks import DESK, PHONE, THEMES, assert_readable, assert_touchable, settled
+from looks import DESK, PHONE, THEMES, assert_readable, assert_touchable, dress, settled
 from running import press, run_until_driving
 from served import wait_for
 
@@ -27,7 +27,8 @@ def panel_options() -> list[str]:
 @pytest.mark.full
 @pytest.mark.parametrize("colors", THEMES)
 def test_everything_can_be_read(open_page, panel, board, colors):
-    page = open_page(panel.url, viewport=DESK, color_scheme=colors)
+    page = open_page(panel.url, viewport=DESK)
+    dress(page, colors)
     page.get_by_text("Wiring, pulse and speed, take-up, limits").click()
     page.get_by_text("What goes over the wire").click()
     page.get_by_label("Speed of Y").fill("256")
@@ -48,7 +49,8 @@ def test_everything_can_be_read(open_page, panel, board, colors):
 @pytest.mark.full
 @pytest.mark.parametrize("colors", THEMES)
 def test_everything_can_be_read_when_the_board_has_gone_and_when_the_panel_has(open_page, panel, board, colors):
-    page = open_page(panel.url, viewport=DESK, color_scheme=colors)
+    page = open_page(panel.url, viewport=DESK)
+    dress(page, colors)
     page.get_by_text("position unknown").first.wait_for()
     board.end()
     page.get_by_text("No board:").wait_for()

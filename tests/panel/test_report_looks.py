@@ -3,7 +3,7 @@
 from datetime import UTC, datetime
 
 import pytest
-from looks import DESK, PHONE, THEMES, assert_readable
+from looks import DESK, PHONE, SYSTEMS, assert_readable
 
 from mirrormount_beam.estimates import Estimate, Result
 from mirrormount_beam.report import Origin, write_page
@@ -20,7 +20,7 @@ def test_a_report_of_long_names_shows_each_figure_with_its_unit(open_page, tmp_p
     result.estimates["x.take_up"] = Estimate(337_000.0, 9_800.0, "us")
     write_page(tmp_path / "report.html", result, NOTHING_MEASURED_ON_IT, None)
     page = open_page((tmp_path / "report.html").as_uri(), until="td", viewport=viewport)
-    for theme in THEMES:
+    for theme in SYSTEMS:
         page.emulate_media(color_scheme=theme)
         assert_readable(page, "0.135 ± 0.034 steps", "337000 ± 9800 µs")
     rights = page.locator("td.n").evaluate_all("(all) => all.map((e) => e.getBoundingClientRect().right)")

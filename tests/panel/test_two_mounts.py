@@ -1,7 +1,7 @@
 """The panel on a table of two mounts, in a browser: each part drives its own mount, and STOP stops both."""
 
 import pytest
-from looks import DESK, PHONE, THEMES, assert_nothing_cut_off, assert_readable, assert_touchable
+from looks import DESK, PHONE, THEMES, assert_nothing_cut_off, assert_readable, assert_touchable, dress
 from playwright.sync_api import expect
 from running import NotStarted, Panel, press, wait_for_rest
 from served import ServedBoard, wait_for
@@ -102,7 +102,7 @@ def test_both_can_be_read_and_touched_and_nothing_is_cut_off(page, boards):
         assert_touchable(page)
         assert_nothing_cut_off(page)
         for colors in THEMES:
-            page.emulate_media(color_scheme=colors)
+            dress(page, colors)
             assert_readable(page, "first", "second", "arrow keys", "STOP ALL", "Go to")
 
 
