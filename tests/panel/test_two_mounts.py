@@ -5,6 +5,8 @@ from looks import DESK, PHONE, THEMES, assert_nothing_cut_off, assert_readable, 
 from playwright.sync_api import expect
 from running import NotStarted, Panel, press, wait_for_rest
 from served import ServedBoard, wait_for
+from test_driving import FRESH
+from test_gamepad import DRIVES, MADE, RIGHT, Pad
 
 NAMES = ("first", "second")
 
@@ -65,6 +67,31 @@ def test_each_part_drives_its_own_mount_and_arrow_keys_the_one_that_was_touched_
     assert {edge["pin"][:2] for edge in boards["first"].edges() if edge.get("duty")} == {"m2"}
     expect(axis(page, "first", "Y · up and down")).to_have_text("+0.000")
     expect(axis(page, "second", "X · right and left")).to_have_text("+1.000")
+
+
+def test_a_gamepad_drives_the_one_that_was_touched_last_and_before_a_touch_none(open_page, panel, boards):
+    page = open_page(panel.url, before=lambda page: page.add_init_script(MADE))
+    pad = Pad(page)
+    pad.plug()
+    pad.says(DRIVES)
+    pad.tap(RIGHT)
+    pad.says(DRIVES)
+    press(part(page, "second").get_by_label("UP", exact=True))
+    expect(axis(page, "second", "Y · up and down")).to_have_text("+1.000")
+    pad.tap(RIGHT)
+    expect(axis(page, "second", "X · right and left")).to_have_text("+1.000")
+    assert boards["first"].edges() == []
+
+
+@pytest.mark.full
+def test_each_mount_has_its_own_remembered_fields(open_page, panel):
+    page = open_page(panel.url, **FRESH)
+    for name, step in (("first", "7"), ("second", "9")):
+        part(page, name).get_by_label("Steps of a short press").fill(step)
+    page.reload()
+    page.wait_for_selector("body.steady")
+    for name, step in (("first", "7"), ("second", "9")):
+        expect(part(page, name).get_by_label("Steps of a short press")).to_have_value(step)
 
 
 @pytest.mark.parametrize("how", ["button", "key"])
