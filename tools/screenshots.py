@@ -14,6 +14,7 @@ from playwright.sync_api import Browser, Page, ViewportSize, sync_playwright
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT / "tests" / "panel"), str(ROOT / "tests" / "host")]
+from looks import SYSTEMS, THEMES, dress  # noqa: E402
 from running import CHROMIUM, PANEL_ON_BENCH, Panel  # noqa: E402
 
 DESK, PHONE = ViewportSize(width=1600, height=1000), ViewportSize(width=390, height=844)
@@ -23,7 +24,7 @@ _PATIENCE_MS = 60_000
 
 
 def main(folder: Path) -> None:
-    """Draw a square, and take the four pictures; then that of the camera's card."""
+    """Draw a square, and take the pictures of the page; then that of the camera's card."""
     with tempfile.TemporaryDirectory() as scratch, sync_playwright() as playwright:
         os.environ["XDG_CONFIG_HOME"] = scratch
         _calibrate()
@@ -35,10 +36,10 @@ def main(folder: Path) -> None:
             page.goto(panel.url)
             page.wait_for_selector("body.steady")
             _draw(page)
-            for name, size in (("desk", DESK), ("phone", PHONE)):
+            for name, size, themes in (("desk", DESK, THEMES), ("phone", PHONE, SYSTEMS)):
                 page.set_viewport_size(size)
-                for colors in ("light", "dark"):
-                    page.emulate_media(color_scheme=colors)
+                for colors in themes:
+                    dress(page, colors)
                     page.wait_for_timeout(1500)  # the plot is drawn anew twice a second
                     page.screenshot(path=folder / f"panel-{name}-{colors}.png")
         finally:
