@@ -75,6 +75,7 @@ _UNREAD_MOST = 1 << 16  # bytes of answers that wait for a client; beyond, whole
 _CROWD_MOST = 16  # clients that wait or were refused; beyond, the oldest is disconnected
 _LOST_AFTER = (10, 5, 3)  # a silent connection is probed after 10 s, then each 5 s; 3 times in vain, it is lost
 _RETRY_S = 1.0  # between two attempts to open the port of a lost board
+_SILENCE_S = 0.2  # after so much of it no rest of an answer follows
 _REST_S = 1.5  # until the board must be known to be at rest, when another program asked for a stop
 
 
@@ -617,6 +618,7 @@ def _stop(session: Session) -> None:
         except NotAMount:
             if time.monotonic() > end_s:
                 raise
+            session.link.drain(_SILENCE_S)  # or what is left of that answer is taken for the next one, and so on
 
 
 def serve(address: str | None, listening: socket.socket, allowed: Sequence[Network], *, finish: bool) -> None:
@@ -660,7 +662,7 @@ def listen(host: str, port: int, allowed: Sequence[Network]) -> socket.socket:
             " --allow ADDRESS or --allow NETWORK/BITS, or listen on 127.0.0.1"
         )
     try:
-        return socket.create_server((name, port), family=family, backlog=8)
+        return socket.create_server((name, port), family=family)
     except OSError as e:
         why = os.strerror(e.errno or 0)
         if e.errno in (errno.EACCES, errno.EPERM):

@@ -335,3 +335,29 @@ def test_rests_of_answers_that_come_behind_the_last_stop_are_not_taken_for_its_c
     assert not rests
     assert not session.status().moving
     session.close()
+
+
+def test_a_stop_is_confirmed_also_where_each_answer_comes_in_two_parts():
+    session = Session.open("virtual://?speed=max")
+    session.send("1MV+")
+    port, late = session.link.port, bytearray()
+
+    def read(timeout_s: float) -> bytes:
+        if late:
+            data = bytes(late) if timeout_s >= 0.15 else b""
+            late[len(late) - len(data) :] = b""
+            return data
+        data, bar, late[:] = port.read(timeout_s).partition(b"|")
+        return data + bar
+
+    session.link.port = SimpleNamespace(write=port.write, read=read, close=port.close)
+    session.link.write(b"XS?\n")  # for a client
+    server._stop(session)
+    assert not session.status().moving
+    session.close()
+
+
+def test_a_burst_of_connections_keeps_no_stop_waiting_for_the_second_attempt_of_its_system():
+    with server.listen("127.0.0.1", 0, []) as listening:
+        for _ in range(100):  # nobody accepts; what finds no room tries again after 1 s
+            socket.create_connection(listening.getsockname(), 0.9).close()
