@@ -209,6 +209,14 @@ class NotInControl(MountError):
     """
 
 
+class NotStoppable(MountError):
+    """No stop would get in from outside: the program has as many files open as it may, the thread that takes the
+    stops of other programs has ended, or the panel's web server hangs. What moves is stopped, and nothing is begun.
+    Remedy: Close what takes so many files (connections, cameras) or allow more (`ulimit -n`); else start the program
+    again.
+    """
+
+
 class SupervisorFault(MountError):
     """The program that owns the mount failed. The motors were stopped; it connects to the board again by itself.
     Remedy: Report it, with the traceback in that program's log.

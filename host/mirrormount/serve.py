@@ -442,6 +442,9 @@ class Server:
                 self._receive(client)
         if board in readable and self._session:
             self._receive_from_board()
+        if self._relay.moving and (why := self._stop_listener.why_deaf()):
+            self._with_board(self._relay.stop)
+            self._dismiss(f"is disconnected, for {why}", finish=False)
         self._with_board(self._relay.pump)
         self._confirm_stops()
         if self._session is None:
@@ -499,7 +502,7 @@ class Server:
         if client is self._client:
             self._forward(data)
             if client.gone and self._client is client:
-                self._dismiss(client.gone)
+                self._dismiss(client.gone, finish=self._finish)
         elif client in self._crowd:
             if b"!" in data or _EIGHT_ZEROS in client.pending[-7:] + data:
                 self._with_board(self._relay.stop)
@@ -512,13 +515,13 @@ class Server:
     def _forward(self, data: bytes) -> None:
         self._with_board(lambda: self._relay.from_client(data))
         if self._relay.waiting > _WAITING_MOST:
-            self._dismiss("sends more than the board can take")
+            self._dismiss("sends more than the board can take", finish=self._finish)
 
-    def _dismiss(self, why: str) -> None:
+    def _dismiss(self, why: str, *, finish: bool) -> None:
         """Disconnect the client that drives: what it started stops, or is finished."""
         client, self._client = self._client, None
         if client and self._session:
-            goes_on = self._with_board(lambda: self._relay.client_left(finish=self._finish))
+            goes_on = self._with_board(lambda: self._relay.client_left(finish=finish))
             why += ": its move is finished" if goes_on else ": motors stopped"
         if client:
             client.socket.close()

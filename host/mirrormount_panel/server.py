@@ -6,8 +6,11 @@ Tracebacks go to a log file; an error is one line on stderr.
 
 import logging
 import logging.handlers
+import math
 import socket
+import time
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from html import escape
 from typing import TYPE_CHECKING
 
@@ -136,6 +139,7 @@ def make_light_server(
 
 # ---- the panel
 
+_TURN_S = 0.1  # between two turns of the server's loop; uvicorn's
 _MESSAGE_MOST = 1 << 16  # No message of a socket has more bytes.
 
 
@@ -158,6 +162,9 @@ class Server(uvicorn.Server):
         )
         self._mounts = mounts
         self._ready: Callable[[], object] = lambda: None
+        self._turned_s = math.inf  # when its loop has last turned; while that is not served yet, or no more: never late
+        for mount in mounts:
+            mount.worker.ways.append(partial(self._why_stuck, mount.worker.lease.patience_s))
 
     def when_ready(self, action: Callable[[], object]) -> None:
         """Call it when the first page can be loaded."""
@@ -175,10 +182,22 @@ class Server(uvicorn.Server):
         if self.started:
             self._ready()
 
+    async def on_tick(self, counter: int) -> bool:
+        """As uvicorn's, ten times a second."""
+        self._turned_s = time.monotonic()
+        return await super().on_tick(counter)
+
+    def _why_stuck(self, patience_s: float) -> str:
+        """Why no page's stop gets in; "" if it does."""
+        if time.monotonic() - self._turned_s <= patience_s + _TURN_S:
+            return ""
+        return f"the panel's web server hangs (for more than {patience_s:g} s)"
+
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """As uvicorn's, after the pages."""
         # Before NiceGUI cancels its tasks: asyncio.wait_for() of Python 3.11 loses a cancellation that comes together
         # with the awaited event, and a page's outbox that had an update then goes on until its page is deleted.
+        self._turned_s = math.inf
         for mount in self._mounts:
             mount.pages.close()
         await super().shutdown(sockets)

@@ -2,6 +2,7 @@
 
 import os
 import pty
+import resource
 import signal
 import socket
 from types import SimpleNamespace
@@ -113,6 +114,21 @@ def test_a_server_that_dies_or_hangs_is_ended_by_the_boards_keep_alive(served, b
     serve.process.kill()
     serve.process.wait()
     assert_ended_by_the_keep_alive(board)
+
+
+@pytest.mark.skipif(not hasattr(resource, "prlimit"), reason="Linux limits another process")
+@pytest.mark.parametrize("options", [(), ("--on-leave", "finish")])
+def test_a_server_without_a_file_for_a_stop_ends_what_moves(served, board, options):
+    serve = served(*options)
+    client = serve.drive(STEPS)
+    runs(board)
+    most = resource.prlimit(serve.process.pid, resource.RLIMIT_NOFILE)[1]
+    resource.prlimit(serve.process.pid, resource.RLIMIT_NOFILE, (3, most))
+    rests(board)
+    serve.says("no file is left for the stop of another program")
+    assert not hear_line(client)
+    resource.prlimit(serve.process.pid, resource.RLIMIT_NOFILE, (most, most))
+    assert ask(serve.drive(), b"1MD?;2MD?") == b"1; 1"
 
 
 def opened(board: ServedBoard) -> Mount | None:

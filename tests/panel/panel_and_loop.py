@@ -1,11 +1,15 @@
 """`mirrormount panel ...` with a camera loop as a further client of its mount. A line of stdin is an act of the loop.
 
-ask: asks for control; take: takes it; jog: runs x; outcome: waits for the end of its last act, in words.
+ask: asks for control; take: takes it; jog: runs x; outcome: waits for the end of its last act, in words; hang: the
+web server's loop does not turn any more, and the camera loop lives on.
 Each act prints one line.
 """
 
 import sys
 import threading
+import time
+
+from nicegui import core
 
 from mirrormount.cli import main
 from mirrormount.errors import MountError
@@ -25,6 +29,11 @@ def act(loop: Program) -> None:
                     loop.take_control()
                 case "jog":
                     pending = loop.jog("x", 0.5).future
+                case "hang":
+                    core.loop.call_soon_threadsafe(time.sleep, 1000)
+                    while not pending.done():
+                        loop.beat()
+                        time.sleep(0.05)
                 case "outcome":
                     pending.result()
             print("done", flush=True)

@@ -1,16 +1,20 @@
-"""A crowd of connections that never finish a request keeps nobody out."""
+"""A crowd of connections that never finish a request keeps nobody out; a panel that nobody reaches drives nothing."""
 
+import json
 import socket
+import sys
 import threading
 from collections.abc import Iterator
 from http.client import HTTPConnection
 
 import pytest
 import uvicorn
-from running import Panel
+from running import Panel, run_until_driving, status_after
 from served import PATIENCE_S, wait_for
+from websockets.sync.client import ClientConnection, connect
 
 from mirrormount_panel import connections
+from mountfw.codes import ABORTED
 
 CROWD = 230  # more than the panel keeps
 HALF = b"POST /stop HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 9\r\n\r\nhalf"  # a body that never ends
@@ -42,6 +46,35 @@ def test_a_stop_gets_in_whoever_crowds_and_the_oldest_connections_are_let_go(pan
     assert is_closed(crowd[0])
     for one in [*crowd, stop]:
         one.close()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="Linux limits another process")
+def test_a_panel_without_a_file_for_a_stop_ends_what_a_page_moves(panel: Panel, board):
+    import resource
+
+    asking = HTTPConnection("127.0.0.1", panel.port, timeout=PATIENCE_S)
+    asking.request("GET", "/")
+    key = asking.getresponse().read().decode().partition('"data-page":"')[2].partition('"')[0]
+    with connect(f"ws://127.0.0.1:{panel.port}/drive", proxy=None, ping_interval=None) as page:
+        page.send(json.dumps({"page": key}))
+        returned(page, "drive", x=200, y=0)
+        alive = threading.Event()
+        beats = threading.Thread(target=lambda: [returned(page, "beat") for _ in iter(alive.is_set, True)])
+        beats.start()
+        run_until_driving(board)
+        most = resource.prlimit(panel.process.pid, resource.RLIMIT_NOFILE)[1]
+        resource.prlimit(panel.process.pid, resource.RLIMIT_NOFILE, (3, most))
+        wait_for(lambda: not board.driving(), "the motors to rest")
+        alive.set()
+        beats.join()
+    asking.close()
+    resource.prlimit(panel.process.pid, resource.RLIMIT_NOFILE, (most, most))
+    assert status_after(panel, board).x.reason == ABORTED
+
+
+def returned(page: ClientConnection, what: str, **more: int) -> None:
+    """A message with the next tick."""
+    page.send(json.dumps({"do": what, "tick": json.loads(page.recv(PATIENCE_S))["tick"], **more}))
 
 
 @pytest.fixture

@@ -33,6 +33,17 @@ def test_a_page_hands_control_over_and_takes_it_back_by_a_press_without_being_cl
     assert panel.loop("jog") == "nothing was done: page 1 (127.0.0.1) has control"
 
 
+def test_a_panel_whose_server_hangs_keeps_nothing_alive_that_a_program_beside_it_moves(panel, board):
+    assert panel.loop("take") == panel.loop("jog") == "done"
+    run_until_driving(board)
+    assert panel.loop("hang") == "done"
+    wait_for_rest(board)
+    assert "aborted" in panel.loop("outcome")
+    assert panel.loop("take") == "done"
+    assert panel.loop("jog") == "done"
+    assert panel.loop("outcome") == "nothing was done: the panel's web server hangs (for more than 2 s)"
+
+
 @pytest.mark.full
 def test_stop_takes_control_back_too_and_the_loop_must_ask_again(page, panel, board):
     hand_over(page, panel)

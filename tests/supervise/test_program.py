@@ -7,7 +7,7 @@ from served import PATIENCE_S, ServedBoard, run_process, wait_for
 from supervised import sent
 from three_axes import make_board_files
 
-from mirrormount.errors import BadValue, BoardError, ConnectionLost, MoveEnded, NotInControl
+from mirrormount.errors import BadValue, BoardError, ConnectionLost, MoveEnded, NotInControl, NotStoppable
 from mirrormount.supervise.lease import Client
 from mirrormount.supervise.motions import Motion
 from mirrormount.supervise.supervisor import Supervisor
@@ -239,6 +239,21 @@ def test_mirrormount_stop_ends_the_motion_of_a_program(supervisor, loop, board):
         motion.future.result(PATIENCE_S)
     with pytest.raises(NotInControl):
         loop.step("x", 1)
+
+
+def test_where_no_stop_gets_in_any_more_nothing_moves(supervisor, loop, board, told):
+    supervisor.ask(lambda mount: mount.send("2XM60000")).result()
+    motion = loop.jog("x", 1)
+    wait_for(board.driving, "the motor to run")
+    supervisor.worker.mount.session.stop_listener._server.close()  # its thread ends
+    with pytest.raises(MoveEnded, match="aborted"):
+        motion.wait()
+    assert told == ["stopped: the thread that takes the stops of other programs has ended"]
+    edges = len(board.edges())
+    loop.take_control()
+    with pytest.raises(NotStoppable, match="nothing was done: the thread"):
+        loop.step("x", 1).wait()
+    assert not board.driving() and len(board.edges()) == edges
 
 
 def test_halt_ends_a_jog_as_asked_and_keeps_control(loop, board):

@@ -34,6 +34,7 @@ from mirrormount.errors import (
     MoveEnded,
     NoAnswer,
     NotInControl,
+    NotStoppable,
     SupervisorFault,
 )
 from mirrormount.supervise.connection import MOVING_POLL_S, POLL_S, Address, Connection, State
@@ -423,7 +424,7 @@ class Worker:
     address: a port, or None for the only board. Attributes for any thread to read: connection, state, notices, log,
     driver (the client whose motion it is), stop_cause (of the last stop), gone (why the board is lost, "" while not).
     listeners: called in the mount's thread with each status, and with None when the board has gone; each returns at
-    once and raises nothing.
+    once and raises nothing. ways: ways for a stop beside the stop socket; each tells why it is shut, "" if it is open.
     """
 
     def __init__(self, address: Address, lease: Lease, clock: Callable[[], float] = time.monotonic) -> None:
@@ -444,6 +445,7 @@ class Worker:
         self._motions = Motions(clock, self._mail.follow)
         self._settings: tuple[Mount, Settings] | None = None  # as they were read, and of which mount
         self.listeners: list[Callable[[Status | None], object]] = []
+        self.ways: list[Callable[[], str]] = []
         self._confirmed = 0  # stops after which the board was seen at rest
         self._brake = Brake(lambda: self.mount)
         self._to_notices = ToNotices(self.notices)
@@ -657,6 +659,8 @@ class Worker:
         try:
             if self.lease.stops != self._confirmed:
                 self._confirm(mount)
+            if why := self._why_unstoppable(mount):
+                raise NotStoppable(f"nothing was done: {why}")
             with mount.unless_stopped():  # by the brake; a stop from before this is seen next
                 if asked.stops != self.lease.stops:
                     asked.drop()
@@ -694,6 +698,9 @@ class Worker:
                 self.driver = None
                 self.stop(self.lease.silence_of(client))
                 break
+        if self.driver and (why := self._why_unstoppable(mount)):
+            self.driver = None
+            self.stop(why)
         if self.lease.stops != self._confirmed:
             self._confirm(mount)
         self._run_held(mount)
@@ -708,6 +715,12 @@ class Worker:
             self.driver = None  # before the next one: what begins here is not in this status yet
         self._deliver()
         self._begin_next_press()
+
+    def _why_unstoppable(self, mount: Mount) -> str:
+        """Why a stop from outside would not get in, "" if it would: what nobody can stop must not be kept alive."""
+        listener = mount.session.stop_listener
+        ways = [listener.why_deaf, *self.ways] if listener else self.ways
+        return next(filter(None, (way() for way in ways)), "")
 
     def _see(self, mount: Mount) -> Status:
         """Read the status, and tell who listens: before the outcomes of motions, so that their positions are known."""

@@ -241,18 +241,34 @@ class StopListener:
         self._stop = stop
         self.why_not: str | None = None
         self._server: socket.socket | None = None
+        self._thread: threading.Thread | None = None
         self._paths: list[Path] = []
         self._number = next(_numbers)
         _held[self._number] = self._names
         if supported():
             try:
                 self._server = self._bound()
-                threading.Thread(target=self._serve, args=(self._server,), name="stop socket", daemon=True).start()
+                self._thread = threading.Thread(
+                    target=self._serve, args=(self._server,), name="stop socket", daemon=True
+                )
+                self._thread.start()
             except (OSError, MountError) as e:  # a full disk, a home without a runtime folder: the port works
                 self.why_not = str(e)
                 self._remove()
         else:
             self.why_not = "this system has no Unix sockets"
+
+    def why_deaf(self) -> str:
+        """Why no stop gets in any more; "" if one does, or never did (why_not). Whoever drives must not go on then."""
+        if self._thread is None:
+            return ""
+        if not self._thread.is_alive():
+            return "the thread that takes the stops of other programs has ended"
+        try:
+            os.close(os.open(os.devnull, os.O_RDONLY))  # a connection takes a file, too
+        except OSError as e:
+            return f"no file is left for the stop of another program ({os.strerror(e.errno or 0).lower()})"
+        return ""
 
     def close(self) -> None:
         """Accept no more stops."""
