@@ -44,30 +44,38 @@ class Rate:
 
     def take(self) -> bool:
         """Count one event. False if it is above the rate."""
+        return self.wait_s(0.0) == 0.0
+
+    def wait_s(self, most_s: float) -> float:
+        """Count one event, and return how long it has to wait for its turn; one that would have to for longer than
+        most_s is not counted.
+        """
         now_s = self._clock()
         self._left = min(self._burst, self._left + (now_s - self._at_s) * self._per_s)
         self._at_s = now_s
-        if self._left < 1:
-            return False
-        self._left -= 1
-        return True
+        wait_s = max(0.0, (1 - self._left) / self._per_s)
+        if wait_s <= most_s:
+            self._left -= 1
+        return wait_s
 
 
 class Rates:
     """A Rate for each of the last `clients` clients."""
 
-    def __init__(self, burst: float, per_s: float, clients: int = 256) -> None:
-        self._new = lambda: Rate(burst, per_s)
+    def __init__(
+        self, burst: float, per_s: float, clients: int = 256, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._new = lambda: Rate(burst, per_s, clock)
         self._clients = clients
         self._rates: OrderedDict[str, Rate] = OrderedDict()
 
-    def take(self, client: str) -> bool:
-        """Count one event of this client. False if it is above its rate."""
+    def of(self, client: str) -> Rate:
+        """The rate of this client."""
         rate = self._rates.pop(client, None) or self._new()
         self._rates[client] = rate
         if len(self._rates) > self._clients:
             self._rates.popitem(last=False)
-        return rate.take()
+        return rate
 
 
 # ---- tokens
@@ -263,6 +271,11 @@ class SignIn:
 FLOOD = 4429  # The close code of a socket that sent too many messages.
 _MESSAGES = 200, 100  # Messages of one socket: at once, and in a second. A page sends about 25 a second.
 _PAGES = 6, 0.5  # Pages of one client: at once, and in a second. To build one takes 30 ms.
+# Requests of one client, but for stops: at once, and in a second. To answer one takes 1.5 ms, for which the page that
+# drives waits for its tick. The others wait for their turn; a page loads 42 files, then a picture each 80 ms.
+_REQUESTS = 25, 100
+_TURN_S = 2.0  # A request that would have to wait for longer is refused, after that time: else refusals were a flood.
+_SOCKETS_MOST = 100  # Sockets at once, of all clients: a page has two, and each takes a file of the process.
 _POST_MOST = 512  # A sign-in is no longer, in bytes.
 _PATHS = re.compile(r"/(?:enter|stop|drive|camera/[1-9]|hold/state|hold/go|panel/[\w.]+|_nicegui/.*|_nicegui_ws/.*)?")
 _MESSAGE = """<!doctype html><html lang=en><meta charset=utf-8><meta name=viewport content="width=device-width">
@@ -277,12 +290,14 @@ _Headers = list[tuple[bytes, bytes]]
 
 
 class Auth:
-    """Passes requests on to app, or refuses them."""
+    """Passes requests on to app, or refuses them. A stop is never refused for its number."""
 
-    def __init__(self, app: ASGIApp, sign_in: SignIn) -> None:
+    def __init__(self, app: ASGIApp, sign_in: SignIn, clock: Callable[[], float] = time.monotonic) -> None:
         self._app = app
         self._sign_in = sign_in
-        self._pages = Rates(*_PAGES)
+        self._pages = Rates(*_PAGES, clock=clock)
+        self._requests = Rates(*_REQUESTS, clock=clock)
+        self._sockets = 0
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """ASGI's call."""
@@ -293,16 +308,31 @@ class Auth:
         else:
             await self._app(scope, receive, send)
 
+    async def _turn(self, scope: Scope) -> bool:
+        """Wait until it is the request's turn. False if it does not come in time."""
+        wait_s = self._requests.of(_client(scope)).wait_s(_TURN_S)
+        if wait_s:
+            await asyncio.sleep(min(wait_s, _TURN_S))
+        return wait_s <= _TURN_S
+
     async def _socket(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if self._foreign(scope) or not self._signed_in(scope):
+        crowd = not await self._turn(scope) or self._sockets >= _SOCKETS_MOST
+        if crowd or self._foreign(scope) or not self._signed_in(scope):
             await receive()  # the connection's request; refused before it is accepted, it is answered with 403
             await send({"type": "websocket.close", "code": 4403})
             return
-        await self._app(scope, _bounded(receive, send), send)
+        self._sockets += 1
+        try:
+            await self._app(scope, _bounded(receive, send), send)
+        finally:
+            self._sockets -= 1
 
     async def _request(self, scope: Scope, receive: Receive, send: "_Hardened") -> None:
         path = scope["path"]
-        if self._foreign(scope):
+        is_stop = path == "/stop" and scope["method"] == "POST"
+        if not is_stop and not await self._turn(scope):
+            await send.answer(429, b"", [(b"retry-after", b"1")])
+        elif self._foreign(scope):
             await send.page(403, _FOREIGN)
         elif not _PATHS.fullmatch(path):  # here, and not in a library, which writes the address to its log
             await send.page(404, _NOTHING)
@@ -312,7 +342,7 @@ class Auth:
             await (send.html(403, self._sign_in.page(send.nonce)) if path == "/" else send.page(403, _NO_TOKEN))
         elif path == "/" and scope["query_string"]:  # nothing of ours; the address bar is to be clean
             await send.answer(303, b"", [(b"location", b"/")])
-        elif path == "/" and not self._pages.take(_client(scope)):
+        elif path == "/" and not self._pages.of(_client(scope)).take():
             await send.answer(429, _MESSAGE.format(_CROWD).encode(), [(b"retry-after", b"3"), _HTML])
         else:
             headers = [h for h in scope["headers"] if path != "/" or h[0] != b"accept-encoding"]  # see _Hardened

@@ -220,7 +220,7 @@ def routes(views: Sequence["CameraView"], viewer: Callable[[Request], str | None
         if view is None:
             return Response("there is no such camera", 404)
         name = f"{who} {number}"
-        if name in asking or not rates.take(name):
+        if name in asking or not rates.of(name).take():
             return Response("one picture at a time", 429)
         asking.add(name)
         try:

@@ -2,11 +2,14 @@
 
 import asyncio
 import logging
+from collections.abc import Coroutine
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import pytest
 from supervised import Clock
 
+from mirrormount_panel import auth
 from mirrormount_panel.auth import CODE_S, Auth, Rate, Rates, SignIn
 from mirrormount_panel.server import _Printable
 
@@ -82,9 +85,9 @@ def test_a_rate_lets_so_many_through_at_once_and_then_so_many_a_second(clock):
 
 def test_each_client_has_a_rate_of_its_own_and_clients_do_not_fill_the_memory():
     rates = Rates(1, 0.001, clients=10)
-    assert [rates.take("a"), rates.take("a"), rates.take("b")] == [True, False, True]
+    assert [rates.of(client).take() for client in "aab"] == [True, False, True]
     for n in range(1000):
-        rates.take(str(n))
+        rates.of(str(n))
     assert len(rates._rates) == 10
 
 
@@ -98,8 +101,16 @@ async def app(_scope, _receive, send) -> None:
     await send({"type": "http.response.body", "body": b"<script>1</script>"})
 
 
-def statuses(paths: list[str]) -> list[int]:
-    """What a panel without a token answers to one client's requests, one after the other."""
+@pytest.fixture(autouse=True)
+def waits(monkeypatch):
+    """How long the panel has let requests wait, which they do not here."""
+    waited, sleep = [], asyncio.sleep
+    monkeypatch.setattr(auth.asyncio, "sleep", lambda wait_s: (waited.append(wait_s), sleep(0))[1])
+    return waited
+
+
+def statuses(paths: list[str], method: str = "GET") -> list[int]:
+    """What a panel without a token answers to one client's requests, all in one turn of its clock."""
     answers = []
 
     async def send(message) -> None:
@@ -107,17 +118,66 @@ def statuses(paths: list[str]) -> list[int]:
             answers.append(message["status"])
 
     async def ask() -> None:
-        auth = Auth(app, SignIn(None))
+        panel = Auth(app, SignIn(None), Clock())
         for path in paths:
-            scope = {"type": "http", "method": "GET", "path": path, "query_string": b"", "client": ("127.0.0.1", 1)}
-            await auth({**scope, "headers": [(b"host", b"localhost")]}, None, send)
+            scope = {"type": "http", "method": method, "path": path, "query_string": b"", "client": ("127.0.0.1", 1)}
+            await panel({**scope, "headers": [(b"host", b"localhost")]}, None, send)
 
-    with ThreadPoolExecutor(1) as pool:  # the browser of other tests has a loop in this thread
-        pool.submit(lambda: asyncio.run(ask())).result()
+    run(ask())
     return answers
 
 
-def test_so_many_pages_are_made_for_a_client_and_files_without_end():
-    assert statuses(["/"] * 6) == [200] * 6
-    assert 429 in statuses(["/"] * 20)
+def run(work: Coroutine[Any, Any, None]) -> None:
+    with ThreadPoolExecutor(1) as pool:  # the browser of other tests has a loop in this thread
+        pool.submit(lambda: asyncio.run(work)).result()
+
+
+def test_so_many_pages_are_made_for_a_client_with_all_their_files():
+    assert statuses(["/"] * 7) == [200] * 6 + [429]
     assert statuses(["/panel/panel.js"] * 100) == [200] * 100
+
+
+@pytest.mark.parametrize("path", ["/panel/panel.js", "/camera/9", "/hold/state", "/enter", "/no/such/page", "/stop"])
+def test_beyond_a_rate_a_client_waits_and_is_then_refused_but_for_a_stop(path, waits):
+    answers = statuses([path] * 227)
+    assert answers[225:] == [429] * 2 and 429 not in answers[:225]
+    assert waits == pytest.approx([n / 100 for n in range(1, 201)] + [2.0] * 2)
+    waits.clear()
+    assert statuses(["/stop"] * 1000, "POST") == [200] * 1000
+    assert not waits
+
+
+def test_a_crowd_of_sockets_does_not_take_all_files_of_the_panel():
+    said = []
+
+    async def hold(_scope, _receive, _send) -> None:
+        await asyncio.Event().wait()
+
+    async def connect() -> dict[str, str]:
+        return {"type": "websocket.connect"}
+
+    async def send(message) -> None:
+        said.append(message)
+
+    async def ask() -> None:
+        panel = Auth(hold, SignIn(None), Clock())
+        scope = {
+            "type": "websocket",
+            "path": "/drive",
+            "client": ("127.0.0.1", 1),
+            "headers": [(b"host", b"localhost")],
+        }
+        crowd = [asyncio.create_task(panel(scope, connect, send)) for _ in range(100)]
+        await asyncio.sleep(0)
+        assert not said
+        await panel(scope, connect, send)
+        assert said == [{"type": "websocket.close", "code": 4403}]
+        crowd.pop().cancel()
+        await asyncio.sleep(0)
+        crowd.append(asyncio.create_task(panel(scope, connect, send)))
+        await asyncio.sleep(0)
+        assert len(said) == 1
+        for one in crowd:
+            one.cancel()
+
+    run(ask())
