@@ -3,6 +3,7 @@
 import contextlib
 import json
 import os
+import pty
 import signal
 import socket
 import stat
@@ -14,6 +15,7 @@ from served import PATIENCE_S, ServedBoard, run_cli, wait_for
 
 from mirrormount import errors
 from mirrormount.device.mount import Mount
+from mirrormount.transport import ports
 
 KEEP_ALIVE_US = 500_000
 
@@ -180,6 +182,27 @@ def test_the_link_of_a_killed_board_is_replaced_and_one_in_use_is_not(board):
     assert board.link.is_symlink() and not board.link.exists()
     with ServedBoard(board.link.parent) as again, Mount.open(str(again.link)) as mount:
         assert mount.x.position == 0
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere the time at which a terminal was made is not known")
+def test_the_link_of_a_killed_board_leads_to_no_other_terminal(board, monkeypatch):
+    monkeypatch.setattr(ports, "_CLOCKS_S", 0.0)
+    with Mount.open(str(board.link)):
+        number = os.readlink(board.link)
+    board.kill()
+    others = []
+    while number not in [os.ttyname(slave) for _, slave in others] and len(others) < 100:
+        others.append(pty.openpty())
+    if number != os.ttyname(others[-1][1]):
+        pytest.skip("another program of this computer was faster")
+    with pytest.raises(errors.PortAbsent, match="younger than this link: the virtual board that made it was killed"):
+        Mount.open(str(board.link))
+    for ours, slave in others:
+        os.set_blocking(ours, False)
+        with pytest.raises(BlockingIOError):
+            os.read(ours, 1)
+        os.close(ours)
+        os.close(slave)
 
 
 def until(port, text: bytes) -> bytes:

@@ -128,6 +128,7 @@ def _errno(e: BaseException | None) -> int | None:
 # ---- kinds of ports
 
 _TICK_S = 0.02  # a serial read returns at least this often
+_CLOCKS_S = 0.05  # by so much may the clock differ by which a file server dates a link
 
 
 class SerialPort:
@@ -136,6 +137,7 @@ class SerialPort:
     lockstep = False
 
     def __init__(self, address: str) -> None:
+        _check_links(address)
         try:
             self._serial = serial.serial_for_url(address, baudrate=115200, timeout=_TICK_S, do_not_open=True)
             if "://" not in address:
@@ -172,6 +174,24 @@ class SerialPort:
     def close(self) -> None:
         """Close the port."""
         self._serial.close()
+
+
+def _check_links(path: str) -> None:
+    """Raises PortAbsent for the link of a virtual board that was killed: its terminal's number is another one's now.
+
+    A board makes its link behind its terminal. Linux keeps the time at which a terminal was made (st_ctime).
+    """
+    with contextlib.suppress(OSError):  # no such file, or links in a circle: opening it says so
+        os.stat(path)
+        while os.path.islink(path):
+            target = os.path.join(os.path.dirname(path), os.readlink(path))
+            made_s, link_s = os.stat(target).st_ctime, os.lstat(path).st_ctime
+            if target.startswith("/dev/pts/") and made_s > link_s + _CLOCKS_S:
+                raise PortAbsent(
+                    f"{path}: leads to a terminal that is younger than this link: the virtual board that made it was"
+                    " killed; start it again"
+                )
+            path = target
 
 
 class SocketPort:
