@@ -424,9 +424,8 @@ class Program(Station):
         self.judge(f"{self.kind} was killed", time.time(), DEATH_S)
 
     def _hang(self) -> None:
-        wall_s = time.time()
-        self._tell("hang")
-        self.judge("a program hangs", wall_s, DEATH_S)
+        if self._done(self._tell("hang")):  # it answers, and hangs then
+            self.judge("a program hangs", time.time(), DEATH_S)
 
 
 class OfMount(Program):
@@ -709,8 +708,11 @@ def program(kind: str, link: str) -> None:
             if owner is None:
                 owner = Mount.open(link) if kind == "mount" else Supervisor(link).open()
                 client = owner.join("endurance") if kind == "supervisor" else None
-            _carry_out(word, owner, client)
+            if word != "hang":
+                _carry_out(word, owner, client)
             print(number, "ok", flush=True)
+            if word == "hang":
+                time.sleep(2.5)
         except MountError as e:  # the board has gone: the order is given again, as a person would
             print(number, "refused", flush=True)
             print(f"{word}: {e}", file=sys.stderr, flush=True)
@@ -721,9 +723,7 @@ def program(kind: str, link: str) -> None:
 
 def _carry_out(word: str, owner: Any, client: Any) -> None:
     """Raises MountError."""
-    if word == "hang":
-        time.sleep(2.5)
-    elif word == "stop":
+    if word == "stop":
         (client or owner).stop()
     elif client:
         client.take_control()
