@@ -25,7 +25,7 @@ MOST = 200_000  # motions that are kept, about 30 MB
 _SCHEMA = """create table if not exists motions (
     id integer primary key, begun real, ended real, board text, axis integer, name text,
     "from" real, "to" real, how text, certainty text, who text)"""
-_JITTER = 0.5  # steps: an encoder's position changes by less at rest, too
+JITTER = 0.5  # steps: an encoder's position changes by less at rest, too
 _CLOSE_S = 2.0  # longest wait for the disk when a session is closed
 
 
@@ -62,6 +62,7 @@ class MotionLog:
         self._started = False
         self._set: set[int] = set()  # the axes whose position is being defined
         self._homing: set[int] = set()  # the axes that search their home
+        self._beginning: set[int] = set()  # those of them whose search is not begun yet
         self._stopped = ""  # why this program has stopped what moves, "" if it has not
         self._lock = threading.Lock()  # never held while a disk is waited for
         self._rows: list[LoggedMotion] = []
@@ -88,7 +89,7 @@ class MotionLog:
                     continue
                 before, begun = self._rest.get(number), self._begun.pop(number, None)
                 jitters = axis.certainty == "measured" and not begun and number not in self._set
-                if before is not None and (begun or abs(axis.position - before) >= (_JITTER if jitters else 0.001)):
+                if before is not None and (begun or abs(axis.position - before) >= (JITTER if jitters else 0.001)):
                     if number in self._set:
                         how = "set, not moved"
                     elif begun or self._started:
@@ -97,11 +98,10 @@ class MotionLog:
                         how = "changed at rest: set, or turned by hand"
                     ours = begun or self._started or number in self._set
                     self._add(number, begun or (now, self.client if ours else ""), before, axis.position, how)
-                elif before is not None and jitters:
-                    continue
-                self._rest[number] = axis.position
-                if begun or (self._started and axis.certainty == "homed"):  # or it was over at the first look
-                    self._homing.discard(number)
+                if number not in self._beginning:
+                    self._homing.discard(number)  # a search at rest is over, also one that was stopped at once
+                if before is None or not jitters or abs(axis.position - before) >= JITTER:
+                    self._rest[number] = axis.position
             self._started = self._started and status.moving
 
     def _end_of(self, number: int, axis: AxisStatus) -> str:
@@ -126,11 +126,14 @@ class MotionLog:
     def homing(self, number: int) -> Iterator[None]:
         """Inside, that axis begins to search its home."""
         self._homing.add(number)
+        self._beginning.add(number)
         try:
             yield
         except BaseException:
             self._homing.discard(number)
             raise
+        finally:
+            self._beginning.discard(number)
 
     def lose(self) -> None:
         """The board has restarted: the end of what moved was not seen, and the positions from before count no more."""
