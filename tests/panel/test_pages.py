@@ -4,6 +4,7 @@ import socket
 from concurrent.futures import ThreadPoolExecutor
 
 from mirrormount.supervise.lease import Lease
+from mirrormount.supervise.worker import Worker
 from mirrormount_panel.mounts import CONNECTED, WAITING, WAITING_HERE, Pages, PanelMount
 from mirrormount_panel.server import Server
 
@@ -64,7 +65,7 @@ def test_pages_are_dropped_before_the_web_server_ends_its_tasks():
         left.append(len(pages))
         await send({"type": "lifespan.shutdown.complete"})
 
-    server = Server(app, [PanelMount("", None, pages)])
+    server = Server(app, [PanelMount("", Worker("virtual://", Lease()), pages)])
     server.when_ready(lambda: (pages.add("here"), setattr(server, "should_exit", True)))
     with socket.create_server(("127.0.0.1", 0)) as listener, ThreadPoolExecutor(1) as pool:
         pool.submit(server.run, [listener]).result()  # the browser of other tests has a loop in this thread
