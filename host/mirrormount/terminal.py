@@ -11,9 +11,13 @@ import re
 import shutil
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import FrameType
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import weakref
 
 NETWORK = ("http", "https", "rtsp")  # schemes of a camera's address that may hold a password
 _CLEAR = re.compile(r"([^/?#@]*@)?(?P<host>[^/?#@]+)(?P<path>/[^?#@]*)?([?#][^@]*)?")
@@ -111,6 +115,25 @@ class Progress:
     def end(self) -> None:
         """Clear the bar."""
         self._line.end()
+
+
+# ---- a notebook's cells
+
+
+def on_interrupted_cell(action: "weakref.WeakMethod[Callable[[], object]]") -> None:
+    """From now on action() runs after a cell that was interrupted, whatever it was waiting for; elsewhere never."""
+    shell = sys.modules["IPython"].get_ipython() if "IPython" in sys.modules else None
+    if shell is None:
+        return
+
+    def ended(result: Any) -> None:
+        call = action()
+        if call is None:
+            shell.events.unregister("post_run_cell", ended)
+        elif isinstance(result.error_in_exec, KeyboardInterrupt):
+            call()
+
+    shell.events.register("post_run_cell", ended)
 
 
 # ---- signals

@@ -151,6 +151,18 @@ def test_an_interrupted_cell_leaves_the_motors_off_and_the_mount_open(kernel, pa
     ]
 
 
+@pytest.mark.parametrize("motion", ["mount.x.jog(0.5)", "mount.x.step(500, wait=False)"])
+def test_an_interrupted_cell_stops_also_what_it_does_not_wait_for(kernel, motion):
+    kernel.run(OPEN)
+    number = kernel.begin(f"import time\n{motion}; print('begun', flush=True)\ntime.sleep(60)", until="begun")
+    kernel.interrupt()
+    assert kernel.see(number)[-1] == "KeyboardInterrupt: "
+    assert kernel.run("print(mount.status().moving, on()); mount.y.step(1); print(mount.y.last_move().steps)") == [
+        "False False\n",
+        "1\n",
+    ]
+
+
 def test_the_page_keeps_no_motion_alive_that_its_cell_feeds_no_more(kernel, page):
     kernel.run("mount.x.jog(0.5, feed=False)")
     # the board's own keep-alive ends it, although the page goes on looking

@@ -9,6 +9,7 @@ A motion is kept alive while it lasts: a program that dies stops the mount. Posi
 """
 
 import contextlib
+import weakref
 from collections.abc import Callable, Iterator, Mapping
 from typing import Self
 
@@ -18,8 +19,8 @@ from mirrormount.device.presets import Presets
 from mirrormount.device.session import Session, not_begun
 from mirrormount.device.status import AxisStatus, Ended, Homed, Limits, QueuedError, Status, table
 from mirrormount.device.table_file import MountPort, find_port, x_axis_of
-from mirrormount.errors import BadValue, NotSupported, PortBusy
-from mirrormount.terminal import printable
+from mirrormount.errors import BadValue, MountError, NotSupported, PortBusy
+from mirrormount.terminal import on_interrupted_cell, printable
 from mirrormount.transport.discovery import find_one
 from mirrormount.transport.link import Link
 from mirrormount.transport.ports import open_port
@@ -43,6 +44,11 @@ class Mount:
         self.by_name = {name: Axis(self.session, name, number) for name, number in self.session.board.numbers.items()}
         self.axes = tuple(sorted(self.by_name.values(), key=lambda axis: axis.number))
         self.x, self.y = self.by_name["x"], self.by_name["y"]
+        on_interrupted_cell(weakref.WeakMethod(self._cell_interrupted))  # a jog goes on while its cell only sleeps
+
+    def _cell_interrupted(self) -> None:
+        with contextlib.suppress(MountError):  # it is closed, or its board has gone
+            self.halt()
 
     @property
     def presets(self) -> Presets:
