@@ -197,3 +197,11 @@ def test_a_wrong_word_is_one_line_and_the_file_stays(table, plugged, capsys, wor
     told = capsys.readouterr().err
     assert why in told and told.count("\n") == 1
     assert table.read_text() == before
+
+
+def test_a_port_of_a_path_is_known_in_every_folder_and_told_when_it_is_not_there(table, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main.main(["table", "mount", "near", "./mount"]) == 0
+    assert table_file.read().mounts["near"].port == str(tmp_path / "mount")
+    assert main.main(["table"]) == 1
+    assert f"near: {tmp_path / 'mount'} NOT THERE" in capsys.readouterr().out

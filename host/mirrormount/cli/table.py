@@ -141,7 +141,10 @@ def _mount_line(name: str, entry: MountEntry) -> tuple[bool, str]:
     if entry.distance_mm is not None:
         pair += f", {entry.distance_mm:g} mm behind the mirror before"
     try:
-        there, where = True, printable(table_file.port_of_entry(name, entry).address)
+        address = table_file.port_of_entry(name, entry).address
+        there, where = True, printable(address)
+        if entry.board is None and _is_path(address) and not os.path.exists(address):
+            there, where = False, f"{where} NOT THERE"
     except NoBoardFound:
         there, where = False, "NOT PLUGGED IN"
     if entry.board is None:
@@ -188,7 +191,11 @@ def _place(address: str | None) -> dict[str, str | None]:
         return {"board": ids[at].lower(), "port": None}
     if not at.isprintable() or len(at) > 200:
         raise BadValue("a port's address is at most 200 printable characters")
-    return {"board": None, "port": at}
+    return {"board": None, "port": os.path.abspath(at) if _is_path(at) else at}  # commands run in other folders, too
+
+
+def _is_path(address: str) -> bool:
+    return os.sep in address and "://" not in address
 
 
 def _not_in(names: Container[str], name: str, what: str) -> None:
