@@ -38,7 +38,7 @@ from mirrormount import files
 from mirrormount.device.mount import Mount
 from mirrormount.errors import BadValue, CannotWrite, ExtraMissing, MountError
 from mirrormount.markup import html_table, html_text
-from mirrormount.terminal import install_command
+from mirrormount.terminal import install_command, printable
 from mirrormount.values import whole_number
 from mirrormount_beam.camera import Camera, Image
 from mirrormount_beam.errors import SpotLost
@@ -194,7 +194,18 @@ class Signal:
         """The signal itself, or a signal of one column, `value`: what a function returns."""
         if isinstance(signal, Signal):
             return signal
-        return cls({"value": ""}, lambda mount: (signal(mount),))
+
+        def read(mount: Mount) -> tuple[float]:
+            value = signal(mount)
+            try:
+                return (float(value),)
+            except (TypeError, ValueError):
+                raise BadValue(
+                    f"the signal is one number at each place, not {printable(repr(value), 60)}; for several of them"
+                    " give a Signal, such as spot_signal(camera)"
+                ) from None
+
+        return cls({"value": ""}, read)
 
 
 def spot_signal(camera: Camera) -> Signal:

@@ -174,6 +174,11 @@ def test_the_mean_grey_value_falls_when_the_beam_is_blocked(mount, table):
     assert light.values[0] > dark.values[0] + 0.5
 
 
+def test_a_signal_that_is_no_number_is_refused_in_words(mount):
+    with pytest.raises(BadValue, match=r"one number at each place, not \(1, 2\); for several of them give a Signal"):
+        list(scan(mount, line(1, 0, 1), lambda _mount: (1, 2)))
+
+
 def test_a_stop_between_two_places_ends_the_scan(mount):
     samples = scan(mount, line(1, 0, 3), lambda _mount: 1.0)
     next(samples)
