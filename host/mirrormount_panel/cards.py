@@ -49,6 +49,7 @@ UNITS = {  # The units of values.py, as a person reads them.
     "beam-urad": "µrad of the beam",
     "beam-mrad": "mrad of the beam",
     "mm": "mm on the screen",
+    "um": "µm on the screen",
 }
 
 _SLIDER = (
@@ -534,7 +535,7 @@ def _texts(state: State, name: str, status: AxisStatus | None, unit: str) -> tup
     per_step = scale.per_step(unit) if scale and unit in UNITS and unit != STEPS else None
     if per_step is None:
         return steps, UNITS[STEPS], state.angle_text(name, status.position)
-    decimals = 0 if unit.endswith("urad") else 2
+    decimals = 0 if unit.endswith("urad") or unit == "um" else 2
     return f"≈ {status.position * per_step:+.{decimals}f}", UNITS[unit], f"{steps} {UNITS[STEPS]}"
 
 

@@ -141,6 +141,7 @@ def test_a_position_is_typed_in_the_unit_that_a_person_thinks_in(page):
         "beam-urad",
         "beam-mrad",
         "mm",
+        "um",
     ]
     unit.select_option("µrad of the mirror")
     y.get_by_label("Target of y").fill("-412.5")

@@ -86,6 +86,7 @@ def test_a_position_is_shown_first_in_the_unit_that_was_chosen(open_page, panel)
         ("mrad", "≈ +0.25", "mrad of the mirror"),
         ("urad", "≈ +250", "µrad of the mirror"),
         ("beam-mrad", "≈ +0.50", "mrad of the beam"),
+        ("um", "≈ +750", "µm on the screen"),
         ("mm", "≈ +0.75", "mm on the screen"),
     ):
         x.get_by_label("Unit for x").select_option(unit)

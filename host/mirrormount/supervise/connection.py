@@ -39,9 +39,10 @@ class AxisScale:
 
     def per_step(self, unit: str) -> float | None:
         """One step in a unit of values.UNITS other than steps; None: not known."""
+        thousand = {"urad": "mrad", "beam-urad": "beam-mrad", "um": "mm"}
         known = {"mrad": self.mirror_mrad, "beam-mrad": self.beam_mrad, "mm": self.screen_mm}
-        amount = known[unit.replace("urad", "mrad")]
-        return amount * 1e3 if amount is not None and unit.endswith("urad") else amount
+        amount = known[thousand.get(unit, unit)]
+        return amount * 1e3 if amount is not None and unit in thousand else amount
 
 
 Scales = dict[str, AxisScale | None]
