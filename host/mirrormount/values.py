@@ -113,7 +113,7 @@ _OF: Mapping[str, tuple[Callable[[Geometry, float], float | None], float]] = {
 UNITS = (STEPS, *_OF)
 HELP = "steps (default); mrad, urad: of the mirror; beam-mrad, beam-urad; mm, um: on the screen"
 _MICRO = str.maketrans("\u00b5\u03bc", "uu")  # the micro sign, and the Greek letter that looks like it
-_WITH_UNIT = re.compile(r"(.*?[0-9.])([a-z\u00b5\u03bc-]+)", re.IGNORECASE)
+_WITH_UNIT = re.compile(r"(.*?[0-9.]) ?([a-z\u00b5\u03bc-]+)", re.IGNORECASE)
 
 
 def spelled(unit: str) -> str:

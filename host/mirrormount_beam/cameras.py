@@ -133,7 +133,8 @@ def open_beside_mount(address: str, settings: CameraSettings = CameraSettings())
     """As open_camera(), for a mount opened by itself. Raises BadAddress for a camera of a virtual table, too."""
     if _is_of_table(_known(address).camera):
         raise BadAddress(
-            f"{printable(address)} sees the mounts of its own table only: give --virtual, and 1 or 2 as the camera"
+            f"{printable(address)} sees the mounts of its own table only: a command with --virtual has both, and 1 or 2"
+            " is the camera"
         )
     return open_camera(address, settings=settings)
 

@@ -60,6 +60,8 @@ class Reading(Generic[T]):
             version = await asyncio.to_thread(records.version, self._file)
             if self._seen == (mount, version):
                 return
+            if self._seen is None or self._seen[0] is not mount:
+                self.value = None  # of another board: not to be shown if the reading fails
             self._seen = mount, version
             self.value = await asyncio.to_thread(self._read, mount)
             self.trouble = ""
@@ -127,9 +129,7 @@ class Positions:
             except MountError as e:
                 kept.keep(name)
                 return f"{name} is kept, without a spot: {e}"
-            preset = kept.keep(name, spot=spot)
-            if before != {number: place.position for number, place in preset.places.items()}:
-                kept.keep(name)
+            if kept.keep(name, spot=spot, seen_at=before).spot is None:
                 return f"{name} is kept, without a spot: the mount has moved while the camera looked"
             return f"{name} is kept with its spot"
 

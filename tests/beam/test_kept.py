@@ -132,6 +132,20 @@ def test_the_shell_keeps_the_spot_and_says_how_far_off_it_ends(shell, capsys):
     assert math.dist(true_px(table, camera), before) < WITHIN_PX + 0.5
 
 
+def test_the_shell_says_where_the_mount_is_when_the_spot_is_lost_on_the_way(shell, capsys, monkeypatch):
+    run, mount, _, _ = shell
+    run("keep", "good", "--camera", "0")
+
+    def lost(*_: object):
+        mount.x.step(4)
+        raise SpotLost("no spot")
+
+    monkeypatch.setattr(kept, "approach", lost)
+    with pytest.raises(SpotLost):
+        run("back", "good", "--camera", "0")
+    assert "from there the camera's way ended at x: +7.000" in capsys.readouterr().err
+
+
 def test_the_shell_refuses_before_anything_moves_what_was_kept_without_a_spot(shell):
     run, mount, _, _ = shell
     run("keep", "good")

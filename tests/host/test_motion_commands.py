@@ -54,7 +54,16 @@ def test_a_motion_is_shown_on_a_terminal_while_it_lasts(board, words, shows):
 
 @pytest.mark.parametrize(
     "words",
-    [("100", "urad"), ("100urad",), ("100µrad",), ("100\u03bcrad",), ("100", "\u00b5rad"), ("0.1mrad",), ("1e-1mrad",)],
+    [
+        ("100", "urad"),
+        ("100urad",),
+        ("100µrad",),
+        ("100 µrad",),
+        ("100\u03bcrad",),
+        ("100", "\u00b5rad"),
+        ("0.1mrad",),
+        ("1e-1mrad",),
+    ],
 )
 def test_an_amount_is_typed_in_one_word_or_in_two_and_micro_in_each_of_its_spellings(words):
     for sign, way in (("", "+"), ("-", "-")):

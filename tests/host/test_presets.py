@@ -12,7 +12,7 @@ from served import ServedBoard, run_cli, wait_for
 
 from mirrormount.device import motion_log, presets, records
 from mirrormount.device.mount import Mount
-from mirrormount.device.presets import Place
+from mirrormount.device.presets import Place, SeenSpot
 from mirrormount.device.status import parse_status
 from mirrormount.errors import BadFile, CannotWrite, MoveEnded, NotKept, PositionDoubtful
 from mirrormount.supervise.supervisor import Supervisor
@@ -72,7 +72,7 @@ def test_after_zero_a_position_is_refused_until_zero_is_undone(mount, known):
         mount.presets.back("good")
     assert mount.x.position == 0
     mount.x.step(1)
-    assert "+8 steps as before Zero; nothing has moved" in mount.presets.undo_zero()
+    assert "+8 steps as before Zero of " in mount.presets.undo_zero()
     mount.presets.back("good")
     assert mount.x.position == 5
 
@@ -254,6 +254,24 @@ def test_a_homing_is_logged_as_one_for_its_0_is_another_afterwards(board_with_sw
     assert [row["how"] for row in logged()] == ["homed: 0 is there since", "done"]
 
 
+def test_a_spot_is_not_kept_with_a_position_where_it_was_not_seen(mount):
+    spot = SeenSpot("camera", 1.0, 2.0, 0.1, 0.1, 640, 480)
+    mount.x.step(2)
+    assert mount.presets.keep("here", spot=spot, seen_at={1: 0.0, 2: 2.0}).spot == spot
+    assert mount.presets.keep("good", spot=spot, seen_at={1: 0.0, 2: 0.0}).spot is None
+    assert [preset.spot for preset in mount.presets.all()] == [spot, None]
+
+
+def test_a_step_after_a_search_that_was_stopped_is_no_homing(board_with_switches):
+    with Mount.open(str(board_with_switches.link)) as mount:
+        mount.x.switches = 3
+        mount.x.start_homing()
+        mount.stop()
+        mount.x.step(2)
+    *_, step = logged()
+    assert step["how"] == "done"
+
+
 def test_the_version_of_a_database_changes_with_each_change_of_it(mount):
     seen = [records.version(presets.FILE)]
     for work in (mount.presets.all, lambda: mount.presets.keep("good"), mount.presets.all, mount.x.zero):
@@ -289,6 +307,8 @@ def test_the_log_knows_the_mounts_of_the_table_by_their_names(board, folder):
     assert row["board"] == identity and logged("--board", identity[:4]) == [row]
     assert logged("--board", "far") == []
     assert "; did you mean near?" in run_cli("log", "--board", "neer").stderr
+    (folder / "table.toml").write_text(f'[mounts.near]\nport = "{board.link}"\n')
+    assert "near is named by its port" in run_cli("log", "--board", "near").stderr
 
 
 def test_two_programs_log_at_once_and_nothing_is_lost():

@@ -23,7 +23,7 @@ from mirrormount.cli.arguments import (
 from mirrormount.device import motion_log
 from mirrormount.device.motion_log import LoggedMotion
 from mirrormount.device.mount import Mount
-from mirrormount.errors import BadValue
+from mirrormount.errors import BadValue, MountError
 from mirrormount.values import did_you_mean
 
 _SPAN = re.compile(r"([0-9]{1,6})([smhd])")
@@ -45,6 +45,8 @@ def keep(args: argparse.Namespace) -> None:
     """Keep, list or remove. Raises MountError."""
     if args.remove and (args.list or not args.name):
         raise BadValue("--remove needs a NAME, and no --list")
+    if args.camera is not None and (args.remove or args.list or not args.name):
+        raise BadValue("--camera is for a position that is kept now: it needs a NAME, and no --list or --remove")
     with open_mount(args) as mount:
         presets = mount.presets
         if args.remove:
@@ -89,7 +91,7 @@ def _spot(mount: Mount, args: argparse.Namespace) -> contextlib.AbstractContextM
 
 def back(args: argparse.Namespace) -> None:
     """Go back to a position, and print it. Raises MountError."""
-    from mirrormount.cli.motion import place, watched
+    from mirrormount.cli.motion import watched
 
     with open_mount(args) as mount, mount.unless_stopped(since_open=True), _spot(mount, args) as spot:
         preset = mount.presets.get(args.name)
@@ -103,12 +105,23 @@ def back(args: argparse.Namespace) -> None:
         with watched(mount, mount.axes) as line:
             where_to = f"on the way to {preset.name}; Ctrl-C stops"
             mount.presets.back(preset.name, sure=sure, progress=lambda _: line.show(where_to))
-            brought = spot.bring(preset, lambda text: line.show(f"{preset.name}: {text}; Ctrl-C stops")) if spot else ""
-        print(
-            f"{preset.name}: "
-            + ", ".join(f"{place(axis)} ({axis.status().certainty})" for axis in mount.by_name.values())
-            + (f"; {brought}" if brought else "")
-        )
+            brought = ""
+            try:
+                if spot:
+                    brought = spot.bring(preset, lambda text: line.show(f"{preset.name}: {text}; Ctrl-C stops"))
+            except MountError:
+                with contextlib.suppress(MountError):  # the board has gone: that error says it
+                    note(
+                        f"by steps it was back at {preset.name}; from there the camera's way ended at {_places(mount)}"
+                    )
+                raise
+        print(f"{preset.name}: {_places(mount)}" + (f"; {brought}" if brought else ""))
+
+
+def _places(mount: Mount) -> str:
+    from mirrormount.cli.motion import place
+
+    return ", ".join(f"{place(axis)} ({axis.status().certainty})" for axis in mount.by_name.values())
 
 
 def undo_arguments(parser: argparse.ArgumentParser) -> None:
@@ -122,6 +135,8 @@ def undo(args: argparse.Namespace) -> None:
     """Undo the last Zero. Raises MountError."""
     with open_mount(args) as mount:
         print(mount.presets.undo_zero(args.axis, sure=args.yes))
+        if not args.axis and (zeroed := mount.presets.zeroed()):
+            note(f"another Zero can be undone, if it was a mistake, too: mirrormount undo {' or '.join(zeroed)}")
 
 
 def log_arguments(parser: argparse.ArgumentParser) -> None:
@@ -139,6 +154,8 @@ def log(args: argparse.Namespace) -> None:
 
     names = table_file.mounts_by_axis()
     named = args.board in names.values()
+    if args.board in table_file.read().mounts and not named:
+        raise BadValue(f"{args.board} is named by its port, and the log has the ids of boards: give that of its board")
     motions = list(motion_log.read(since(args.since, datetime.now()).timestamp(), "" if named else args.board))
     if named:
         motions = [motion for motion in motions if names.get((motion.board.upper(), motion.axis)) == args.board]

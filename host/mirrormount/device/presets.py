@@ -14,6 +14,7 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from mirrormount.device import records
+from mirrormount.device.motion_log import JITTER
 from mirrormount.device.status import AxisStatus, Status
 from mirrormount.errors import BadFile, BadValue, MountError, NotKept, PositionDoubtful
 from mirrormount.terminal import printable
@@ -124,7 +125,7 @@ class Preset:
     spot: SeenSpot | None = None
 
     def __str__(self) -> str:
-        return f"{self.name}, kept {time.strftime('%Y-%m-%d %H:%M:%S', time.localtime(self.at))}"
+        return f"{self.name}, kept {_clock(self.at)}"
 
 
 class Presets:
@@ -138,10 +139,11 @@ class Presets:
         self._mount = mount
         self._ask = ask or (lambda work: work(mount))
 
-    def keep(self, name: str, *, spot: SeenSpot | None = None) -> Preset:
+    def keep(self, name: str, *, spot: SeenSpot | None = None, seen_at: Mapping[int, float] | None = None) -> Preset:
         """Keep the present position of all axes under a name, new or used. Raises BadValue, also while it moves.
 
-        spot: where a camera sees the spot now (mirrormount_beam.kept.seen()).
+        spot: where a camera sees the spot now (mirrormount_beam.kept.seen()). seen_at: the positions of the axes, by
+        number, when it was looked for: a spot that was seen elsewhere is not kept.
         """
         if not isinstance(name, str) or not is_name(name):  # pyright: ignore[reportUnnecessaryIsInstance]
             raise BadValue(f"a position's name is {NAME_RULE}, not {printable(repr(name), 60)}")
@@ -153,6 +155,8 @@ class Presets:
             axis.number: self._place(axis, status.by_name[axis.name], steps[axis.number])
             for axis in mount.by_name.values()
         }
+        if seen_at is not None and any(_apart(seen_at.get(n), place) for n, place in places.items()):
+            spot = None
         preset = Preset(name, time.time(), status.boot_id, places, spot)
         entry = json.dumps(
             {
@@ -257,10 +261,10 @@ class Presets:
         mount = self._mount
         kind = f"zero {mount.axis(axis).number}" if axis else "zero "
         axes = {each.number: each for each in mount.axes}
-        zeros = [(number, entry) for number, _, entry in former(mount.board_id, kind) if entry["axis"] in axes]
+        zeros = [(number, at, entry) for number, at, entry in former(mount.board_id, kind) if entry["axis"] in axes]
         if not zeros:
             raise NotKept(f"no Zero {f'of {axis} ' if axis else ''}is known on this computer that could be undone")
-        number, entry = zeros[0]
+        number, at, entry = zeros[0]
         zeroed = axes[entry["axis"]]
         status, _ = self._now()
         now, name = status.by_name[zeroed.name], zeroed.name
@@ -283,7 +287,8 @@ class Presets:
                 file.execute("delete from former where id = ?", (undone,))
         rounded = "" if wanted == round(wanted) else f", the whole step next to {wanted:+.3f}"
         return (
-            f"{name}: the position here is {round(wanted):+d} steps as before Zero{rounded}; nothing has moved"
+            f"{name}: the position here is {round(wanted):+d} steps as before Zero of {_clock(at)}{rounded}; nothing"
+            " has moved"
             f" (certainty before: {entry['certainty']}; the board calls it counted)"
         )
 
@@ -309,6 +314,15 @@ class Presets:
     def _place(self, axis: "Axis", status: AxisStatus, step: list[int]) -> Place:
         zero, homed = (_latest(self._mount.board_id, f"{what} {axis.number}") for what in ("zero", "homed"))
         return Place(status.position, status.certainty, step, zero, homed)
+
+
+def _clock(at: float) -> str:
+    return time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(at))
+
+
+def _apart(before: float | None, now: Place) -> bool:
+    """Is a position another one than before? An encoder's changes a little at rest, too."""
+    return before is None or abs(now.position - before) >= (JITTER if now.certainty == "measured" else 0.001)
 
 
 def _latest(board: str, what: str) -> int:

@@ -240,6 +240,8 @@ def run(args: argparse.Namespace) -> None:
         finally:
             _summarise(result, optics)
         apply_result(args.apply, mount, axes, result, optics)
+        if args.virtual and args.experiment in ("backlash", "pulses"):
+            note("this virtual board ends here, and with it what was saved on it")
     tell_page(page, args.open)
 
 
