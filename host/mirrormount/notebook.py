@@ -40,6 +40,7 @@ _MOST_BYTES = 1000  # of a request
 _HEIGHT_PX, _HEIGHT_WITH_PICTURE_PX = 210, 560
 _CLOSED = "this mount was closed: open it again, and show it in another cell"
 _CELL = "nothing was done: a cell is running, and steps are its own; or another step is under way"
+_REFUSED = "this cell was not run: STOP came before its first line; run it again"
 _LATE = "nothing was done: that came late, this browser was stuck; ask again"
 _LOCKSTEP = "nothing was done: the time of this virtual board passes only in cells; open it without speed=max"
 
@@ -64,37 +65,51 @@ class Cells:
     """Whose turn it is: the running cell's, or the page's. Where no IPython runs, it is always the program's."""
 
     def __init__(self) -> None:
-        self._turn = threading.Lock()
-        self._has_turn = self._turn.acquire()  # of the cell that runs now
-        self._depth = 1  # of cells: %%capture runs one in another one
+        self._turn = threading.Lock()  # held while the page moves something
+        self._depth = 1  # of cells, with the one that runs now: %%capture runs one in another one
+        self._stopped = False  # a STOP came in this cell
         shell = sys.modules["IPython"].get_ipython() if "IPython" in sys.modules else None
         self._is_notebook = shell is not None
         if shell:
             shell.events.register("pre_run_cell", self._begin)
             shell.events.register("post_run_cell", self._end)
+            shell.ast_transformers.append(self)
 
     def _begin(self, *_: object) -> None:
         self._depth += 1
-        if self._depth == 1:
-            self._has_turn = self._turn.acquire(timeout=_OTHERS_S)
+
+    def visit(self, node: Any) -> Any:
+        """IPython calls this after _begin, with the code that it is about to run: wait for the page's step or look.
+
+        _begin must not wait: IPython prints a KeyboardInterrupt that comes there, and runs the cell all the same. Here
+        one ends the cell. A STOP whose interrupt got lost on the way, or is only for the cell's next `await`, is known
+        from _stopped. The lock is not taken, for an interrupt that came with it would leave it locked.
+        """
+        end = time.monotonic() + _OTHERS_S
+        while self._turn.locked() and time.monotonic() < end:
+            time.sleep(0.01)
+        if self._stopped:
+            raise sys.modules["IPython.core.error"].InputRejected(_REFUSED)
+        return node
 
     def _end(self, *_: object) -> None:
         self._depth = max(0, self._depth - 1)
-        if self._has_turn and not self._depth:
-            self._has_turn = False
-            self._turn.release()
+        if not self._depth:
+            self._stopped = False
 
     @property
     def free(self) -> bool:
         """True while neither a cell runs nor the page moves anything."""
-        return not self._turn.locked()
+        return not self._depth and not self._turn.locked()
 
     @contextlib.contextmanager
     def turn_of_page(self) -> Iterator[None]:
-        """Inside, no cell begins. Raises NotInControl at once if one runs."""
+        """Inside, a cell that begins waits. Raises NotInControl at once if one runs, or the page moves something."""
         if not self._turn.acquire(blocking=False):
             raise NotInControl(_CELL)
         try:
+            if self._depth:  # asked with the lock: a cell that begins now sees the lock, or is seen here
+                raise NotInControl(_CELL)
             yield
         finally:
             self._turn.release()
@@ -102,6 +117,7 @@ class Cells:
     def interrupt(self) -> bool:
         """As the notebook's ■: KeyboardInterrupt in the running cell. False: none runs."""
         runs = self._is_notebook and self._depth > 0
+        self._stopped = self._stopped or runs
         if runs and hasattr(signal, "pthread_kill") and callable(signal.getsignal(signal.SIGINT)):
             signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)  # out of any wait, such as a sleep
         elif runs:

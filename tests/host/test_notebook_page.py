@@ -3,6 +3,7 @@
 import json
 import re
 import urllib.error
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from kernel import Kernel, get, post
@@ -101,6 +102,80 @@ def test_a_cell_within_a_cell_gives_no_turn_away(kernel, page):
     page.stop()
     kernel.see(cell)
     wait_for(lambda: page.state["free"], "the end of the cell")
+
+
+# ---- a page that is busy
+
+
+@pytest.fixture
+def aside():
+    """Does something of the test beside the test."""
+    with ThreadPoolExecutor() as pool:
+        yield pool.submit
+
+
+SLOW = """
+import os
+os.mkfifo(fifo)
+class Camera:
+    last = None
+    def png(self): return None
+    def spot(self): open(fifo).read()  # until the test has opened it and closed it
+camera = Camera()
+print(show(mount, camera).url)
+class Begins:
+    def visit(self, code):
+        print("begins", flush=True)
+        return code
+get_ipython().ast_transformers.insert(0, Begins())
+"""
+
+
+@pytest.fixture
+def slow(kernel, page, tmp_path):
+    """The page of a camera, and the file that must be opened and closed for a look at it."""
+    fifo = tmp_path / "fifo"
+    return Page(kernel.run(f"fifo = {str(fifo)!r}{SLOW}")[0].strip()), fifo
+
+
+STEP = "mount.y.step(5)"
+AWAITING_STEP = f"import asyncio; {STEP}; await asyncio.sleep(0)"
+NOT_RUN = "InputRejected: this cell was not run: STOP came before its first line; run it again"
+
+
+@pytest.mark.parametrize(
+    ("cell", "stop", "said"),
+    [
+        (STEP, "page", ("KeyboardInterrupt: ", NOT_RUN)),
+        (STEP, "toolbar", ("KeyboardInterrupt: ",)),
+        (AWAITING_STEP, "page", (NOT_RUN,)),
+    ],
+)
+def test_a_cell_that_waits_for_the_page_is_not_run_after_a_stop(kernel, slow, aside, cell, stop, said):
+    page, fifo = slow
+    look = aside(page.order)
+    with fifo.open("w"):  # the look is under way
+        number = kernel.begin(cell, until="begins")
+        kernel.interrupt() if stop == "toolbar" else page.stop()
+    look.result()
+    *before, end = kernel.see(number)
+    assert end in said and not "".join(before).strip()
+    assert kernel.run("print(on(), mount.y.position)")[-1] == "False 0.0\n"
+    assert kernel.run("mount.y.step(1); print(mount.y.position)")[-1] == "1.0\n"
+
+
+def test_the_page_does_nothing_while_a_cell_runs_that_waited_for_it_in_vain(kernel, slow, aside):
+    page, fifo = slow
+    kernel.run("import mirrormount.notebook; mirrormount.notebook._OTHERS_S = 0")
+    look = aside(page.order)
+    with fifo.open("w"):
+        number = kernel.begin("print('runs', flush=True)\nmount.sleep(60)", until="runs")
+    assert look.result() == (200, "")
+    assert not page.state["free"]
+    status, said = page.order(axis="x", n=1)
+    assert status == 409 and "a cell is running" in said
+    page.stop()
+    kernel.see(number)
 
 
 TABLE = """
