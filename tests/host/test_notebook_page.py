@@ -2,6 +2,7 @@
 
 import json
 import re
+import threading
 import urllib.error
 from concurrent.futures import ThreadPoolExecutor
 
@@ -178,6 +179,16 @@ def test_the_page_does_nothing_while_a_cell_runs_that_waited_for_it_in_vain(kern
     kernel.see(number)
 
 
+def test_a_stop_interrupts_the_cell_though_the_port_of_the_mount_hangs(kernel, slow, aside):
+    page, fifo = slow
+    kernel.run("halt = mount.halt\nmount.halt = lambda: (camera.spot(), halt())")
+    number = kernel.begin("print('runs', flush=True)\nwhile True: pass", until="runs")
+    stop = aside(page.stop)
+    with fifo.open("w"):
+        assert kernel.see(number)[-1] == "KeyboardInterrupt: "
+    assert stop.result() == (200, INTERRUPTED)
+
+
 TABLE = """
 from mirrormount_beam.estimates import Result
 from mirrormount_beam.experiments import steps
@@ -313,6 +324,26 @@ def test_a_stop_is_for_every_mount_that_is_shown():
             mount.x.jog(0.5)
         page.stop()
         assert not first.status().moving and not second.status().moving
+
+
+def test_a_stop_of_other_mounts_does_not_wait_for_a_port_that_hangs(aside, monkeypatch):
+    hangs = threading.Event()
+
+    def halt():
+        hangs.wait()
+        raise errors.ConnectionLost("the port hung")
+
+    with Mount.open("virtual://") as first, Mount.open("virtual://?seed=2") as second:
+        page, _other = Page(show(first).url), show(second)
+        second.x.jog(0.5)
+        monkeypatch.setattr(first, "halt", halt)
+        stop = aside(page.stop)
+        try:
+            wait_for(lambda: not second.status().moving, "the stop")
+        finally:
+            hangs.set()
+        assert second.status().x.reason == 3  # by a stop, not by the limit of its time
+        assert stop.result() == (409, "the port hung")
 
 
 def test_the_page_loads_nothing_from_elsewhere(view):
