@@ -9,6 +9,7 @@ A motion is kept alive while it lasts: a program that dies stops the mount. Posi
 """
 
 import contextlib
+import threading
 import weakref
 from collections.abc import Callable, Iterator, Mapping
 from typing import Self
@@ -29,6 +30,8 @@ from mirrormount.values import whole_number
 
 __all__ = ["Axis", "AxisStatus", "Ended", "Homed", "Limits", "Mount", "QueuedError", "Status"]
 
+_OTHERS_S = 0.1  # a mount whose port hangs lets the stop of others wait for no longer, after an interrupted cell
+
 
 class Mount:
     """An open mount. Use open(); close() it, or let `with` do so.
@@ -47,6 +50,11 @@ class Mount:
         on_interrupted_cell(weakref.WeakMethod(self._cell_interrupted))  # a jog goes on while its cell only sleeps
 
     def _cell_interrupted(self) -> None:
+        thread = threading.Thread(target=self._halt_if_open, daemon=True)
+        thread.start()
+        thread.join(_OTHERS_S)
+
+    def _halt_if_open(self) -> None:
         with contextlib.suppress(MountError):  # it is closed, or its board has gone
             self.halt()
 
