@@ -135,3 +135,56 @@ def test_a_unit_that_loses_its_scale_while_it_is_chosen_is_told(open_page, panel
     expect(x.get_by_label("Unit for x")).to_have_value("steps")
     expect(x.get_by_label("Target of x")).to_have_value("")
     expect(x.locator(".position")).to_have_text("+0.000")
+
+
+def set_pulse_of_x(page, us: str) -> None:
+    """Apply another length of a step's pulse; a scale counts for the one that it was measured with."""
+    field = page.get_by_label("x: length of a step's pulse, us")
+    field.fill(us)
+    page.get_by_role("button", name="Apply").click()
+
+
+@pytest.fixture
+def page_whose_scale_was_gone(open_page, panel):
+    """Half a mrad was typed; then the scale was lost, and the amount with it."""
+    page = open_page(panel.url, **FRESH)
+    page.get_by_label("Unit of fine steps").select_option("mrad")
+    page.get_by_label("Number of steps").fill("0.5")
+    page.get_by_text("Wiring, pulse and speed, take-up, limits").click()
+    set_pulse_of_x(page, "50000")
+    expect(page.get_by_label("Unit of fine steps")).to_have_value("steps")
+    expect(page.get_by_label("Number of steps")).to_have_value("")
+    return page
+
+
+def get_scale_back(page) -> None:
+    set_pulse_of_x(page, "200000")
+    expect(page.locator('[name=steps_unit] option[value="mrad"]')).to_be_enabled()
+
+
+def test_an_amount_that_was_typed_in_steps_is_none_in_the_remembered_unit(page_whose_scale_was_gone):
+    page = page_whose_scale_was_gone
+    page.get_by_label("Number of steps").fill("200")
+    get_scale_back(page)
+    again(page)
+    expect(page.get_by_label("Number of steps")).to_have_value("200")
+    expect(page.get_by_label("Unit of fine steps")).to_have_value("steps")
+
+
+@pytest.mark.full
+def test_a_remembered_amount_is_none_in_a_unit_that_was_chosen_without_it(page_whose_scale_was_gone):
+    page = page_whose_scale_was_gone
+    get_scale_back(page)
+    page.get_by_label("Unit of fine steps").select_option("mm")
+    again(page)
+    expect(page.get_by_label("Unit of fine steps")).to_have_value("mm")
+    expect(page.get_by_label("Number of steps")).to_have_value("")
+
+
+@pytest.mark.full
+def test_a_remembered_amount_and_its_unit_are_back_with_the_scale(page_whose_scale_was_gone):
+    page = page_whose_scale_was_gone
+    get_scale_back(page)
+    again(page)
+    expect(page.get_by_label("Number of steps")).to_have_value("0.5")
+    expect(page.get_by_label("Unit of fine steps")).to_have_value("mrad")

@@ -169,6 +169,12 @@
 
   const memoryOf = (mount, field) => [`mirrormount-${field.name}`, mount.root.dataset.mount].filter(Boolean).join(" ");
 
+  // With its neighbours: an amount counts in the unit beside it, which need not be the remembered one (giveUp).
+  function remember(mount, field) {
+    const fields = field.closest(".line")?.querySelectorAll("[data-remember]") ?? [field];
+    for (const one of fields) localStorage.setItem(memoryOf(mount, one), one.value);
+  }
+
   function fill(field, value) {
     const before = field.value;
     field.value = value;
@@ -190,7 +196,8 @@
     for (const choice of choices) new MutationObserver(check).observe(choice, { subtree: true, attributeFilter: ["disabled"] });
   }
 
-  // The chosen unit has no scale now. An amount that was typed for it is none in steps. The memory keeps the unit.
+  // The chosen unit has no scale now. An amount that was typed for it is none in steps. The memory keeps
+  // both, until a person types another amount or chooses another unit.
   function giveUp(choice) {
     const unit = choice.selectedOptions[0].textContent;
     fill(choice, choice.options[0].value);
@@ -207,7 +214,7 @@
     const shown = mount.root.querySelector(`[data-shows="${target.name}"]`);
     if (shown) shown.textContent = target.value;
     if (filling) return;
-    if ("remember" in target.dataset) localStorage.setItem(memoryOf(mount, target), target.value);
+    if ("remember" in target.dataset) remember(mount, target);
     const told = target.closest(".line")?.querySelector("[data-lost]");
     if (told) told.textContent = "";
   });
