@@ -99,7 +99,9 @@ def _build(parts: Sequence[Part], boards: Sequence[Board], link: Link, view: "Ca
             refreshes += _mount_banners(parts[0])
     if len(parts) == 1:
         (mount, page) = parts[0]
-        with ui.element("main").classes("cards").props(f'data-page="{page.key}"'):
+        with ui.element("main").classes("cards").props(f'data-page="{page.key}"') as root:
+            # Not by props(): that would parse what a board says. Of no other board (connection.py), so it stays true.
+            root.props["data-mount"] = mount.worker.state.board_id
             refreshes += [(page, refresh) for refresh in _cards(0, mount, page, boards[0], view)]
     else:
         with ui.element("main").classes("mounts"):

@@ -87,12 +87,14 @@ Point = tuple[float, tuple[float, ...] | None]  # when; the position of each axi
 class State:
     """status: None while it is not known; last: the last that was known; seen_s: when that came, monotonic.
 
-    axes: the names of the mount's axes. positions: of the last two minutes. targets: of moves under way.
-    scales: of each axis, None if not measured. stopped_by: of each axis whose last motion was aborted, why.
+    board_id: "" before the first board. axes: the names of the mount's axes. positions: of the last two minutes.
+    targets: of moves under way. scales: of each axis, None if not measured. stopped_by: of each axis whose last motion
+    was aborted, why.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
+        self.board_id = ""
         self.axes: tuple[str, ...] = ("x", "y")
         self.status: Status | None = None
         self.last: Status | None = None
@@ -105,6 +107,7 @@ class State:
     def connect(self, mount: Mount) -> None:
         """A board has come. Raises MountError."""
         self.read_scales(mount)
+        self.board_id = mount.board_id
         self.axes = tuple(mount.by_name)
         self.targets = {}
         self.stopped_by = {}

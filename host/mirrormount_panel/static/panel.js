@@ -6,7 +6,7 @@
 //   data-stop                                 stop
 //   data-fields="to:target_x"                 fields of a request: key:name of the input
 //   data-of="mount-1"                         it belongs to the mount of that id, and stands elsewhere (in a dialog)
-//   data-remember                             this browser remembers what the field has, for each mount
+//   data-remember                             this browser remembers what the field has, for each mount (data-mount)
 // An element with data-page holds what belongs to one mount; each has a connection of its own. Only STOP is for all.
 // Everything is sent at once or not at all: nothing is kept for later (see socket.py).
 "use strict";
