@@ -162,14 +162,19 @@ def test_a_stick_that_trembles_between_two_directions_keeps_the_first(pad, board
     assert len(on_times_us(board, "m2_en")) == 2
 
 
-@pytest.mark.full
-def test_a_stick_that_is_turned_lets_go_of_one_direction_and_presses_the_next(pad, board):
+def test_a_stick_that_is_turned_lets_go_of_its_direction_and_presses_no_other_before_it_was_at_rest(pad, board):
     run_right(pad, board)
-    pad.stick(0, -1)
-    wait_for_run(board, "m1_en")
-    pad.stick(0, 0)
+    for x, y in ((0.7, -0.7), (0, -1)):
+        pad.stick(x, y)
+        pad.seen()
     wait_for_rest(board)
-    assert legs_used(board) == {"m1_pos", "m2_pos"}
+    pad.says(WAITS)
+    pad.stick(0, 0)
+    pad.says(DRIVES)
+    pad.tap(LEFT)
+    wait_for(lambda: "m2_neg" in legs_used(board), "the step of the next push")
+    wait_for_rest(board)
+    assert legs_used(board) == {"m2_pos", "m2_neg"}
 
 
 @pytest.mark.full

@@ -3,7 +3,8 @@
 // d-pad or left stick: one of eight directions. Right shoulder held: fine, as Shift. Any face button: STOP.
 // A browser tells of no change: the gamepad is looked at in every frame. What is new is at work only when all its sticks
 // and buttons were seen at rest: it may have been plugged in with a stick pushed, or drift. So it is when a press has
-// ended otherwise than by its own release: by STOP, a page without focus, frames that stall, a lost connection.
+// ended otherwise than by its own release: by STOP, a page without focus, frames that stall, a lost connection, and by
+// a turn to another direction.
 "use strict";
 
 (() => {
@@ -51,6 +52,7 @@
     if (one.pressed !== null && one.pressed !== way) {
       release(one);
       one.pressed = null;
+      one.rested &&= way === null; // turned, not let go: each direction on the way would be a press of some steps
     }
     one.rested = (one.rested || atRest(pad)) && document.hasFocus() && !stops;
     if (!one.rested || way === null || one.pressed !== null || now - one.since < STEADY_MS) return;
