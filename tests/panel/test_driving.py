@@ -358,6 +358,29 @@ def test_space_on_a_control_that_drives_nothing_is_for_that_control_and_stops_wh
     expect(page.locator(".news").get_by_text("stopped: STOP was pressed")).to_have_count(1)
 
 
+@pytest.mark.parametrize(
+    "gone",
+    [
+        "dispatchEvent(new Event('blur'))",
+        pytest.param("dispatchEvent(new Event('pagehide'))", marks=pytest.mark.full),
+        pytest.param(
+            "Object.defineProperty(document, 'hidden', { value: true });"
+            "document.dispatchEvent(new Event('visibilitychange'))",
+            marks=pytest.mark.full,
+        ),
+    ],
+)
+def test_a_space_bar_that_comes_up_elsewhere_types_in_a_field_afterwards(page, gone):
+    page.keyboard.down(" ")
+    page.locator(".news").get_by_text("stopped: STOP was pressed").wait_for()
+    page.evaluate(f"() => {{ {gone} }}")
+    field = page.get_by_label("Number of steps")
+    field.fill("")
+    field.focus()
+    page.keyboard.type("a b")
+    expect(field).to_have_value("a b")
+
+
 @pytest.mark.full
 def test_an_arrow_key_in_a_field_moves_the_cursor_only(page, board):
     page.get_by_label("Number of steps").focus()

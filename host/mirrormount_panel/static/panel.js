@@ -324,9 +324,13 @@
 
   // ---- whatever takes the page away from its user
 
-  window.addEventListener("blur", letGo);
-  window.addEventListener("pagehide", letGo);
-  document.addEventListener("visibilitychange", () => document.hidden && letGo());
+  function away() {
+    letGo();
+    spaceStopped = false; // it comes up elsewhere
+  }
+  window.addEventListener("blur", away);
+  window.addEventListener("pagehide", away);
+  document.addEventListener("visibilitychange", () => document.hidden && away());
 
   // Enter in a field of a request sends that request.
   document.addEventListener("keydown", (event) => {
