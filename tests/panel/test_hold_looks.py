@@ -5,6 +5,7 @@ import re
 import pytest
 from looks import DESK, PHONE, THEMES, assert_nothing_cut_off, assert_readable, assert_touchable, dress
 from playwright.sync_api import expect
+from served import wait_for
 from test_hold_page import SPOT, far_camera, gate
 from test_night import RED, brightest
 from test_spot_moves import served
@@ -86,6 +87,21 @@ def test_space_is_stop_also_on_hold_which_was_clicked_before(open_page, loop):
     page.keyboard.press(" ")
     expect(page.locator(".hold-state")).to_have_text("Stopped")
     assert asked == ["go", "stop"]
+
+
+@pytest.mark.parametrize("key", ["Escape", " "])
+def test_a_key_that_is_down_for_long_stops_once(open_page, loop, key):
+    url, _, asked = loop
+    page = open_page(url, until="body.ready")
+    page.evaluate("window.kept = []; addEventListener('keydown', (event) => kept.push(event.defaultPrevented))")
+    for _ in range(5):
+        page.keyboard.down(key)  # the second one and those after it are told as repetitions
+    page.keyboard.up(key)
+    assert page.evaluate("kept") == [True] * 5
+    expect(page.locator(".hold-state")).to_have_text("Stopped")
+    page.locator("[data-go]").click()
+    wait_for(lambda: "go" in asked, "what comes after it")
+    assert asked == ["stop", "go"]
 
 
 def test_at_night_a_picture_that_is_old_has_no_green_and_no_blue_either(open_page, loop):

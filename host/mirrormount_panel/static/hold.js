@@ -164,7 +164,7 @@
     listenable();
     if (event.key !== "Escape" && !spaceStops(event)) return;
     event.preventDefault(); // HOLD has the focus after its click: Space is no second one
-    stop();
+    if (!event.repeat) stop(); // one that is down for long stops once
   });
   document.addEventListener("keyup", (event) => spaceStops(event) && event.preventDefault()); // Firefox clicks here
 

@@ -284,7 +284,7 @@
     "keydown",
     (event) => {
       if (event.key === "Escape") {
-        stop();
+        if (!event.repeat) stop(); // one that is down for long stops once
         return;
       }
       if (event.code === "Space" && (held || spaceStopped || !usesSpace(event.target))) {
