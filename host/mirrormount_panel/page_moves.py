@@ -62,12 +62,6 @@ class PageMoves:
         if self._last:
             self._last.end("something else was asked for")
 
-    def close(self) -> None:
-        """End what goes on, and wait for its end."""
-        if self._last:
-            self._last.end("the panel is being ended")
-            self._last.thread.join(5)
-
 
 class PageMove:
     """One way. Methods raise NotInControl as soon as it was ended, by whomever."""

@@ -47,7 +47,6 @@ def desk(board) -> Iterator[SimpleNamespace]:
             yield SimpleNamespace(
                 worker=worker, positions=positions, ways=ways, first=first, second=second, drive=drive, watch=watch
             )
-            ways.close()
 
 
 def run(work: Coroutine[object, object, object]) -> object:

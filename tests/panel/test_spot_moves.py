@@ -71,7 +71,8 @@ def desk(bench) -> Iterator[SimpleNamespace]:
                 positions=positions,
                 http=http,
             )
-        ways.close()
+        if ways._last:
+            ways._last.thread.join(20)  # it has ended with its page
 
 
 def ask(bench, end, **message) -> None:
