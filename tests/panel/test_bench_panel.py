@@ -16,6 +16,7 @@ from mirrormount.device import calibration
 BOARD = "e6616408432f5a21"
 STEP = calibration.Step(200_000, 255, 0)
 WORK_MS = HANG_S * 1000  # for up to 40 moves, each with its pictures
+NEWS = ".news:not(.moved)"  # the events, not the log of motions
 
 # How many pixels of the picture have one of its colours: green is the spot's ring, red the trail, blue the target.
 COLOURS = """(canvas) => {
@@ -96,7 +97,7 @@ def test_a_click_moves_the_spot_there_and_the_picture_shows_spot_trail_and_targe
     click_on_picture(page, 0.45, 0.45)
     x, y = (float(page.locator(f"input[name=place_{axis}]").input_value()) for axis in "xy")
     expect(page.locator(".camera-doing")).to_contain_text(re.compile(r"the spot goes to .* STOP ends it"))
-    expect(page.locator(".news")).to_contain_text(re.compile(r"the spot is at .* within 0.5 px"), timeout=WORK_MS)
+    expect(page.locator(NEWS)).to_contain_text(re.compile(r"the spot is at .* within 0.5 px"), timeout=WORK_MS)
     seen = page.locator(".camera-says").inner_text()
     assert [float(n) for n in re.findall(r"[xy] ([\d.]+)", seen)] == pytest.approx([x, y], abs=2.0)
     assert re.search(r"from the target: .* µm \(.* µrad\), .*of the beam", page.locator(".camera-off").inner_text())
@@ -109,7 +110,7 @@ def test_stop_ends_a_move_of_the_spot(page, panel, learned):
     click_on_picture(page, 0.75, 0.7)
     wait_for(lambda: driving(panel), "the move")
     page.keyboard.press("Escape")
-    expect(page.locator(".news")).to_contain_text("the move of the spot has ended: stopped: STOP was pressed")
+    expect(page.locator(NEWS)).to_contain_text("the move of the spot has ended: stopped: STOP was pressed")
     assert not driving(panel)
     expect(page.locator(".camera-doing")).to_be_empty()
     expect(page.locator("section:has(.position)").first).to_contain_text("aborted (STOP was pressed)")
@@ -171,7 +172,7 @@ def test_what_an_encoder_measures_is_shown_and_a_stall_is_told_with_its_remedy(p
     panel.bench("jam m2")
     page.get_by_label("Number of steps").fill("40")
     press(page.get_by_text("right ▶"))
-    expect(page.locator(".news")).to_contain_text(re.compile("x motor stalled.*Cause: .*Remedy: ", re.DOTALL))
+    expect(page.locator(NEWS)).to_contain_text(re.compile("x motor stalled.*Cause: .*Remedy: ", re.DOTALL))
     expect(x.locator(".reason")).to_have_text("last move: motor stalled")
     expect(x.locator(".lamps")).to_contain_text("estimated")
     assert not driving(panel)
