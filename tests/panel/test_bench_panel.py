@@ -96,7 +96,7 @@ def test_the_card_of_the_camera_can_be_read_and_touched_and_nothing_is_cut_off(p
 def test_a_click_moves_the_spot_there_and_the_picture_shows_spot_trail_and_target(page, learned):
     click_on_picture(page, 0.45, 0.45)
     x, y = (float(page.locator(f"input[name=place_{axis}]").input_value()) for axis in "xy")
-    expect(page.locator(".camera-doing")).to_contain_text(re.compile(r"the spot goes to .* STOP ends it"))
+    expect(page.locator("p.camera-doing")).to_contain_text(re.compile(r"the spot goes to .* STOP ends it"))
     expect(page.locator(NEWS)).to_contain_text(re.compile(r"the spot is at .* within 0.5 px"), timeout=WORK_MS)
     seen = page.locator(".camera-says").inner_text()
     assert [float(n) for n in re.findall(r"[xy] ([\d.]+)", seen)] == pytest.approx([x, y], abs=2.0)
@@ -112,7 +112,7 @@ def test_stop_ends_a_move_of_the_spot(page, panel, learned):
     page.keyboard.press("Escape")
     expect(page.locator(NEWS)).to_contain_text("the move of the spot has ended: stopped: STOP was pressed")
     assert not driving(panel)
-    expect(page.locator(".camera-doing")).to_be_empty()
+    expect(page.locator("p.camera-doing")).to_be_empty()
     expect(page.locator("section:has(.position)").first).to_contain_text("aborted (STOP was pressed)")
 
 
