@@ -180,6 +180,7 @@ class Server(uvicorn.Server):
         """As uvicorn's."""
         await super().startup(sockets)
         if self.started:
+            self._turned_s = time.monotonic()  # a loop that hangs before its first turn is stuck, too
             self._ready()
 
     async def on_tick(self, counter: int) -> bool:

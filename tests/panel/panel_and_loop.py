@@ -9,12 +9,20 @@ import sys
 import threading
 import time
 
-from nicegui import core
-
 from mirrormount.cli import main
 from mirrormount.errors import MountError
 from mirrormount.supervise.supervisor import Program, Supervisor
-from mirrormount_panel import cli
+from mirrormount_panel import cli, server
+
+hanging = threading.Event()
+turn = server.Server.on_tick
+
+
+async def on_tick(self: server.Server, counter: int) -> bool:
+    """A turn of the web server's loop."""
+    if hanging.is_set():
+        time.sleep(1000)
+    return await turn(self, counter)
 
 
 def act(loop: Program) -> None:
@@ -30,7 +38,7 @@ def act(loop: Program) -> None:
                 case "jog":
                     pending = loop.jog("x", 0.5).future
                 case "hang":
-                    core.loop.call_soon_threadsafe(time.sleep, 1000)
+                    hanging.set()
                     while not pending.done():
                         loop.beat()
                         time.sleep(0.05)
@@ -52,4 +60,5 @@ class SupervisorWithLoop(Supervisor):
 
 if __name__ == "__main__":
     cli.Supervisor = SupervisorWithLoop
+    server.Server.on_tick = on_tick
     sys.exit(main.main(["panel", *sys.argv[1:], "--patience", "2"]))
