@@ -1,15 +1,23 @@
 """The panel's routes served in this process, and driving sockets of pages, without a browser."""
 
+import asyncio
 import contextlib
 import json
 import socket
 import threading
-from collections.abc import Iterator
+from collections.abc import Coroutine, Iterator
+from concurrent.futures import ThreadPoolExecutor
 
 import uvicorn
 from websockets.sync.client import ClientConnection, connect
 
 from mirrormount.supervise.worker import Worker
+
+
+def run(work: Coroutine[object, object, object]) -> object:
+    """Await it in a thread of its own: where a browser is under test, this thread has a loop already."""
+    with ThreadPoolExecutor(1) as pool:
+        return pool.submit(asyncio.run, work).result()
 
 
 def ticked(at: str) -> ClientConnection:

@@ -1,14 +1,12 @@
 """Back to a named position by an order of a page, without a browser: what is asked, refused, and what ends it."""
 
-import asyncio
 import contextlib
 import json
-from collections.abc import Coroutine, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterator
 from types import SimpleNamespace
 
 import pytest
-from desks import order, served, ticked
+from desks import order, run, served, ticked
 from fastapi import FastAPI
 from served import wait_for
 
@@ -47,12 +45,6 @@ def desk(board) -> Iterator[SimpleNamespace]:
             yield SimpleNamespace(
                 worker=worker, positions=positions, ways=ways, first=first, second=second, drive=drive, watch=watch
             )
-
-
-def run(work: Coroutine[object, object, object]) -> object:
-    """Await it in a thread of its own: where a browser is under test, this thread has a loop already."""
-    with ThreadPoolExecutor(1) as pool:
-        return pool.submit(asyncio.run, work).result()
 
 
 def keep(desk, name: str, x: float, y: float) -> None:

@@ -1,6 +1,5 @@
 """Clicks on the picture of a virtual table's camera, without a browser: what is refused, what ends a move, who sees."""
 
-import asyncio
 import json
 import math
 from collections.abc import Iterator
@@ -8,7 +7,7 @@ from types import SimpleNamespace
 
 import httpx
 import pytest
-from desks import order, served, ticked
+from desks import order, run, served, ticked
 from fastapi import FastAPI
 from served import wait_for
 
@@ -183,7 +182,7 @@ def test_what_ends_a_move_of_the_spot_in_its_middle(bench, desk, how):
 
 
 def test_by_the_beam_without_learn_is_refused_before_anything_moves(bench, desk):
-    assert asyncio.run(desk.positions.keep("unlearned")) == "unlearned is kept with its spot"
+    assert run(desk.positions.keep("unlearned")) == "unlearned is kept with its spot"
     before = turned(bench)
     ask(bench, desk.drive, do="back", name="unlearned", beam=True)
     wait_for(lambda: any("press Learn first" in text for text in told(bench)), "the refusal")
@@ -194,7 +193,7 @@ def test_by_the_beam_without_learn_is_refused_before_anything_moves(bench, desk)
 def test_back_by_the_beam_brings_the_spot_to_where_it_was_kept(bench, desk):
     learned(bench, desk)
     spot = desk.moves.seen()
-    asyncio.run(desk.positions.keep("good"))
+    run(desk.positions.keep("good"))
     for way, n in ((-1, "5"), (1, "2")):  # away, and back by the steps of the other side
         for axis in ("x", "y"):
             to = turned(bench)["xy".index(axis)] + way * int(n)
