@@ -1,7 +1,8 @@
 """What `mkdocs build` does beside docs/: a hook of mkdocs.yml.
 
 README.md becomes the first page, CHANGELOG.md and CONTRIBUTING.md pages of their own. Their links, and those to them,
-are changed to match. A link to any other file outside docs/ becomes its name: the site has no copy of the code.
+are changed to match. Files in docs/, such as the examples, are part of the site. A link to any other file, or to a
+folder, becomes its name: the site has no copy of the code.
 """
 
 import re
@@ -35,6 +36,6 @@ def _link(found: re.Match[str], folder: Path) -> str:
     path = (folder / target).resolve()
     if path.parent == ROOT and path.name in PAGES:
         return f"[{text}]({PAGES[path.name]}{anchor})"
-    if path.is_relative_to(ROOT / "docs") and path.suffix in (".md", ".png", ".svg", ".gif"):
+    if path.is_relative_to(ROOT / "docs") and path.is_file():
         return f"[{text}]({path.relative_to(ROOT / 'docs').as_posix()}{anchor})"
     return text
