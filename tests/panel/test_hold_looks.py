@@ -104,6 +104,18 @@ def test_a_key_that_is_down_for_long_stops_once(open_page, loop, key):
     assert asked == ["stop", "go"]
 
 
+def test_a_run_that_ended_well_is_no_alarm_when_its_program_has_gone_too(open_page, loop):
+    url, board, _ = loop
+    page = open_page(url, until="body.ready")
+    board.listen(events.StateChanged(9.0, events.ENDED, "60 s are over"))
+    expect(page.locator(".hold-state")).to_have_text("Ended")
+    expect(page.locator("[data-go]")).to_be_enabled()
+    page.route("**/hold/state*", lambda route: route.abort())
+    expect(page.locator("[data-go]")).to_be_disabled()
+    expect(page.locator(".hold-state")).to_have_text("Ended")
+    assert not page.locator("body.alarm").count()
+
+
 def test_at_night_a_picture_that_is_old_has_no_green_and_no_blue_either(open_page, loop):
     page = open_page(loop[0], until="body.ready", reduced_motion="reduce")
     expect(page.locator(".camera")).to_have_class(re.compile(r"\bold\b"))

@@ -17,6 +17,7 @@
   const find = (where) => document.querySelector(where);
   const key = () => ({ "X-Key": localStorage.getItem("mirrormount-key") ?? "" });
   let tick = null;
+  let ended = false; // the run, when it was heard of last
   let heardAt = performance.now();
   let history = [];
   let alert = "";
@@ -50,12 +51,15 @@
   }
 
   function cut() {
+    find("[data-go]").disabled = true;
+    if (ended) return; // the run was over before its program: what it said at its end stays
     set(".hold-state", "No connection");
     set(".hold-why", "The program that holds the beam does not answer: see that it still runs. If it has ended, the board has stopped its motors.");
     raise("alarm");
   }
 
   function show(told) {
+    ended = told.state === "ended";
     const stuck = told.silent_s !== null && told.silent_s > 10 && told.state !== "ended" && told.state !== "stopped";
     const [tripped] = told.interlocks;
     const needed = told.alert === "alarm" && told.state === "waiting"; // a person: waiting alone would not help
