@@ -82,7 +82,7 @@ with Mount.open("virtual://?speed=max") as mount:
 
 def _draw(page: Page) -> None:
     """A square on the screen, and one thing that is refused, so that there is something to see."""
-    for zero in page.get_by_role("button", name="Zero").all():
+    for zero in page.get_by_role("button", name="Zero", exact=True).all():
         zero.click()
     page.get_by_label("Number of steps").fill(str(_STEPS))
     position = {"x": 0, "y": 0}

@@ -164,7 +164,7 @@ def test_what_an_encoder_measures_is_shown_and_a_stall_is_told_with_its_remedy(p
     press(page.get_by_role("button", name="Apply"))
     expect(page.locator(".q-notifications")).to_contain_text("applied")
     x = page.locator("section", has_text="X · right and left")
-    press(x.get_by_role("button", name="Zero"))
+    press(x.get_by_role("button", name="Zero", exact=True))
     expect(x.locator(".lamps")).to_contain_text("measured")
     expect(x.locator(".position")).to_have_text("+0.000")
     panel.bench("hand m2")
