@@ -163,7 +163,10 @@ def test_a_scan_that_is_cut_keeps_its_rows(opened, tmp_path, capsys, fault, stat
         (["line", "0", "0", "5", "--virtual"], "a line leads somewhere"),
         (["find", "--virtual", "--camera", "3"], "the virtual table has the cameras 1 and 2"),
         (["find", "--seed", "3"], "add --virtual"),
-        (["find", "--port", "virtual://", "--camera", "virtual-table://"], "give --virtual, and 1 or 2 as the camera"),
+        (
+            ["find", "--port", "virtual://", "--camera", "virtual-table://"],
+            "a command with --virtual has both, and 1 or 2",
+        ),
         (["find", "--virtual", "--csv", "a", "--hdf5", "a"], "cannot both be a"),
         (["find", "--virtual", "--hdf5", "no folder/a"], "no such folder"),
         (["find", "--virtual", "--csv", "no folder/a"], "No such file or directory"),
