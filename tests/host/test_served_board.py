@@ -185,24 +185,40 @@ def test_the_link_of_a_killed_board_is_replaced_and_one_in_use_is_not(board):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere the time at which a terminal was made is not known")
-def test_the_link_of_a_killed_board_leads_to_no_other_terminal(board, monkeypatch):
+def test_the_link_of_a_killed_board_leads_to_no_other_terminal(tmp_path, monkeypatch):
     monkeypatch.setattr(ports, "_CLOCKS_S", 0.0)
-    with Mount.open(str(board.link)):
-        number = os.readlink(board.link)
-    board.kill()
-    others = []
-    while number not in [os.ttyname(slave) for _, slave in others] and len(others) < 100:
-        others.append(pty.openpty())
-    if number != os.ttyname(others[-1][1]):
-        pytest.skip("another program of this computer was faster")
-    with pytest.raises(errors.PortAbsent, match="younger than this link: the virtual board that made it was killed"):
-        Mount.open(str(board.link))
-    for ours, slave in others:
-        os.set_blocking(ours, False)
-        with pytest.raises(BlockingIOError):
-            os.read(ours, 1)
-        os.close(ours)
-        os.close(slave)
+    link, clock = tmp_path / "mount", tmp_path / "clock"
+    with contextlib.closing(Terminal()) as before:
+        number = before.name
+    for _ in range(100):  # another program of this computer may be faster
+        link.unlink(missing_ok=True)
+        link.symlink_to(number)  # as the board has left it
+        clock.touch()
+        while clock.stat().st_ctime <= link.lstat().st_ctime:
+            clock.touch()
+        with contextlib.closing(Terminal()) as other:
+            if other.name != number:
+                number = other.name
+                continue
+            with pytest.raises(errors.PortAbsent, match="younger than this link: the virtual board that made it was"):
+                Mount.open(str(link))
+            os.set_blocking(other.ours, False)
+            with pytest.raises(BlockingIOError):
+                os.read(other.ours, 1)
+            return
+    pytest.fail("no terminal has had the number of the one before")
+
+
+class Terminal:
+    """A pseudo-terminal of another program; its number is free again after close()."""
+
+    def __init__(self) -> None:
+        self.ours, self._slave = pty.openpty()
+        self.name = os.ttyname(self._slave)
+
+    def close(self) -> None:
+        os.close(self.ours)
+        os.close(self._slave)
 
 
 def until(port, text: bytes) -> bytes:
