@@ -28,12 +28,12 @@ class Kernel:
     def begin(self, cell: str, until: str = "") -> str:
         """Begin a cell; returns when it has printed `until`."""
         number = self._client.execute(cell)
-        while until and until not in "".join(str(each) for each in self._outputs(number, until)):
-            pass
+        if until:
+            assert until in "".join(str(each) for each in self._outputs(number, until))
         return number
 
     def see(self, number: str) -> list[Any]:
-        """Wait for the end of a cell: the texts that it printed, its results by their types, "Error: words"."""
+        """Wait for the end of a cell: the text that it printed, its results by their types, "Error: words"."""
         return [*self._outputs(number)]
 
     def run(self, cell: str) -> list[Any]:
@@ -45,7 +45,8 @@ class Kernel:
         self._manager.interrupt_kernel()
 
     def _outputs(self, number: str, until: str = ""):
-        while True:
+        text = ""  # the kernel sends what is printed in pieces, as its clock has it
+        while not (until and until in text):
             try:
                 message = self._client.get_iopub_msg(timeout=HANG_S)
             except queue.Empty:
@@ -54,15 +55,18 @@ class Kernel:
                 continue
             kind, content = message["msg_type"], message["content"]
             if kind == "stream":
-                yield content["text"]
-            elif kind in ("execute_result", "display_data"):
+                text += content["text"]
+                continue
+            if text:
+                yield text
+                text = ""
+            if kind in ("execute_result", "display_data"):
                 yield content["data"]
             elif kind == "error":
                 yield f"{content['ename']}: {content['evalue']}"
             elif kind == "status" and content["execution_state"] == "idle":
                 return
-            if until and kind == "stream" and until in content["text"]:
-                return
+        yield text
 
 
 def get(url: str) -> bytes:
