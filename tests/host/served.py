@@ -22,7 +22,7 @@ from mirrormount.cli.main import main
 # how long a wait may last before it is a failure; never a measurement. Shorter than a run of XM60000, which tests start
 # to see it stopped: else its own limit ends it in time
 PATIENCE_S = 50.0
-HANG_S = 900.0  # the same for a command: a deploy to an emulated board takes a busy computer minutes
+HANG_S = 600.0  # the same for a command: a deploy to an emulated board takes a busy computer minutes
 
 
 def wait_for(condition: Callable[[], object], what: str, told: Callable[[], object] = str) -> object:
