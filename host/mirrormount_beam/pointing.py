@@ -1,7 +1,9 @@
 """Moves the spot to a position in the picture: learns what a step of each axis does, then observes and moves.
 
-Every move is bounded, and the spot is observed after each. Pulses are not linear in their length, and a reversal has
-to cross the backlash, so a move that does little is followed by a longer one: twice as long, up to a creep's length.
+Every move is bounded, and the spot is observed after each. Pulses are not linear in their length, and a screw's tip
+sticks and slips, so a move that does little is followed by a longer one, up to a bound. A reversal has to cross the
+backlash, whose width the first crossing tells. An axis that is near enough is left alone: its next slip
+would be longer.
 """
 
 import math
@@ -20,10 +22,11 @@ CORRECTIONS = 40  # One move of the spot takes at most so many corrections.
 WITHIN_PX = 0.5  # The spot has arrived if it is no farther from the target.
 _MOST_STEPS = 4.0  # One correction moves an axis by no more steps.
 _GAIN = 0.8  # A correction goes this part of the way: the response is known to some per cent.
-# A correction after one without effect is twice as long, up to _CREEP_STEPS: it may go too far by so much. After a
-# reversal this bound is halved, down to _LEAST_CREEP.
-_CREEP_STEPS, _LEAST_CREEP = 0.3, 0.05
-_OF_GAP = 0.6  # This part of the backlash is crossed at once, when the backlash is known.
+# A correction after one without effect is twice as long, up to a bound: it may go too far by so much. The bound is
+# large until the backlash is known: a backlash is two steps wide.
+_CREEP_UNKNOWN, _CREEP = 0.8, 0.1
+_OF_GAP = 0.6  # One correction crosses this part of what is left of the backlash, when the backlash is known.
+_ALONE = 0.5  # An axis stays as it is while it is off by less than this part of WITHIN_PX.
 _LEAST_US, _MOST_US = 500, 2_000_000  # A shorter pulse moves no motor, and the board refuses a longer one.
 _NO_EFFECT = 0.3  # If a smaller part of a correction is seen, the correction was lost in the backlash.
 _WORSE = 3  # Give up after so many corrections in a row that end farther from the target.
@@ -105,7 +108,8 @@ def _learn_axis(hands: Hands, axis: str, say: Say) -> tuple[float, float]:
 
 def approach(hands: Hands, learned: Learned, target: tuple[float, float], say: Say) -> Arrival:
     """Move the spot to a place in the picture (x, y), px. Raises NotMeasurable, SpotLost, CameraError."""
-    drives = [_Drive(hands, axis) for axis in learned.axes]
+    ways_px = (math.hypot(*column) for column in zip(*learned.px, strict=True))
+    drives = [_Drive(hands, axis, _ALONE * WITHIN_PX / px) for axis, px in zip(learned.axes, ways_px, strict=True)]
     seen, worse = hands.observe(_FRAMES), 0
     for count in range(CORRECTIONS):
         right, down = target[0] - seen.x, target[1] - seen.y
@@ -126,40 +130,49 @@ def approach(hands: Hands, learned: Learned, target: tuple[float, float], say: S
 
 
 class _Drive:
-    """Corrections of one axis, in steps. It learns its backlash from the corrections that were lost in it."""
+    """Corrections of one axis, in steps. It learns its backlash when it crosses it. near: a smaller error stays."""
 
-    def __init__(self, hands: Hands, axis: str) -> None:
+    def __init__(self, hands: Hands, axis: str, near: float) -> None:
         self._hands = hands
         self._axis = axis
+        self._near = near
         self._asked = 0.0  # the last correction
-        self._is_lost = False
-        self._crossed = 0.0  # in the backlash, since the last reversal
-        self._gap = 0.0  # at least
-        self._creep = _CREEP_STEPS
+        self._is_lost = False  # it had no effect
+        self._crosses = False  # the backlash, since the last reversal
+        self._crossed = 0.0  # so much of it
+        self._gap = 0.0  # its width; 0: not known
+        self._gives = False  # a pulse, in this correction
 
     def correct(self, wanted: float) -> None:
         """Give one pulse towards a place so many steps away."""
-        steps = max(-_MOST_STEPS, min(_MOST_STEPS, _GAIN * wanted))
-        if wanted * self._asked < 0:  # too far, or another target: from here on with smaller steps
-            self._creep = max(self._creep / 2, _LEAST_CREEP)
-            self._crossed = 0.0
-            self._is_lost = False
-            if self._gap * _OF_GAP > abs(steps):
-                steps = math.copysign(self._gap * _OF_GAP, wanted)
-        elif self._is_lost and abs(steps) < self._creep:
-            steps = math.copysign(min(self._creep, max(abs(steps), 2 * abs(self._asked))), wanted)
+        self._gives = abs(wanted) >= self._near
+        if not self._gives:
+            return
+        steps = min(_MOST_STEPS, _GAIN * abs(wanted))
+        if wanted * self._asked < 0:  # too far, or another target
+            self._crosses, self._crossed, self._is_lost = True, 0.0, False
+        creep = _CREEP if self._gap else _CREEP_UNKNOWN
+        left = _OF_GAP * (self._gap - self._crossed) if self._crosses else 0.0
+        if left > max(steps, creep):
+            steps = left
+        elif self._is_lost:
+            steps = max(steps, min(creep, 2 * abs(self._asked)))
         us = round(steps * self._hands.step_us(self._axis))
-        if abs(us) >= _LEAST_US:
-            self._asked = steps
-            self._hands.pulse(self._axis, max(-_MOST_US, min(_MOST_US, us)))
+        if us >= _LEAST_US:
+            self._asked = math.copysign(steps, wanted)
+            self._hands.pulse(self._axis, round(math.copysign(min(_MOST_US, us), wanted)))
 
     def see(self, moved: float) -> None:
         """How far it has moved since, as the camera says."""
-        was_lost, self._is_lost = self._is_lost, abs(moved) < _NO_EFFECT * abs(self._asked)
-        if self._is_lost:
-            self._crossed += abs(self._asked)
-        elif was_lost:
-            self._gap = min(self._crossed, _MOST_STEPS)
+        if not self._gives:
+            return
+        asked = abs(self._asked)
+        self._is_lost = abs(moved) < _NO_EFFECT * asked
+        if self._crosses and self._is_lost:
+            self._crossed += asked
+        elif self._crosses:
+            self._crosses = False
+            self._gap = min(self._crossed + max(0.0, asked - abs(moved)), _MOST_STEPS)
 
 
 def _apart(a: Sighting, b: Sighting) -> float:

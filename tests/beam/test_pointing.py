@@ -2,12 +2,14 @@
 
 import math
 
+import drivetrain_rig
 import numpy as np
 import pytest
 
 from mirrormount_beam.errors import NotMeasurable
 from mirrormount_beam.observe import Sighting
 from mirrormount_beam.pointing import CORRECTIONS, GAP_STEPS, LEARN_STEPS, WITHIN_PX, Learned, approach, learn
+from mirrormount_sim.profiles import PROFILES
 
 STEP_US = 200_000
 TURNED = np.array([[9.0, 4.0], [5.0, -11.0]])  # px of a step: a camera that is turned, axes that are not square
@@ -65,6 +67,21 @@ def test_the_spot_arrives_with_backlash_and_with_a_response_that_is_wrong_by_two
         seen = np.array([320, 240]) + bench.px @ bench.mirror
         assert arrival.reached and math.dist(seen, target) < WITHIN_PX + 0.1
     assert bench.longest <= 4.0
+
+
+@pytest.mark.parametrize(("profile", "at_least"), [("smooth", 100), ("rough", 98), ("hardware", 97)])
+def test_on_published_mechanics_a_step_of_18_px_and_a_tip_that_slips_by_half_a_pixel_are_no_hindrance(
+    monkeypatch, profile, at_least
+):
+    monkeypatch.setattr(drivetrain_rig, "PX_PER_RAD", 64_000.0)  # the virtual table's far camera
+    arrived = 0
+    for seed in range(50):
+        rig = drivetrain_rig.DrivetrainRig(PROFILES[profile], seed)
+        learned = learn(rig, ("x", "y"), say)
+        for right, down in np.random.default_rng(seed).uniform(-80, 80, (2, 2)):
+            seen = rig.observe(3)
+            arrived += approach(rig, learned, (seen.x + right, seen.y + down), say).reached
+    assert arrived >= at_least
 
 
 @pytest.mark.parametrize("wrong", [-TURNED, TURNED[:, ::-1] * (1, -1)], ids=["signs", "axes exchanged"])
