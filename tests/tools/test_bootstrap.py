@@ -166,7 +166,8 @@ child = [sys.executable, "-c", '''
 import time
 try:
     print("runs", flush=True)
-    time.sleep(600)
+    while True:  # a signal that comes just before a sleep is seen after it
+        time.sleep(0.1)
 except KeyboardInterrupt:
     print("tidied up", flush=True)
 ''']
