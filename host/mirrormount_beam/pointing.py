@@ -2,8 +2,8 @@
 
 Every move is bounded, and the spot is observed after each. Pulses are not linear in their length, and a screw's tip
 sticks and slips, so a move that does little is followed by a longer one, up to a bound. A reversal has to cross the
-backlash, whose width the first crossing tells. An axis that is near enough is left alone: its next slip
-would be longer.
+backlash, whose width the first crossing tells. An axis that is near enough is left alone, for its next slip may be
+longer than what is left.
 """
 
 import math
@@ -23,7 +23,7 @@ WITHIN_PX = 0.5  # The spot has arrived if it is no farther from the target.
 _MOST_STEPS = 4.0  # One correction moves an axis by no more steps.
 _GAIN = 0.8  # A correction goes this part of the way: the response is known to some per cent.
 # A correction after one without effect is twice as long, up to a bound: it may go too far by so much. The bound is
-# large until the backlash is known: a backlash is two steps wide.
+# large until the backlash is known: it is one and a half steps wide on the paper's mount.
 _CREEP_UNKNOWN, _CREEP = 0.8, 0.1
 _OF_GAP = 0.6  # One correction crosses this part of what is left of the backlash, when the backlash is known.
 _ALONE = 0.5  # An axis stays as it is while it is off by less than this part of WITHIN_PX.
