@@ -94,16 +94,18 @@ class Seam:
     def latch(self, t, pin, duty, hz):
         """The same from t on, unless something else is latched for that pin before."""
         locks = self._unlock()
-        self.unlatch(pin)
-        self.latched = sorted(self.latched + [(t, pin, duty, hz)])
+        self.latched = sorted(self._latched_elsewhere(pin) + [(t, pin, duty, hz)])
         self._lock(locks)
 
     def unlatch(self, pin):
         """Drop the latched level of a pin."""
         if self.latched:
             locks = self._unlock()
-            self.latched = [item for item in self.latched if item[1] != pin]
+            self.latched = self._latched_elsewhere(pin)
             self._lock(locks)
+
+    def _latched_elsewhere(self, pin):  # with the heap unlocked: a name that a comprehension shares is allocated
+        return [item for item in self.latched if item[1] != pin]
 
     def _show_latched(self):
         now = self.t
