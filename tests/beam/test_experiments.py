@@ -101,7 +101,7 @@ def test_the_backlash_is_the_gap_of_the_shaft_within_its_error(name):
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("name", PROFILES)
+@pytest.mark.parametrize("name", KIND)
 def test_the_backlashs_error_bars_are_right_in_both_directions(name):
     profile = PROFILES[name]
     per_px = 0.025 / true_pulse_px(PROFILES["smooth"], STEP_US)
