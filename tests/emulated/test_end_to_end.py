@@ -145,6 +145,7 @@ def test_a_step_is_seen_on_the_pins(blank):
 
 @pytest.mark.full
 def test_a_second_deploy_changes_nothing(blank):
+    run_cli("deploy", "--port", str(blank.link))
     run = run_cli("deploy", "--port", str(blank.link))
     assert run.returncode == 0, run.stderr
     files = int(run.stdout.split(" files (")[0].split()[-1])
