@@ -238,7 +238,7 @@ def _question(page: Page, worker: Worker) -> Refresh:
         label = ui.label().classes("grow")
         answers = {
             ui.button(word).props("dense no-caps outline"): what
-            for word, what in (("Hand over", "hand over"), ("Keep", "keep"))
+            for word, what in (("Hand over", "hand over"), ("Keep control", "keep"))
         }
     asked = 0
 

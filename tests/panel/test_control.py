@@ -60,7 +60,7 @@ def test_stop_takes_control_back_too_and_the_loop_must_ask_again(page, panel, bo
 @pytest.mark.full
 def test_a_page_that_keeps_control_says_so_to_the_loop(page, panel, board):
     assert panel.loop("ask") == "done"
-    press(page.get_by_role("button", name="Keep"))
+    press(page.get_by_role("button", name="Keep control"))
     assert panel.loop("outcome") == "nothing was done: page 1 (127.0.0.1) keeps control"
     page.get_by_text("camera loop asks").wait_for(state="hidden")
     assert board.edges() == []
