@@ -5,7 +5,7 @@ import json
 import sqlite3
 
 import pytest
-from looks import DESK, PHONE, THEMES, assert_nothing_cut_off, assert_readable, assert_touchable
+from looks import DESK, PHONE, THEMES, assert_nothing_cut_off, assert_readable, assert_touchable, dress
 from playwright.sync_api import expect
 from running import Panel, press
 
@@ -122,7 +122,8 @@ def test_what_has_moved_is_listed_newest_first_and_saved_as_mirrormount_log_does
 @pytest.mark.parametrize("viewport", [PHONE, DESK])
 @pytest.mark.parametrize("colors", THEMES)
 def test_the_cards_can_be_read_and_touched(kept, open_page, panel, viewport, colors):
-    page = open_page(panel.url, viewport=viewport, color_scheme=colors)
+    page = open_page(panel.url, viewport=viewport)
+    dress(page, colors)
     page.get_by_text("Which motions, by whom").click()
     page.locator(".moved .notice").first.wait_for()
     assert_readable(page, "good", "start", "−1", "set, not moved")

@@ -181,7 +181,7 @@ def test_an_error_of_the_board_is_shown_with_cause_and_remedy(page, panel, board
     page.get_by_text("+1.000").wait_for()
     wait_for_rest(board)
     before = board.edges()
-    page.get_by_label("Number of steps").fill("1000000")  # to 1 000 001: beyond what can be counted
+    page.get_by_label("Number of steps").fill("999999")  # to 1 000 000: beyond what can be counted
     press(page.get_by_text("right ▶"))
     page.get_by_text("the board says 201").first.wait_for()
     assert board.edges() == before
